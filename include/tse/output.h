@@ -74,7 +74,7 @@ typedef struct tse_output {
                                   * 1 on average where model and settings fit; 0 where it was not used;
                                   * form 0 */
   tse_real fault_factor;         /* [1] how many times too large the implausible channel is: 57.3 degrees
-                                  * for radians, -1 a sign, 0 no factor: exchanged, stuck; form 0 */
+                                  * for radians, -1 a sign, 0 no factor: exchanged, stuck, late; form 0 */
   tse_real regime[TSE_REGIMES];  /* [1] probability of each regime, by TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change; 0 while there was none */
   tse_real change_probability;   /* [1] probability that nothing has happened since that change */

@@ -17,17 +17,17 @@
  * less RAM in float, and refuses rows that give one. */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
-#define TSE_FILTER_NUMBERS (347 + 7 * TSE_LATENCY_KEPT)
+#define TSE_FILTER_NUMBERS (364 + 7 * TSE_LATENCY_KEPT)
 #define TSE_FILTER_WHOLE 108
 #define TSE_FILTER_PADDED (7 + 2 * (1 - sizeof(tse_short) / sizeof(tse_real)))
 #define TSE_CONSTANT_NUMBERS 213
 #elif defined(TSE_NO_VELOCITY)
 #define TSE_FILTER_SHORTS 877
-#define TSE_FILTER_NUMBERS (487 + 7 * TSE_LATENCY_KEPT)
+#define TSE_FILTER_NUMBERS (509 + 7 * TSE_LATENCY_KEPT)
 #define TSE_CONSTANT_NUMBERS 192
 #else
 #define TSE_FILTER_SHORTS 1213
-#define TSE_FILTER_NUMBERS (534 + 7 * TSE_LATENCY_KEPT)
+#define TSE_FILTER_NUMBERS (556 + 7 * TSE_LATENCY_KEPT)
 #define TSE_CONSTANT_NUMBERS 204
 #endif
 #if !defined(TSE_SMALL)

@@ -42,8 +42,9 @@ typedef enum tse_status {
                                  * last step, or of the start */
   TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it stops
                                  * there, or the sample was dropped */
-  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle;
-                                 * fault_channel says which, fault_factor how many times too large it is */
+  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle, or one
+                                 * comes late; fault_channel says which, fault_factor how many times too
+                                 * large it is */
   /* end of table */
   TSE_STATUS_END_
 } tse_status;
@@ -63,8 +64,8 @@ typedef enum tse_reason {
                                  * grade_sd): calibrate, or state them better */
   TSE_MISFIT = 8,               /* the sensors say what the model does not explain: calibrate, or look for
                                  * what is missing */
-  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle
-                                 * (fault_channel, fault_factor) */
+  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle, or one
+                                 * comes late (fault_channel, fault_factor) */
   /* end of table */
   TSE_REASON_END_
 } tse_reason;

@@ -1,10 +1,11 @@
-"""Write tables and code into the Markdown that git holds, so that a reader of the repository sees them.
+"""Write tables and code into the Markdown pages that git holds.
 
     .venv/bin/python -m docsite.fill             write
-    .venv/bin/python -m docsite.fill --check     write nothing; fail where a block is not current
+    .venv/bin/python -m docsite.fill --check     write nothing; fail if a block is stale
 
-A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with `<!-- end -->`. X is a file of the repository, a
-function of docsite.tables or of this module, or symptom/CASE of docsite.symptoms. Text between the two comments is replaced.
+A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with
+`<!-- end -->`. X is a file of the repository, a function of docsite.tables or of this
+module, or symptom/CASE of docsite.symptoms. The text between both comments is replaced.
 """
 
 import enum
@@ -21,43 +22,46 @@ sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "scripts" / "dev")]
 
 from docsite import links, symptoms, tables  # noqa: E402
 
-BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", flags=re.M | re.S)
+PAGE_BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", flags=re.M | re.S)
 LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}
 
 
 def effects() -> str:
-    """Return a table of all effects and a section for each."""
+    """Return the table of all effects and a section for each."""
     known = tables.library().effects
-    anchors = {e.id: links.slug(f"{e.id}: {e.title}") for e in known.values()}
+    anchors = {e.id: links.make_slug(f"{e.id}: {e.title}") for e in known.values()}
     rows = [
         [
             f"[{e.id}](#{anchors[e.id]})",
-            tables.cell(e.title),
+            tables.escape_cell(e.title),
             ", ".join(e.entry_points),
-            tables.cell(e.channels),
+            tables.escape_cell(e.channels),
         ]
         for e in known.values()
     ]
-    text = [tables.table(["effect", "what", "enters at", "shows in"], rows)]
+    text = [tables.format_table(["effect", "what", "enters at", "shows in"], rows)]
     for e in known.values():
-        alike = ", ".join(f"[{i}](#{anchors[i]})" if i in known else tables.cell(i) for i in e.look_alikes)
+        alike = ", ".join(
+            f"[{i}](#{anchors[i]})" if i in known else tables.escape_cell(i) for i in e.look_alikes
+        )
         parameters = [
             [
-                tables.code(p.name),
+                tables.format_code(p.name),
                 "strength" if p.strength else "given" if p.given else "shape",
-                tables.cell(p.unit),
-                tables.number(p.default),
+                tables.escape_cell(p.unit),
+                tables.format_number(p.default),
                 f"{p.low:g} .. {p.high:g}",
                 "{:g} .. {:g}".format(*p.typical),
-                tables.cell(p.text),
+                tables.escape_cell(p.text),
             ]
             for p in e.parameters
         ]
         text += [
-            f"\n## {e.id}: {e.title}\n\n{tables.cell(tables.equation_of(e.id))}\n",
-            f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.cell(e.channels)}. Looks like {alike}. "
-            f"In an estimator that has it: {tables.cell(e.estimator)}.\n",
-            tables.table(
+            f"\n## {e.id}: {e.title}\n\n{tables.escape_cell(tables.find_equation(e.id))}\n",
+            f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.escape_cell(e.channels)}. "
+            f"Looks like {alike}. "
+            f"In an estimator that has it: {tables.escape_cell(e.estimator)}.\n",
+            tables.format_table(
                 ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
                 parameters,
                 right=(3,),
@@ -66,7 +70,7 @@ def effects() -> str:
     return "\n".join(text)
 
 
-def signature(name: str, thing: Any) -> str:
+def format_signature(name: str, thing: Any) -> str:
     """Return the call of a function or class, one parameter a line."""
     if inspect.isclass(thing) and issubclass(thing, (enum.Enum, Exception, dict)):
         return name
@@ -81,14 +85,14 @@ def signature(name: str, thing: Any) -> str:
 
 
 def python_api() -> str:
-    """Return signature and docstring of every public name of the package tse, and of its public members."""
+    """Return signature and docstring of the public names of tse and their members."""
     import tse
 
     text = []
 
     def add(name: str, thing: Any, level: str) -> None:
         inner = getattr(thing, "fget", None) or getattr(thing, "func", None)  # of a property, a cached one
-        head = name if inner else signature(name, thing)
+        head = name if inner else format_signature(name, thing)
         text.append(f"{level} {name}\n\n```text\n{head}\n\n{inspect.getdoc(inner or thing) or ''}\n```\n")
 
     for name in sorted(tse.__all__, key=str.lower):
@@ -104,33 +108,36 @@ def python_api() -> str:
     return "\n".join(text)
 
 
-def untitled(text: str) -> str:
+def strip_title(text: str) -> str:
+    """Remove comments and the title at the start of a page."""
     return re.sub(r"\A(?:<!--[\s\S]*?-->\s*)*(?:# .*\n)?\s*", "", text)
 
 
-def made(kind: str, what: str) -> str:
-    """Return what stands in a block."""
+def make_block(kind: str, what: str) -> str:
+    """Return the text of a block."""
     if kind == "code":
         text = (ROOT / what).read_text(encoding="utf-8").rstrip()
-        return f"<!-- not run: the file {what}, which a test of its own runs -->\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
+        note = f"<!-- not run: the file {what}, which a test of its own runs -->"
+        return f"{note}\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
     if what.endswith(".md"):
-        return "\n" + untitled((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
+        return "\n" + strip_title((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
     of, _, name = what.rpartition("/")
-    text = symptoms.shown(name) if of == "symptom" else (globals().get(what) or getattr(tables, what))()
-    lines = [line.rstrip() for line in untitled(text).splitlines()]
+    text = symptoms.show_case(name) if of == "symptom" else (globals().get(what) or getattr(tables, what))()
+    lines = [line.rstrip() for line in strip_title(text).splitlines()]
     return "\n" + re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n\n"
 
 
-def filled(text: str) -> str:
-    """Return a page with every block current."""
-    return BLOCK.sub(lambda m: f"<!-- {m[1]}: {m[2]} -->\n{made(m[1], m[2])}<!-- end -->", text)
+def fill_page(text: str) -> str:
+    """Return a page with current blocks."""
+    return PAGE_BLOCK.sub(lambda m: f"<!-- {m[1]}: {m[2]} -->\n{make_block(m[1], m[2])}<!-- end -->", text)
 
 
 def main() -> int:
+    """Write the stale pages, or only list them with --check; return the exit code."""
     stale = []
-    for path in links.files("*.md"):
+    for path in links.list_files("*.md"):
         text = path.read_text(encoding="utf-8")
-        if (now := filled(text)) != text:
+        if (now := fill_page(text)) != text:
             stale.append(path.relative_to(ROOT).as_posix())
             if "--check" not in sys.argv:
                 path.write_text(now, encoding="utf-8")

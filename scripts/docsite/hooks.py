@@ -1,6 +1,7 @@
 """Hooks of MkDocs (docs/mkdocs.yml).
 
-The site is README, docs/pages and what they lead to, at the same paths as in git, so links need no change.
+The site consists of README, docs/pages and the files that they link to, at the same
+paths as in git. So links need no change.
 """
 
 import html
@@ -22,7 +23,7 @@ IN_LIST = re.compile(r"\s*(?:[-*] |\d+\. )|  ")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Take README, the pages, all that they lead to, and what those lead to."""
+    """Take README, the pages, and all files that they link to, directly or not."""
     found, waiting = set(), [ROOT / "README.md", *(ROOT / "docs" / "pages").rglob("*.md")]
     while waiting:
         path = waiting.pop()
@@ -33,12 +34,13 @@ def on_files(files: Files, config: Any) -> Files:
             File(path.relative_to(ROOT).as_posix(), str(ROOT), config.site_dir, use_directory_urls=False)
         )
         if path.suffix == ".md":
-            waiting += [target for target, _ in links.local(path)]
+            waiting += [target for target, _ in links.list_local_links(path)]
     return files
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put an empty line before lists and tables, which Python's Markdown asks for and a forge does not."""
+    """Insert an empty line before lists and tables: Python's Markdown needs it, a
+    forge does not."""
     lines: list[str] = []
     inside = False
     for line in markdown.splitlines():
@@ -58,7 +60,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Make MathML of equations: no script, nothing from the net."""
+    """Convert equations to MathML, without scripts and network."""
     from latex2mathml.converter import convert
 
     def mathml(match: re.Match[str]) -> str:

@@ -1,4 +1,4 @@
-"""Links and anchors of Markdown, as a forge shows it."""
+"""Find links and anchors of Markdown pages, as a forge shows them."""
 
 import re
 import subprocess
@@ -7,10 +7,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
-CODE = re.compile(r"^ *```.*?^ *```\s*$|``.+?``|`[^`\n]+`", flags=re.M | re.S)
+CODE_BLOCK = re.compile(r"^ *```.*?^ *```\s*$|``.+?``|`[^`\n]+`", flags=re.M | re.S)
 
 
-def files(pattern: str = "*") -> list[Path]:
+def list_files(pattern: str = "*") -> list[Path]:
     """Return the files that git holds."""
     listed = subprocess.run(
         ["git", "ls-files", pattern], cwd=ROOT, capture_output=True, text=True, check=True
@@ -18,18 +18,18 @@ def files(pattern: str = "*") -> list[Path]:
     return [ROOT / name for name in listed.splitlines() if (ROOT / name).exists()]
 
 
-def slug(heading: str) -> str:
+def make_slug(heading: str) -> str:
     """Return the anchor of a heading."""
     words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "").replace("*", "").strip().lower()
     return re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
 
 
-def anchors(text: str) -> set[str]:
-    """Return the anchors of a page: headings, of equal ones numbered, and ids."""
+def list_anchors(text: str) -> set[str]:
+    """Return the anchors of a page: headings, with numbers for equal ones, and ids."""
     prose = re.sub(r"^ *```.*?^ *```\s*$", "", text, flags=re.M | re.S)
     found: set[str] = set()
     for heading in re.findall(r"^#+ (.*)$", prose, flags=re.M):
-        base = name = slug(heading)
+        base = name = make_slug(heading)
         n = 0
         while name in found:
             n += 1
@@ -38,10 +38,10 @@ def anchors(text: str) -> set[str]:
     return found | set(re.findall(r'\bid="([^"]+)"', prose))
 
 
-def local(path: Path) -> list[tuple[Path, str]]:
+def list_local_links(path: Path) -> list[tuple[Path, str]]:
     """Return file and anchor of each link of a page that stays in the repository."""
     found = []
-    for target in LINK.findall(CODE.sub("", path.read_text(encoding="utf-8"))):
+    for target in LINK.findall(CODE_BLOCK.sub("", path.read_text(encoding="utf-8"))):
         parts = urllib.parse.urlsplit(target)
         if not parts.scheme:
             file = (path.parent / urllib.parse.unquote(parts.path)).resolve() if parts.path else path

@@ -1,8 +1,9 @@
-"""Draw the pictures of docs/pages/method/ten-minutes.md, from runs of the library: docs/pages/pictures, which git holds.
+"""Draw the pictures of docs/pages/method/ten-minutes.md into docs/pages/pictures.
 
     .venv/bin/python -m docsite.pictures
 
-All curves are logs and estimates of the simulator and the filter of this checkout, seed 1. The sketch of the car is drawn by hand.
+All curves are logs and estimates of this checkout's simulator and filter, seed 1. The
+sketch of the car is drawn by hand.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,30 +21,43 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[2]
-OUT = ROOT / "docs" / "pages" / "pictures"
-MOST = 100_000  # bytes of a picture that git holds
+PICTURES_FOLDER = ROOT / "docs" / "pages" / "pictures"
+MAX_PICTURE_BYTES = 100_000  # bytes of a picture that git holds
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
-STYLE = {
+PICTURE_STYLE = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "font.size": 10,
     "figure.autolayout": True,
     "axes.titlesize": 10,
 }
-EXACT = dict.fromkeys(library().uncertainties, 0.0)
-CAR: dict[str, Any] = {"mass": 1900, "yaw_inertia": 3000, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33,
-                       "wheel_radius_rear": 0.33, "cornering_stiffness_front": 1.2e5, "cornering_stiffness_rear": 1.4e5,
-                       "longitudinal_stiffness_front": 1.6e5, "longitudinal_stiffness_rear": 1.6e5,
-                       "uncertainty": EXACT}  # fmt: skip
+EXACT_CAR = dict.fromkeys(library().uncertainties, 0.0)
+CAR: dict[str, Any] = {
+    "mass": 1900,
+    "yaw_inertia": 3000,
+    "lf": 1.25,
+    "lr": 1.5,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+    "cornering_stiffness_front": 1.2e5,
+    "cornering_stiffness_rear": 1.4e5,
+    "longitudinal_stiffness_front": 1.6e5,
+    "longitudinal_stiffness_rear": 1.6e5,
+    "uncertainty": EXACT_CAR,
+}
 Inks = dict[str, str]
 
 
-def run(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
+def run_drive(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
+    """Simulate square waves, and estimate them with a known car."""
     drive = tse.simulate("square-waves", **options)
     return drive, tse.estimate(drive.log, CAR).table
 
 
-def interval(axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colour: str = "a") -> None:
+def draw_interval(
+    axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colour: str = "a"
+) -> None:
+    """Draw an estimate in kN/rad with its 95 % interval."""
     mean, sd = table[key].to_numpy() / 1e3, table[f"{key}_sd"].to_numpy() / 1e3
     axis.fill_between(
         t, mean - 1.96 * sd, mean + 1.96 * sd, color=c[colour], alpha=0.25, lw=0, label="95 % interval"
@@ -51,9 +65,12 @@ def interval(axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, c
     axis.plot(t, mean, color=c[colour], lw=1.5, label="estimate")
 
 
-def slope(c: Inks) -> Any:
-    """Side force of the front axle over its slip angle, before and after a change of the road: the slope is the stiffness."""
-    drive, _ = run(duration=40, road_changes=[(20.0, 0.5)])
+def draw_slope(c: Inks) -> Any:
+    """Draw side force over slip angle of the front axle, before and after a road change.
+
+    The slope is the stiffness.
+    """
+    drive, _ = run_drive(duration=40, road_changes=[(20.0, 0.5)])
     log, truth = drive
     vx, vy, r = (truth[f"true_{n}"].to_numpy() for n in ("vel_x", "vel_y", "yaw_rate"))
     alpha = log["steer_angle"].to_numpy() - np.arctan2(vy + CAR["lf"] * r, vx)
@@ -83,12 +100,12 @@ def slope(c: Inks) -> Any:
     return figure
 
 
-def change(c: Inks) -> Any:
-    """A change of the road: when the filter detects it, and the estimate."""
-    drive, est = run(duration=30, road_changes=[(20.0, 0.7)])
+def draw_change(c: Inks) -> Any:
+    """Draw a road change: the estimate, and when the filter detects the change."""
+    drive, est = run_drive(duration=30, road_changes=[(20.0, 0.7)])
     t = est["time"].to_numpy()
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 4.4), sharex=True, height_ratios=[3, 2])
-    interval(above, t, est, "cy_front", c)
+    draw_interval(above, t, est, "cy_front", c)
     above.plot(t, drive.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
     above.set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(60, 150))
     above.legend(frameon=False, ncols=3)
@@ -99,8 +116,8 @@ def change(c: Inks) -> Any:
     return figure
 
 
-def quiet(c: Inks) -> Any:
-    """Straight driving shows no cornering stiffness; the interval stays wide."""
+def draw_quiet(c: Inks) -> Any:
+    """Draw a straight drive: no cornering stiffness shows, the interval stays wide."""
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
@@ -109,7 +126,7 @@ def quiet(c: Inks) -> Any:
     ):
         est = tse.estimate(sim.log, CAR).table
         t, valid = est["time"].to_numpy(), est["cy_front_valid"].to_numpy(bool)
-        interval(axis, t, est, "cy_front", c)
+        draw_interval(axis, t, est, "cy_front", c)
         axis.plot(t, sim.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
         axis.fill_between(
             t,
@@ -128,8 +145,8 @@ def quiet(c: Inks) -> Any:
     return figure
 
 
-def fault(c: Inks) -> Any:
-    """A gyro that is frozen for five seconds: a fault of a sensor, not another road."""
+def draw_fault(c: Inks) -> Any:
+    """Draw a gyro that freezes for five seconds: a sensor fault, no road change."""
     drive = tse.simulate("square-waves", duration=30)
     log = drive.log.copy()
     frozen = log["time"].between(15, 20)
@@ -141,7 +158,7 @@ def fault(c: Inks) -> Any:
     )
     above.plot(t, log["yaw_rate"], color=c["ink"], lw=1)
     above.set(ylabel="yaw rate,\nlogged [rad/s]")
-    interval(middle, t, est, "cy_front", c)
+    draw_interval(middle, t, est, "cy_front", c)
     middle.plot(t, drive.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
     middle.set(ylabel="cornering\nstiffness [kN/rad]", ylim=(80, 160))
     below.plot(t, est["p_fault"], color=c["b"], label="p_fault", lw=1.5)
@@ -151,15 +168,20 @@ def fault(c: Inks) -> Any:
     return figure
 
 
-PICTURES: dict[str, Callable[[Inks], Any]] = {"slope": slope, "bank": change, "quiet": quiet, "fault": fault}
+PICTURES: dict[str, Callable[[Inks], Any]] = {
+    "slope": draw_slope,
+    "bank": draw_change,
+    "quiet": draw_quiet,
+    "fault": draw_fault,
+}
 
 
-def small(path: Path) -> None:
+def shrink_picture(path: Path) -> None:
     """Reduce a PNG to 64 colours, and in size until it is small enough."""
     from PIL import Image
 
     picture, scale = Image.open(path).convert("RGB"), 1.0
-    while scale == 1.0 or path.stat().st_size > MOST:
+    while scale == 1.0 or path.stat().st_size > MAX_PICTURE_BYTES:
         now = picture.resize(
             (int(picture.width * scale), int(picture.height * scale)), Image.Resampling.LANCZOS
         )
@@ -167,24 +189,23 @@ def small(path: Path) -> None:
         scale -= 0.1
 
 
-def draw(names: Iterable[str] = PICTURES, out: Path = OUT) -> list[Path]:
-    """Draw pictures: out/NAME.png."""
+def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[Path]:
+    """Draw pictures to out/NAME.png, and return their paths."""
     made = []
-    with plt.rc_context(STYLE):
+    with plt.rc_context(PICTURE_STYLE):
         for name in names:
             figure = PICTURES[name](INKS)
             made.append(out / f"{name}.png")
             figure.savefig(made[-1], dpi=110, facecolor="white")
             plt.close(figure)
-            small(made[-1])
+            shrink_picture(made[-1])
     return made
 
 
 if __name__ == "__main__":
     for path in draw():
         print(path.relative_to(ROOT))
-    for path in (ROOT / "scripts" / "results").glob(
-        "*.png"
-    ):  # those of the studies, as their commands leave them
-        if path.stat().st_size > MOST:
-            small(path)
+    # pictures of the studies, which their commands write in full size
+    for path in (ROOT / "scripts" / "results").glob("*.png"):
+        if path.stat().st_size > MAX_PICTURE_BYTES:
+            shrink_picture(path)

@@ -1,4 +1,4 @@
-"""What the tools print of a log and a car with one mistake in them, run when docsite.fill writes the page."""
+"""Run the tools on a log and a car with one mistake, for the page of symptoms."""
 
 import os
 import tempfile
@@ -13,22 +13,28 @@ from tse.library.errors import UserError
 from tse.report.tables import simulated_vehicle
 from tselab.cli import cli
 
-DURATION = 6.0  # s of simulated drive: enough for a verdict, short enough for every build
+DRIVE_DURATION = 6.0  # s of simulated drive: enough for a verdict, short enough for every build
 ESTIMATE = "estimate log.csv --vehicle car.toml"
-ERROR = "tselab: error"
+ERROR_PREFIX = "tselab: error"
 
 
-def car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
+def edit_car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
+    """Return a function that writes the car with one text replaced."""
     return lambda log, folder: (folder / "car.toml").write_text(
         simulated_vehicle().replace(old, new), encoding="utf-8"
     )
 
 
 CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
-    # what is wrong, as the log or written into the folder; the command; how the line begins that is shown, "": the verdict
-    "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR),
-    "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR),
-    "degrees": (lambda log, _: log.assign(steer_angle=57.3 * 15 * log["steer_angle"]), ESTIMATE, ERROR),
+    # name: function that makes the mistake (returns the log, or writes into the folder);
+    # command; start of the line that is shown, "": the verdict
+    "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR_PREFIX),
+    "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR_PREFIX),
+    "degrees": (
+        lambda log, _: log.assign(steer_angle=57.3 * 15 * log["steer_angle"]),
+        ESTIMATE,
+        ERROR_PREFIX,
+    ),
     "cell": (
         lambda log, _: log.assign(accel_y=log["accel_y"].astype(object).where(log.index != 9, "n.b.")),
         ESTIMATE,
@@ -42,26 +48,26 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
     "format": (
         lambda _, folder: (folder / "log.mf4").write_bytes(b"hello\n"),
         ESTIMATE.replace("csv", "mf4"),
-        ERROR,
+        ERROR_PREFIX,
     ),
-    "range": (car("mass = 1900.0", "mass = 1900000.0"), ESTIMATE, ERROR),
-    "key": (car("mass = 1900.0", "masse = 1900.0"), ESTIMATE, ERROR),
-    "setting": (lambda log, _: log, f"{ESTIMATE} --set masss=1900", ERROR),
+    "range": (edit_car("mass = 1900.0", "mass = 1900000.0"), ESTIMATE, ERROR_PREFIX),
+    "key": (edit_car("mass = 1900.0", "masse = 1900.0"), ESTIMATE, ERROR_PREFIX),
+    "setting": (lambda log, _: log, f"{ESTIMATE} --set masss=1900", ERROR_PREFIX),
     "learnt": (
         lambda _, folder: (folder / "car.tse").write_bytes(b"tsel" + bytes(108)),
         f"{ESTIMATE} --load-learnt car.tse",
-        ERROR,
+        ERROR_PREFIX,
     ),
-    "table": (lambda log, _: log, f"{ESTIMATE} --table found.xls", ERROR),
+    "table": (lambda log, _: log, f"{ESTIMATE} --table found.xls", ERROR_PREFIX),
     "unit": (lambda log, _: log.assign(accel_y=log["accel_y"] / 9.81), ESTIMATE, ""),
     "sign": (lambda log, _: log.assign(accel_y=-log["accel_y"]), ESTIMATE, ""),
 }
 
 
-def run(name: str) -> tuple[int, str]:
-    """Exit code, and what the command says, in a folder of its own."""
+def run_case(name: str) -> tuple[int, str]:
+    """Run the command of a case in a folder of its own; return exit code and output."""
     make, arguments, _ = CASES[name]
-    log, before = tse.simulate("square-waves", duration=DURATION).log, Path.cwd()
+    log, before = tse.simulate("square-waves", duration=DRIVE_DURATION).log, Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "car.toml").write_text(simulated_vehicle(), encoding="utf-8")
         made = make(log, Path(folder))
@@ -72,15 +78,15 @@ def run(name: str) -> tuple[int, str]:
         finally:
             os.chdir(before)
     if isinstance(done.exception, UserError):  # as tselab.cli.main() ends
-        return 2, f"{done.output}{ERROR}: {done.exception}"
+        return 2, f"{done.output}{ERROR_PREFIX}: {done.exception}"
     if done.exception is not None:
         raise done.exception
     return int(done.return_value or 0), done.output
 
 
-def shown(name: str) -> str:
-    """Return the command and what matters of its output, as a block of the page."""
-    code, said = run(name)
+def show_case(name: str) -> str:
+    """Return the command and the lines of its output that matter, as a block."""
+    code, said = run_case(name)
     _, arguments, begins = CASES[name]
     lines = [line for line in said.splitlines() if line.strip()]
     if begins:
@@ -88,7 +94,9 @@ def shown(name: str) -> str:
         found = [lines[at], *(x for x in lines[at + 1 :][:3] if x.startswith("  "))]
     else:
         found = [
-            line for line in lines if line.startswith((ERROR, "front,", "rear,", "note", "warning", "  "))
+            line
+            for line in lines
+            if line.startswith((ERROR_PREFIX, "front,", "rear,", "note", "warning", "  "))
         ]
     found = [line if len(line) < 260 else line[:250] + " ..." for line in found[:5]]
     return "\n".join(["```text", f"$ tselab {arguments}", *found, f"(exit code {code})", "```"])

@@ -1,4 +1,7 @@
-"""Pages and tables that are made from the tables of the library, which are those of src/tables."""
+"""Make the pages and tables of the site from the tables of the library (src/tables).
+
+A function that makes a block of a page has the name of the block (docsite.fill).
+"""
 
 import functools
 import math
@@ -30,9 +33,9 @@ from tse.report import tables as texts
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
-TABLES = ROOT / "src" / "tables"
+TABLES_FOLDER = ROOT / "src" / "tables"
 C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
-GROUPS = {  # tables of the settings, in the order of tse_config, and what a reader calls them
+SETTING_GROUPS = {  # tables of the settings in the order of tse_config, and their headings
     "vehicle": "Vehicle",
     "uncertainty": "How uncertain the parameters of the car are",
     "sensors": "Sensors",
@@ -44,7 +47,7 @@ GROUPS = {  # tables of the settings, in the order of tse_config, and what a rea
     "formula": "A formula of the user",
     "effects": "Effects",
 }
-HOOKS = {  # of src/tables/effects.toml
+HOOKS = {  # hooks of src/tables/effects.toml, in words
     "CONSTANT": "the settings, once",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
@@ -56,8 +59,8 @@ HOOKS = {  # of src/tables/effects.toml
 }
 
 
-def cell(text: object) -> str:
-    """Text that may stand in a table of Markdown."""
+def escape_cell(text: object) -> str:
+    """Escape a text for a cell of a Markdown table."""
     return (
         str(text)
         .replace("|", "\\|")
@@ -68,12 +71,13 @@ def cell(text: object) -> str:
     )
 
 
-def code(text: object) -> str:
+def format_code(text: object) -> str:
+    """Format a text as code."""
     return f"`{text}`"
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
-    """A table of Markdown; cells are escaped already. `right`: columns that are aligned so."""
+def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
+    """Format a Markdown table from escaped cells. `right`: right-aligned columns."""
     lines = [
         "| " + " | ".join(head) + " |",
         "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
@@ -82,56 +86,58 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, 
     return "\n".join(lines) + "\n"
 
 
-def number(x: float) -> str:
+def format_number(x: float) -> str:
+    """Format a number; "-" for NaN."""
     return "-" if math.isnan(x) else f"{x:.10g}"
 
 
-def _range(f: Field) -> str:
+def _format_range(f: Field) -> str:
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 
 @functools.cache
-def group_of(setting: str) -> str:
-    """The table that has this setting."""
+def find_group(setting: str) -> str:
+    """Return the table of src/tables that has this setting."""
     if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
         return "effects"
-    for name in GROUPS:
+    for name in SETTING_GROUPS:
         rows = sources.read(name)
         if setting in (rows["setting"] if name == "formula" else rows):
             return name
     raise ValueError(f"setting {setting} stands in no table of src/tables")
 
 
-def settings(fields: Iterable[Field]) -> str:
+def format_settings(fields: Iterable[Field]) -> str:
+    """Format a table of settings."""
     rows = [
         [
-            f'<span id="{f.name}"></span>{code(f.name)}',
-            code(C_TYPES[f.kind]),
-            number(f.default),
-            _range(f),
-            cell(f.unit if not f.is_integer else "integer"),
-            cell(f.text),
+            f'<span id="{f.name}"></span>{format_code(f.name)}',
+            format_code(C_TYPES[f.kind]),
+            format_number(f.default),
+            _format_range(f),
+            escape_cell(f.unit if not f.is_integer else "integer"),
+            escape_cell(f.text),
         ]
         for f in fields
     ]
-    return table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+    return format_table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
 
 
 def config_page() -> str:
-    """Every member of tse_config."""
+    """Return the page of all members of tse_config."""
     fields, text = library().fields(CONFIG), []
-    for name, title in GROUPS.items():
-        own = [f for f in fields if group_of(f.name) == name]
-        text.append(
-            f"## {title}\n\n`src/tables/{sources.file_of(name)}.toml`, {len(own)} settings.\n\n{settings(own)}"
-        )
+    for name, title in SETTING_GROUPS.items():
+        own = [f for f in fields if find_group(f.name) == name]
+        file = f"src/tables/{sources.file_of(name)}.toml"
+        text.append(f"## {title}\n\n`{file}`, {len(own)} settings.\n\n{format_settings(own)}")
     return (
-        f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; `tse_config_default()` fills in the "
-        "defaults, `tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
-        "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
-        "`tse.Filter(settings=...)`, and parameters of the FMUs.\n\n"
-        "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range it is 0: not set. "
-        "These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
+        f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; "
+        "`tse_config_default()` fills in the defaults, `tse_prepare()` refuses what is outside its range and "
+        "names it. The same names are keys of a vehicle file (`[uncertainty]`, `[sensors]`, `[latency]`, "
+        "`[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, and parameters of "
+        "the FMUs.\n\n"
+        "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range "
+        "it is 0: not set. These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
         + uncalibrated()
         + "\n"
         + "\n".join(text)
@@ -139,25 +145,30 @@ def config_page() -> str:
 
 
 def uncalibrated() -> str:
-    rows = read_toml(TABLES / "uncalibrated.toml")["setting"].items()
+    """Return the settings in which an ordinary car differs from an exact one."""
+    rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
-    return table(
+    return format_table(
         ["setting", "default", "exact", "why"],
-        [[code(n), f"{r['value']:g}", f"{getattr(exact, n):.9g}", cell(r["why"])] for n, r in rows],
+        [
+            [format_code(n), f"{r['value']:g}", f"{getattr(exact, n):.9g}", escape_cell(r["why"])]
+            for n, r in rows
+        ],
         right=(1, 2),
     )
 
 
 def input_fields() -> str:
+    """Return the table of the members of tse_input."""
     rows = []
-    channels = read_toml(TABLES / "input.toml")["channel"]
+    channels = read_toml(TABLES_FOLDER / "input.toml")["channel"]
     policies = {
         c["name"]: {"drives": "refused", "measured": "counts as missing"}[c["kind"]] for c in channels
     }
     optional = [f.name for f in library().optional]
     for f in library().fields(INPUT):
         policy = policies.get(f.name, "refused" if f.name == "dt" else "-")
-        unit, allowed, text = f.unit, _range(f), f.text
+        unit, allowed, text = f.unit, _format_range(f), f.text
         if f.name == "dt":
             unit, allowed = "s", "above 0 .. 3600"
             text = (
@@ -172,50 +183,76 @@ def input_fields() -> str:
                 text = f"{what}: " + ", ".join(f"{1 << i} {c.name}" for i, c in enumerate(those))
         if f.name in optional:
             policy = "not there"
-        rows.append([code(f.name), code(C_TYPES[f.kind]), allowed, cell(unit), policy, cell(text)])
-    return table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
+        rows.append(
+            [
+                format_code(f.name),
+                format_code(C_TYPES[f.kind]),
+                allowed,
+                escape_cell(unit),
+                policy,
+                escape_cell(text),
+            ]
+        )
+    return format_table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
 
 
-def output_members() -> dict[str, str]:
+def list_output_members() -> dict[str, str]:
     """Return the member of tse_output of each output."""
     return {
-        name: row.get("member", name) for name, row in read_toml(TABLES / "output.toml")["column"].items()
+        name: row.get("member", name)
+        for name, row in read_toml(TABLES_FOLDER / "output.toml")["column"].items()
     }
 
 
 def output_fields() -> str:
-    members = output_members()
+    """Return the table of the members of tse_output."""
+    members = list_output_members()
     rows = []
     for f in library().fields(OUTPUT):
         unit = f.unit if not f.is_integer else "integer"
-        rows.append([code(members[f.name]), code(f.name), code(C_TYPES[f.kind]), cell(unit), cell(f.text)])
-    return table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
+        rows.append(
+            [
+                format_code(members[f.name]),
+                format_code(f.name),
+                format_code(C_TYPES[f.kind]),
+                escape_cell(unit),
+                escape_cell(f.text),
+            ]
+        )
+    return format_table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
 
 
-def _codes(which: int) -> str:
-    rows = [[str(c), code(f.name), cell(f.text)] for c, f in sorted(library().codes(which).items())]
-    return table(["code", "name", "meaning"], rows, right=(0,))
+def _format_codes(which: int) -> str:
+    """Format the table of an enumeration."""
+    rows = [
+        [str(c), format_code(f.name), escape_cell(f.text)] for c, f in sorted(library().codes(which).items())
+    ]
+    return format_table(["code", "name", "meaning"], rows, right=(0,))
 
 
 def status_codes() -> str:
-    return _codes(STATUS)
+    """Return the table of status codes."""
+    return _format_codes(STATUS)
 
 
 def reason_codes() -> str:
-    return _codes(REASON)
+    """Return the table of reasons."""
+    return _format_codes(REASON)
 
 
 def regimes() -> str:
-    return table(
+    """Return the table of regime probabilities."""
+    return format_table(
         ["output", "in C", "meaning"],
         [
-            [code(f"p_{i.lower()}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)]
-            for i, t in read_toml(TABLES / "output.toml")["regime"].items()
+            [format_code(f"p_{i.lower()}"), format_code(f"y.regime[TSE_REGIME_{i}]"), escape_cell(t)]
+            for i, t in read_toml(TABLES_FOLDER / "output.toml")["regime"].items()
         ],
     )
 
 
 def simulator() -> str:
+    """Return the tables of the simulator: settings, input and output."""
     text = []
     for title, which in (
         ("tse_sim_config: settings", SIM_CONFIG),
@@ -224,54 +261,67 @@ def simulator() -> str:
     ):
         rows = [
             [
-                code(f.name),
-                code(C_TYPES.get(f.kind, f.kind)),
-                number(f.default) if which != SIM_OUTPUT else "-",
-                _range(f),
-                cell(f.unit),
-                cell(f.text),
+                format_code(f.name),
+                format_code(C_TYPES.get(f.kind, f.kind)),
+                format_number(f.default) if which != SIM_OUTPUT else "-",
+                _format_range(f),
+                escape_cell(f.unit),
+                escape_cell(f.text),
             ]
             for f in library().fields(which)
         ]
         text.append(
             f"## {title}\n\n"
-            + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+            + format_table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
         )
     return "\n".join(text)
 
 
 def log_columns() -> str:
+    """Return the table of the columns of a log."""
     rows = [
-        [code(name), cell(unit), allowed, cell(text)] for name, unit, allowed, text in texts.log_columns()
+        [format_code(name), escape_cell(unit), allowed, escape_cell(text)]
+        for name, unit, allowed, text in texts.log_columns()
     ]
-    return table(["column", "unit", "range", "meaning"], rows)
+    return format_table(["column", "unit", "range", "meaning"], rows)
 
 
 def estimate_columns() -> str:
-    rows = [[code(name), cell(unit), cell(text)] for name, unit, text in texts.estimate_columns()]
-    rows.insert(0, [code("time"), "s", "as in the log"])
-    return table(["column", "unit", "meaning"], rows)
+    """Return the table of the columns of estimates."""
+    rows = [
+        [format_code(name), escape_cell(unit), escape_cell(text)]
+        for name, unit, text in texts.estimate_columns()
+    ]
+    rows.insert(0, [format_code("time"), "s", "as in the log"])
+    return format_table(["column", "unit", "meaning"], rows)
 
 
 def result_columns() -> str:
+    """Return the table of the columns of results."""
     from tse.report.results import COLUMNS
 
-    return table(["column", "type in pandas"], [[code(n), t] for n, t in COLUMNS.items()])
+    return format_table(["column", "type in pandas"], [[format_code(n), t] for n, t in COLUMNS.items()])
 
 
 def vehicle_example() -> str:
+    """Return the example of a vehicle file."""
     return f"```toml\n{texts.example_vehicle()}\n```\n"
 
 
 def formula_places() -> str:
+    """Return the table of places of a formula."""
     lib = library()
-    return table(
+    return format_table(
         ["place", "unit", "where"],
-        [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()],
+        [
+            [format_code(p.name), escape_cell(p.unit), escape_cell(p.text)]
+            for p in lib.formula_places.values()
+        ],
     )
 
 
 def formula_operations() -> str:
+    """Return the table of operations of a formula."""
     kinds = {
         "NUMBER": "number",
         "SIGNAL": "signal of the model",
@@ -279,31 +329,42 @@ def formula_operations() -> str:
         "MEMORY": "function with memory",
     }
     rows = [
-        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)]
+        [
+            format_code(o.name),
+            kinds.get(o.kind, o.kind),
+            str(o.takes),
+            escape_cell(o.unit),
+            escape_cell(o.text),
+        ]
         for o in library().formula_ops.values()
     ]
-    return table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
+    return format_table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
 
 
 def constants() -> str:
-    """src/tables/constants.toml by its sections."""
+    """Return the tables of src/tables/constants.toml by section."""
     text = []
-    for section, own in read_toml(TABLES / "constants.toml").items():
+    for section, own in read_toml(TABLES_FOLDER / "constants.toml").items():
         rows = [
-            [code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))]
+            [
+                format_code(n),
+                f"{Decimal(repr(r['value'])):f}",
+                *(escape_cell(r[k]) for k in ("unit", "why", "test")),
+            ]
             for n, r in own.items()
         ]
         text.append(f"\n## {section[:1].upper()}{section[1:]}\n")
-        text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
+        text.append(format_table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
     return "\n".join(text)
 
 
 def gap_exit_codes() -> str:
+    """Return the table of exit codes of `tselab gap`."""
     from tse.gaps.run.workflow import EXIT
 
-    return table(
+    return format_table(
         ["exit code", "verdict"],
-        [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()],
+        [[str(c), escape_cell(name.replace("_", " "))] for name, c in EXIT.items()],
         right=(0,),
     )
 
@@ -311,8 +372,8 @@ def gap_exit_codes() -> str:
 # ---- effects
 
 
-def equation_of(effect: str) -> str:
-    """What the comment of an effect in the sources says."""
+def find_equation(effect: str) -> str:
+    """Return the comment of an effect in the sources."""
     text = "".join(
         (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
         for f in ("effects_constant.h", "catalogue.h")
@@ -325,8 +386,8 @@ def equation_of(effect: str) -> str:
 # ---- C headers
 
 
-def functions(header: str) -> list[tuple[str, str, str]]:
-    """Name, declaration and comment of every function that a header declares."""
+def list_functions(header: str) -> list[tuple[str, str, str]]:
+    """Return name, declaration and comment of every function of a header."""
     text = (TSE / header).read_text(encoding="utf-8")
     found = []
     for match in re.finditer(r"^(?:const )?\w+ \*?(tse_\w+)\([^;{]*?\);", text, flags=re.M | re.S):
@@ -340,6 +401,7 @@ def functions(header: str) -> list[tuple[str, str, str]]:
 
 
 def c_page() -> str:
+    """Return the page of the C functions."""
     text = ["# C reference", ""]
     about = {
         "tse.h": "The estimator",
@@ -351,12 +413,13 @@ def c_page() -> str:
     }
     text += [
         "Structs member by member: [tse_config](config.md), [rows, status and reasons](rows.md), "
-        "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; `-DTSE_REAL=float` and "
-        "`fixed` make them float and 64-bit integers. In Python the same functions are called by [the API](python.md).",
+        "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; "
+        "`-DTSE_REAL=float` and `fixed` make them float and 64-bit integers. In Python the same functions "
+        "are called by [the API](python.md).",
         "",
     ]
     for header, title in about.items():
-        own = functions(header)
+        own = list_functions(header)
         if not own:
             continue
         text += [f"## {title}: `tse/{header}`", ""]
@@ -382,7 +445,7 @@ def c_page() -> str:
 
 
 def cli_page() -> str:
-    """Every command's --help: what click prints."""
+    """Return the page of all commands: the text of --help."""
     import click
 
     from tselab.cli import cli
@@ -390,8 +453,14 @@ def cli_page() -> str:
     text = ["# Command line", "", "What `tselab COMMAND --help` says.", ""]
 
     def walk(command: click.Command, path: list[str], parent: click.Context | None) -> None:
-        ctx = click.Context(command, info_name=path[-1], parent=parent, max_content_width=100, terminal_width=100,
-                            help_option_names=["-h", "--help"])  # fmt: skip
+        ctx = click.Context(
+            command,
+            info_name=path[-1],
+            parent=parent,
+            max_content_width=100,
+            terminal_width=100,
+            help_option_names=["-h", "--help"],
+        )
         said = command.get_help(ctx).replace("```", "'''")
         text.extend([f"{'#' * min(len(path) + 1, 3)} {' '.join(path)}", "", "```text", said, "```", ""])
         if isinstance(command, click.Group):
@@ -404,7 +473,7 @@ def cli_page() -> str:
 
 
 def learnt_layout() -> str:
-    """The layout as tse/learnt.h has it."""
+    """Return the file layout in tse/learnt.h."""
     text = (TSE / "learnt.h").read_text(encoding="utf-8")
     layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
     return (
@@ -412,20 +481,15 @@ def learnt_layout() -> str:
     )
 
 
-# ---- Tables of pages that are measured when they are written: runs of the filter, and what scripts/results says in other units.
+# ---- measured tables: runs of the filter, and scripts/results in other units
 
-CYCLES = 1.5  # clock cycles an instruction, assumed: loads take two, and so do branches that are taken
+CYCLES = 1.5  # assumed clock cycles an instruction: loads and taken branches need two
 PERIOD = 0.01  # s between rows
-CLOCKS = {
-    "Cortex-M4F": 168,
-    "Cortex-M7": 400,
-    "Cortex-M3": 72,
-    "Cortex-M0": 48,
-}  # MHz that parts of each core often have
+CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # MHz, usual clocks
 
 
 def controller() -> str:
-    """Return time, load and memory of a row on microcontrollers, from scripts/results/budgets.md."""
+    """Return time, load and memory of a row on microcontrollers, by budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = []
     for line in text.splitlines():
@@ -451,24 +515,34 @@ def controller() -> str:
         "least MHz at 100 Hz",
         "flash [kB]",
     ]
-    return table(
+    return format_table(
         [*head, "with the particle filter", "RAM [kB]", "stack [kB]"], rows, right=tuple(range(1, 9))
     )
 
 
 def flash() -> str:
-    """Return the flash of the library without some of its options, from scripts/results/budgets.md."""
+    """Return the flash of the library without some options, by budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
-    return table(
+    return format_table(
         ["", "flash [kB]"],
         [[name, f"{int(size.replace(',', '')) / 1e3:.1f}"] for name, size in rows],
         right=(1,),
     )
 
 
-def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
-    """Return rows of a table of scripts/results: the first that begins with each of these cells, of it the columns `keep`."""
+def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
+    """Return some rows and columns of a table of scripts/results.
+
+    Parameters
+    ----------
+    name
+        File name without suffix.
+    rows
+        First cells; for each, the first row that begins with it.
+    keep
+        Indices of the columns.
+    """
     lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("|---")) - 1
     found = [
@@ -477,31 +551,39 @@ def results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     ]
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in found]
     kept = [[row[k] for k in keep] for row in cells]
-    return table(kept[0], kept[1:])
+    return format_table(kept[0], kept[1:])
 
 
 def measured_cars() -> str:
-    """Return how far estimates of calibrated cars are from the truth, and what bounds them."""
-    names = ("calibrated", "calibrated, beside the secant without relaxation", "calibrated, beside the stiffness at no slip",
-             "constant of the calibration", "best constant, from the truth", "not calibrated")  # fmt: skip
-    return results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
+    """Return the errors of estimates of calibrated cars, with their bounds."""
+    names = (
+        "calibrated",
+        "calibrated, beside the secant without relaxation",
+        "calibrated, beside the stiffness at no slip",
+        "constant of the calibration",
+        "best constant, from the truth",
+        "not calibrated",
+    )
+    return select_results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
 
 
 def measured_events() -> str:
-    """Return how long estimates are wrong after an event, and when the samples show it."""
-    return results(
+    """Return the durations of wrong estimates after events, and until samples show it."""
+    return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )
 
 
 def measured_logs() -> str:
-    """Return what a log of a real car leaves of its stiffness."""
+    """Return the stiffness that logs of real cars show."""
     logs = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs", "rav4_comma2k19", "subaru_sti")
-    return results("real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11))
+    return select_results(
+        "real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11)
+    )
 
 
 def tuning() -> str:
-    """Return mean NIS, whiteness, validity and error for settings that fit a simulated drive, and for some that do not."""
+    """Return NIS, whiteness, validity and error for right and wrong settings."""
     import tse
     from tse.library.core import library
 
@@ -532,9 +614,15 @@ def tuning() -> str:
         error = 100 * (found["cy_front"].iloc[-1] / truth["true_cy_front"].iloc[-1] - 1)
         half = 196 * found["cy_front_sd"].iloc[-1] / found["cy_front"].iloc[-1]
         rows.append(
-            [name, *(f"{found[f'nis_{c}'].mean():.1f}" for c in ("accel_y", "yaw_rate")), f"{np.corrcoef(e[1:], e[:-1])[0, 1]:.2f}",
-             f"{100 * found['cy_front_valid'].mean():.0f}", f"{round(error) + 0:+d}", f"{half:.0f}"]
-        )  # fmt: skip
+            [
+                name,
+                *(f"{found[f'nis_{c}'].mean():.1f}" for c in ("accel_y", "yaw_rate")),
+                f"{np.corrcoef(e[1:], e[:-1])[0, 1]:.2f}",
+                f"{100 * found['cy_front_valid'].mean():.0f}",
+                f"{round(error) + 0:+d}",
+                f"{half:.0f}",
+            ]
+        )
     head = [
         "settings",
         "mean `nis_accel_y`",
@@ -544,4 +632,4 @@ def tuning() -> str:
         "error [%]",
         "± [%]",
     ]
-    return table(head, rows, right=(1, 2, 3, 4, 5, 6))
+    return format_table(head, rows, right=(1, 2, 3, 4, 5, 6))

@@ -13,7 +13,7 @@ from tse._log import LogLike, PathLike, all_checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.calibration import output, page, workflow
-from tse.calibration.result import Result, words
+from tse.calibration.result import CalibrationResult, describe_result
 from tse.car.vehicle import Vehicle, make_vehicle
 from tse.channels.agree import read_agreeing
 from tse.library.files import parse_toml
@@ -24,7 +24,7 @@ from tse.roads.road import Road
 class Calibration(Shown):
     """A calibrated car, and what its logs have shown of it."""
 
-    def __init__(self, result: Result, logs: Sequence[str]):
+    def __init__(self, result: CalibrationResult, logs: Sequence[str]):
         self._result, self._logs = result, list(logs)
         self.converged = bool(result.fit.converged)
         """False: the numbers are where the search stood."""
@@ -35,7 +35,7 @@ class Calibration(Shown):
     def vehicle(self) -> Vehicle:
         """The calibrated car, for estimate() of other logs."""
         car = self._result.vehicle
-        text = output.toml(self._result, self._logs, car.formula_path or Path("formula.toml"))
+        text = output.format_calibrated(self._result, self._logs, car.formula_path or Path("formula.toml"))
         made = make_vehicle(parse_toml(text), car.path or Path("vehicle"))
         made.path, made.formula, made.formula_path = None, car.formula, car.formula_path
         return made
@@ -43,7 +43,7 @@ class Calibration(Shown):
     @property
     def words(self) -> tuple[str, ...]:
         """Stiffness, how the search ended, and what these logs do not show."""
-        return tuple(words(self._result))
+        return tuple(describe_result(self._result))
 
     def to_frame(self) -> pd.DataFrame:
         """Return a row per number of the car: name, unit, before, value, sd, shown (the logs tell it), words ..."""
@@ -51,7 +51,7 @@ class Calibration(Shown):
 
     def plot(self) -> Any:
         """Return a figure of plotly: each number with its 95 % interval beside what was known before."""
-        return page.bands(self._result)
+        return page.draw_bands(self._result)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab calibrate`."""
@@ -98,6 +98,6 @@ def calibrate(
     car = read_vehicle(vehicle)
     notes: list[str] = []
     read = read_agreeing(all_checked(logs, car), notes, Reading(car=car))
-    read = workflow.on_known(known_road(road), read, car)
-    result = workflow.of_logs(read, car, progress or (lambda _: None), notes=notes)
+    read = workflow.place_on_known(known_road(road), read, car)
+    result = workflow.calibrate_logs(read, car, progress or (lambda _: None), notes=notes)
     return Calibration(result, [log.path.name for log in read])

@@ -10,7 +10,7 @@ import pandas as pd
 from tse._log import LogLike, PathLike, checked, known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, named, read_vehicle
-from tse.car.vehicle import default_vehicle
+from tse.car.vehicle import make_default_vehicle
 from tse.library.core import Config, SimConfig
 from tse.library.errors import UserError
 from tse.report.plots import lines
@@ -70,13 +70,13 @@ def simulate(
     Error
         A manoeuvre or a setting that nobody knows, a value outside its range.
     """
-    car = default_vehicle() if vehicle is None else read_vehicle(vehicle)
+    car = make_default_vehicle() if vehicle is None else read_vehicle(vehicle)
     config, sim = Config.exact(car.values), SimConfig({"seed": seed})
     for name, value in named(settings).items():
         (sim if name in sim else config).set(name, value)
-    if duration is not None and not config.sample_time <= duration <= maneuvers.LONGEST:
+    if duration is not None and not config.sample_time <= duration <= maneuvers.MAX_DRIVE_SECONDS:
         raise UserError(
-            f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.LONGEST:g} s"
+            f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.MAX_DRIVE_SECONDS:g} s"
         )
     plan = maneuvers.build(
         maneuver, config, sample_time=config.sample_time, duration=duration,
@@ -100,7 +100,7 @@ class Replayed(Shown):
         """Return the rows: time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated; vel_x, vel_y."""
         return self._table
 
-    def apart(self) -> dict[str, along.Apart]:
+    def apart(self) -> dict[str, along.ModelMisfit]:
         """How far measured and simulated are apart, above 3 m/s.
 
         Returns
@@ -109,16 +109,16 @@ class Replayed(Shown):
             By channel: rms without the mean, which is the sensor's bias; that over the white noise of the channel in this log;
             the mean; the unit. NaN: the log does not have it.
         """
-        return along.apart(self._table)
+        return along.measure_misfit(self._table)
 
     @property
     def words(self) -> tuple[str, ...]:
         """The same in words."""
-        return along.sentences(self.apart())
+        return along.describe_misfit(self.apart())
 
     def plot(self) -> Any:
         """Return a figure of plotly: measured and simulated over time."""
-        return lines(along.drawn(self._table))
+        return lines(along.list_curves(self._table))
 
 
 def replay(
@@ -159,7 +159,7 @@ def replay(
         config.set(name, value)
     profile = known_road(road)
     if profile is not None:
-        from tse.roads.road_match import on_road
+        from tse.roads.road_match import add_road
 
-        rows, _ = on_road(rows, profile, config)
-    return Replayed(along.along(rows, config))
+        rows, _ = add_road(rows, profile, config)
+    return Replayed(along.simulate_along(rows, config))

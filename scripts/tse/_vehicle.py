@@ -11,7 +11,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tse.car.vehicle import Vehicle, make_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
+from tse.car.vehicle import (
+    Vehicle,
+    list_sensor_settings,
+    list_uncertainty_settings,
+    list_vehicle_settings,
+    make_vehicle,
+)
 from tse.car.vehicle import read_vehicle as _read
 from tse.library.core import Config
 from tse.library.errors import UserError
@@ -68,8 +74,8 @@ def simulated_car() -> dict[str, Any]:
     dict
         With the keys of a vehicle file, as `tselab vehicle --simulated` prints it; every [uncertainty] is 0."""
     car = Config.exact()
-    tables = {"uncertainty": uncertainty_settings(), "sensors": sensor_settings()}
-    values: dict[str, Any] = {name: float(getattr(car, name)) for name in vehicle_settings()}
+    tables = {"uncertainty": list_uncertainty_settings(), "sensors": list_sensor_settings()}
+    values: dict[str, Any] = {name: float(getattr(car, name)) for name in list_vehicle_settings()}
     return {
         "name": "mid-size car", "driven_axle": "front", **values,
         **{table: {name: float(getattr(car, name)) for name in names} for table, names in tables.items()},

@@ -11,7 +11,7 @@ from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
 from tselab.options import FILE, JOBS, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
 
 if TYPE_CHECKING:
-    from tse.calibration.result import Result
+    from tse.calibration.result import CalibrationResult
     from tse.log.rows import Reading
 
 NOT_CONVERGED = 12  # exit code
@@ -87,8 +87,8 @@ def calibrate(
     Ctrl-C.
     """
     from tse.calibration import output, page, workflow
-    from tse.calibration.result import answer, words
-    from tse.car.vehicle import read_vehicle, stiffness_words
+    from tse.calibration.result import describe_result, summarise_result
+    from tse.car.vehicle import describe_stiffness, read_vehicle
     from tse.library.files import check_distinct, check_writable
     from tse.report import results
     from tse.roads.road import read_road
@@ -99,7 +99,7 @@ def calibrate(
             check_writable(path)
     formula = read_vehicle(vehicle_path).formula_path
     numbers, html = out.with_suffix(".json"), report or out.with_suffix(".html")
-    kept_formula = output.formula_beside(out) if formula else None
+    kept_formula = output.place_formula(out) if formula else None
     check_distinct(
         {
             "--out": out,
@@ -117,8 +117,8 @@ def calibrate(
         result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading, road)
         output.write(out, result, [p.name for p in logs])
         say("the page")
-        stiffness = stiffness_words(read_vehicle(out))
-        text = [stiffness, *words(result)]
+        stiffness = describe_stiffness(read_vehicle(out))
+        text = [stiffness, *describe_result(result)]
         page.write(html, result, text)
     written = [
         str(out),
@@ -135,7 +135,7 @@ def calibrate(
             {
                 "logs": logs,
                 "vehicle": vehicle_path,
-                **output.as_json(result),
+                **output.to_json(result),
                 "exit_code": code,
                 "written": written,
             }
@@ -144,7 +144,7 @@ def calibrate(
     if verbose:
         for group in result.groups:
             text += [f"  {f.words}" for f in group.members if f.shown]
-    for line in text if verbose else answer(result, stiffness):
+    for line in text if verbose else summarise_result(result, stiffness):
         click.echo(line)
     for line in result.notes:
         click.echo(f"note: {line}", err=True)
@@ -154,12 +154,12 @@ def calibrate(
     return code
 
 
-def _code(result: Result) -> int:
-    from tse.calibration.result import LEAST_SECONDS
+def _code(result: CalibrationResult) -> int:
+    from tse.calibration.result import MIN_RELIABLE_SECONDS
     from tse.report.results import NOTHING, USABLE
 
     if not result.fit.converged:
         return NOT_CONVERGED
-    if result.seconds < LEAST_SECONDS:
+    if result.seconds < MIN_RELIABLE_SECONDS:
         return NOTHING
     return USABLE if any(f.shown for f in result.findings) else NOTHING

@@ -163,7 +163,7 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     A vehicle file beside it runs it everywhere with
     [formula] file = "play.toml". Places, signals and functions are listed below; x, y, z are what stands in the brackets.
     """
-    from tse.car.formula import c_header, read_formula
+    from tse.car.formula import format_c_header, read_formula
     from tse.library.core import library
     from tse.library.files import check_distinct, write_atomically
     from tse.report.tables import text_table
@@ -172,7 +172,7 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     found = read_formula(path)
     if header is not None:
         with write_atomically(header) as file:
-            file.write(c_header(found))
+            file.write(format_c_header(found))
     place = library().formula_places[found.place]
     if as_json:
         from tse.report import results

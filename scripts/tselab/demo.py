@@ -30,7 +30,7 @@ from tse.report.report import write_report
 from tse.report.tables import simulated_vehicle
 from tse.runs.single import prepare
 from tse.simulation import maneuvers
-from tse.simulation.simulate import simulate, with_references
+from tse.simulation.simulate import add_references, simulate
 from tselab.montecarlo.pictures import demo_picture
 from tselab.options import FILE, PROGRESS, show_progress
 
@@ -107,7 +107,7 @@ def estimated(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.Da
         {"seed": seed, "wheel_speed_sd": WHEEL_NOISE}
     )  # wheels that repeat a number exactly are a fault
     simulation = simulate(maneuver, config, sensors, vehicle.driven_axle, progress)
-    write_table(with_references(simulation), out / "log.csv")
+    write_table(add_references(simulation), out / "log.csv")
     write_table(simulation.truth, out / "truth.csv")
 
     log = read_log(out / "log.csv")

@@ -58,8 +58,8 @@ def replay(
     from tse.report.report import write_page
     from tse.report.results import say_json
     from tse.roads.road import read_road
-    from tse.roads.road_match import on_road
-    from tse.simulation.along import along, apart, drawn, sentences
+    from tse.roads.road_match import add_road
+    from tse.simulation.along import describe_misfit, list_curves, measure_misfit, simulate_along
 
     check_distinct({"--out": out, "--report": report}, {"LOG": log_path, "--vehicle": vehicle_path, "--signals": reading.signals,
                                                          "--road": road_path})  # fmt: skip
@@ -71,28 +71,34 @@ def replay(
     words: list[str] = []
     log = read_log(log_path, reading=replace(reading, car=car))
     if road_path is not None:
-        log, _ = on_road(log, read_road(road_path), config)
+        log, _ = add_road(log, read_road(road_path), config)
         words.append(log.notes[-1])
     notes = check_car(select_liveliest(log, MAX_CHECKED_ROWS), car, config) + words
-    table = along(log, config)
-    found = apart(table)
+    table = simulate_along(log, config)
+    found = measure_misfit(table)
     if out is not None:
         write_table(table, out)
     if report is not None:
         title = f"{log_path.name}, measured and simulated"
         text = "Drag to zoom, double-click to reset; nothing is fitted."
-        write_page(report, "replay.html.j2", [("Measured and simulated", text, layout(lines(drawn(table)), 620))],
-                   title=title, vehicle=car.name, words=sentences(found))  # fmt: skip
+        write_page(report, "replay.html.j2", [("Measured and simulated", text, layout(lines(list_curves(table)), 620))],
+                   title=title, vehicle=car.name, words=describe_misfit(found))  # fmt: skip
     written = [str(p) for p in (out, report) if p is not None]
     if as_json:
         parts = {c: vars(a) for c, a in found.items()}
         say_json(
-            {"log": log_path, "vehicle": vehicle_path, "apart": parts, "notes": notes, "written": written}
+            {
+                "log": log_path,
+                "vehicle": vehicle_path,
+                "measure_misfit": parts,
+                "notes": notes,
+                "written": written,
+            }
         )
         return
     for line in notes:
         click.echo(f"note: {line}", err=True)
-    for line in sentences(found):
+    for line in describe_misfit(found):
         click.echo(line)
     if written:
         click.echo(f"Written: {', '.join(written)}")

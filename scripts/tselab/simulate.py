@@ -12,7 +12,7 @@ from tselab.options import FILE, JSON, PROGRESS, ROAD, Lazy, Written, check_rang
 def _listed() -> str:
     return "\n".join(
         f"{k.name:<19} {k.duration:g} s from {k.speed:g} m/s, amplitude {k.amplitude:g} ({k.amplitude_text})\n{'':<20}{k.text}"
-        for k in maneuvers.KINDS.values()
+        for k in maneuvers.MANEUVERS.values()
     )
 
 
@@ -89,18 +89,18 @@ def simulate(
     travelled. The log has the positions of the road there, but the car steers as the
     manoeuvre says, whatever the bends of the road.
     """
-    from tse.car.vehicle import default_vehicle, read_vehicle
+    from tse.car.vehicle import make_default_vehicle, read_vehicle
     from tse.estimation.estimate import write_table
     from tse.library.core import STIFFNESS, Config, SimConfig
     from tse.library.files import check_distinct, check_writable
     from tse.roads.road import read_road
+    from tse.simulation.simulate import add_references
     from tse.simulation.simulate import simulate as run
-    from tse.simulation.simulate import with_references
 
     check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path, "--road": road_path})
     check_writable(out, truth)
     profile = read_road(road_path) if road_path is not None else None
-    vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
+    vehicle = read_vehicle(vehicle_path) if vehicle_path else make_default_vehicle()
     config, sim_config = Config.exact(vehicle.values), SimConfig()
     settings = key_values(pairs)
     for key, value in settings.items():
@@ -112,7 +112,7 @@ def simulate(
         config.set("sample_time", sample_time, source="option --sample-time")
     top = sim_config.fields["speed"]
     check_range("speed", speed, top.low, top.high, "m/s")
-    check_range("duration", duration, config.sample_time, maneuvers.LONGEST, "s")
+    check_range("duration", duration, config.sample_time, maneuvers.MAX_DRIVE_SECONDS, "s")
     check_range("amplitude", amplitude, -1000.0, 1000.0, "")
     if maneuver == "constant-radius":
         check_range("amplitude", amplitude, 10.0, 1000.0, "m (radius)")
@@ -124,7 +124,7 @@ def simulate(
         amplitude=amplitude, road=_road_changes(road_change), seed=sim_config.seed,
     )  # fmt: skip
     result = run(plan, config, sim_config, vehicle.driven_axle, show_progress(progress), profile)
-    write_table(with_references(result) if with_ref else result.log, out)
+    write_table(add_references(result) if with_ref else result.log, out)
     if truth is not None:
         write_table(result.truth, truth)
     if as_json:

@@ -8,11 +8,24 @@
  * amplitude is known, w = 1, and the stiffness of that road is recalled. */
 #include "filter/filter.h"
 
-/* State and sd that one amplitude of an event moves it by, SI; state -1: none. */
+/* State, and which sd one amplitude of an event moves it by; state -1: none. */
 typedef struct opens {
-  int32_t state;
-  tse_real sd;
+  int8_t state, by;
 } opens;
+
+/* Sds that states are moved by, SI. */
+enum { BY_CHANGE,
+       BY_MODEL,
+       BY_MINUS_MODEL,
+       BY_ALONG,
+       BY_SLIP,
+       BY_STEER,
+       BY_STEER_OWN };
+static tse_real sd_of(const opens *o)
+{
+  static const tse_real sds[] = { CHANGE_SD, MODEL_FLOOR, -MODEL_FLOOR, USUAL_MODEL_SD + USUAL_MODEL_SD, SLIP_OPENS, STEER_OPENS, STEER_OWN };
+  return sds[o->by];
+}
 
 /* Slots of another road, the first ones; each has a second amplitude, as many slots behind it. Each kind behind these two has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
@@ -28,46 +41,46 @@ enum { LATERAL,
 typedef struct kind {
   opens common[4], own[4]; /* what one amplitude moves; what is uncertain beside it once it is believed */
   tse_real every;          /* [s] between openings */
-  int32_t slots;           /* events that are open at a time */
   tse_real rate;           /* [1/s] how often it happens */
   tse_real least;          /* [1] amplitude below which nothing has happened that one would act on */
-  int32_t group, regime;
+  int8_t group, slots;     /* slots: events that are open at a time */
+  int8_t regime;
 } kind;
 
-/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, slots, rate, least,
- * group, regime. Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()), a faulty
+/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, rate, least, group,
+ * slots, regime. Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()), a faulty
  * channel is what its measurements say (events_learn()). Along the road tyres change as across, by as
  * much more or less as the model lacks before and after. */
 /* clang-format off */
-#define NO { -1, TSE_R(0) }
+#define NO { -1, 0 }
 #define NONE { NO, NO, NO, NO }
-#define ONE(state, sd) { { state, sd }, NO, NO, NO }
-#define ALONG { HAS_SLIP ? LCX : -1, CHANGE_SD }
-#define ALONG_OWN { HAS_SLIP ? LCX : -1, USUAL_MODEL_SD + USUAL_MODEL_SD }
-#define ROAD { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD }, ALONG }
-#define ROAD_OWN { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, ALONG_OWN, NO }
-#define AXLE_DIFF { { LCF, MODEL_FLOOR }, { LCR, -MODEL_FLOOR }, NO, NO }
-#define AXLE(state) { { state, CHANGE_SD }, ALONG, NO, NO }, { { state, MODEL_FLOOR }, ALONG_OWN, NO, NO }
-#define SLIDES(state) ONE(state, SLIP_OPENS), ONE(state, SLIP_OPENS)
+#define ONE(state, by) { { state, by }, NO, NO, NO }
+#define ALONG { HAS_SLIP ? LCX : -1, BY_CHANGE }
+#define ALONG_OWN { HAS_SLIP ? LCX : -1, BY_ALONG }
+#define ROAD { { LCF, BY_CHANGE }, { LCR, BY_CHANGE }, { LMU, BY_CHANGE }, ALONG }
+#define ROAD_OWN { { LCF, BY_MODEL }, { LCR, BY_MODEL }, ALONG_OWN, NO }
+#define AXLE_DIFF { { LCF, BY_MODEL }, { LCR, BY_MINUS_MODEL }, NO, NO }
+#define AXLE(state) { { state, BY_CHANGE }, ALONG, NO, NO }, { { state, BY_MODEL }, ALONG_OWN, NO, NO }
+#define SLIDES(state) ONE(state, BY_SLIP), ONE(state, BY_SLIP)
 #define TYRES RATE_ROAD, CHANGE_SD, LATERAL
-#define SENSOR(group) { NONE, NONE, OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE, group, TSE_REGIME_FAULT }
+#define SENSOR(group) { NONE, NONE, OPEN_TIME, RATE_FAULT, WHOLE_CHANGE, group, 1, TSE_REGIME_FAULT }
 static const kind *kind_of(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    { NONE, NONE, TSE_R(0), 0, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_STEADY },
+    { NONE, NONE, TSE_R(0), TSE_R(0), TSE_R(0), LATERAL, 0, TSE_REGIME_STEADY },
     /* another road, and by how much it is not the same for both axles; back on the one before */
-    { ROAD, ROAD_OWN, OPEN_TIME, ROADS, TYRES, TSE_REGIME_CHANGED },
-    { AXLE_DIFF, NONE, TSE_R(0), ROADS, TSE_R(0), TSE_R(0), LATERAL, TSE_REGIME_CHANGED },
+    { ROAD, ROAD_OWN, OPEN_TIME, TYRES, ROADS, TSE_REGIME_CHANGED },
+    { AXLE_DIFF, NONE, TSE_R(0), TSE_R(0), TSE_R(0), LATERAL, ROADS, TSE_REGIME_CHANGED },
 #if !defined(TSE_SMALL)
-    { NONE, NONE, OPEN_TIME, 1, TYRES, TSE_REGIME_CHANGED },
+    { NONE, NONE, OPEN_TIME, TYRES, 1, TSE_REGIME_CHANGED },
     /* tyres of the front axle, of the rear axle; wheels of it that slide */
-    { AXLE(LCF), OPEN_TIME, 1, TYRES, TSE_REGIME_AXLE },
-    { AXLE(LCR), OPEN_TIME, 1, TYRES, TSE_REGIME_AXLE },
-    { SLIDES(SF), OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
-    { SLIDES(SR), OPEN_TIME_SLIP, 1, RATE_SLIP, CHANGE_SD, LONGITUDINAL, TSE_REGIME_SLIDING },
+    { AXLE(LCF), OPEN_TIME, TYRES, 1, TSE_REGIME_AXLE },
+    { AXLE(LCR), OPEN_TIME, TYRES, 1, TSE_REGIME_AXLE },
+    { SLIDES(SF), OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1, TSE_REGIME_SLIDING },
+    { SLIDES(SR), OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1, TSE_REGIME_SLIDING },
     /* channels at fault: the steering angle; accel_x, accel_y, yaw_rate; wheel speeds */
-    { ONE(STEER_OFFSET, STEER_OPENS), ONE(STEER_OFFSET, STEER_OWN), OPEN_TIME, 1, RATE_FAULT, WHOLE_CHANGE,
-      LATERAL, TSE_REGIME_FAULT },
+    { ONE(STEER_OFFSET, BY_STEER), ONE(STEER_OFFSET, BY_STEER_OWN), OPEN_TIME, RATE_FAULT, WHOLE_CHANGE,
+      LATERAL, 1, TSE_REGIME_FAULT },
     SENSOR(LONGITUDINAL),
     SENSOR(LATERAL),
     SENSOR(LATERAL),
@@ -160,46 +173,76 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
   for (int n = 0; n < TSE_EVENTS; n++) fade_short(&k->event[n].v[i], left);
 }
 
-static void move(tse_short v[STATES], tse_short M[MOTION][PLACES])
+/* Sensitivities that move together. */
+enum { MOVED = R_TOGETHER(3) };
+
+static void move_together(tse_short *const v[MOVED], tse_short M[MOTION][PLACES])
 {
-  tse_short to[MOTION];
-  for (int i = 0; i < MOTION; i++) to[i] = r_slope_sum(r_short(TSE_R(0)), M[i], v, STATES);
-  for (int i = 0; i < MOTION; i++) v[i] = to[i];
+  tse_short to[MOTION * MOVED];
+  for (int i = 0; i < MOTION * MOVED; i++) to[i] = r_short(TSE_R(0));
+  r_slope_sums(to, MOTION, M[0], PLACES, v, MOVED, STATES);
+  for (int i = 0; i < MOTION; i++)
+    for (int b = 0; b < MOVED; b++) v[b][i] = to[i * MOVED + b];
 }
 
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt)
 {
+  tse_short *v[TSE_EVENTS + TSE_CONSIDERED + MOVED];
+  int count = 0;
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const e = &k->event[n];
     if (e->kind == EVENT_NONE) continue;
-    move(e->v, M);
+    v[count++] = e->v;
     e->age += dt;
   }
-  for (int q = 0; q < TSE_CONSIDERED; q++) {
-    if (!(p->uncertain[q] > TSE_R(0))) continue;
-    move(k->consider[q], M);
-    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->consider[q][i] = r_short(r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    if (p->uncertain[q] > TSE_R(0)) v[count++] = k->consider[q];
+  for (int b = 0; b < MOVED && count; b++) v[count + b] = v[count - 1]; /* moved from where it was, as often as there are places left */
+  for (int n = 0; n < count; n += MOVED) move_together(&v[n], M);
+  for (int q = 0; q < COLUMNS - STATES; q++)
+    for (int i = 0; i < MOTION && p->uncertain[q] > TSE_R(0); i++) k->consider[q][i] = r_short(r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
+}
+
+/* Let an event have a measurement which it shifts the innovation of by y.   Given: ys  y over the variance   first  y of the road that it is
+ * the second amplitude of */
+static void learn(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
+{
+  a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
+  a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
+  if (a->kind == EVENT_ROAD_AXLE_DIFF) a->both = r_clamp(a->both + r_mul(first, ys), -MOST_INFO, MOST_INFO);
+}
+
+/* Events whose sensitivities are moved together. */
+enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
+
+/* Find by how much each of these events shifts an innovation, y, and move their sensitivities by -K y. */
+static void correct_together(tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
+{
+  r_dot sum[TOGETHER];
+  r_factored back[TOGETHER];
+  for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_start(y[b]);
+  for (int i = 0; i < h->count; i++)
+    for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_plus(sum[b], h->m[i], a[b].v[h->at[i]]);
+  for (int b = 0; b < TOGETHER; b++) {
+    y[b] = a[b].kind == EVENT_NONE ? TSE_R(0) : r_dot_end(y[b], sum[b], h->right);
+    back[b] = r_factor(-y[b], gain->up);
   }
+  for (int i = 0; i < all; i++)
+    for (int b = 0; b < TOGETHER; b++) a[b].v[i] = r_plus_times(a[b].v[i], back[b], gain->m[i]);
 }
 
 void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e,
                   tse_real s, tse_real sd)
 {
-  const tse_real over = r_div(TSE_R(1), s);
+  const tse_real over = r_div(TSE_R(1), s), off = r_mul(r_sqr(TAIL), sd);
   const int all = STATES + k->ud.extras;
-  tse_real of_road[ROADS] = { TSE_R(0) };
+  tse_real y[TSE_EVENTS];
+  for (int n = 0; n < TSE_EVENTS; n++) y[n] = channel >= 0 && k->event[n].kind == EVENT_SENSOR + channel ? off : TSE_R(0);
+  for (int n = 0; n < TSE_EVENTS; n += TOGETHER)
+    if (TOGETHER > 1 || k->event[n].kind != EVENT_NONE) correct_together(&k->event[n], h, gain, all, &y[n]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
-    if (a->kind == EVENT_NONE) continue;
-    const tse_real y = r_sum_sparse(channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0), a->v, h, h->count);
-    const tse_real ys = r_mul(y, over);
-    if (speaks_of(a->kind, channel, along)) {
-      a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
-      a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
-      if (a->kind == EVENT_ROAD_AXLE_DIFF && n >= ROADS && n < 2 * ROADS) a->both = r_clamp(a->both + r_mul(of_road[n - ROADS], ys), -MOST_INFO, MOST_INFO);
-    }
-    if (n < ROADS) of_road[n] = y;
-    if (y != TSE_R(0)) r_add_row(a->v, gain->m, r_factor(-y, gain->up), all);
+    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along)) learn(a, y[n], r_mul(y[n], over), e, y[n < ROADS ? 0 : n - ROADS]);
   }
 }
 
@@ -295,7 +338,7 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   for (int i = 0; i < (int)(sizeof what->common / sizeof what->common[0]); i++) {
     const int32_t at = what->common[i].state;
     if (at < 0 || is_known(p, at) || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
-    a->v[at] = r_short(r_div(what->common[i].sd, state_unit[at]));
+    a->v[at] = r_short(r_div(sd_of(&what->common[i]), state_unit[at]));
   }
   for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
@@ -392,7 +435,7 @@ static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_r
   for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
     const int32_t at = what->own[i].state;
     if (at < 0 || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
-    const tse_real var = r_sqr(what->own[i].sd) + r_sqr(moved);
+    const tse_real var = r_sqr(sd_of(&what->own[i])) + r_sqr(moved);
     ud_add_at(&k->ud, at, r_div(r_mul(weight, var), r_sqr(state_unit[at])));
   }
 }

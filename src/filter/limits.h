@@ -52,6 +52,7 @@
 #define STEEPEST TSE_R(100)           /* unit: no car has such a slope; a variance grows by less than 1e7 in a row, so that one below MOST_D stays in range */
 #define LEAST_ERROR TSE_R(1e-6)       /* unit^2: an error of nothing leaves a slip of nothing a share of nothing */
 #define WALK_TIME TSE_R(1)            /* s: what walks slowly is due once in that time at least */
+#define WANDER_TIME TSE_R(0.2)        /* s: the same of gravity along and across the road, 1/40 of ROAD_TIME */
 #define MOST_FORGOTTEN TSE_R(0.1)     /* 1: a noise or a ratio that is found as a mean forgets no more in one row, however long that is */
 #define LEAST_NOISE TSE_R(0.04)       /* 1: variance over that of the setting: no channel is quieter than a fifth of what is stated */
 #define LEAST_DT TSE_R(1e-4)          /* s: rows that come closer are taken as that far apart: rates are what changes over it */
@@ -93,6 +94,19 @@
 #define SCALE_RELATED TSE_R(0.97) /* 1: squared correlation, less has noise or slopes in its variances */
 #define SCALE_SHOWN_ACROSS TSE_R(20) /* (m/s2)^2 s: ten times what a factor of 2.5 takes */
 #define SCALE_SHOWN_ALONG TSE_R(10) /* the same, along */
+#define MOST_JERK TSE_R(30)        /* m/s3: an emergency manoeuvre, smoothed; of 300 s its square fits every number format */
+#define COMPLETE_TIME TSE_R(1)     /* s: four times SMOOTH_TIME: all channels are smoothed alike then */
+#define LATE_TIME TSE_R(15)       /* s: of USUAL_TIME, that is 28 s of driving: several bends */
+#define LATE_SHOWN TSE_R(8)        /* m2/s5: two minutes of a motorway, five seconds of a mountain road */
+#define LATE_SD TSE_R(0.2)         /* s m/s2.5: three sd of a lateness times the root of the square that shows it, on cars of tests/cars */
+#define ACCEL_SD TSE_R(1.75)       /* 1: of accel_y so many times that: roads that begin to lean are in it */
+#define ACCEL_LATE TSE_R(0.01)     /* s: what a bus leaves beside the others here: messages are 0 .. 60 ms late, each for itself */
+#define SOFTER TSE_R(0.4)          /* 1: rear tyres by so much softer than nominal, of a class or on a wet road, are tyres */
+#define LEVER TSE_R(0.7)           /* m: so far behind the centre of gravity an IMU may be that nobody has stated */
+#define SLIPPERY TSE_R(0.2)        /* 1: logarithm of the rear stiffness, half of CHANGE_SD; a road with less is another one */
+#define STEER_LATE TSE_R(0.05)     /* s: the yaw rate of a car is 0 .. 130 ms behind its steering angle */
+#define YAW_LATE TSE_R(0.07)       /* s: behind accel_y, as ACCEL_LATE, */
+#define YAW_LATE_TWICE TSE_R(0.2)  /* s: and that with what it is behind the steering angle: cars have up to 0.16 */
 #define FORGOTTEN 12               /* 1: halvings of what the gravity of a road has in common with the state, where a given road begins or ends */
 #define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */
 

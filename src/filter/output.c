@@ -165,6 +165,21 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   out->regime[regime_now(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
+/* Return the channel of the likeliest fault where one is likelier than not and none is believed yet, as fault_channel numbers it.
+ * So each row whose regime is a fault names its channel. */
+static int32_t likely_fault(const tse_kalman *k, const tse_output *out)
+{
+  int32_t channel = NO_FAULT;
+  tse_real most = TSE_R(0);
+  for (int n = 0; n < TSE_EVENTS && out->regime[TSE_REGIME_FAULT] > LIKELY; n++) {
+    const int32_t kind = k->event[n].kind;
+    if (kind == EVENT_NONE || event_regime(kind) != TSE_REGIME_FAULT || event_is_small(k, n) || !(k->weight[n] > most)) continue;
+    most = k->weight[n];
+    channel = kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(kind - EVENT_SENSOR);
+  }
+  return channel;
+}
+
 /* Report the last change that was believed, and a channel at fault. */
 static void report_change(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
@@ -177,10 +192,11 @@ static void report_change(const tse_params *p, const tse_kalman *k, tse_output *
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = changed ? probability_none(k) : TSE_R(0);
-  const int32_t implausible = plausible_channel(k, &out->fault_factor);
+  const int32_t implausible = plausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
   out->fault_channel = implausible ? implausible : k->fault             ? k->fault
                                                : is_frozen(k, STEERING) ? (int32_t)FAULT_STEER
-                                                                        : velocity_fault(k);
+                                               : velocity               ? velocity
+                                                                        : likely_fault(k, out);
 }
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)

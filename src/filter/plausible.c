@@ -17,6 +17,12 @@ enum { ACROSS,
        IN_BENDS,
        BY_DRIVE };
 
+/* Bits of tse_agreement.apart: the pairs, and which channel comes late. */
+enum { PAIRS_APART = (1 << TSE_PAIRS) - 1,
+       LATE_ACCEL = 1 << TSE_PAIRS,
+       LATE_YAW = LATE_ACCEL << 1,
+       LATE_STEER = LATE_ACCEL << 2 };
+
 /* What of the smoothed values is which. */
 enum { SIDE,
        SIDE_ASKED,
@@ -127,6 +133,71 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
+/* Add a row to a timing. Of y = g x - late x' the sum of x y' - y x' is that of late x'^2, twice, whatever the factor g is: its half counts.
+ *   Given: x, y  of the row before and of this one    slope  of x per second */
+static void timing_learn(tse_timing *t, const tse_real x[2], const tse_real y[2], tse_real slope, tse_real keep, tse_real dt)
+{
+  const tse_real turned = r_mul(x[0], y[1]) - r_mul(x[1], y[0]);
+  t->square = r_mul(keep, t->square) + r_mul(dt, r_sqr(slope));
+  t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MOST_INFO, MOST_INFO);
+}
+
+/* Learn how late accel_y is behind the turn of the car, and yaw_rate behind the steering angle: all in m/s2, yaw rates times the speed.
+ *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)    at the centre of gravity, of a car whose rear tyres are nominal
+ *   Given: was  smoothed values of the row before */
+static void late_learn(const tse_params *p, tse_agreement *a, const tse_real was[6], tse_real gyro_bias, tse_real dt)
+{
+  const tse_real *const s = a->smooth;
+  const tse_car *const c = &p->car;
+  const tse_real over = r_div(TSE_R(1), dt), keep = TSE_R(1) - r_div(dt, SCALE_TIME), v = s[SPEED];
+  const tse_real slip_time = r_div(r_mul(v, r_div(c->lf, c->lf + c->lr)), c->ky_rear), arm = c->lr + c->lever_x - r_mul(v, slip_time);
+  const tse_real asked[2] = { r_mul(v, was[TURN_ASKED]), r_mul(v, s[TURN_ASKED]) };
+  const tse_real turns[2] = { r_mul(v, was[TURN] - gyro_bias), r_mul(v, s[TURN] - gyro_bias) };
+  const tse_real beside = a->pair[ACROSS].mean[1] - a->pair[ACROSS].mean[0];
+  const tse_real side[2] = { was[SIDE] - beside, s[SIDE] - beside }, across[2] = { was[SIDE_ASKED], s[SIDE_ASKED] };
+  const tse_real jerk = r_mul(across[1] - across[0], over), steered = r_mul(asked[1] - asked[0], over);
+  if (r_abs(jerk) > MOST_JERK || r_abs(steered) > MOST_JERK) return;
+  timing_learn(&a->across, across, side, jerk, keep, dt);
+  timing_learn(&a->steered, asked, turns, steered, keep, dt);
+  a->across.late += r_mul(r_mul(arm, s[TURN] - was[TURN]), jerk);
+  a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), r_min(r_mul(SOFTER, slip_time) + r_div(LEVER, v), TSE_R(1))));
+}
+
+/* Return which of accel_y, yaw_rate and the steering angle comes late, as a bit, or 0. Each lateness counts times the square that shows
+ * it, and with its sd, which falls with the root of that square. Tyres that are softer than nominal make accel_y late, too, and an IMU
+ * behind the centre of gravity. Behind the steering angle the yaw rate is late in every car, and never early. */
+static int late_channel(const tse_params *p, const tse_agreement *a)
+{
+  const tse_real late = a->across.late, behind = a->steered.late, square = a->across.square, asked = a->steered.square;
+  const int is_long = a->pair[ACROSS].time > LATE_TIME && a->pair[TURNING_BY].time > LATE_TIME;
+  if (!is_long || !(asked > LATE_SHOWN)) return 0;
+  if (-behind > r_mul(STEER_LATE, asked) + r_mul(LATE_SD, r_sqrt(asked))) return LATE_STEER;
+  if (!(square > LATE_SHOWN)) return 0;
+  const tse_real sd = r_mul(LATE_SD, r_sqrt(square)), settings = r_mul(TSE_R(3), p->uncertain[CONSIDER_ACCEL_LATE]);
+  if (late > r_mul(r_max(ACCEL_LATE, settings), square) + a->lags + r_mul(ACCEL_SD, sd)) return LATE_ACCEL;
+  const tse_real both = r_mul(r_div(behind, asked), square) - late;
+  return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
+}
+
+/* Return whether the road has less grip than the one before, by what is believed: side slip takes longer there. */
+static int is_slippery(const tse_kalman *k)
+{
+  return k->change_kind == TSE_CHANGE_ROAD && k->x[LCR] < k->change_from[TSE_CY_REAR] - SLIPPERY;
+}
+
+/* Learn from a row that is one of many complete ones, and decide which channel comes late.
+ *   Given: was  smoothed values of the row before    has  bits of the channels that are there    dt  0: there is no row before */
+static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
+{
+  static const uint32_t needed = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate | TSE_MISSING_steer_angle;
+  tse_agreement *const a = &k->agreement;
+  const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < LONGEST_ROW;
+  a->complete_for = is_complete ? r_min(a->complete_for + dt, LONGEST_DT) : TSE_R(0);
+  if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > LEAST_TURNING) || is_slippery(k)) return;
+  late_learn(p, a, was, k->x[BR], dt);
+  a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
+}
+
 int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
 {
   const tse_agreement *const a = &k->agreement;
@@ -135,7 +206,10 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
   const int also = factor_of(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0); /* where another pair is apart, it is no road */
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
-  if (!a->apart) {
+  if (!(a->apart & PAIRS_APART)) {
+    if (a->apart & LATE_STEER) return 1 + (int32_t)TSE_CHANNEL_steer_angle;
+    if (a->apart & LATE_ACCEL) return 1 + (int32_t)TSE_CHANNEL_accel_y;
+    if (a->apart & LATE_YAW) return 1 + (int32_t)TSE_CHANNEL_yaw_rate;
     if (!a->off_scale) return 0;
     const tse_real scale = scale_of(a);
     *factor = r_sqrt(scale > TSE_R(0) ? scale : rough_scale_of(&a->pair[ACROSS], going, going->var[0]));
@@ -213,10 +287,13 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   if (!wheels || !(speed > p->hold_speed)) return;
   values_of(p, x, speed, value);
   const int starts = dt > FASTEST_DT || !(a->smooth[SPEED] > TSE_R(0));
+  tse_real was[6];
+  memcpy(was, a->smooth, sizeof was);
   const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]); /* a channel that comes seldom is no smaller */
+  late_row(p, k, was, has, starts ? TSE_R(0) : dt);
   /* as the smoothed change of the speed, which begins anew */
   if (dt > FASTEST_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;

@@ -24,23 +24,6 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
   return u;
 }
 
-/* Add the accumulated process noise of the random-walk states every STATES - FAST rows, or once WALK_TIME has passed. */
-static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
-{
-  const int slow = STATES - FAST;
-  k->since_slow = r_min(k->since_slow + dt, LONGEST_DT);
-  k->slow_turn++;
-  if (k->slow_turn < slow && k->since_slow < WALK_TIME) return;
-  for (int i = FAST; i < STATES; i++) {
-    const tse_real walk = i <= BR ? p->bias_sd_walk[i == BX ? 0 : i - BY + 1] : r_mul(WALK_SHARE, p->prior_sd[i]);
-    const tse_real stiff = i == LCX || i == LCF || i == LCR ? p->steady_sd_walk : TSE_R(0);
-    const tse_real q = r_sqr(r_div(r_max(walk, stiff), state_unit[i]));
-    if (q > TSE_R(0)) ud_add_at(&k->ud, i, r_mul(q, k->since_slow));
-  }
-  k->slow_turn = 0;
-  k->since_slow = TSE_R(0);
-}
-
 /* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row and column of the covariance and its sensitivities by
  * `left`; add (1 - left^2) sd^2. */
 static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
@@ -84,17 +67,46 @@ void road_row(const tse_params *p, tse_kalman *k, const decoded *z)
   }
 }
 
+typedef char each_slow_state_has_its_time[(int)TSE_SLOW == (int)STATES - (int)PLACED ? 1 : -1];
+
+/* Let gravity along (i = 0) or across (1) the road wander about its mean for dt. */
+static void wander(const tse_params *p, tse_kalman *k, int i, tse_real dt)
+{
+  const int at = gravity[i];
+  const tse_real mean = road_mean(p, k, i);
+  k->x[at] -= mean;
+  fade(k, at, left_of(r_min(dt, MOST_AGE), ROAD_TIME), road_sd(p, k, i));
+  k->x[at] += mean;
+}
+
+/* Add the process noise of a random-walk state for dt; of a stiffness, what its moves have left to add, too. */
+static void walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
+{
+  const int which = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF
+                                                        : -1;
+  const tse_real of_prior = i <= BR ? p->bias_sd_walk[i == BX ? 0 : i - BY + 1] : r_mul(WALK_SHARE, p->prior_sd[i]);
+  const tse_real sd = r_max(of_prior, which >= 0 ? p->steady_sd_walk : TSE_R(0));
+  tse_real more = r_mul(r_sqr(r_div(sd, state_unit[i])), dt);
+  if (which >= 0) {
+    more += k->moved[which];
+    k->moved[which] = TSE_R(0);
+  }
+  if (more > TSE_R(0)) ud_add_at(&k->ud, i, more);
+}
+
+/* A rank-one change of the covariance takes long: one slow state a row has its time since the last, in turn, and each that is due. */
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  const tse_real left = left_of(r_min(dt, MOST_AGE), ROAD_TIME);
-  for (int i = HAS_SLIP ? 0 : 1; i < 2; i++) {
-    const int at = gravity[i];
-    const tse_real mean = road_mean(p, k, i);
-    k->x[at] -= mean;
-    fade(k, at, left, road_sd(p, k, i));
-    k->x[at] += mean;
+  for (int n = 0; n < TSE_SLOW; n++) {
+    const int i = PLACED + n;
+    tse_real *const since = &k->since_slow[n];
+    *since = r_min(*since + dt, LONGEST_DT);
+    if (n != k->slow_turn && *since < (i < FAST ? WANDER_TIME : WALK_TIME)) continue;
+    if (i < FAST) wander(p, k, i == GY, *since);
+    else walk(p, k, i, *since);
+    *since = TSE_R(0);
   }
-  walk_slowly(p, k, dt);
+  k->slow_turn = k->slow_turn < TSE_SLOW - 1 ? k->slow_turn + 1 : 0;
   k->change_age = k->change_kind ? r_min(k->change_age + dt, LONGEST_TIME) : TSE_R(0);
 }
 

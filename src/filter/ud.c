@@ -98,6 +98,22 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
+/* Let D of state j, and the extra states, take their part of c a a'.
+ *   Updated:  a  without it, of extra states; c  what is left      Returned: share and pull of column j of U; 0: it has none */
+static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
+{
+  const tse_real own = r_long_scaled(a[j], up);
+  if (own == TSE_R(0)) return 0;
+  const tse_real ca = r_mul(*c, own), more = r_mul(ca, own), d = r_max(p->d[j] + more, LEAST_D);
+  const r_divided over = r_divisor(d);
+  *share = r_quotient(ca, over, -up);
+  *pull = r_factor(-own, up);
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_in_turn(&p->w[e][j], &a[STATES + e], *share, *pull, 1);
+  *c = r_left(*c, p->d[j], more, over);
+  p->d[j] = d;
+  return 1;
+}
+
 void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
 {
   tse_short row[TSE_ALL];
@@ -105,16 +121,13 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
   const int up = r_scale_of(a, last + 1, r_scale_of(a + STATES, EXTRAS_IN_USE(p), 64));
   for (int j = 0; j <= last; j++) row[j] = r_short_scaled(a[j], up);
   for (int j = STATES; j < STATES + EXTRAS_IN_USE(p); j++) row[j] = r_short_scaled(a[j], up);
-  for (int j = last; j >= 0; j--) {
-    const tse_real own = r_long_scaled(row[j], up);
-    if (own == TSE_R(0)) continue;
-    const tse_real ca = r_mul(c, own), more = r_mul(ca, own), d = r_max(p->d[j] + more, LEAST_D);
-    const r_divided over = r_divisor(d);
-    const r_factored share = r_quotient(ca, over, -up), pull = r_factor(-own, up);
-    r_add_in_turn(&p->u[ud_column(j)], row, share, pull, j);
-    for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_in_turn(&p->w[e][j], &row[STATES + e], share, pull, 1);
-    c = r_left(c, p->d[j], more, over);
-    p->d[j] = d;
+  for (int j = last; j >= 0; j--) { /* two columns together, where both have a part */
+    r_factored share[2], pull[2];
+    if (!take_part(p, row, up, j, &c, &share[0], &pull[0]) || j == 0) continue;
+    tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j - 1)] };
+    r_add_in_turn(&u[0][j - 1], &row[j - 1], share[0], pull[0], 1);
+    if (take_part(p, row, up, j - 1, &c, &share[1], &pull[1])) r_add_in_turn_twice(u, row, share, pull, --j);
+    else r_add_in_turn(u[0], row, share[0], pull[0], j - 1);
   }
   extras_add(p, row + STATES, up, c);
 }
@@ -153,10 +166,10 @@ typedef struct sums {
 /* Multiply M by U.   Updated: columns of U behind the motion, which may be anything   Returned: s  columns of the motion */
 static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
-  tse_short sum[MOTION];
   for (int j = STATES - 1; j >= 0; j--) {
-    tse_short *const u = &p->u[ud_column(j)];
-    for (int i = 0; i < MOTION; i++) sum[i] = r_slope_sum(M[i][j], M[i], u, j);
+    tse_short *const u = &p->u[ud_column(j)], sum[MOTION];
+    for (int i = 0; i < MOTION; i++) sum[i] = M[i][j];
+    r_slope_sums(sum, MOTION, M[0], PLACES, &u, 1, j);
     for (int i = 0; i < MOTION; i++) {
       if (j < MOTION) s->row[i][j] = sum[i];
       else u[i] = sum[i];
@@ -218,15 +231,13 @@ void ud_fade(tse_ud *p, int i, tse_real share)
   for (int j = i + 1; j < STATES; j++) p->u[ud_column(j) + i] = r_short(r_mul(r_long(p->u[ud_column(j) + i]), share));
 }
 
-tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v)
+tse_real ud_measure_sparse(const tse_ud *p, const tse_real *h, const r_sparse *own, tse_real *f, tse_real *v)
 {
   tse_real sum = TSE_R(0);
-  r_sparse own;
   int count = 0;
-  r_sparse_of(h, STATES, &own);
   for (int j = 0; j < STATES; j++) {
-    tse_real s = r_sum_sparse(h[j], &p->u[ud_column(j)], &own, count);
-    if (count < own.count && own.at[count] == j) count++;
+    tse_real s = r_sum_sparse(h[j], &p->u[ud_column(j)], own, count);
+    if (count < own->count && own->at[count] == j) count++;
     for (int e = 0; e < EXTRAS_IN_USE(p); e++) s += r_mul(r_long(p->w[e][j]), h[STATES + e]);
     f[j] = s;
     v[j] = r_mul(p->d[j], s);
@@ -240,6 +251,13 @@ tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v
     sum += r_mul(v[STATES + e], s);
   }
   return sum;
+}
+
+tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v)
+{
+  r_sparse own;
+  r_sparse_of(h, STATES, &own);
+  return ud_measure_sparse(p, h, &own, f, v);
 }
 
 void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, tse_real r, tse_real *gain)
@@ -257,15 +275,26 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
     for (int k = 0; k < e; k++) r_add_both(&p->w[k][STATES + e], &g[STATES + k], pull, push, 1);
     g[STATES + e] = r_short_of(push, v[STATES + e], up);
   }
-  for (int j = 0; j < STATES; j++) {
-    const tse_real before = s, more = r_mul(v[j], f[j]);
-    const r_factored pull = r_quotient(-f[j], over, -up), push = r_factor(v[j], up);
-    s += more;
-    over = r_divisor(s);
-    p->d[j] = r_max(r_left(p->d[j], before, more, over), LEAST_D);
-    r_add_both(&p->u[ud_column(j)], g, pull, push, j);
-    for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_both(&p->w[e][j], &g[STATES + e], pull, push, 1);
-    g[j] = r_short_of(push, v[j], up);
+  for (int j = 0; j < STATES; j += 2) { /* two columns together */
+    const int columns = j + 1 < STATES ? 2 : 1;
+    tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j + 1)] };
+    r_factored pull[2], push[2];
+    for (int c = 0; c < columns; c++) {
+      const tse_real before = s, more = r_mul(v[j + c], f[j + c]);
+      pull[c] = r_quotient(-f[j + c], over, -up);
+      push[c] = r_factor(v[j + c], up);
+      s += more;
+      over = r_divisor(s);
+      p->d[j + c] = r_max(r_left(p->d[j + c], before, more, over), LEAST_D);
+      for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_both(&p->w[e][j + c], &g[STATES + e], pull[c], push[c], 1);
+      g[j + c] = r_short_of(push[c], v[j + c], up);
+    }
+    if (columns < 2) {
+      r_add_both(u[0], g, pull[0], push[0], j);
+      continue;
+    }
+    r_add_both_twice(u, g, pull, push, j);
+    r_add_both(&u[1][j], &g[j], pull[1], push[1], 1);
   }
   const r_factored share = r_quotient(TSE_R(1), over, -up);
   for (int i = 0; i < STATES + EXTRAS_IN_USE(p); i++) gain[i] = r_times(g[i], share);

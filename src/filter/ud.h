@@ -51,6 +51,8 @@ void ud_fade(tse_ud *p, int i, tse_real share);
 /* Weigh a scalar measurement with slopes h. All vectors have STATES elements and those of the extra states in use.
  *   Returned: f = U' h, v = D f; h' P h, the variance of the state in the innovation */
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
+/* The same.   Given: own  the first STATES elements of h */
+tse_real ud_measure_sparse(const tse_ud *p, const tse_real *h, const r_sparse *own, tse_real *f, tse_real *v);
 
 /* Correct the covariance by that measurement, with noise of variance r; own: what ud_measure() returned.   Returned: gain, as long as f */
 void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, tse_real r, tse_real *gain);

@@ -44,6 +44,32 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
   return k->usual[c];
 }
 
+/* Uncertain quantities that are taken together. */
+enum { TOGETHER = R_TOGETHER(TSE_CONSIDERED) };
+
+/* Find by how much each uncertain quantity shifts an innovation.   Given: own  without what it shifts the state by */
+static void shifts_of(const tse_kalman *k, const tse_real own[TSE_CONSIDERED], const r_sparse *h, tse_real y[TSE_CONSIDERED])
+{
+  for (int q = 0; q < TSE_CONSIDERED; q += TOGETHER) {
+    r_dot sum[TOGETHER];
+    for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_start(own[q + b]);
+    for (int i = 0; i < h->count; i++)
+      for (int b = 0; b < TOGETHER; b++) sum[b] = r_dot_plus(sum[b], h->m[i], k->consider[q + b][h->at[i]]);
+    for (int b = 0; b < TOGETHER; b++) y[q + b] = r_dot_end(own[q + b], sum[b], h->right);
+  }
+}
+
+/* Move what they shift the state by, by -K y. */
+static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], const r_scaled *gain, int n)
+{
+  for (int q = 0; q < TSE_CONSIDERED; q += TOGETHER) {
+    r_factored back[TOGETHER];
+    for (int b = 0; b < TOGETHER; b++) back[b] = r_factor(-y[q + b], gain->up);
+    for (int i = 0; i < n; i++)
+      for (int b = 0; b < TOGETHER; b++) k->consider[q + b][i] = r_plus_times(k->consider[q + b][i], back[b], gain->m[i]);
+  }
+}
+
 /* Use one measurement.
  *   Given:     channel  ACCEL_X ... or NO_SENSOR_*      sd  of the sensor
  *   Updated:   change  what all measurements of this row move the state by so far, in units
@@ -58,13 +84,12 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   tse_short room[TSE_ALL];
   r_sparse h;
   const int n = STATES + k->ud.extras;
-  const tse_real own = ud_measure(&k->ud, m->h, f, v), square = r_mul(m->e, m->e);
+  r_sparse_of(m->h, STATES, &h);
+  const tse_real own = ud_measure_sparse(&k->ud, m->h, &h, f, v), square = r_mul(m->e, m->e);
   tse_real consider_var = TSE_R(0);
-  r_sparse_of(m->h, n, &h);
-  for (int q = 0; q < TSE_CONSIDERED; q++) {
-    y[q] = r_sum_sparse(m->consider[q], k->consider[q], &h, h.count);
-    consider_var += r_mul(y[q], y[q]);
-  }
+  if (n > STATES) r_sparse_of(m->h, n, &h);
+  shifts_of(k, m->consider, &h, y);
+  for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = own + consider_var;
   const tse_real r = r_max(m->r, r_div(square, TAIL) - *state), s = *state + r, alone = own + r; /* further off: a smaller gain */
   ud_correct(&k->ud, f, v, own, r, gain);
@@ -83,16 +108,16 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   const r_scaled scaled = r_scaled_of(gain, n, room);
   events_learn(k, channel, channel >= 0 && m->along, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
   for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
-  for (int q = 0; q < TSE_CONSIDERED; q++)
-    if (y[q] != TSE_R(0)) r_add_row(k->consider[q], scaled.m, r_factor(-y[q], scaled.up), n);
+  correct_shifts(k, y, &scaled, n);
   return s;
 }
 
-/* Add the summed correction to x, within its bounds; add (OWN_SHARE times the correction)^2 to the variance of each stiffness. */
+/* Add the summed correction to x, within its bounds; keep (OWN_SHARE times the correction)^2 for the variance of each stiffness, of which one
+ * is due a row (rest_row()). */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
-  for (int i = STIFFNESS; i <= LCR; i++) ud_add_at(&k->ud, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
+  for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) k->moved[a] = r_min(k->moved[a] + r_sqr(r_mul(OWN_SHARE, change[stiffness_at(a)])), MOST_D); /* what was learnt before, at other slopes, holds less */
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 

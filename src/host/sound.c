@@ -56,8 +56,11 @@ static int sound_velocity(const tse_velocity *m, int in_use)
 
 static int sound_agreement(const tse_agreement *a)
 {
-  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << TSE_PAIRS) - 1) && sound_int(a->off_scale, 0, 1);
+  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << (TSE_PAIRS + 3)) - 1) && sound_int(a->off_scale, 0, 1);
   fine = fine && sound_reals(&a->since, 1, TSE_R(0), MOST_REAL) && sound_reals(a->moved[0], 4, TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(&a->across.square, 1, TSE_R(0), MOST_SQUARE) && sound_reals(&a->across.late, 1, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(&a->steered.square, 1, TSE_R(0), MOST_SQUARE) && sound_reals(&a->steered.late, 1, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(&a->lags, 1, TSE_R(0), MOST_SQUARE) && sound_reals(&a->complete_for, 1, TSE_R(0), LONGEST_DT);
   for (int i = 0; i < TSE_PAIRS; i++) {
     const tse_pair *const q = &a->pair[i];
     fine = fine && sound_reals(&q->time, 1, TSE_R(0), MOST_REAL) && sound_reals(q->mean, 2, -MOST_REAL, MOST_REAL);
@@ -73,9 +76,10 @@ static int sound_along(const tse_along *a)
 
 static int sound_kalman(const tse_kalman *k, int started)
 {
-  const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->change_age, &k->agrees_for };
+  const tse_real *const not_negative[] = { &k->seen, &k->change_age, &k->agrees_for };
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
-             sound_int(k->slow_turn, 0, INT32_MAX - 1);
+             sound_int(k->slow_turn, 0, TSE_SLOW - 1);
+  fine = fine && sound_reals(k->since_slow, TSE_SLOW, TSE_R(0), MOST_REAL) && sound_reals(k->moved, 3, TSE_R(0), MOST_VARIANCE);
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL) && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
   fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_VARIANCE);
   fine = fine && (k->ud.extras == 0 || k->ud.extras == MOST_EXTRAS) && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);

@@ -58,6 +58,7 @@ typedef struct tse_particles {
 #error "TSE_SMALL goes with TSE_NO_VELOCITY and TSE_NO_PARTICLES"
 #endif
 #define TSE_STATES 14
+#define TSE_SLOW 9
 #define TSE_SUBSTEPS 4
 #define TSE_UNCERTAIN_ALL 11
 #define TSE_VALUES (TSE_STATES + TSE_UNCERTAIN_ALL + 8) /* places of the state, with those of what is none here */
@@ -66,6 +67,7 @@ typedef struct tse_particles {
 #define TSE_EVENTS 2
 #else
 #define TSE_STATES 23   /* src/model/car.h */
+#define TSE_SLOW 14     /* of them, the last ones: gravity and random walks */
 #define TSE_SUBSTEPS 8
 #define TSE_VALUES TSE_STATES
 #define TSE_UNCERTAIN_ALL 10 /* what may be a consider parameter (Schmidt): uncertain, and no state */
@@ -196,13 +198,21 @@ typedef struct tse_pair {
   tse_real mean[2], var[2], both;     /* their means, variances and covariance */
 } tse_pair;
 
+/* Whether one of two channels comes late: sums over SCALE_TIME, src/filter/plausible.c. */
+typedef struct tse_timing {
+  tse_real square, late;              /* [m2/s5] square of the slope of the first times seconds; [m2/s4] that times how late the second is */
+} tse_timing;
+
 #define TSE_PAIRS 5
 typedef struct tse_agreement {
   tse_real smooth[6];
   tse_pair pair[TSE_PAIRS];
   tse_real since;                     /* [s] since a row that has a wheel speed */
   tse_real moved[2][2];               /* [m2/s3] square of v r and its product with accel_y, of accel_x and with the change of the wheels' speed, times seconds */
-  int32_t apart, off_scale;           /* bits, by pair: the two are not the same; 1: accelerometers saw another speed than the wheels */
+  tse_timing across, steered;         /* how late accel_y is behind v r; yaw_rate behind the steering angle */
+  tse_real lags;                      /* [m2/s4] square of the slope of v r times how late the car's side slip makes accel_y, times seconds */
+  tse_real complete_for;              /* [s] for so long each row has had accel_y, yaw_rate and steer_angle */
+  int32_t apart, off_scale;           /* bits, by pair, and behind them LATE_ACCEL ...: the two are not the same; 1: accelerometers saw another speed than the wheels */
 } tse_agreement;
 
 /* The slip stiffness itself before anything was learnt of it: LCX is it and what the model lacks along the car. */
@@ -221,7 +231,8 @@ typedef struct tse_kalman {
   tse_real pitch[2];                  /* [m/s2] a_x as the body's pitch follows it */
   tse_real steer[3];                  /* [rad] logged angle, after one lag, after both */
   tse_real road[2];                   /* [m/s2] gravity along and across as given; 0 where not given */
-  tse_real since_slow;                /* [s] since a slow state had its share of process noise */
+  tse_real since_slow[TSE_SLOW];      /* [s] since each slow state had its share of process noise */
+  tse_real moved[3];                  /* [unit2] share of each stiffness in it by how far it has moved since */
   tse_real seen;                      /* [s] of rows that the filter has followed since its start */
   tse_real nis[TSE_SENSORS];          /* [1] of each channel in the last row; 0 where it was not used */
   tse_real lasting[TSE_SENSORS], lasting_var[TSE_SENSORS]; /* part of the innovation that is not white; its variance */

@@ -23,6 +23,14 @@
 #include <arm_acle.h>
 #endif
 
+/* Rows that are taken together, one element of each after the other, of `rows`: what they have in common is read once for
+ * them, by a core that takes one element at a time. */
+#if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
+#define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
+#else
+#define R_TOGETHER(rows) 1
+#endif
+
 #define ROW_MOST 32 /* elements of a row */
 #define ROW_UP 4    /* what rows are scaled by whose numbers are small */
 
@@ -67,16 +75,18 @@ static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); 
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
 /* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units: x to/over, held within most, of factors that
- * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a row, x/over    r_slope_sum: from + slopes times a row */
+ * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a row, x/over    r_slope_sums: to + rows of slopes,
+ * so far apart, times each of some rows */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
 static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most) { return r_clamp(r_mul(r_mul(x, to), over), -most, most); }
 static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most) { return r_clamp(r_mul(x, over), -most, most); }
-static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, const tse_short *x, int n)
+static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
-  for (int i = 0; i < n; i++) from += r_mul(slope[i], x[i]);
-  return from;
+  for (int j = 0; j < n; j++) /* one element after the other: the sums stay in registers */
+    for (int i = 0; i < rows; i++)
+      for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
 /* Row x as the second of a sum of products; room: for it.   Returned: *right  its shift */
@@ -109,6 +119,11 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
   for (int i = 0; i < count; i++) from += r_mul(s->m[i], x[s->at[i]]);
   return from;
 }
+
+typedef tse_real r_dot;
+static inline r_dot r_dot_start(tse_real from) { return from; }
+static inline r_dot r_dot_plus(r_dot sum, tse_short a, tse_short x) { return sum + r_mul(a, x); }
+static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right) { return (void)from, (void)right, sum; }
 
 /* Sums of products that are made element by element: see below. */
 typedef tse_real r_coefficient;
@@ -319,6 +334,11 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
   return from + fixed_shifted(sum, SHORT_BITS + s->right);
 }
 
+typedef int64_t r_dot;
+static inline r_dot r_dot_start(tse_real from) { return (void)from, 0; }
+static inline r_dot r_dot_plus(r_dot sum, tse_short a, tse_short x) { return sum + fixed_product(a, x); }
+static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right) { return from + fixed_shifted(sum, SHORT_BITS + right); }
+
 /* A factor below a half, as what a row is multiplied by and 2^32 shows: the digits that are shifted out are less than an eighth of a step
  * of the row. */
 static inline int32_t factor_below_half(r_factored a) { return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m; }
@@ -365,10 +385,13 @@ static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most
   return (void)most, FIXED_NARROW(product, ROW_UP + 23);
 }
 
-static inline tse_short r_slope_sum(tse_short from, const tse_short *slope, const tse_short *x, int n)
+static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
-  const int64_t sum = (int64_t)from * (1 << SHORT_BITS) + fixed_sum(slope, x, n);
-  return FIXED_NARROW(sum, SLOPE_BITS);
+  for (int i = 0; i < rows; i++)
+    for (int b = 0; b < together; b++) {
+      const int64_t sum = (int64_t)to[i * together + b] * (1 << SHORT_BITS) + fixed_sum(&slope[i * stride], x[b], n);
+      to[i * together + b] = FIXED_NARROW(sum, SLOPE_BITS);
+    }
 }
 
 /* Sums of products that are made element by element, of coefficients and numbers of rows that are scaled: exact in 64 bits, rounded at
@@ -406,12 +429,38 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
   }
 }
 
+/* The same with y[0] and then with y[1]: x is read once for both. */
+static inline void r_add_both_twice(tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
+{
+  tse_short *const y0 = y[0], *const y1 = y[1];
+  const r_factored a0 = a[0], a1 = a[1], b0 = b[0], b1 = b[1];
+  for (int i = 0; i < n; i++) {
+    const tse_short was0 = y0[i], was1 = y1[i], before = x[i], between = r_plus_times(before, b0, was0);
+    y0[i] = r_plus_times(was0, a0, before);
+    y1[i] = r_plus_times(was1, a1, between);
+    x[i] = r_plus_times(between, b1, was1);
+  }
+}
+
 /* x += b y, y += a x, with x as it is then */
 static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   for (int i = 0; i < n; i++) {
     x[i] = r_plus_times(x[i], b, y[i]);
     y[i] = r_plus_times(y[i], a, x[i]);
+  }
+}
+
+/* The same with y[0] and then with y[1]. */
+static inline void r_add_in_turn_twice(tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
+{
+  tse_short *const y0 = y[0], *const y1 = y[1];
+  const r_factored a0 = a[0], a1 = a[1], b0 = b[0], b1 = b[1];
+  for (int i = 0; i < n; i++) {
+    const tse_short was0 = y0[i], was1 = y1[i], between = r_plus_times(x[i], b0, was0), after = r_plus_times(between, b1, was1);
+    y0[i] = r_plus_times(was0, a0, between);
+    y1[i] = r_plus_times(was1, a1, after);
+    x[i] = after;
   }
 }
 

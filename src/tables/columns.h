@@ -153,7 +153,7 @@
       "cornering stiffness in effect, rear axle: force over slip at this row's slip and load") \
   NUMBER(fault_factor, fault_factor, "1", \
       "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none " \
-      "or no factor: exchanged, stuck")
+      "or no factor: exchanged, stuck, late")
 #define TRUTHS(NUMBER, STIFFNESS) \
   NUMBER(true, vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
   NUMBER(true, vel_y, vel_y, "m/s", "lateral velocity of the centre of gravity") \
@@ -211,8 +211,8 @@
       "a number reached the end of the range of the number format: it stops there, or the sample was " \
       "dropped") \
   ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", \
-      "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, " \
-      "fault_factor how many times too large it is")
+      "the channels contradict each other: a wrong unit, sign or axle, or one comes late; fault_channel " \
+      "says which, fault_factor how many times too large it is")
 #define REASON_CODES(ROW) \
   ROW(TSE_VALID, "valid", "usable") \
   ROW(TSE_STARTING, "starting", "too little seen since the start") \
@@ -228,7 +228,8 @@
   ROW(TSE_MISFIT, "does not fit", \
       "the sensors say what the model does not explain: calibrate, or look for what is missing") \
   ROW(TSE_IMPLAUSIBLE, "implausible", \
-      "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)")
+      "the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, " \
+      "fault_factor)")
 #define REPLAY_START(ROW) \
   ROW(cx_front, 1.0, "1", "longitudinal stiffness, share of nominal (rear follows as the settings say)") \
   ROW(cy_front, 1.0, "1", "front cornering stiffness, share of nominal") \

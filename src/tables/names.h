@@ -47,6 +47,7 @@
 #define ud_fade_extra TSE_NAME(tse_ud_fade_extra)
 #define ud_forget TSE_NAME(tse_ud_forget)
 #define ud_measure TSE_NAME(tse_ud_measure)
+#define ud_measure_sparse TSE_NAME(tse_ud_measure_sparse)
 #define ud_move TSE_NAME(tse_ud_move)
 #define ud_open TSE_NAME(tse_ud_open)
 #define ud_renew TSE_NAME(tse_ud_renew)

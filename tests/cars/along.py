@@ -18,9 +18,9 @@ import pandas as pd
 import tse
 from tests.cars import ROADS, make_logs
 from tests.cars.study import RESULTS
-from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, make_vehicle, ordinary_car
+from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, get_ordinary_car, make_vehicle
 from tse.channels.log import read_frame
-from tse.identify.slip import longitudinal
+from tse.identify.slip import estimate_longitudinal
 from tse.library.core import Config, NativeFilter
 from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
@@ -85,7 +85,7 @@ def config_of(vehicle: Vehicle, log: CheckedLog) -> Config:
     fill_sensors(vehicle, log)
     config = Config.exact(vehicle.values)
     vehicle.values = stated
-    setattr(config, SHAPE, ordinary_car(config)[SHAPE])
+    setattr(config, SHAPE, get_ordinary_car(config)[SHAPE])
     return config
 
 
@@ -102,7 +102,7 @@ def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
         config = config_of(vehicle, logs[0])
         true = of_car[0].truth["linear_stiffness"][f"cx_{axle}"]
         before = getattr(config, f"longitudinal_stiffness_{axle}")
-        mean, sd = longitudinal(config, {}, logs, vehicle)
+        mean, sd = estimate_longitudinal(config, {}, logs, vehicle)
         line = np.nanmean([line_of(log, vehicle) for log in logs])
         found = np.array([before, line, before * np.exp(mean)]) / true - 1.0
         errors.append([*found, abs(np.log1p(found[2])) < 1.96 * sd])
@@ -120,7 +120,7 @@ def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
     log = read_frame(made.log)
     config = config_of(vehicle, log)
     true, before = about["longitudinal_stiffness_front"], config.longitudinal_stiffness_front
-    mean, sd = longitudinal(config, {}, [log], vehicle)
+    mean, sd = estimate_longitudinal(config, {}, [log], vehicle)
     off = {
         "class": before / true,
         "line": line_of(log, vehicle) / true,

@@ -22,7 +22,7 @@ from tests.cars.real import row as real_row
 from tests.cars.study import OFF, SETTLED, driven, parser_of_kept, score, table
 from tse.calibration import own
 from tse.car.config import make_config
-from tse.car.vehicle import Vehicle, filter_values, read_vehicle
+from tse.car.vehicle import Vehicle, make_filter_values, read_vehicle
 from tse.channels.log import read_log
 from tse.library.core import Config, NativeFilter
 from tse.log.rows import CheckedLog
@@ -39,13 +39,13 @@ AXLES = ("cy_front", "cy_rear")
 
 def calibrated(vehicle: Vehicle, log: CheckedLog) -> Vehicle:
     """Return the car as `tselab estimate` takes it: calibrated on the log, or of its class."""
-    return own.calibrated(vehicle, [log]).vehicle(vehicle)
+    return own.calibrate_once(vehicle, [log]).apply_to(vehicle)
 
 
 def with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
     """Return settings whose prior of the stiffness has so much of the posterior sd, at most that of the class."""
     config, _ = make_config(vehicle, log)
-    ordinary = filter_values(Vehicle(None, "", dict(vehicle.values), dict(vehicle.facts)))
+    ordinary = make_filter_values(Vehicle(None, "", dict(vehicle.values), dict(vehicle.facts)))
     for key in AXLES:
         name = f"initial_{key}_sd"
         config.set(name, min(share * getattr(config, name), ordinary[name]))
@@ -88,7 +88,7 @@ def of_real(scratch: Path) -> list[str]:
     for name in sorted(p.parent.name for p in DATA.glob("*/data.csv")):
         path = DATA / name / "vehicle.toml"
         stated, log = read_vehicle(path), read_log(DATA / name / "data.csv")
-        made = own.calibrated(stated, [log])
+        made = own.calibrate_once(stated, [log])
         files = {CLASS: path}
         if made.text:
             files[ITSELF] = scratch / f"{name}.toml"

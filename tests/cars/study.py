@@ -23,11 +23,11 @@ from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
 from tests.cars.logs import LEAST_ANGLE
 from tse.calibration import output, workflow
-from tse.calibration.result import Result
+from tse.calibration.result import CalibrationResult
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.identify.unknowns import LATENCY
+from tse.identify.unknowns import LATENCY_SUFFIX
 from tse.library.core import NOMINAL, STIFFNESS, Config, Library, NativeFilter
 from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
@@ -182,7 +182,7 @@ def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
                 made.write(folder / f"car{k}" / what, road)
 
 
-def physical(car: str, result: Result, truth: dict[str, Any]) -> list[dict[str, Any]]:
+def physical(car: str, result: CalibrationResult, truth: dict[str, Any]) -> list[dict[str, Any]]:
     """What was found of the car itself, less what is true; in units of the truth where that is RELATIVE."""
     rows, true = [], truth["parameters"] | truth["sensors"]
     for f in (f for f in result.findings if f.name in PHYSICAL):
@@ -192,7 +192,7 @@ def physical(car: str, result: Result, truth: dict[str, Any]) -> list[dict[str, 
         rows.append(
             {"car": car, "name": f.name, "off": off, "before": before, "sd": f.sd / by, "shown": f.shown}
         )
-    found = output.values(result)
+    found = output.collect_settings(result)
     for name, key in STIFF.items():
         both = truth["linear_stiffness"][key]
         before = getattr(result.config, name) / both - 1
@@ -217,8 +217,8 @@ def calibrate(folder: Path) -> dict[str, Any]:
     truth_of_car = json.loads((folder / "fit" / "truth.json").read_text(encoding="utf-8"))
     drives = truth_of_car["logs"].values()
     latencies = []
-    for f in (f for f in result.findings if f.name.endswith(LATENCY)):
-        channel = f.name.removesuffix(LATENCY)
+    for f in (f for f in result.findings if f.name.endswith(LATENCY_SUFFIX)):
+        channel = f.name.removesuffix(LATENCY_SUFFIX)
         true = float(np.mean([d["latency"][channel] - d["latency"]["yaw_rate"] for d in drives]))
         latencies.append(
             {

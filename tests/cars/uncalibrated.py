@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
 from tse.car.config import make_config
-from tse.car.vehicle import filter_values, make_vehicle
+from tse.car.vehicle import make_filter_values, make_vehicle
 from tse.channels.log import read_frame
 from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, SimConfig
 from tse.report.tables import markdown_table
@@ -55,10 +55,10 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
         CAR if of_class else {key: getattr(Config.exact(), key) for key in FACTS} | {"driven_axle": "front"}
     )
     vehicle = make_vehicle(dict(facts), Path("car.toml"))
-    car = Config.exact((filter_values(vehicle) if of_class else {}) | effects)
+    car = Config.exact((make_filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
     sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
-    duration = max(LEAST, maneuvers.KINDS[maneuver].duration)
+    duration = max(LEAST, maneuvers.MANEUVERS[maneuver].duration)
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
     config, _ = make_config(vehicle, log)
@@ -100,7 +100,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-uncalibrated.md", help="the table")
     given = parser.parse_args(arguments)
     seeds = range(given.first, given.first + given.seeds)
-    jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds, CARS))
+    jobs = list(product(maneuvers.MANEUVERS, RELAXATION, ROLL, seeds, CARS))
     with ProcessPoolExecutor(given.jobs) as pool:
         runs = pd.DataFrame(
             tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr)
@@ -109,7 +109,7 @@ def main(arguments: list[str]) -> int:
     head = f"""# Not calibrated
 
 `python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator,
-{len(maneuvers.KINDS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds, of two
+{len(maneuvers.MANEUVERS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds, of two
 cars: *{CARS[0]}*, its stiffness is off the class's by a factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*,
 whose yaw inertia is off the class's, too. The filter knows mass, axles, radii and driven axle, and the class.
 Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from test_can import ROOT, run, tool
 
-from tse.car.formula import Number, c_header, parse
+from tse.car.formula import Number, format_c_header, parse
 
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 FORMATS = ("double", "float", "fixed")
@@ -193,7 +193,7 @@ def test_a_formula_is_compiled_in(two: Path, tmp_path: Path) -> None:
     formula = parse(
         "offset", "an offset of the angle", "front_angle", "k*steer_angle", [Number("k", 0.1, "1")]
     )
-    (tmp_path / "tse_formula.h").write_text(c_header(formula))
+    (tmp_path / "tse_formula.h").write_text(format_c_header(formula))
     run(
         tool("cc"),
         *WARNINGS,

@@ -37,9 +37,9 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     """One case."""
     from tests.gap.generator import Spec, make_cases
     from tse.calibration import output
-    from tse.calibration.workflow import of_logs
+    from tse.calibration.workflow import calibrate_logs
     from tse.car.config import make_config
-    from tse.car.vehicle import known_stiffness, read_vehicle
+    from tse.car.vehicle import list_known_stiffness, read_vehicle
     from tse.channels.log import read_log
     from tse.gaps.run import add
     from tse.gaps.run.workflow import run as gap
@@ -54,10 +54,10 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
         fitted = sorted(folder.glob("log_*.csv"))
         result = gap(fitted, folder / "car.toml")
         improved, _ = add.write(out, folder / "car.toml", result.problem, result)
-        calibrated = of_logs([read_log(p) for p in fitted], read_vehicle(folder / "car.toml"))
+        calibrated = calibrate_logs([read_log(p) for p in fitted], read_vehicle(folder / "car.toml"))
         output.write(out / "calibrated.toml", calibrated, [p.name for p in fitted])
         known = {
-            k: known_stiffness(read_vehicle(path))
+            k: list_known_stiffness(read_vehicle(path))
             for k, path in (("gap", improved), ("car", out / "calibrated.toml"))
         }
         files = {"before": read_vehicle(folder / "car.toml"), "after": read_vehicle(improved)}

@@ -1,4 +1,5 @@
-"""The command `tselab calibrate`: on logs of another simulator (tests/gap/generator), and what goes wrong."""
+"""The command `tselab calibrate` on logs of another simulator
+(tests/gap/generator.py)."""
 
 import json
 import re
@@ -19,16 +20,23 @@ from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tse.calibration import workflow
-from tse.calibration.result import Channel, Finding, Proof, against, misstated, proof_words
+from tse.calibration.result import (
+    NumberFinding,
+    Proof,
+    ProofChannel,
+    describe_misstated,
+    describe_proofs,
+    list_contradicting,
+)
 from tse.car.formula import Number, parse, write_formula
-from tse.car.vehicle import Vehicle, ordinary_car, read_vehicle
+from tse.car.vehicle import Vehicle, get_ordinary_car, read_vehicle
 from tse.channels.log import read_frame
 from tse.identify import vehicle_file
-from tse.identify.fit import Fit
+from tse.identify.fit import CarFit
 from tse.identify.lasting import Piece
-from tse.identify.slip import MODEL_SD, slip_bands, slip_words, slips
-from tse.identify.unknowns import LATE, UNKNOWNS, prior_of
-from tse.identify.vehicle_file import BEFORE, unexplained
+from tse.identify.slip import SLIP_MODEL_SD, apply_slip_regression, describe_slip, describe_wheel_latencies
+from tse.identify.unknowns import LATE_CHANNELS, UNKNOWNS, make_prior
+from tse.identify.vehicle_file import PRIOR_PIECES, measure_unexplained
 from tse.library.core import NOMINAL, Config
 from tse.library.files import read_toml
 from tse.log.rows import CheckedLog
@@ -40,7 +48,7 @@ EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay"
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two logs and a held-out one of 25 s of a car of the generator."""
+    """Make two logs and a held-out one of 25 s, of a car of the generator."""
     folder = tmp_path_factory.mktemp("case")
     next(
         make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])
@@ -66,7 +74,7 @@ def calibrated(case: Path) -> tuple[Path, Result]:
 
 
 def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, Result]) -> None:
-    """Within 3.5 sd, or 2 ms and a tenth: of a model that has these effects in other forms."""
+    """Within 3.5 sd, or 2 ms and a tenth: the model has these effects in other forms."""
     out, run = calibrated
     assert run.code == 0, run.err
     truth = json.loads((case / "truth.json").read_text())["changed"]
@@ -75,12 +83,11 @@ def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, Res
     true = 0.5 * (truth["sigma_front"] + truth["sigma_rear"])
     assert abs(relaxation["value"] - true) < max(3.5 * relaxation["sd"], 0.1 * true)
     late = found["steering_lag_time"]["value"] - found["steer_angle_latency"]["value"]
-    assert late == pytest.approx(
-        truth["steer_lag"] + truth["imu_delay"], abs=0.006
-    )  # of the two only the sum can be told apart well
+    # only the sum of both shows well
+    assert late == pytest.approx(truth["steer_lag"] + truth["imu_delay"], abs=0.006)
     axle = found["accel_y_latency"]
     assert abs(axle["value"]) < max(3.5 * axle["sd"], 0.002)
-    roll = found["body_roll_gain"]  # 50 s hardly tell more of it than that it is a car
+    roll = found["body_roll_gain"]  # 50 s show little of it
     assert abs(roll["value"] - truth["roll_gain"]) < 3.5 * roll["sd"]
 
 
@@ -99,10 +106,9 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     assert not [n for n in vehicle.notes if "not known" in n]
     assert set(vehicle.given_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
     assert len(vehicle.calibration["names"]) == len(UNKNOWNS) + 3
-    assert (
-        vehicle.values["model_sd"] < 0.07
-    )  # of a simulator, less than half of the class; real cars have .1 .. .3
-    assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
+    # for a simulator, less than half of the class; real cars: 0.1 .. 0.3
+    assert vehicle.values["model_sd"] < 0.07
+    assert vehicle.values["yaw_rate_bias_walk"] <= workflow.MAX_GYRO_WALK
     out = case / "again.toml"
     run = tselab_here(
         "calibrate", "--verbose", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out
@@ -112,16 +118,18 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     for a, b in zip(first, second, strict=True):
         assert b["prior_sd"] == pytest.approx(a["sd"], rel=1e-6), a["name"]
         assert b["prior"] == pytest.approx(a["value"], rel=1e-6, abs=1e-9), a["name"]
-    start = prior_of(vehicle, Config.exact(vehicle.values))
-    stiffness = [
-        start.mean[start.names.index(k)] for k in NOMINAL
-    ]  # over the file's, which has what was found
+    start = make_prior(vehicle, Config.exact(vehicle.values))
+    # over the file's, which has the result
+    stiffness = [start.mean[start.names.index(k)] for k in NOMINAL]
     np.testing.assert_allclose(stiffness, 0.0, atol=1e-12)
 
 
 def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> None:
-    """Of yaw_rate, over what happens: an error that lasts 0.4 s, of 0.04 rad/s in every fifth
-    manoeuvre of 10 s, else of 0.01, which holds in nine of ten as the larger one; 15 %: of 900 s."""
+    """An error of yaw_rate lasts 0.4 s.
+
+    It is 0.04 rad/s in every fifth manoeuvre of 10 s, else 0.01. The result holds in nine
+    of ten manoeuvres, so it is the larger one. 15 %: scatter of 900 s.
+    """
     rng, time, v = np.random.default_rng(2), 0.04 * np.arange(22500), 20.0
     error = lfilter([1.0], [1, -np.exp(-0.1)], rng.standard_normal(len(time))).reshape(90, 250)
     error -= error.mean(axis=1, keepdims=True)
@@ -130,50 +138,51 @@ def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> 
     size = np.full(len(time), 0.2)
     problem = SimpleNamespace(
         groups=[(0, "accel_y"), (0, "yaw_rate")],
-        one_at_speed=lambda g: np.full(len(time), 1.0 / v),
-        piece=lambda g, residual: Piece(time, size, residual),
+        compute_unit_yaw_rate=lambda g: np.full(len(time), 1.0 / v),
+        make_piece=lambda g, residual: Piece(time, size, residual),
     )
     constants = read_toml(ROOT / "src" / "tables" / "constants.toml")
     least = next(section["LEAST_ACTIVITY"] for section in constants.values() if "LEAST_ACTIVITY" in section)[
         "value"
     ]
     happens = 0.2**2 + (least / v) ** 2
-    left, count = unexplained(problem, [None, error])
+    left, count = measure_unexplained(problem, [None, error])
     assert left == pytest.approx(np.sqrt(0.04**2 * 0.4 / happens), rel=0.15)
     assert count == pytest.approx(90 * 0.2**2 / happens)
     problem.groups = [(0, "accel_y")]
-    assert unexplained(problem, [None]) == (0.0, 0.0)
+    assert measure_unexplained(problem, [None]) == (0.0, 0.0)
 
 
 def test_what_was_known_of_the_model_counts_beside_what_logs_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A log in which nothing happens changes nothing; a long one decides; at most what the setting takes."""
+    """A log without turning changes nothing, a long one decides, within the setting's
+    range."""
     for left, count, kept in (
         (0.03, 0.0, 0.12),
         (0.03, 1e6, 0.03),
         (0.65, 1e6, 0.5),
-        (0.03, BEFORE, np.hypot(0.03, 0.12) / np.sqrt(2)),
+        (0.03, PRIOR_PIECES, np.hypot(0.03, 0.12) / np.sqrt(2)),
     ):
-        monkeypatch.setattr(vehicle_file, "unexplained", lambda *_, found=(left, count): found)
-        assert vehicle_file.model_sd(None, [], 0.12) == pytest.approx(kept, rel=1e-3)
+        monkeypatch.setattr(vehicle_file, "measure_unexplained", lambda *_, found=(left, count): found)
+        assert vehicle_file.estimate_model_sd(None, [], 0.12) == pytest.approx(kept, rel=1e-3)
 
 
 def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
     page = calibrated[0].with_suffix(".html").read_text(encoding="utf-8")
     assert "converged after" in page and "relaxation length" in page
     assert page.count('class="plot"') == 2
-    for late in LATE:
+    for late in LATE_CHANNELS:
         assert f"{late}_latency" in page
 
 
 @pytest.mark.parametrize("sd", [0.06, 0.3])
 def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
-    """Within a tenth, of 240 s beside which the car speeds up and brakes; of two logs
-    that of the noisier one."""
+    """Within a tenth over 240 s of driving and braking; of two logs, the noisier one
+    counts."""
     log, rng = drive("front", 0.0, 7), np.random.default_rng(8)
     t = log.time
     loud = log.data.assign(accel_x=np.sin(t) + sd * rng.standard_normal(len(t)))
     other = log.data.assign(accel_x=np.sin(t) + 0.5 * sd * rng.standard_normal(len(t)))
-    found = workflow.row_noise([replace(log, data=other), replace(log, data=loud)], Config.exact())
+    found = workflow.measure_row_noise([replace(log, data=other), replace(log, data=loud)], Config.exact())
     assert found["accel_x_sd"] == pytest.approx(sd, rel=0.1)
     assert found.keys() == {"accel_x_sd", "accel_y_sd", "yaw_rate_sd"}
 
@@ -181,16 +190,16 @@ def test_noise_of_accel_x_is_that_of_the_rows(sd: float) -> None:
 def test_quantisation_is_found_where_it_is() -> None:
     rng = np.random.default_rng(6)
     signal = 3 * np.sin(0.01 * np.arange(6000)) + 0.02 * rng.standard_normal(6000)
-    assert workflow.step_of(signal) == 0
-    assert workflow.step_of(np.round(signal / 0.0123) * 0.0123) == pytest.approx(0.0123, rel=1e-6)
-    assert workflow.step_of(np.full(100, 2.0)) == 0
-    assert workflow.step_of(np.full(100, np.nan)) == 0
+    assert workflow.find_quantisation(signal) == 0
+    assert workflow.find_quantisation(np.round(signal / 0.0123) * 0.0123) == pytest.approx(0.0123, rel=1e-6)
+    assert workflow.find_quantisation(np.full(100, 2.0)) == 0
+    assert workflow.find_quantisation(np.full(100, np.nan)) == 0
 
 
 def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
     rows = made(3, 30.0)
     still = made(4, 30.0)
-    for name in ("steer_angle", "accel_y", "yaw_rate"):  # straight: what is left there is noise
+    for name in ("steer_angle", "accel_y", "yaw_rate"):  # straight: the residuals are noise
         rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(
             5
         ).standard_normal(len(rows))
@@ -215,8 +224,10 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
 
 
 def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> None:
-    """A yaw rate that reads more to one side than to the other, which no tyre does. The file is written into another directory,
-    where the next calibration finds the formula again."""
+    """A yaw rate reads more to one side than to the other, which no tyre does.
+
+    The file is written into another folder, where the next calibration finds the formula.
+    """
     lopsided = parse("lopsided", "one-sided", "yaw_rate", "k*abs(yaw_rate)", [Number("k", 0.1, "1")])
     log = write_log(tmp_path / "log.csv", car(tmp_path), "sweep", lopsided.settings(), 1, 15.0)
     write_formula(tmp_path / "mine.toml", lopsided)
@@ -246,10 +257,11 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
         == 12
     )
     assert read_vehicle(again).formula == lopsided
+    # the formula is kept
     assert (
         tselab_here("calibrate", "--verbose", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code
         == 2
-    )  # not over the formula
+    )
 
 
 def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
@@ -270,7 +282,7 @@ def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
 
 
 def test_a_log_of_seconds_is_nothing_to_rely_on(case: Path, tmp_path: Path) -> None:
-    """It converges: there is little to fit."""
+    """It converges, since there is little to fit."""
     rows = case.joinpath("log_slalom.csv").read_text().splitlines()
     log = tmp_path / "short.csv"
     log.write_text("\n".join(rows[:501]) + "\n")
@@ -349,23 +361,33 @@ def test_bad_arguments_end_in_a_sentence(case: Path, arguments: list[str], said:
     assert run.code == 2 and said in run.err and "Traceback" not in run.err
 
 
-# ---- Longitudinal stiffness and wheel speeds in two messages: what calibrate finds of drives that nothing of the library has made.
+# ---- longitudinal stiffness and wheel speeds, of drives made without the library
 
 DT, SECONDS, DRAG, ROLLING, PITCH, HEIGHT = 0.01, 240.0, 0.4, 0.01, 0.004, 0.55
-NAMES = ["wheel_speed_front_latency", "wheel_speed_rear_latency", "rolling_resistance_coefficient", "aero_drag_coefficient",
-         "pitch_leak_gain", "cx_front", "wheel_radius_front", "wheel_radius_rear"]  # fmt: skip
+NAMES = [
+    "wheel_speed_front_latency",
+    "wheel_speed_rear_latency",
+    "rolling_resistance_coefficient",
+    "aero_drag_coefficient",
+    "pitch_leak_gain",
+    "cx_front",
+    "wheel_radius_front",
+    "wheel_radius_rear",
+]
 RADIUS = Config.exact().wheel_radius_front
 PRIOR_SD = 0.5
 LATE_SD = 0.025
 
 
 def slip_of(config: Config, driven: str, stiffness: float, push: float, share: float = 1.0) -> float:
-    """Return the slip at which the tyres of an axle take their share of what pushes the
-    car [m/s2], found by search: the curve of the class, grip 1, load moving."""
+    """Return the slip at which the tyres of an axle take their share of the push [m/s2].
+
+    Found by search: curve of the class, grip 1, with load transfer.
+    """
     base = config.lf + config.lr
     rest = config.mass * 9.81 * (config.lr if driven == "front" else config.lf) / base
     load = rest + (1 if driven == "rear" else -1) * config.mass * push * HEIGHT / base
-    shape = ordinary_car(config)["tyre_saturation_shape"]
+    shape = get_ordinary_car(config)["tyre_saturation_shape"]
 
     def force(slip: float) -> float:
         q = stiffness * load / rest * slip / load
@@ -376,10 +398,17 @@ def slip_of(config: Config, driven: str, stiffness: float, push: float, share: f
 
 
 def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: float = 1.0) -> CheckedLog:
-    """Return a log of a car that speeds up and coasts; front wheels later; its stiffness
-    the file's times the factor.
+    """Return a log of a car that accelerates and coasts.
 
-    faster: times 5 .. 13 m/s, by which it speeds up"""
+    Parameters
+    ----------
+    later
+        Latency [s] of the front wheels.
+    factor
+        Stiffness over that of the file.
+    faster
+        Factor of 5 .. 13 m/s, the gain of speed.
+    """
     config, rng = Config.exact(), np.random.default_rng(seed)
     t = DT * np.arange(round(SECONDS / DT))
     knots = np.arange(0.0, SECONDS + 8.0, 8.0)
@@ -392,12 +421,14 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
         return _all_wheel_drive(config, t, v, push, factor, rng)
     stiffness = factor * getattr(config, f"longitudinal_stiffness_{driven}")
     grid = np.linspace(0.0, 3.5, 101)
-    # the road turns up the wheels of the free axle, 1.2 kg m2 each, which slip for it; the driven axle pushes as much more
+    # the road accelerates the free wheels, 1.2 kg m2 each, by slip; the driven axle adds
+    # this force
     spin = 2 * 1.2 / 0.32**2 / config.mass * gains
     free = "rear" if driven == "front" else "front"
     drags = spin * config.mass / (factor * getattr(config, f"longitudinal_stiffness_{free}"))
     slip = np.interp(push + spin, grid, [slip_of(config, driven, stiffness, p) for p in grid])
-    # a tyre loses 0.5 % of its rolling radius by its load at rest, and as much more or less by what moves to or from its axle
+    # a tyre loses 0.5 % of its rolling radius by its static load; load transfer changes
+    # it in proportion
     moved = HEIGHT / 9.81 * push
     radius = {"front": 1 + 0.005 * moved / config.lr, "rear": 1 - 0.005 * moved / config.lf}
     speed = {driven: v * (1 + slip), free: v * (1 - drags)}
@@ -414,7 +445,11 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
 def _all_wheel_drive(
     config: Config, t: np.ndarray, v: np.ndarray, push: np.ndarray, factor: float, rng: np.random.Generator
 ) -> CheckedLog:
-    """Return a log with wheel torques and brake: 70 % of the force in front, then 40 %, by turns of 30 s."""
+    """Return a log with wheel torques and brake: 70 and 40 % of the force in front, in
+    turns.
+
+    A turn lasts 30 s.
+    """
     grid, by = np.linspace(push.min(), push.max(), 101), {}
     in_front = t // 30 % 2 == 1
     share = np.where(in_front, 0.7, 0.4)
@@ -440,16 +475,16 @@ def _all_wheel_drive(
     return read_frame(pd.DataFrame(frame | {"brake": 0.0 * t}))
 
 
-def searched() -> tuple[Any, Fit]:
-    """Return what a search leaves that saw nothing of it, and was wrong of the stiffness."""
+def searched() -> tuple[Any, CarFit]:
+    """Return the fit of a search that had no slip, and a wrong stiffness."""
     x = np.array([0.004, 0.004, ROLLING, DRAG, PITCH, 0.7, RADIUS, RADIUS])
     prior = np.array([LATE_SD] * 2 + [0.0] * 3 + [PRIOR_SD] + [0.003 * RADIUS] * 2)
     covariance = np.diag(prior**2)
-    covariance[0, 1] = covariance[1, 0] = 0.9 * LATE_SD**2  # of one unit
+    covariance[0, 1] = covariance[1, 0] = 0.9 * LATE_SD**2  # of one control unit
     problem = SimpleNamespace(
         config=Config.exact(), names=NAMES, mean=np.zeros(8), sd=prior, covariance=covariance
     )
-    return problem, Fit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
+    return problem, CarFit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
 
 
 def driven_car(driven: str) -> Vehicle:
@@ -462,32 +497,35 @@ def driven_car(driven: str) -> Vehicle:
 def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
     driven: str, later: float, factor: float
 ) -> None:
-    """To 3 ms: 0.3 ms of scatter, and of 8 ms, where tyres are soft, 2.5 because the slip is as late as the speed, which the
-    regression leaves out. The stiffness to 3 %: 1 % of prior, 1 % of scatter."""
+    """Latency to 3 ms, stiffness to 3 %.
+
+    Latency: 0.3 ms of scatter, and 2.5 of 8 ms with soft tyres, since slip and speed have
+    the same latency, which the regression neglects. Stiffness: 1 % of prior, 1 % of
+    scatter.
+    """
     problem, fit = searched()
     logs = [drive(driven, later, 1, factor), drive(driven, later, 2, factor)]
-    found = slips(problem, fit, logs, driven_car(driven))
+    found = apply_slip_regression(problem, fit, logs, driven_car(driven))
     assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.003)
-    late = [w for w in slip_words(problem, found) if w.startswith("wheel speeds")]
-    assert len(late) == len(slip_bands(problem, found)) / 2 == (later != 0)
-    assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(
-        0.0
-    )  # how late both are is as before, not what the search says
+    late = [w for w in describe_slip(problem, found) if w.startswith("wheel speeds")]
+    assert len(late) == len(describe_wheel_latencies(problem, found)) / 2 == (later != 0)
+    # the common latency keeps its prior
+    assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(0.0)
     np.testing.assert_array_equal(found.covariance[:2, :2], problem.covariance[:2, :2])
     assert not found.covariance[:2, 2:].any()
     np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
     assert np.exp(found.x[5]) == pytest.approx(factor, rel=0.03)
-    assert MODEL_SD * 0.99 < np.sqrt(found.covariance[5, 5]) < 1.5 * MODEL_SD
+    assert SLIP_MODEL_SD * 0.99 < np.sqrt(found.covariance[5, 5]) < 1.5 * SLIP_MODEL_SD
 
 
 def test_what_logs_do_not_show_is_left_as_it_was() -> None:
-    """Four driven wheels, a car that does not accelerate: the stiffness keeps its prior, not what the search says."""
+    """With four driven wheels and a constant speed, the stiffness keeps its prior."""
     problem, fit = searched()
     log = drive("front", 0.008, 1)
     steady = drive("front", 0.008, 1, faster=0.0)
     for found in (
-        slips(problem, fit, [log], driven_car("both")),
-        slips(problem, fit, [steady], driven_car("front")),
+        apply_slip_regression(problem, fit, [log], driven_car("both")),
+        apply_slip_regression(problem, fit, [steady], driven_car("front")),
     ):
         np.testing.assert_array_equal(found.x[:2], 0.0)
         np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
@@ -496,30 +534,30 @@ def test_what_logs_do_not_show_is_left_as_it_was() -> None:
 
 
 def test_what_they_hardly_show_is_shrunk() -> None:
-    """Noisy wheels: a latency that is less than three sd from 0 is not applied, and the
-    stiffness is less sure."""
+    """With noisy wheels, a latency below three sd is not applied, and the sd is
+    larger."""
     problem, fit = searched()
     log = drive("front", 0.03, 3)
     rng = np.random.default_rng(4)
     loud = log.data.assign(
         wheel_speed_front=log.data["wheel_speed_front"] + 3.0 * rng.standard_normal(len(log.data))
     )
-    sure = slips(problem, fit, [log], driven_car("front"))
-    found = slips(problem, fit, [replace(log, data=loud)], driven_car("front"))
+    sure = apply_slip_regression(problem, fit, [log], driven_car("front"))
+    found = apply_slip_regression(problem, fit, [replace(log, data=loud)], driven_car("front"))
     assert found.x[0] == found.x[1] == 0.0
     assert found.covariance[5, 5] > 1.1 * sure.covariance[5, 5]
 
 
 @pytest.mark.parametrize("off", [-0.03, -0.012, 0.02])
 def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
-    """Within 0.1 %; and the stiffness is as without, within 1 %."""
+    """Within 0.1 %. The stiffness is the same within 1 %."""
     problem, fit = searched()
     log = drive("front", 0.0, 5)
     other = replace(log, data=log.data.assign(wheel_speed_rear=log.data["wheel_speed_rear"] / (1.0 + off)))
-    right, found = (slips(problem, fit, [x], driven_car("front")) for x in (log, other))
+    right, found = (apply_slip_regression(problem, fit, [x], driven_car("front")) for x in (log, other))
     front, rear = (found.x[NAMES.index(f"wheel_radius_{axle}")] / RADIUS for axle in ("front", "rear"))
     assert rear / front - 1.0 == pytest.approx(off, abs=0.001)
-    (words,) = slip_words(problem, found)
+    (words,) = describe_slip(problem, found)
     assert (
         f"rear one is {100 * abs(off):.0f}."[:-1] in words and ("smaller" if off < 0 else "larger") in words
     )
@@ -527,28 +565,28 @@ def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
 
 
 def test_of_two_driven_axles_wheel_torques_and_brake_show_the_stiffness() -> None:
-    """Within 3 %, as of one. Without the brake switch nothing is shown: torques may be
-    those of the engine alone."""
+    """Within 3 %, as with one. Without a brake switch, torques may leave out the
+    brakes."""
     problem, fit = searched()
     log = drive("both", 0.0, 6, 0.8)
-    found = slips(problem, fit, [log], driven_car("both"))
+    found = apply_slip_regression(problem, fit, [log], driven_car("both"))
     assert np.exp(found.x[5]) == pytest.approx(0.8, rel=0.03)
     blind = replace(log, extra=log.extra.drop(columns="brake"))
-    left = slips(problem, fit, [blind], driven_car("both"))
+    left = apply_slip_regression(problem, fit, [blind], driven_car("both"))
     assert left.x[5] == 0.0
-    assert slip_words(problem, left)[0].startswith("longitudinal stiffness: not shown")
+    assert describe_slip(problem, left)[0].startswith("longitudinal stiffness: not shown")
 
 
 def test_a_log_that_contradicts_the_calibration_is_named() -> None:
     right = Proof(
         "a.csv",
         False,
-        {"accel_y": Channel(2.0, 0.3, 0.2, 0.03), "yaw_rate": Channel(0.1, 0.02, 0.0205, 0.001)},
+        {"accel_y": ProofChannel(2.0, 0.3, 0.2, 0.03), "yaw_rate": ProofChannel(0.1, 0.02, 0.0205, 0.001)},
     )
     wrong = replace(
-        right, log="b.csv", channels={**right.channels, "yaw_rate": Channel(0.1, 0.02, 0.025, 0.001)}
+        right, log="b.csv", channels={**right.channels, "yaw_rate": ProofChannel(0.1, 0.02, 0.025, 0.001)}
     )
-    (first,) = against([right, wrong])
+    (first,) = list_contradicting([right, wrong])
     assert (
         first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %")
         and "another car" in first
@@ -556,14 +594,16 @@ def test_a_log_that_contradicts_the_calibration_is_named() -> None:
 
 
 def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() -> None:
-    """Of two logs the root mean square; 1 - (0.3/2)^2 of a signal is explained before, 1
-    - (0.1/2)^2 after."""
+    """Over two logs the rms counts; 1 - (0.3/2)^2 of the signal is explained before.
+
+    After it, 1 - (0.1/2)^2.
+    """
     logs = [
-        Proof(f"{k}.csv", False, {"accel_y": Channel(2.0, before, 0.1, 0.03)})
+        Proof(f"{k}.csv", False, {"accel_y": ProofChannel(2.0, before, 0.1, 0.03)})
         for k, before in enumerate((0.3, 0.3))
     ]
-    held = Proof("h.csv", True, {"accel_y": Channel(2.0, 0.4, 0.2, 0.03)})
-    fitted, other = proof_words([*logs, held])
+    held = Proof("h.csv", True, {"accel_y": ProofChannel(2.0, 0.4, 0.2, 0.03)})
+    fitted, other = describe_proofs([*logs, held])
     assert fitted.startswith("accel_y of fitted logs: 0.3 m/s2 off before, 0.1 after, 0.03 is noise")
     assert fitted.endswith("(98 % of the signal explained before, 100 % after).")
     assert other.startswith("accel_y of held-out logs: 0.4 m/s2 off before, 0.2 after, 0.03 is noise")
@@ -571,6 +611,8 @@ def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() ->
 
 
 def test_what_the_vehicle_file_says_wrong_is_said_and_a_surprise_is_not() -> None:
-    ratio = Finding("steering_ratio_change", "steering", "1", 0.0, 0.0, 0.03, 0.09, 0.01, True, "")
-    assert misstated([ratio, replace(ratio, name="relaxation_length", value=0.3)]) == ""
-    assert misstated([replace(ratio, value=-0.17)]).startswith("the steering ratio or lf + lr seems wrong")
+    ratio = NumberFinding("steering_ratio_change", "steering", "1", 0.0, 0.0, 0.03, 0.09, 0.01, True, "")
+    assert describe_misstated([ratio, replace(ratio, name="relaxation_length", value=0.3)]) == ""
+    assert describe_misstated([replace(ratio, value=-0.17)]).startswith(
+        "the steering ratio or lf + lr seems wrong"
+    )

@@ -17,7 +17,7 @@ from conftest import tselab, tselab_here
 from tse.channels.log import read_log
 from tse.library.core import Config
 from tse.report import tables
-from tse.simulation.maneuvers import KINDS
+from tse.simulation.maneuvers import MANEUVERS
 from tselab import cli
 
 
@@ -234,7 +234,7 @@ def simulate(folder, *options, run=tselab_here):
     return pd.read_csv(folder / "log.csv"), pd.read_csv(folder / "truth.csv")
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", MANEUVERS)
 def test_every_manoeuvre_gives_a_log_that_estimate_reads(name, tmp_path):
     log, truth = simulate(tmp_path, "--maneuver", name, "--duration", 12)
     assert list(log) == LOG

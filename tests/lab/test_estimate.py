@@ -20,7 +20,7 @@ import pytest
 
 from conftest import COMMAND, RAN, tselab, tselab_here
 from tse.car.config import make_config
-from tse.car.vehicle import default_vehicle, read_vehicle
+from tse.car.vehicle import make_default_vehicle, read_vehicle
 from tse.channels.log import read_log
 from tse.estimation import estimate as module
 from tse.estimation.estimate import estimate_to
@@ -127,7 +127,7 @@ def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, mo
         assert sum(seen) == len(est) == len(log) and max(seen) <= block
         assert est.learnt == whole.learnt and not est.interrupted
         for f in (lambda e: [v.text for v in verdicts(e.table, config)], lambda e: remarks(e.table),
-                  lambda e: run_facts(e, log, default_vehicle(), config)):  # fmt: skip
+                  lambda e: run_facts(e, log, make_default_vehicle(), config)):  # fmt: skip
             assert f(est) == f(whole)
 
 
@@ -603,7 +603,7 @@ def test_strict_holds_for_the_car_that_was_calibrated_on_the_log(drive, monkeypa
     says = iter([[], ["odd"]])
     monkeypatch.setattr(single, "check_car", lambda *_: next(says))
     monkeypatch.setattr(single, "uncalibrated", lambda _: True)
-    monkeypatch.setattr(single, "calibrated", lambda *_: single.of_class("of a test"))
+    monkeypatch.setattr(single, "calibrate_once", lambda *_: single.keep_class("of a test"))
     with pytest.raises(UserError, match="option --strict: odd"):
         single.prepare(
             drive.log, drive.vehicle, None, None, {}, "default", {}, Reading(strict=True), single.Calibrate()

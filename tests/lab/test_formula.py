@@ -11,7 +11,7 @@ import pytest
 from scipy import signal
 
 from tse.car import formula as module
-from tse.car.formula import Formula, Number, c_header, parse, read_formula, toml_text, write_formula
+from tse.car.formula import Formula, Number, format_c_header, format_toml, parse, read_formula, write_formula
 from tse.library.errors import UserError
 
 W = Number("w", 0.002, "rad", 0.0003, "half of the play")
@@ -176,14 +176,14 @@ def test_the_longest_and_the_deepest_are_allowed():
 
 def test_the_tables_of_this_module_know_every_operation():
     table = module.library().formula_ops.values()
-    assert {op.name for op in table if op.kind == "PLAIN"} == set(module.PLAIN)
-    assert {op.name for op in table if op.kind == "MEMORY"} == set(module.MEMORY)
+    assert {op.name for op in table if op.kind == "PLAIN"} == set(module.PLAIN_FUNCTIONS)
+    assert {op.name for op in table if op.kind == "MEMORY"} == set(module.MEMORY_FUNCTIONS)
     for op in table:
         if op.kind == "MEMORY" and op.unit == "first":
             assert len(module.OPERANDS[op.name]) == op.takes - 1
         if op.takes:
             assert op.unit in ("same", "product", "quotient", "root", "first", "rate", "1")
-    assert set(module.WRITTEN) <= {op.name for op in table}
+    assert set(module.WRITTEN_AS) <= {op.name for op in table}
 
 
 # What is refused.
@@ -436,7 +436,7 @@ def test_whatever_a_formula_holds_comes_back_from_its_file(tmp_path):
     path = tmp_path / "it.toml"
     write_formula(path, formula)
     again = read_formula(path)
-    assert again == formula and toml_text(again) == toml_text(formula)
+    assert again == formula and format_toml(again) == format_toml(formula)
     plain = {"covariance": [[1.0, 0.5], [0.5, 1.0]], "rows": 3, "sd": 0.5}
     assert again.found == found | plain
 
@@ -658,7 +658,7 @@ def test_compiled_in_and_interpreted_are_the_same_bits(tmp_path):
     settings = FORMULA.settings()
     interpreted = run(tmp_path / "interpreted", settings)
     (tmp_path / "compiled").mkdir()
-    header = c_header(FORMULA)
+    header = format_c_header(FORMULA)
     assert "Written by tselab, not by hand." in header and '#define TSE_FORMULA_ID "play_and_lag"' in header
     (tmp_path / "compiled" / "tse_formula.h").write_text(2 * header, encoding="utf-8")  # its guard holds
     numbers = {k: v for k, v in settings.items() if not k.startswith(("formula_code", "formula_place"))}
@@ -674,7 +674,7 @@ def test_compiled_in_and_interpreted_are_the_same_bits(tmp_path):
 @pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
 def test_a_build_with_a_formula_compiled_in_takes_no_other(tmp_path):
     (tmp_path / "compiled").mkdir()
-    (tmp_path / "compiled" / "tse_formula.h").write_text(c_header(FORMULA), encoding="utf-8")
+    (tmp_path / "compiled" / "tse_formula.h").write_text(format_c_header(FORMULA), encoding="utf-8")
     with pytest.raises(subprocess.CalledProcessError) as refused:
         run(tmp_path / "compiled", FORMULA.settings(), "-DTSE_FORMULA=1", "-I.")
     assert refused.value.returncode == 1  # tse_prepare()

@@ -26,7 +26,7 @@ from tse.gaps.infer.naming import Named, name
 from tse.gaps.parallel import apart, is_copy
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
-from tse.identify.data import BURN_IN, prepare, prepare_all, simulate, smoothed
+from tse.identify.data import BURN_IN, prepare, prepare_all, simulate, smooth_values
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
 from tse.log.noise import find_new_values
@@ -44,7 +44,7 @@ def test_a_slow_signal_held_in_a_fast_log_is_taken_where_it_is_new(hold: int) ->
     found = find_new_values(held)
     assert found[1:].mean() == pytest.approx(1.0 / hold, abs=2e-3)
     np.testing.assert_array_equal(held[found][2:], SIGNAL[found][2:])
-    late = np.abs(smoothed(TIME, held) - SIGNAL)[50:-50].max()
+    late = np.abs(smooth_values(TIME, held) - SIGNAL)[50:-50].max()
     assert late < 0.003  # held as it is: late by half of the hold, 0.01 and more
 
 

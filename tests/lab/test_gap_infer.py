@@ -25,7 +25,7 @@ from tse.gaps.infer.search import Around, Search, judge, ln_likelihood, together
 from tse.gaps.infer.space import LASTING, Space
 from tse.gaps.problem import STIFFNESS, Problem, Rows
 from tse.gaps.run import workflow
-from tse.identify.data import BLOCK, CHANNELS, prepare
+from tse.identify.data import BLOCK_TIME, COMPARED_CHANNELS, prepare
 from tse.identify.fit import measure_scales
 from tse.identify.unknowns import COMPLIANCE
 from tse.library.core import Config
@@ -43,12 +43,12 @@ class Linear:
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(8)
-        self.time = BLOCK * np.arange(N)
+        self.time = BLOCK_TIME * np.arange(N)
         self.columns = {"cy_front": 30 * np.sin(self.time), "cy_rear": 20 * np.cos(1.7 * self.time)}
         self.columns[self.effect.name] = 8.0 / self.effect.scale * np.sin(4.1 * self.time)
         self.weight = np.ones(N)
         zeros = np.zeros(N, int)
-        self.rows = Rows(zeros, zeros + CHANNELS.index("accel_y"), self.time, np.arange(N), zeros)
+        self.rows = Rows(zeros, zeros + COMPARED_CHANNELS.index("accel_y"), self.time, np.arange(N), zeros)
         truth = {"cy_front": 1.1, "cy_rear": 0.9, self.effect.name: self.size}
         self.measured = self.predict(truth) + 0.4 + rng.standard_normal(N)
 
@@ -92,9 +92,9 @@ def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float
     space = SimpleNamespace(
         groups=[(0, "accel_y")],
         channels=("accel_y",),
-        noise=Space.noise,
-        step=Space.step,
-        lasting_error=Space.lasting_error,
+        compute_noise=Space.compute_noise,
+        get_step=Space.get_step,
+        compute_lasting_error=Space.compute_lasting_error,
     )
     sd = measure_scales(space, [residual])["accel_y"].sd
     h = 1e-4

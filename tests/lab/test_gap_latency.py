@@ -13,7 +13,7 @@ from gap_logs import car, write_log
 from tse.car.vehicle import read_vehicle
 from tse.gaps.infer.hypotheses import SENSORS
 from tse.gaps.run import workflow
-from tse.identify.data import in_time, prepare
+from tse.identify.data import prepare, remove_latencies
 
 LATE = {
     "steer_angle": 0.03,
@@ -49,7 +49,7 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
     found = {}
     for name, (log, vehicle) in logs.items():
         read, config = workflow.read([log], read_vehicle(vehicle))
-        found[name] = in_time(prepare(read[0], config), config)
+        found[name] = remove_latencies(prepare(read[0], config), config)
     there = np.searchsorted(found["in time"].time, found["told"].time - 1e-6)
     steer = {who: log.inputs["steer_angle"] for who, log in found.items()}
     off = {

@@ -15,7 +15,7 @@ import pytest
 
 from conftest import RAN, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
-from tse.car.vehicle import filter_values, read_vehicle
+from tse.car.vehicle import make_filter_values, read_vehicle
 from tse.gaps.run.output import COLUMNS
 from tse.library.core import Config, library
 from tse.log.rows import MEASURES
@@ -150,7 +150,7 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(
     assert done.returncode == 0 and not done.stderr, done.stderr
     theirs, mine = (
         Config.exact(),
-        Config.exact(filter_values(read_vehicle(case.out / "vehicle_improved.toml"))),
+        Config.exact(make_filter_values(read_vehicle(case.out / "vehicle_improved.toml"))),
     )
     assert theirs.as_dict() != mine.as_dict()
     ctypes.CDLL(str(tmp_path / "set.so")).set(ctypes.c_void_p(theirs.address))
@@ -223,7 +223,7 @@ def test_nothing_hidden_is_exit_0(tmp_path):
     (("gap", "log.csv", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "is fitted, too"),
     (("gap", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "LOG ..."),
     (("gap", "log.csv", "--vehicle", "car.toml", "--out", "car.toml"), "is a file"),
-    (("gap", "slow.csv", "--vehicle", "car.toml", "--out", "o"), "in one piece above 3 m/s"),
+    (("gap", "slow.csv", "--vehicle", "car.toml", "--out", "o"), "no stretch of 3 s above 3 m/s"),
     (("gap", "check", "nowhere.csv", "--vehicle", "car.toml"), "no such file"),
     (("gap", "plan", "--separate", "relaxation", "--vehicle", "car.toml"), "is not two effects"),
     (("gap", "plan", "--separate", "relaxation,body_rol", "--vehicle", "car.toml"), "did you mean body_roll"),

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 from conftest import RAN, tselab_here
 from gap_logs import CAR, DRIVES, STIFFNESS, car, problem_of, write_log
 from tse.car.config import make_config
-from tse.car.vehicle import read_vehicle, unknown_car
+from tse.car.vehicle import get_unknown_car, read_vehicle
 from tse.channels.log import read_log
 from tse.estimation.estimate import estimate
 from tse.gaps.catalogue import catalogue
@@ -25,8 +25,8 @@ from tse.gaps.run import plan as planning
 from tse.gaps.run.check import check
 from tse.gaps.run.posterior import UNCERTAIN, posterior
 from tse.identify.data import prepare
-from tse.identify.slip import longitudinal
-from tse.identify.unknowns import prior_of
+from tse.identify.slip import estimate_longitudinal
+from tse.identify.unknowns import make_prior
 from tse.library.core import NOMINAL, Config, Replay
 from tse.log.rows import average
 from tse.report.results import IN_PART
@@ -225,7 +225,7 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
         assert wide.sd(key) > narrow.sd(key)
         assert abs(found.values[key] - true) < 3 * wide.sd(key)
     written = read_vehicle(improved)
-    start = prior_of(written, Config.exact(written.values))
+    start = make_prior(written, Config.exact(written.values))
     for key in NOMINAL:
         k = start.names.index(key)
         assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(
@@ -238,7 +238,7 @@ def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
     _, vehicle, problem, _, improved = case
     car = read_vehicle(vehicle)
     explained = read_vehicle(improved).values["model_sd"]
-    assert explained < car.values.get("model_sd", unknown_car()["model_sd"])
+    assert explained < car.values.get("model_sd", get_unknown_car()["model_sd"])
     late = {"steering_lag_time": 0.1}
     path = write_log(tmp_path / "late.csv", vehicle, "sweep", late, 5, 20.0)
     other = problem.of([prepare(read_log(path), problem.config)])
@@ -261,7 +261,7 @@ def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
     found = fit(other, PARAMETERS, {})
     known = posterior(other, found, car, {}, [log])
     assert found.values["cx_front"] < 0.7 * STIFFNESS["cx_front"]
-    mean, sd = longitudinal(problem.config, found.values, [log], car)
+    mean, sd = estimate_longitudinal(problem.config, found.values, [log], car)
     assert known.stiffness["cx_front"] == pytest.approx(np.exp(mean)) and sd > 0.3
     assert known.sd("cx_front") == pytest.approx(np.hypot(sd, car.values["mass_sd"]) * np.exp(mean))
     assert known.stiffness["cy_front"] == found.values["cy_front"]

@@ -13,7 +13,7 @@ from tse.gaps.fit import fit
 from tse.gaps.infer import where
 from tse.gaps.infer.remainder import is_noise, without_spikes, without_walk
 from tse.gaps.problem import STIFFNESS as PARAMETERS
-from tse.identify.data import BLOCK
+from tse.identify.data import BLOCK_TIME
 from tse.library.core import Config
 
 STEP = 0.04  # s, a block
@@ -135,7 +135,7 @@ def white(seed: int) -> np.ndarray:
 
 
 def low_pass(x: np.ndarray, seconds: float) -> np.ndarray:
-    a = np.exp(-BLOCK / seconds)
+    a = np.exp(-BLOCK_TIME / seconds)
     return lfilter([np.sqrt(1 - a * a)], [1.0, -a], x)
 
 
@@ -147,7 +147,7 @@ def test_noise_behind_the_low_pass_of_a_sensor_is_noise(seconds: float, seed: in
 
 @pytest.mark.parametrize("seed", range(5))
 def test_what_lasts_swings_or_comes_and_goes_is_not(seed: int) -> None:
-    t = BLOCK * np.arange(len(LOG))
+    t = BLOCK_TIME * np.arange(len(LOG))
     assert not is_noise(white(seed) + low_pass(white(seed + 100), 0.3), LOG)  # gusts
     assert not is_noise(white(seed) + 1.2 * np.sin(2 * np.pi * 5.5 * t), LOG)  # an axle
     assert not is_noise(
@@ -161,7 +161,7 @@ def test_a_walk_of_the_bias_is_taken_out_and_little_else(seed: int) -> None:
     walk = np.concatenate([np.cumsum(step * white(seed + 10 + i)[:750]) for i in range(4)])
     rest = without_walk(white(seed) + walk, LOG, step)
     assert np.sqrt(np.mean(rest**2)) < 1.05
-    swing = np.sin(2 * np.pi * 0.5 * BLOCK * np.arange(len(LOG)))
+    swing = np.sin(2 * np.pi * 0.5 * BLOCK_TIME * np.arange(len(LOG)))
     assert np.sqrt(np.mean(without_walk(swing, LOG, step) ** 2)) > 0.85 * np.sqrt(np.mean(swing**2))
 
 

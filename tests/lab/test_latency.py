@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, simulated, tselab_here
-from tse.car.vehicle import latency_settings, read_vehicle
+from tse.car.vehicle import list_latency_settings, read_vehicle
 from tse.estimation import regimes
 from tse.library.core import STIFFNESS, Config, NativeFilter, SettingError, library
 from tse.library.errors import UserError
@@ -203,7 +203,7 @@ def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
     path.write_text(CAR + "yaw_rate = 0.01\n")
     with pytest.raises(UserError, match=r"latency.yaw_rate is not known: it is the clock"):
         read_vehicle(path)
-    assert list(latency_settings()) == [c.name for c in library().channels if c.name != "yaw_rate"]
+    assert list(list_latency_settings()) == [c.name for c in library().channels if c.name != "yaw_rate"]
     path.write_text(CAR.replace("0.034", "0.5"))
     with pytest.raises(UserError, match=r"latency.steer_angle.*-0\.2 \.\. 0\.2"):
         read_vehicle(path)

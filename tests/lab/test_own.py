@@ -16,7 +16,7 @@ from tests.cars.study import TRUTH, truth_of
 from tests.gap.runs import changed
 from tse.calibration import own, workflow
 from tse.car.config import make_config
-from tse.car.vehicle import filter_values, make_vehicle, read_vehicle
+from tse.car.vehicle import make_filter_values, make_vehicle, read_vehicle
 from tse.channels.log import read_log
 from tse.library.core import NativeFilter
 from tse.runs.keep import CALIBRATED
@@ -82,10 +82,10 @@ def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
 
 def test_the_posterior_is_the_prior(case):
     """Of the stiffness; model discrepancy is that of the class."""
-    made = own.calibrated(read_vehicle(case.car), [read_log(case.log)])
+    made = own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
     table = read_toml_text(made.text)["calibration"]
-    vehicle, stated = made.vehicle(read_vehicle(case.car)), read_vehicle(case.car)
-    prior, plain = filter_values(vehicle), filter_values(stated)
+    vehicle, stated = made.apply_to(read_vehicle(case.car)), read_vehicle(case.car)
+    prior, plain = make_filter_values(vehicle), make_filter_values(stated)
     for key in AXLES:
         at = table["names"].index(key)
         posterior = np.sqrt(table["covariance"][at][at])
@@ -93,9 +93,9 @@ def test_the_posterior_is_the_prior(case):
         assert prior[f"initial_{key}_sd"] == pytest.approx(posterior)
     assert prior["model_sd"] == pytest.approx(plain["model_sd"], rel=1e-9)
     del table["own"]
-    assert filter_values(make_vehicle(read_toml_text(made.text) | {"calibration": table}, Path("car.toml")))[
-        "initial_cy_rear_sd"
-    ] == pytest.approx(posterior)
+    assert make_filter_values(
+        make_vehicle(read_toml_text(made.text) | {"calibration": table}, Path("car.toml"))
+    )["initial_cy_rear_sd"] == pytest.approx(posterior)
 
 
 def read_toml_text(text: str) -> dict:
@@ -108,7 +108,7 @@ def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path)
     def fail(*_: object, **__: object) -> None:
         raise AssertionError("calibrated anew")
 
-    monkeypatch.setattr(workflow, "of_logs", fail)
+    monkeypatch.setattr(workflow, "calibrate_logs", fail)
     again = tselab_here(
         "estimate", "--verbose", case.log, "--vehicle", case.car, "--out", "est.csv", cwd=tmp_path
     )
@@ -137,31 +137,31 @@ def test_python_says_and_estimates_the_same(case):
 def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
     entry = kept(case, cache)
     entry.unlink()  # the command's has the bits of one thread of the BLAS
-    own.calibrated(read_vehicle(case.car), [read_log(case.log)])
+    own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
     whole = entry.read_text()
     for text in (whole[:-20], whole.replace("cornering_stiffness_front = ", "cornering_stiffness_front = 1")):
         entry.write_text(text)
-        again = own.calibrated(read_vehicle(case.car), [read_log(case.log)])
+        again = own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
         assert again.words[-1] == f"broken, made anew: {entry}"
         assert entry.read_text() == whole
 
 
 def kept(case: Case, cache: Path) -> Path:
-    key = own._key(read_vehicle(case.car), [read_log(case.log)])
+    key = own._compute_key(read_vehicle(case.car), [read_log(case.log)])
     return cache / "tselab" / "calibrated" / f"{key}.json"
 
 
 def test_another_car_or_log_is_another_entry(case, tmp_path):
     log, car = read_log(case.log), read_vehicle(case.car)
-    keys = {own._key(car, [log])}
+    keys = {own._compute_key(car, [log])}
     other = tmp_path / "car.toml"
     other.write_text("cg_height = 0.9\n" + case.car.read_text(), encoding="utf-8")  # which no setting has
-    keys.add(own._key(read_vehicle(other), [log]))
+    keys.add(own._compute_key(read_vehicle(other), [log]))
     other.write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.01\n", encoding="utf-8")
-    keys.add(own._key(read_vehicle(other), [log]))
+    keys.add(own._compute_key(read_vehicle(other), [log]))
     rows = case.log.read_text().splitlines()
     (tmp_path / "log.csv").write_text("\n".join(rows[:-1]) + "\n")
-    keys.add(own._key(car, [read_log(tmp_path / "log.csv")]))
+    keys.add(own._compute_key(car, [read_log(tmp_path / "log.csv")]))
     assert len(keys) == 4
 
 
@@ -189,22 +189,22 @@ def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_pa
 def test_a_log_that_goes_straight_shows_nothing(case):
     log = read_log(case.log)
     log.data["yaw_rate"] *= 0.05
-    words = own.calibrated(read_vehicle(case.car), [log]).words
-    assert words == [own.of_class("it hardly turns: 0.0 s above 1 m/s2 across, 2 s are needed").words[0]]
+    words = own.calibrate_once(read_vehicle(case.car), [log]).words
+    assert words == [own.keep_class("it hardly turns: 0.0 s above 1 m/s2 across, 2 s are needed").words[0]]
 
 
 def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatch, tmp_path):
     car, log = read_vehicle(case.car), read_log(case.log)
-    longest = own.LONGEST
+    longest = own.MAX_SEARCH_SECONDS
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # nothing is kept there
-    monkeypatch.setattr(own, "LONGEST", -1.0)
-    with changed("identify.fit.MOST_STEPS", 1):
-        late = own.calibrated(car, [log])
+    monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", -1.0)
+    with changed("identify.fit.MAX_FIT_STEPS", 1):
+        late = own.calibrate_once(car, [log])
         assert late.text == "" and late.found == {"used": False, "why": own.TOO_LONG}
-        monkeypatch.setattr(own, "LONGEST", longest)
-        stopped = own.calibrated(car, [log])  # what took too long is not kept: it is tried again
+        monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", longest)
+        stopped = own.calibrate_once(car, [log])  # what took too long is not kept: it is tried again
     assert stopped.text == "" and "did not converge in 1 steps" in stopped.words[0]
-    assert stopped.vehicle(car).values == car.values
+    assert stopped.apply_to(car).values == car.values
 
 
 def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch, tmp_path):
@@ -213,7 +213,7 @@ def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(workflow, "of_logs", interrupt)
+    monkeypatch.setattr(workflow, "calibrate_logs", interrupt)
     (tmp_path / "car.toml").write_text(
         case.car.read_text() + "\n[latency]\nsteer_angle = 0.02\n", encoding="utf-8"
     )
@@ -246,8 +246,8 @@ def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows[:6000]) + "\n")  # names, and 5999 rows
     log, car = read_log(tmp_path / "log.csv"), read_vehicle(case.car)
     assert log.time[-1] - log.time[0] == pytest.approx(59.98, abs=1e-6)
-    with changed("identify.fit.MOST_STEPS", 1):
-        assert "s are needed" not in own.calibrated(car, [log]).words[0]
+    with changed("identify.fit.MAX_FIT_STEPS", 1):
+        assert "s are needed" not in own.calibrate_once(car, [log]).words[0]
 
 
 def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):
@@ -310,7 +310,7 @@ def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
     """Ice in the middle: one stiffness for both would be that of neither."""
     made = make_logs("mountain", 2.0, cars=make_cars(1, 3301), seed=4, scenario="ice", event_time=60.0)[0]
     made.write(tmp_path, "mountain")
-    found = own.calibrated(read_vehicle(tmp_path / "car.toml"), [read_log(tmp_path / "log_mountain.csv")])
+    found = own.calibrate_once(read_vehicle(tmp_path / "car.toml"), [read_log(tmp_path / "log_mountain.csv")])
     assert not found.text and not found.found["used"]
     assert "the road or the tyres change during it" in found.words[0]
 
@@ -318,10 +318,10 @@ def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
 def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     """The search's value moved to twice that of the filter, with a narrow interval; left where it was found, both agree."""
     vehicle, log = read_vehicle(case.car), read_log(case.log)
-    found = own.calibrated(vehicle, [log]).found
+    found = own.calibrate_once(vehicle, [log]).found
     config, _ = make_config(vehicle, log)
     last = NativeFilter(config).estimate_rows(log.rows())[-1]
-    assert own._contradicted(config, last, found) == ""
+    assert own._describe_contradiction(config, last, found) == ""
     front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
-    text = own._contradicted(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})
+    text = own._describe_contradiction(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})
     assert f"the search finds {front['value'] / 1000:.0f} " in text and "in the front, the filter " in text

@@ -1,4 +1,4 @@
-"""The profile of a road: its file, and where on it the rows of a log are."""
+"""The profile of a road: its file, and the match of a log with it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +9,14 @@ import pytest
 
 import tse
 from conftest import tselab
-from tse.car.vehicle import vehicle_settings
+from tse.car.vehicle import list_vehicle_settings
 from tse.channels.log import read_frame, read_log
-from tse.identify.knots import KNOT, Knots
-from tse.identify.laps import laps, profile
+from tse.identify.knots import KNOT_DISTANCE, Knots
+from tse.identify.laps import find_laps, make_profile
 from tse.library.core import Config
 from tse.library.errors import NoFile, UserError
-from tse.roads.road import Road, curvature_of, make_road, read_road, write_road
-from tse.roads.road_match import along, by_path, by_position, common, track_of
+from tse.roads.road import Road, compute_curvature, make_road, read_road, write_road
+from tse.roads.road_match import derive_track, match_by_path, match_by_position, match_common, match_log
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 RADIUS = 0.3  # m, of the wheels of these logs
@@ -35,8 +35,10 @@ def written(tmp_path, text=TEXT):
 
 
 def winding(length, seed, step=1.0):
-    """Distance, m, and curvature, 1/m, of a winding road: bends of 20 .. 60 m at random,
-    1/40 1/m at most."""
+    """Return distance, m, and curvature, 1/m, of a winding road.
+
+    Its bends are random, 20 .. 60 m long, with 1/40 1/m at most.
+    """
     rng = np.random.default_rng(seed)
     s = np.arange(0.0, length + step, step)
     knots = np.cumsum(rng.uniform(20.0, 60.0, int(length / 20)))
@@ -44,8 +46,10 @@ def winding(length, seed, step=1.0):
 
 
 def circuit():
-    """A circuit of 1500 m, r = 1 + 0.2 sin 3 phi + 0.1 cos 5 phi: distance, m, and
-    curvature, 1/m, from the polar form."""
+    """Return distance, m, and curvature, 1/m, of a circuit of 1500 m.
+
+    Polar form: r = 1 + 0.2 sin 3 phi + 0.1 cos 5 phi.
+    """
     phi = np.linspace(0.0, 2 * np.pi, 20001)
     r = 1 + 0.2 * np.sin(3 * phi) + 0.1 * np.cos(5 * phi)
     r1 = 0.6 * np.cos(3 * phi) - 0.5 * np.sin(5 * phi)
@@ -66,8 +70,11 @@ def path_of(s, bend, x0=0.0):
 
 
 def driven(s, bend, begin=0.0, end=None, radius=1.0, bias=0.0, closed=False, seed=1, **columns):
-    """A log of a drive along a road at 12 .. 18 m/s, and the true distance of its rows.
-    `radius`: true over nominal."""
+    """Return a log of a drive along a road at 12 .. 18 m/s, and the true distance of its
+    rows.
+
+    `radius`: true wheel radius over the nominal one.
+    """
     rng = np.random.default_rng(seed)
     end = float(s[-1] if end is None else end)
     t = np.arange(0.0, (end - begin) / 12.0, 0.02)
@@ -111,8 +118,18 @@ def test_what_is_written_is_read_again(tmp_path):
     write_road(road, tmp_path / "road.csv")
     again = read_road(tmp_path / "road.csv")
     assert again.is_closed and again.length == road.length
-    for name, digits in (("distance", 3), ("bank", 6), ("grade", 6), ("bank_sd", 6), ("grade_sd", 6), ("x", 3), ("y", 3),
-                         ("latitude", 9), ("longitude", 9), ("curvature", 6)):  # fmt: skip
+    for name, digits in (
+        ("distance", 3),
+        ("bank", 6),
+        ("grade", 6),
+        ("bank_sd", 6),
+        ("grade_sd", 6),
+        ("x", 3),
+        ("y", 3),
+        ("latitude", 9),
+        ("longitude", 9),
+        ("curvature", 6),
+    ):
         np.testing.assert_allclose(
             getattr(again, name), getattr(road, name), rtol=0, atol=0.51 * 10.0**-digits
         )
@@ -192,26 +209,28 @@ def test_knots_become_the_profile_of_a_path():
 def test_the_curvature_of_a_circle_is_one_over_its_radius():
     s = np.arange(0.0, 200.0, 5.0)
     x, y = 50 * np.sin(s / 50), 50 * (1 - np.cos(s / 50))
-    np.testing.assert_allclose(
-        curvature_of(s, x, y), 0.02, rtol=1e-3
-    )  # chords are shorter than arcs by (5/50)^2/24
+    # chords are shorter than arcs by (5/50)^2/24
+    np.testing.assert_allclose(compute_curvature(s, x, y), 0.02, rtol=1e-3)
 
 
 # ---- by position
 
 
 def test_a_position_is_found_along_its_own_direction_only():
-    """A road that goes 100 m east and comes back 8 m north of it; a car 2 m beside the
-    way back; one that drives it backwards."""
+    """The road goes 100 m east and comes back 8 m north of it.
+
+    One car drives 2 m beside the way back, and one backwards.
+    """
     s = np.arange(0.0, 209.0, 1.0)
     x = np.where(s <= 100, s, np.where(s <= 108, 100, 208 - s))
     y = np.clip(s - 100, 0, 8)
     back = np.arange(90.0, 10.0, -1.0)
-    found = by_position(x, y, s, back, np.full(len(back), 6.0), np.arange(len(back), dtype=float))
-    np.testing.assert_allclose(
-        found, 208 - back, atol=0.2
-    )  # a grid of 1 m, and directions smoothed over 2.5 m
-    wrong = by_position(x[:80], y[:80], s[:80], back, np.zeros(len(back)), np.arange(len(back), dtype=float))
+    found = match_by_position(x, y, s, back, np.full(len(back), 6.0), np.arange(len(back), dtype=float))
+    # a grid of 1 m, and directions smoothed over 2.5 m
+    np.testing.assert_allclose(found, 208 - back, atol=0.2)
+    wrong = match_by_position(
+        x[:80], y[:80], s[:80], back, np.zeros(len(back)), np.arange(len(back), dtype=float)
+    )
     assert np.isnan(wrong).all()
 
 
@@ -222,14 +241,14 @@ def test_a_log_with_latitude_and_longitude_is_found_by_them():
     road = make_road(s, latitude=north, longitude=east).with_profile(s, bank=0.02 * np.sin(s / 80))
     log, at = driven(s, bend, 300.0, 1700.0, gnss_latitude=lambda a: np.interp(a, s, north),
                      gnss_longitude=lambda a: np.interp(a, s, east))  # fmt: skip
-    profile = along(road, log, CAR)
+    profile = match_log(road, log, CAR)
     assert profile.how == "GNSS position" and profile.share == 1.0
     np.testing.assert_allclose(profile.distance, at, atol=1.5)
     np.testing.assert_allclose(profile.bank, 0.02 * np.sin(at / 80), atol=0.02 * 1.5 / 80 + 1e-5)
     assert np.isnan(profile.grade).all()
     far = replace(log, extra=log.extra.assign(gnss_latitude=log.extra["gnss_latitude"] + 0.1))
     with pytest.raises(UserError, match=r"another road.*no position is within 15 m"):
-        along(road, far, CAR)
+        match_log(road, far, CAR)
 
 
 # ---- by path
@@ -239,11 +258,11 @@ def test_a_log_with_latitude_and_longitude_is_found_by_them():
     "begin, radius, bias", [(0.0, 1.0, 0.0), (400.0, 1.0, 0.003), (400.0, 1.03, 0.0), (0.0, 0.95, 0.003)]
 )
 def test_a_log_is_found_by_its_bends(begin, radius, bias):
-    """A gyro bias of 3 mrad/s is a bend of 5 km; wheels 5 % off are 100 m at the end of
-    the road."""
+    """A gyro bias of 3 mrad/s acts as a bend of 5 km. Wheels 5 % off give 100 m at the
+    end."""
     s, bend = winding(2000.0, 7)
     log, at = driven(s, bend, begin, 1900.0, radius, bias)
-    profile = along(plain(s, bend).with_profile(s, grade=s / 1e5), log, CAR)
+    profile = match_log(plain(s, bend).with_profile(s, grade=s / 1e5), log, CAR)
     assert profile.how == "path" and profile.share > 0.95
     off = profile.distance - at
     assert np.nanquantile(np.abs(off), 0.95) < 5.0 and np.nanmax(np.abs(off)) < 10.0
@@ -253,19 +272,19 @@ def test_a_log_is_found_by_its_bends(begin, radius, bias):
 def test_rounds_of_a_circuit_are_one_road():
     s, bend = circuit()
     log, at = driven(s, bend, 200.0, 200.0 + 3.4 * 1500.0, closed=True)
-    profile = along(plain(s, bend, is_closed=True), log, CAR)
+    profile = match_log(plain(s, bend, is_closed=True), log, CAR)
     off = np.mod(profile.distance - at + 750.0, 1500.0) - 750.0
     assert profile.share > 0.98 and np.nanmax(np.abs(off)) < 8.0
     assert np.nanmax(profile.distance) < 1500.0
 
 
 def test_what_is_off_the_road_is_not_on_it():
-    """A way of 600 m to the road, 1400 m of it, 500 m elsewhere."""
+    """The log has 600 m on the way to the road, 1400 m on it, and 500 m elsewhere."""
     s, bend = winding(1400.0, 13)
     (_, to), (_, off) = winding(600.0, 14), winding(500.0, 15)
     whole = np.concatenate([to[:-1], bend, off[1:]])
     log, at = driven(np.arange(len(whole), dtype=float), whole)
-    found = along(plain(s, bend), log, CAR).distance
+    found = match_log(plain(s, bend), log, CAR).distance
     inside = (at > 650) & (at < 1950)
     assert np.isfinite(found[inside]).all() and np.nanmax(np.abs(found[inside] - (at[inside] - 600))) < 8.0
     assert np.isnan(found[(at < 500) | (at > 2150)]).mean() > 0.95
@@ -276,33 +295,32 @@ def test_another_road_is_refused(change):
     s, bend = winding(2500.0, 17)
     other = {"another": winding(2500.0, 18)[1], "mirrored": -bend, "backwards": -bend[::-1]}[change]
     with pytest.raises(UserError, match="drive 1: cannot be aligned with road: nowhere do its bends go with"):
-        along(plain(s, bend), driven(s, other)[0], CAR)
+        match_log(plain(s, bend), driven(s, other)[0], CAR)
 
 
 def test_a_straight_road_says_that_it_shows_no_place():
     s = np.arange(0.0, 2000.0, 10.0)
     with pytest.raises(UserError, match="turns by less than 1 rad, so only GNSS positions show"):
-        along(plain(s, 0 * s), driven(*winding(1500.0, 19))[0], CAR)
+        match_log(plain(s, 0 * s), driven(*winding(1500.0, 19))[0], CAR)
 
 
 def test_bends_that_repeat_say_that_they_show_no_place():
-    """A slalom: 20 m to each side and back, twenty times over 2 km."""
+    """The road is a slalom: 20 m to each side and back, twenty times over 2 km."""
     s = np.arange(0.0, 2001.0)
     bend = 0.01 * np.sin(2 * np.pi * s / 100)
     with pytest.raises(UserError, match="its bends repeat, as those of a slalom"):
-        along(plain(s, bend), driven(s, bend, 300.0, 1800.0)[0], CAR)
+        match_log(plain(s, bend), driven(s, bend, 300.0, 1800.0)[0], CAR)
 
 
 # ---- several logs
 
 
 def test_laps_have_one_distance():
-    """Logs that begin elsewhere, with other wheels: rows at one place of the road have
-    one distance."""
+    """Rows at one place have one distance, for logs with other starts and wheels."""
     s, bend = winding(2200.0, 23)
     drives = (0.0, 2200.0, 1.0), (150.0, 1900.0, 1.02), (400.0, 2100.0, 0.98)  # from, to, radius
     made = [driven(s, bend, *drive, seed=i) for i, drive in enumerate(drives)]
-    found, road = common([log for log, _ in made], CAR)
+    found, road = match_common([log for log, _ in made], CAR)
     assert not road.is_closed and road.length == pytest.approx(2200.0, rel=0.02)
     for (log, at), distance in zip(made, found, strict=True):
         assert len(distance) == len(log) and np.isfinite(distance).mean() > 0.95
@@ -313,22 +331,26 @@ def test_laps_of_one_road_share_its_knots_and_another_road_has_its_own():
     s, bend = winding(2200.0, 23)
     other_s, other_bend = winding(1500.0, 31)
     (first, at), (other, _), (second, later) = (
-        driven(s, bend, seed=1), driven(other_s, other_bend, seed=2), driven(s, bend, 150.0, 1900.0, 1.02, seed=3),
-    )  # fmt: skip
-    found = laps([first, other, second], CAR)
+        driven(s, bend, seed=1),
+        driven(other_s, other_bend, seed=2),
+        driven(s, bend, 150.0, 1900.0, 1.02, seed=3),
+    )
+    found = find_laps([first, other, second], CAR)
     assert found.of == [0, 1, 0] and (found.count(0), found.count(1)) == (2, 1)
     for distance, true in ((found.distance[0], at), (found.distance[2], later)):
         assert np.nanmax(np.abs(distance - true)) < 10.0
-    assert [len(found.knots().places(k)) for k in (0, 1)] == pytest.approx([2200 / KNOT, 1500 / KNOT], abs=3)
+    assert [len(found.lay_knots().compute_places(k)) for k in (0, 1)] == pytest.approx(
+        [2200 / KNOT_DISTANCE, 1500 / KNOT_DISTANCE], abs=3
+    )
 
 
 def test_a_profile_that_was_not_fitted_is_not_known():
-    """A bank alone: the grade of the road stays open, and no log gets one."""
+    """Only a bank is fitted: the grade of the road and of its logs stays unknown."""
     s, bend = winding(400.0, 5)
-    knots = Knots.of([s], kinds=("bank",))
+    knots = Knots.lay([s], kinds=("bank",))
     z = 0.01 * np.arange(len(knots))
-    found = profile(plain(s, bend), knots, 0, z, np.full(len(z), 0.002))
-    np.testing.assert_allclose(found.bank, np.interp(s, knots.places(0), z), atol=1e-12)
+    found = make_profile(plain(s, bend), knots, 0, z, np.full(len(z), 0.002))
+    np.testing.assert_allclose(found.bank, np.interp(s, knots.compute_places(0), z), atol=1e-12)
     np.testing.assert_allclose(found.bank_sd, 0.002)
     assert np.isnan(found.grade).all() and np.isnan(found.grade_sd).all()
 
@@ -339,7 +361,7 @@ def test_rounds_of_one_log_are_found_to_be_a_circuit():
         driven(s, bend, 0.0, 2.6 * 1500, closed=True),
         driven(s, bend, 700.0, 2300.0, closed=True, seed=2),
     )
-    (a, b), road = common([first, second], CAR)
+    (a, b), road = match_common([first, second], CAR)
     assert road.is_closed and road.length == pytest.approx(1500.0, abs=10.0)
     for distance, true in ((a, at), (b, later)):
         off = np.mod(distance - true + 750.0, 1500.0) - 750.0
@@ -358,14 +380,16 @@ def genesis(name):
 
 @pytest.mark.parametrize("radius", [1.0, 1.03])
 def test_the_path_of_a_real_lap_leads_where_its_positions_are(radius):
-    """Road: the positions of the INS alone, smoothed. Log: wheel speeds and gyro alone.
-    3.6 km; straights show no place, so 95 %."""
+    """Match a real lap of 3.6 km by wheel speeds and gyro with a road by INS positions.
+
+    95 % of the rows: straights show no place.
+    """
     log = genesis("genesis_cpg_fast")
     car = Config.exact({"wheel_radius_front": 0.34 * radius, "wheel_radius_rear": 0.34 * radius})
-    track = track_of(log, car)
-    (by_gnss,), way = common([log], car)
+    track = derive_track(log, car)
+    (by_gnss,), way = match_common([log], car)
     road = make_road(way.distance, x=way.x, y=way.y)
-    found = by_path(road, replace(track, x=None, y=None))
+    found = match_by_path(road, replace(track, x=None, y=None))
     moves = np.diff(track.travelled, prepend=0.0) > 0.01
     off = np.abs(found - by_gnss)[moves]
     assert np.isfinite(off).mean() > 0.9
@@ -374,10 +398,10 @@ def test_the_path_of_a_real_lap_leads_where_its_positions_are(radius):
 
 def test_a_lap_of_another_place_is_refused():
     car = Config.exact({"wheel_radius_front": 0.34, "wheel_radius_rear": 0.34})
-    _, way = common([genesis("genesis_cpg_fast")], car)
+    _, way = match_common([genesis("genesis_cpg_fast")], car)
     rfs = genesis("genesis_rfs")
     with pytest.raises(UserError, match="cannot be aligned"):
-        along(
+        match_log(
             plain(way.distance, way.curvature),
             replace(rfs, ref=rfs.ref.drop(columns=["ref_east", "ref_north"])),
             car,
@@ -388,7 +412,7 @@ def test_a_lap_of_another_place_is_refused():
 
 
 KNOWN = Config.exact({})
-ROAD_CAR = {"name": "its car", **{n: float(getattr(KNOWN, n)) for n in vehicle_settings()}}
+ROAD_CAR = {"name": "its car", **{n: float(getattr(KNOWN, n)) for n in list_vehicle_settings()}}
 TRUE = {
     "true_cy_front": 0.8,
     "true_cy_rear": 0.85,
@@ -401,7 +425,8 @@ ORDINARY = {"lean_sd": 0.05, "bank_superelevation": 0.1, "grade_sd": 0.03}  # se
 
 @pytest.fixture(scope="module")
 def banked():
-    """A drive on a road that banks and climbs by 1.7 degrees rms, in waves of 170 .. 900 m."""
+    """Return a drive on a road with 1.7 deg rms of bank and grade, in waves of 170 ..
+    900 m."""
     s = np.arange(0.0, 3000.0, 5.0)
     waves = [0.03 * np.sqrt(0.5) * sum(np.sin(2 * np.pi * s / w + k) for k, w in enumerate(of)) for of in
              ((170, 310, 450, 900), (270, 410, 550, 1000))]  # fmt: skip
@@ -411,8 +436,11 @@ def banked():
 
 
 def estimated(log, **more):
-    """Rms error of both cornering stiffnesses, their mean sd (shares of the truth), share
-    of valid rows, last three quarters."""
+    """Return rms error and mean sd of both cornering stiffnesses, and the share of valid
+    rows.
+
+    Error and sd are shares of the truth, over the last three quarters.
+    """
     result = tse.estimate(log, ROAD_CAR, calibrate=False, settings=ORDINARY, **more)
     rows = result.to_frame().iloc[len(log) // 4 :]
     true = {
@@ -431,7 +459,7 @@ def estimated(log, **more):
 
 
 def test_the_simulated_car_is_on_the_road(banked):
-    """Its distance by the integral of the true speed, and the bank that lies there."""
+    """Its distance is the integral of the true speed, and it drives on the bank there."""
     road, (log, truth) = banked
     s = np.concatenate([[0.0], np.cumsum(truth["true_vel_x"].to_numpy()[:-1] * np.diff(log["time"]))])
     np.testing.assert_allclose(log["ref_east"], s, atol=1e-6)
@@ -439,8 +467,10 @@ def test_the_simulated_car_is_on_the_road(banked):
 
 
 def test_a_known_road_makes_the_estimate_better(banked):
-    """Without it, the error is 10 % of either axle: bank passes for side force, in waves
-    as long as a manoeuvre."""
+    """Without the road the error is 10 % on both axles.
+
+    Bank acts as side force, in waves as long as a manoeuvre.
+    """
     road, (log, truth) = banked
     error, sd, valid, plain = estimated(log)
     error_on, sd_on, valid_on, known = estimated(log, road=road)
@@ -454,7 +484,7 @@ def test_a_known_road_makes_the_estimate_better(banked):
 
 
 def test_a_road_that_is_not_known_changes_no_bit(banked):
-    """A file that knows neither bank nor grade, and columns without a value."""
+    """The file has neither bank nor grade, or the columns have no value."""
     _, (log, _) = banked
     short = log.iloc[:1500]
     plain = estimated(short)[3].to_frame()
@@ -463,7 +493,7 @@ def test_a_road_that_is_not_known_changes_no_bit(banked):
 
 
 def test_the_replay_has_the_road_under_it(banked):
-    """Of the sim's own car nothing is left of accel_y but its noise."""
+    """For the simulator's own car, only the noise of accel_y remains."""
     road, (log, _) = banked
     true = {"cornering_stiffness_front": 0.8 * KNOWN.cornering_stiffness_front,
             "cornering_stiffness_rear": 0.85 * KNOWN.cornering_stiffness_rear}  # fmt: skip
@@ -474,7 +504,7 @@ def test_the_replay_has_the_road_under_it(banked):
 
 
 def test_columns_of_a_log_are_the_whole_road_in_a_replay(banked):
-    """Whatever the settings say of bank, grade and lean."""
+    """Columns replace bank, grade and lean of the settings."""
     _, (log, truth) = banked
     given = log.assign(bank=truth["true_bank"], grade=truth["true_grade"])
     one, other = (

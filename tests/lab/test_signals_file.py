@@ -11,7 +11,7 @@ import tse
 from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
 from tests.cars.real import DATA
-from tse.car.vehicle import default_vehicle, read_vehicle
+from tse.car.vehicle import make_default_vehicle, read_vehicle
 from tse.channels import look, physics
 from tse.channels.agree import check_car, check_units, find_false_stops, select_certain
 from tse.channels.log import read_log
@@ -418,7 +418,7 @@ def test_a_van_that_oversteers_when_it_is_braked_in_bends_is_not_left_out(tmp_pa
     time = np.arange(0.0, 60.0, 0.01)
     v = 18.0 + 2.0 * np.sin(0.6 * time)
     r = 0.15 * np.sin(0.3 * time)
-    car = default_vehicle()
+    car = make_default_vehicle()
     config = Config.exact(car.values)
     base, radius = config.lf + config.lr, config.wheel_radius_front
     rows = {

@@ -14,7 +14,7 @@ from tests.cars.along import config_of, line_of
 from tse._tables import Reason
 from tse.car.vehicle import SHAPE, make_vehicle
 from tse.channels.log import read_frame
-from tse.identify.slip import longitudinal
+from tse.identify.slip import estimate_longitudinal
 from tse.library.core import Config, NativeFilter
 
 SETTLED = 2000  # rows
@@ -60,7 +60,7 @@ def test_a_calibration_is_not_misled_by_the_noise_of_accel_x(stiffness: float) -
         tse.simulate("straight", make_vehicle(car | true, Path("car.toml")), seed=3, duration=120.0).log
     )
     config = Config.exact({**known.values, SHAPE: 1.0})
-    mean, sd = longitudinal(config, {}, [log], known)
+    mean, sd = estimate_longitudinal(config, {}, [log], known)
     off = mean + np.log(config.longitudinal_stiffness_front / stiffness)
     assert abs(off) < 0.1 and abs(off) < 1.96 * sd
     assert line_of(log, known) > 1.1 * stiffness
@@ -104,5 +104,5 @@ def test_tyres_that_do_not_bend_are_not_taken_for_stiffer_ones(driven: str) -> N
     known = make_vehicle(dict(car), Path("car.toml"))
     made = read_frame(pd.DataFrame(log))
     config = config_of(known, made)
-    mean, _ = longitudinal(config, {}, [made], known)
+    mean, _ = estimate_longitudinal(config, {}, [made], known)
     assert abs(mean + np.log(getattr(config, f"longitudinal_stiffness_{driven}") / stiffness[driven])) < 0.05

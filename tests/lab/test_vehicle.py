@@ -1,4 +1,4 @@
-"""Vehicle files and the rules that fill them in."""
+"""Vehicle files, and the rules that fill them in."""
 
 import re
 from pathlib import Path
@@ -11,16 +11,16 @@ from conftest import tselab
 from tse.car.config import NOT_IN_FILTER, make_config
 from tse.car.vehicle import (
     REQUIRED,
-    calibration_toml,
     fill_sensors,
-    filter_values,
-    latency_settings,
+    format_calibration_table,
+    get_unknown_car,
+    list_latency_settings,
+    list_sensor_settings,
+    list_uncertainty_settings,
+    list_vehicle_settings,
+    make_filter_values,
     make_vehicle,
     read_vehicle,
-    sensor_settings,
-    uncertainty_settings,
-    unknown_car,
-    vehicle_settings,
 )
 from tse.identify.unknowns import UNKNOWNS
 from tse.library.core import Config, library
@@ -45,7 +45,7 @@ def read(tmp_path, text):
 
 
 def class_of(name):
-    """A constant of src/tables/uncalibrated.toml."""
+    """Return a constant of src/tables/uncalibrated.toml."""
     table = read_toml(Path(__file__).resolve().parents[2] / "src" / "tables" / "uncalibrated.toml")
     return {**table["setting"], **table["class"]}[name]["value"]
 
@@ -63,7 +63,7 @@ def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
 
 
 def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_path):
-    bare = filter_values(read(tmp_path, BARE))
+    bare = make_filter_values(read(tmp_path, BARE))
     for name in (
         "initial_cy_front_sd",
         "grip",
@@ -76,12 +76,11 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
         assert bare[name] == class_of(name), name
     assert bare["driven_axle"] == 1
     told = BARE + "[sensors]\naccel_y_sd = 0.5\n[effects.body_roll]\ngain = 0.004\n"
-    said = filter_values(read(tmp_path, 'driven_axle = "rear"\n' + told))
+    said = make_filter_values(read(tmp_path, 'driven_axle = "rear"\n' + told))
     assert (said["driven_axle"], said["accel_y_sd"], said["body_roll_gain"]) == (2, 0.5, 0.004)
     exact = read(tmp_path, tselab("vehicle", "--simulated").out)
-    assert (
-        Config(filter_values(exact)).as_dict() == Config.exact({"driven_axle": 1}).as_dict()
-    )  # known exactly: nothing is added
+    # known exactly: nothing is added
+    assert Config(make_filter_values(exact)).as_dict() == Config.exact({"driven_axle": 1}).as_dict()
 
 
 def test_what_the_filter_does_not_apply_is_said(tmp_path):
@@ -93,7 +92,8 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
     assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
     slips = BARE + "[effects.combined_slip]\nfactor = 100.0\n"
     assert "effects.combined_slip" in make_config(read(tmp_path, slips), None)[1][0]
-    found = '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'  # it is what a calibration finds
+    # found by a calibration
+    found = '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'
     assert make_config(read(tmp_path, slips + "[uncertainty]\nmodel_sd = 0.03\n" + found), None)[1] == []
     assert set(NOT_IN_FILTER) <= set(library().effects)
     text = (Path(__file__).resolve().parents[2] / "src" / "EQUATIONS.md").read_text()
@@ -103,41 +103,38 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
 
 def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     names = '["cy_front", "cy_rear", "tyre_saturation_inverse_friction"]'
-    found = f"[calibration]\nnames = {names}\nmean = [0.0, 0.0, 1.25]\ncovariance = [[0.0004, 0, 0], [0, 1.0, 0], [0, 0, 0.0001]]\n"
-    car = filter_values(read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0.03\n" + found))
+    covariance = "[[0.0004, 0, 0], [0, 1.0, 0], [0, 0, 0.0001]]"
+    found = f"[calibration]\nnames = {names}\nmean = [0.0, 0.0, 1.25]\ncovariance = {covariance}\n"
+    car = make_filter_values(read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0.03\n" + found))
     assert car["initial_cy_front_sd"] == pytest.approx(0.02)
     assert car["initial_cy_rear_sd"] == class_of("initial_cy_rear_sd")  # no worse than the class
     assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < class_of("grip_sd")
     stated = "[sensors]\nvelocity_latency = 0.1\nvelocity_lever_x = -1.2\nyaw_rate_sd = 0.05\n"
-    car = filter_values(read(tmp_path, BARE + stated + found))
-    assert (
-        car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1
-    )  # of which no calibration speaks
-    assert car["accel_x_bias_sd"] == class_of("accel_x_bias_sd")  # which the file does not say
-    assert car["yaw_rate_sd"] == class_of(
-        "yaw_rate_sd"
-    )  # which the filter finds; the file has what was left of the search
+    car = make_filter_values(read(tmp_path, BARE + stated + found))
+    assert car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1  # not part of a calibration
+    assert car["accel_x_bias_sd"] == class_of("accel_x_bias_sd")  # missing in the file
+    # the filter finds it; the file has the residual of the search
+    assert car["yaw_rate_sd"] == class_of("yaw_rate_sd")
 
 
 def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
-    """One curve and one prior of the friction: in what is searched, in the filter of a calibrated car, in that of its class."""
+    """Search, filter of a calibrated car and filter of its class have one curve and
+    prior."""
     friction = next(u for u in UNKNOWNS if u.name == "tyre_saturation_inverse_friction")
-    assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of(
-        "grip_sd"
-    )  # relative
+    # relative
+    assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of("grip_sd")
     found = (
         '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.04]]\n'
     )
     curve = BARE + "[effects.tyre_saturation]\ninverse_friction = 1.25\n"
-    car = filter_values(read(tmp_path, curve + "shape = 0.5\n" + found))
-    assert car["tyre_saturation_shape"] == 0.5  # that on which the friction was found
+    car = make_filter_values(read(tmp_path, curve + "shape = 0.5\n" + found))
+    assert car["tyre_saturation_shape"] == 0.5  # the shape with which the friction was found
     assert car["grip"] == pytest.approx(1 / 1.25) and car["grip_sd"] == pytest.approx(0.2 / 1.25)
-    hardly = filter_values(
-        read(tmp_path, BARE + found.replace("1.25", "0.05"))
-    )  # no end that shows: inside the settings' ranges
+    # no limit of grip shows: inside the ranges of the settings
+    hardly = make_filter_values(read(tmp_path, BARE + found.replace("1.25", "0.05")))
     assert hardly["grip"] == 5.0 and 0 < hardly["grip_sd"] <= 1.0
     make_config(read(tmp_path, BARE + found.replace("1.25", "0.05")), None)
-    plain = filter_values(
+    plain = make_filter_values(
         read(tmp_path, BARE + '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n')
     )
     assert [plain[k] for k in ("tyre_saturation_shape", "grip")] == [
@@ -148,7 +145,8 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
 
 @pytest.mark.parametrize(("friction", "notes"), [(1.25, 0), (0.95, 1)])
 def test_a_friction_that_is_edited_beside_a_calibration_is_no_setting(tmp_path, friction, notes):
-    found = '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.0001]]\n'
+    names = '["tyre_saturation_inverse_friction"]'
+    found = f"[calibration]\nnames = {names}\nmean = [1.25]\ncovariance = [[0.0001]]\n"
     car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n{found}")
     assert [n.split(" is ")[1][:17] for n in car.notes if "inverse_friction" in n] == [
         "0.95 and not used"
@@ -167,17 +165,20 @@ def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
         read(tmp_path, BARE),
         read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"),
     )
-    assert {k: bare.values[k] for k in unknown_car()} == unknown_car()
-    assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
+    assert {k: bare.values[k] for k in get_unknown_car()} == get_unknown_car()
+    assert {k: told.values[k] for k in get_unknown_car()} == get_unknown_car() | {
+        "cg_sd": 0.0,
+        "mass_sd": 0.01,
+    }
     assert told.given_uncertainty == ["mass_sd", "cg_sd"]
     line = next(line for line in told.filled if line.startswith("[uncertainty]"))
     assert (
-        f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line
+        f"relaxation_sd = {get_unknown_car()['relaxation_sd']:g} m" in line
         and "cg_sd" not in line
         and "mass_sd" not in line
     )
     names = list(Config.exact().fields)  # the table of the file is that of the library
-    assert set(uncertainty_settings()) == set(names[names.index("mass_sd") : names.index("accel_x_sd")])
+    assert set(list_uncertainty_settings()) == set(names[names.index("mass_sd") : names.index("accel_x_sd")])
 
 
 def test_an_uncertainty_out_of_range_is_refused(tmp_path):
@@ -261,13 +262,12 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
     roll = 60 + 10 * np.sin(0.2 * t)
     noisy = {"front": 0.02, "rear": 0.07}
     wheels = {f"wheel_speed_{a}": roll + sd * rng.standard_normal(n) for a, sd in noisy.items()}
-    fast = {
-        a: np.interp(t, t[::5], w[::5]) for a, w in wheels.items()
-    }  # a sample in five rows, lines between
+    # one sample in five rows, interpolated
+    fast = {a: np.interp(t, t[::5], w[::5]) for a, w in wheels.items()}
     coarse = {f"wheel_speed_{a}": np.round(roll / 0.3) * 0.3 for a in noisy}
     for channels, low, high in (
         (wheels, 0.065, 0.075),
-        (fast, 0.09, 0.11),  # lines are smoother than samples; what is left counts once in five
+        (fast, 0.09, 0.11),  # interpolation is smoother; the rest counts once in five
         (coarse, 0.3 / np.sqrt(12), 0.7),
         (dict.fromkeys(wheels, roll), 0, 1e-4),
     ):
@@ -294,7 +294,8 @@ def test_the_simulated_car_is_the_default_car(tmp_path):
 
 
 def test_the_example_says_no_more_than_a_minimal_file(tmp_path):
-    """Who edits mass, axles and wheels gets the bands of a car that nobody has calibrated, not those of one told exactly."""
+    """With other mass, axles and wheels, the example gives the bands of an
+    uncalibrated car."""
     example = tselab("vehicle", "--example").out
     said = {
         line.split(" = ")[0] for line in example.splitlines() if line and not line.startswith(("#", "name"))
@@ -312,7 +313,12 @@ def test_every_line_of_the_example_can_be_taken_in(tmp_path):
     is_toml = re.compile(r"# (\[[a-z_.]+\]|[a-z_]+ = .*)")
     whole = "\n".join(line[2:] if is_toml.fullmatch(line) else line for line in lines)
     car = read(tmp_path, whole)
-    known = {*vehicle_settings(), *uncertainty_settings(), *sensor_settings(), *latency_settings().values()}
+    known = {
+        *list_vehicle_settings(),
+        *list_uncertainty_settings(),
+        *list_sensor_settings(),
+        *list_latency_settings().values(),
+    }
     assert known <= set(car.values)
     assert car.filled == car.notes == []
 
@@ -348,7 +354,7 @@ def read_notes(car):
 
 
 def test_a_car_that_is_edited_after_its_calibration_is_spoken_of():
-    lines = calibration_toml(
+    lines = format_calibration_table(
         ["cx", "cy"], np.zeros(2), np.eye(2), of={"mass": 1900.0, "lf": 1.2, "lr": 1.5, "yaw_inertia": 3000.0}
     )
     table = parse_toml("\n".join(lines))

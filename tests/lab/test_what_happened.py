@@ -13,7 +13,7 @@ from tse.estimation.estimate import Estimate
 from tse.estimation.regimes import REGIMES, Change, changes, percent, spells, stretches, words
 from tse.estimation.smooth import backward, fixed, smooth
 from tse.estimation.verdict import findings
-from tse.identify.data import smoothing_spline
+from tse.identify.data import solve_smoothing_spline
 from tse.library.core import NOMINAL as SETTING
 from tse.library.core import STIFFNESS, Config
 from tse.report import results
@@ -534,19 +534,19 @@ def test_it_is_that_of_scipy(signal, penalty):
     time, y = signal
     between = np.linspace(time[0], time[-1], 3001)
     # scipy solves a system whose condition grows with the penalty: 1e-8 at a penalty of 1 s3
-    assert smoothing_spline(time, y, penalty)(between) == pytest.approx(
+    assert solve_smoothing_spline(time, y, penalty)(between) == pytest.approx(
         make_smoothing_spline(time, y, lam=penalty)(between), abs=1e-8
     )
 
 
 def test_a_great_penalty_leaves_the_regression_line(signal):
     time, y = signal
-    assert smoothing_spline(time, y, 1e9)(time) == pytest.approx(
+    assert solve_smoothing_spline(time, y, 1e9)(time) == pytest.approx(
         np.polyval(np.polyfit(time, y, 1), time), abs=1e-5
     )
 
 
 def test_three_values_are_enough():
-    assert smoothing_spline(np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 4.0]), 0.1)(2.0) == pytest.approx(
-        3.0
-    )
+    assert solve_smoothing_spline(np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 4.0]), 0.1)(
+        2.0
+    ) == pytest.approx(3.0)

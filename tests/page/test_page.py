@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 import page  # noqa: E402
 
-from tse.car.vehicle import filter_values, read_vehicle  # noqa: E402
+from tse.car.vehicle import make_filter_values, read_vehicle  # noqa: E402
 from tse.estimation.estimate import write_table  # noqa: E402
 from tse.library.core import Config, SimConfig  # noqa: E402
 from tse.library.errors import UserError  # noqa: E402
@@ -376,7 +376,7 @@ def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
         f"{key} = {page_says[key]}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
     ]
     (tmp_path / "plain.toml").write_text("\n".join(needed))
-    ordinary = filter_values(read_vehicle(tmp_path / "plain.toml"))
+    ordinary = make_filter_values(read_vehicle(tmp_path / "plain.toml"))
     compared = [key for key in page_says if key in ordinary]
     assert len(compared) > 30 and {"mass_sd", "accel_y_sd", "cornering_stiffness_front"} <= set(compared)
     for key in compared:
@@ -392,7 +392,7 @@ def test_a_vehicle_file_is_filled_in_as_tselab_fills_it_in(seen, cars):
 
 
 def test_what_a_vehicle_file_says_outlives_the_next_log(seen, cars):
-    for key, value in filter_values(read_vehicle(Path(cars["little"]))).items():
+    for key, value in make_filter_values(read_vehicle(Path(cars["little"]))).items():
         if key in read_vehicle(Path(cars["little"])).values:
             assert seen["kept"][key] == pytest.approx(value, rel=1e-12), key
 

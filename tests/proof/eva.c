@@ -87,7 +87,7 @@ static void any_filter(int32_t extras)
   f->waiting.newest = in(0, TSE_LATENCY_ROWS - 1);
   f->k.change_kind = in(TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   f->k.fault = in(0, TSE_CHANNELS);
-  f->k.slow_turn = in(0, INT32_MAX - 1);
+  f->k.slow_turn = in(0, TSE_SLOW - 1);
   f->k.ud.extras = extras;
   f->k.velocity.kept = in(0, TSE_PAST);
   f->k.agreement.apart = in(0, (1 << TSE_PAIRS) - 1);
@@ -103,7 +103,7 @@ static void still_so(void)
 {
   //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
   //@ assert whole: 0 <= f->k.change_kind <= TSE_CHANGE_RESTART && 0 <= f->k.fault <= TSE_CHANNELS;
-  //@ assert whole: 0 <= f->k.slow_turn < INT32_MAX;
+  //@ assert whole: 0 <= f->k.slow_turn < TSE_SLOW;
   //@ assert whole: f->k.ud.extras == 0 || f->k.ud.extras == MOST_EXTRAS;
   //@ assert whole: 0 <= f->k.velocity.kept <= TSE_PAST && 0 <= f->k.agreement.apart < (1 << TSE_PAIRS);
   //@ assert whole: \forall integer i; 0 <= i < TSE_EVENTS ==> EVENT_NONE <= f->k.event[i].kind < EVENT_KINDS;

@@ -126,12 +126,12 @@ def test_every_field_is_in_the_c_reference_with_range_and_unit(page, which):
         if f.has_range:
             assert f"{f.low:g} .. {f.high:g}" in row[0], f.name
         if which == CONFIG:
-            assert tables.number(f.default) in row[0], f.name
+            assert tables.format_number(f.default) in row[0], f.name
 
 
 def test_every_output_status_reason_and_effect_is_in_the_reference():
     text = (PAGES / "reference" / "rows.md").read_text(encoding="utf-8")
-    members = tables.output_members()
+    members = tables.list_output_members()
     for f in library().fields(OUTPUT):
         assert f"`{members[f.name]}`" in text and f"`{f.name}`" in text, f.name
     for which in (STATUS, REASON):
@@ -145,7 +145,7 @@ def test_every_public_function_of_the_headers_has_its_comment():
     names = [
         re.findall(r"^#define (tse_\w+) +TSE_NAME", (tables.TSE / h).read_text(), flags=re.M) for h in headers
     ]
-    assert {n for of in names for n in of} == {n for h in headers for n, _, _ in tables.functions(h)}
+    assert {n for of in names for n in of} == {n for h in headers for n, _, _ in tables.list_functions(h)}
 
 
 def test_the_python_reference_has_every_name():
@@ -289,11 +289,11 @@ def test_a_picture_is_drawn(tmp_path):
     from docsite import pictures
 
     (made,) = pictures.draw(["fault"], tmp_path)
-    assert made.read_bytes().startswith(b"\x89PNG") and made.stat().st_size < pictures.MOST
+    assert made.read_bytes().startswith(b"\x89PNG") and made.stat().st_size < pictures.MAX_PICTURE_BYTES
 
 
-FILES = links.files("*.md")
-HELD = set(links.files())
+FILES = links.list_files("*.md")
+HELD = set(links.list_files())
 RAW = re.compile(r"^(?:!!!|\?\?\?|:::|--8<--|\{[%!])|\)\{ ?[.:]|^<!-- (?:include|api):|\{\{", flags=re.M)
 MOST = 100_000  # bytes of a picture
 
@@ -301,13 +301,13 @@ MOST = 100_000  # bytes of a picture
 def wrong_links(path: Path) -> list[str]:
     """Return the links of a page that lead to no file of git, or to no anchor of one."""
     found = []
-    for target, anchor in links.local(path):
+    for target, anchor in links.list_local_links(path):
         if target not in HELD:
             found.append(f"{target}: git holds no such file")
         elif (
             anchor
             and target.suffix == ".md"
-            and anchor not in links.anchors(target.read_text(encoding="utf-8"))
+            and anchor not in links.list_anchors(target.read_text(encoding="utf-8"))
         ):
             found.append(f"{target}#{anchor}: no such anchor")
     return found
@@ -315,12 +315,12 @@ def wrong_links(path: Path) -> list[str]:
 
 def raw_markers(text: str) -> list[str]:
     """Return what a builder would expand and a forge shows as it is, or as nothing."""
-    prose = links.CODE.sub("", text)
+    prose = links.CODE_BLOCK.sub("", text)
     lone = [
         f"<!-- {k}: {x} -->"
-        for k, x in re.findall(r"^<!-- (table|code): (\S+) -->$", fill.BLOCK.sub("", text), re.M)
+        for k, x in re.findall(r"^<!-- (table|code): (\S+) -->$", fill.PAGE_BLOCK.sub("", text), re.M)
     ]
-    empty = [m[2] for m in fill.BLOCK.finditer(text) if not m[3].strip()]
+    empty = [m[2] for m in fill.PAGE_BLOCK.finditer(text) if not m[3].strip()]
     return [m[0] for m in RAW.finditer(prose)] + lone + empty
 
 
@@ -349,10 +349,12 @@ def test_anchors_are_those_of_a_forge():
     text = (
         '# `a_b` and [c](d.md), e - f\n```sh\n# no heading\n```\n## Twice\n## Twice\n<span id="own"></span>\n'
     )
-    assert links.anchors(text) == {"a_b-and-c-e---f", "twice", "twice-1", "own"}
+    assert links.list_anchors(text) == {"a_b-and-c-e---f", "twice", "twice-1", "own"}
 
 
-BLOCKS = sorted({(m[1], m[2]) for p in FILES for m in fill.BLOCK.finditer(p.read_text(encoding="utf-8"))})
+BLOCKS = sorted(
+    {(m[1], m[2]) for p in FILES for m in fill.PAGE_BLOCK.finditer(p.read_text(encoding="utf-8"))}
+)
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda b: b[1])
@@ -361,13 +363,13 @@ def test_a_table_that_is_written_in_is_current(block):
     kind, what = block
     now = fill.made(kind, what)
     for path in FILES:
-        for m in fill.BLOCK.finditer(path.read_text(encoding="utf-8")):
+        for m in fill.PAGE_BLOCK.finditer(path.read_text(encoding="utf-8")):
             if (m[1], m[2]) == block:
                 assert m[3] == now, path
 
 
 def test_pictures_are_small():
-    shown = {t for p in FILES for t, _ in links.local(p) if t.suffix in (".png", ".svg")}
+    shown = {t for p in FILES for t, _ in links.list_local_links(p) if t.suffix in (".png", ".svg")}
     assert shown and [p.name for p in shown if p.stat().st_size > MOST] == []
 
 
@@ -395,7 +397,7 @@ NOT = (
 )  # others' code; tables are as their command wrote them
 WORDED = [
     p
-    for p in links.files()
+    for p in links.list_files()
     if (name := p.relative_to(ROOT).as_posix()).startswith(WHERE)
     and p.suffix in KINDS
     and not name.startswith(NOT)

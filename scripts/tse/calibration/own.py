@@ -1,8 +1,10 @@
-"""A car that nobody has calibrated: calibrated on the log that is estimated, once, and kept for the next run.
+"""Calibrate a car on the logs that are estimated, once, and keep the result for later
+runs.
 
-The posterior of the cornering stiffness is the filter's prior, as of any calibration. The same rows are then prior and measurement,
-which model discrepancy makes little of: they add hardly anything. Longitudinal stiffness and model discrepancy stay those of the
-class: one short log says too little of either.
+This is for a car without calibration. As after any calibration, the posterior of the
+cornering stiffness is the filter's prior. So the same rows are prior and measurement. The
+model discrepancy gives the second use little weight. Longitudinal stiffness and model
+discrepancy stay those of the class: one short log shows too little of either.
 """
 
 import copy
@@ -20,38 +22,38 @@ import numpy as np
 
 from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, make_vehicle
+from tse.identify.unknowns import CORNERING_AXLES
 from tse.library import __version__
 from tse.library.core import NOMINAL, Config, NativeFilter, library
 from tse.library.errors import UserError
 from tse.library.files import lock_file, read_sealed, tomllib, write_sealed
 from tse.log.rows import CheckedLog, select_liveliest
 
-MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
-LEAST_SECONDS = 60.0  # that can be compared with a simulation,
-ENDS = 2.0  # s: less what its ends leave out: a row, and where the simulation starts
-LEAST_TURNING = 2.0  # s with a lateral acceleration of
-TURNING = 1.0  # m/s2
-KNOWN = 0.175  # ln: where neither cornering stiffness comes out to this, the log shows nothing of them
-LONGEST = 300.0  # s: a search that takes longer on this machine is given up
+MAX_OWN_SECONDS = 600.0  # s, of all logs together: of a longer log the part with the most turning
+MIN_OWN_SECONDS = 60.0  # s that can be compared with a simulation
+END_SECONDS = 2.0  # s at the ends of a log that cannot be compared: a row, and the burn-in
+MIN_TURNING_SECONDS = 2.0  # s with a lateral acceleration above MIN_TURNING_ACCEL
+MIN_TURNING_ACCEL = 1.0  # m/s2
+MAX_SHOWN_SD = 0.175  # ln: with a larger sd on both axles, the log shows no cornering stiffness
+MAX_SEARCH_SECONDS = 300.0  # s, run time of the search
 STOPPED = "it was stopped by Ctrl-C"
-TOO_LONG = f"the search took longer than {LONGEST:g} s"
-AXLES = {"cy_front": "front", "cy_rear": "rear"}
+TOO_LONG = f"the search took longer than {MAX_SEARCH_SECONDS:g} s"
 
 
 class _TooLong(Exception):
-    """The search has taken LONGEST."""
+    """The search has run for MAX_SEARCH_SECONDS."""
 
 
 @dataclass
-class Own:
-    """What came of it. `text`: the calibrated vehicle file; empty: the car stays one of its class. `found`: for programs."""
+class OwnCalibration:
+    """Result of a calibration on the logs that are estimated."""
 
-    text: str
-    words: list[str]
-    found: dict[str, Any]
+    text: str  # calibrated vehicle file; empty: the car stays one of its class
+    words: list[str]  # lines for the user
+    found: dict[str, Any]  # result for programs
 
-    def vehicle(self, before: Vehicle) -> Vehicle:
-        """Return the calibrated car; what the file says beside it stays."""
+    def apply_to(self, before: Vehicle) -> Vehicle:
+        """Return the calibrated car, with the facts of the vehicle file."""
         if not self.text:
             return replace(before, found=self.words)
         made = make_vehicle(tomllib.loads(self.text), before.path or Path("vehicle"))
@@ -61,38 +63,41 @@ class Own:
         return replace(made, found=self.words, **kept)
 
 
-def uncalibrated(vehicle: Vehicle) -> bool:
-    """Return whether nobody has calibrated the car, or said how well it is known."""
+def is_uncalibrated(vehicle: Vehicle) -> bool:
+    """Return whether a car has neither a calibration nor stated uncertainties."""
     return not vehicle.calibration and not vehicle.given_uncertainty
 
 
-def cache_folder() -> Path:
-    """Where calibrations are kept, of this user."""
+def get_cache_folder() -> Path:
+    """Return the user's folder of kept calibrations."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
     return Path(base) / "tselab" / "calibrated"
 
 
-def calibrated(
+def calibrate_once(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None] = lambda _: None
-) -> Own:
-    """Calibrate on logs of the car, or return what an earlier run has found on the same ones."""
+) -> OwnCalibration:
+    """Calibrate on logs of the car, or return an earlier result on them."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
-    if seconds < LEAST_SECONDS - ENDS:
-        return of_class(f"it lasts {seconds:.4g} s, {LEAST_SECONDS:g} s are needed")
-    if (turning := sum(_turning(log, vehicle) for log in logs)) < LEAST_TURNING:
-        return of_class(
-            f"it hardly turns: {turning:.1f} s above {TURNING:g} m/s2 across, {LEAST_TURNING:g} s are needed"
+    if seconds < MIN_OWN_SECONDS - END_SECONDS:
+        return keep_class(f"it lasts {seconds:.4g} s, {MIN_OWN_SECONDS:g} s are needed")
+    if (turning := sum(_measure_turning(log, vehicle) for log in logs)) < MIN_TURNING_SECONDS:
+        return keep_class(
+            f"it hardly turns: {turning:.1f} s above {MIN_TURNING_ACCEL:g} m/s2 across, "
+            f"{MIN_TURNING_SECONDS:g} s are needed"
         )
-    parts = [_part(log, MOST_SECONDS / len(logs)) for log in logs]
-    key = _key(vehicle, parts)
-    path = _place(f"{key}.json")
+    parts = [_select_part(log, MAX_OWN_SECONDS / len(logs)) for log in logs]
+    key = _compute_key(vehicle, parts)
+    path = _make_cache_path(f"{key}.json")
     if path is None:
         return _calibrate(vehicle, parts, say)
     lock = path.with_suffix(".lock")
-    with lock_file(lock), _gone(lock):
+    with lock_file(lock), _remove_on_exit(lock):
         kept = read_sealed(path)
         if isinstance(kept, dict) and kept.get("key") == key:
-            return Own(kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"])
+            return OwnCalibration(
+                kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"]
+            )
         where = "broken, made anew" if path.exists() else "kept for the next run"
         own = _calibrate(vehicle, parts, say)
         if own.found.get("why") != TOO_LONG:
@@ -102,8 +107,8 @@ def calibrated(
 
 
 @contextmanager
-def _gone(lock: Path) -> Iterator[None]:
-    """Take the lock file away behind the block, however it ends: who comes then does the work twice, at worst."""
+def _remove_on_exit(lock: Path) -> Iterator[None]:
+    """Remove the lock file on exit; a process in between repeats the work."""
     try:
         yield
     finally:
@@ -111,33 +116,31 @@ def _gone(lock: Path) -> Iterator[None]:
             lock.unlink()
 
 
-def _turning(log: CheckedLog, vehicle: Vehicle) -> float:
-    """Seconds with a lateral acceleration of TURNING by speed and yaw rate, or by accel_y where there is no gyro."""
-    rate, speed = (
-        log.data["yaw_rate"].to_numpy(float),
-        vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"],
-    )
+def _measure_turning(log: CheckedLog, vehicle: Vehicle) -> float:
+    """Return the time [s] above MIN_TURNING_ACCEL, by gyro or else by accel_y."""
+    rate = log.data["yaw_rate"].to_numpy(float)
+    speed = vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"]
     across = speed.to_numpy(float) * rate if np.isfinite(rate).any() else log.data["accel_y"].to_numpy(float)
     with np.errstate(invalid="ignore"):
-        return float(log.dt[np.abs(across) > TURNING].sum())
+        return float(log.dt[np.abs(across) > MIN_TURNING_ACCEL].sum())
 
 
-def _place(name: str) -> Path | None:
-    """Where to keep it; None where no folder can hold it."""
+def _make_cache_path(name: str) -> Path | None:
+    """Return the path of a kept calibration; None: no folder can hold it."""
     try:
-        folder = cache_folder()
+        folder = get_cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):  # RuntimeError: there is no home
         return None
     return folder / name if os.access(folder, os.W_OK) else None
 
 
-def _part(log: CheckedLog, seconds: float) -> CheckedLog:
+def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
     return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 
-def _key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
-    """Of all that the calibration depends on: what was read of the logs, the car, the code."""
+def _compute_key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
+    """Return a hash of all inputs of the calibration: logs, car and code."""
     digest = hashlib.sha256(library().path.read_bytes())
     for code in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(code.read_bytes())
@@ -152,102 +155,111 @@ def _key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
     return digest.hexdigest()
 
 
-def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]) -> Own:
+def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]) -> OwnCalibration:
+    """Calibrate on the logs, and check the result against the filter on the same rows."""
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
-    until = time.monotonic() + LONGEST
+    until = time.monotonic() + MAX_SEARCH_SECONDS
 
-    def watched(text: str) -> None:
+    def report(text: str) -> None:
         if time.monotonic() > until:
             raise _TooLong
         say(f"calibrating on the log itself: {text}")
 
     try:
-        result = workflow.of_logs(logs, car, watched, least=LEAST_SECONDS - ENDS)
-    except (UserError, ValueError) as error:  # ValueError: LinAlgError, of rows that determine nothing
-        return of_class(str(error))
+        result = workflow.calibrate_logs(logs, car, report, min_seconds=MIN_OWN_SECONDS - END_SECONDS)
+    except (UserError, ValueError) as error:  # ValueError: LinAlgError, the rows determine nothing
+        return keep_class(str(error))
     except _TooLong:
-        return of_class(TOO_LONG)
-    found = _found(result)
+        return keep_class(TOO_LONG)
+    found = _collect_findings(result)
     if not result.fit.converged:
-        return of_class(f"the search did not converge in {result.fit.steps} steps", found)
-    if not any(found["stiffness"][axle]["sd_relative"] < KNOWN for axle in AXLES):
-        return of_class("these rows show nothing of the cornering stiffness", found)
+        return keep_class(f"the search did not converge in {result.fit.steps} steps", found)
+    if not any(found["stiffness"][axle]["sd_relative"] < MAX_SHOWN_SD for axle in CORNERING_AXLES):
+        return keep_class("these rows show nothing of the cornering stiffness", found)
     if wrong := result.misstated:
-        return of_class(wrong, found | {"wrong": wrong})
+        return keep_class(wrong, found | {"wrong": wrong})
     result = replace(result, vehicle=replace(car, formula=None), own=True)
-    made = Own(output.toml(result, [log.path.name for log in logs], Path()), _words(result, found), found)
-    for car, contradicts in ((vehicle, _contradicted), (made.vehicle(vehicle), None)):
+    text = output.format_calibrated(result, [log.path.name for log in logs], Path())
+    made = OwnCalibration(text, _describe(result, found), found)
+    for car, contradicts in ((vehicle, _describe_contradiction), (made.apply_to(vehicle), None)):
         for log in logs:
             config, _ = make_config(car, log)
             out = NativeFilter(config).estimate_rows(log.rows())
             used = out[out["status"] >= 0]
-            if (used["change_kind"] > 0).any():  # a stiffness of two roads is that of neither
-                return of_class("the road or the tyres change during it", found)
+            if (used["change_kind"] > 0).any():  # one stiffness cannot describe two roads
+                return keep_class("the road or the tyres change during it", found)
             if contradicts and len(used) and (against := contradicts(config, used[-1], found)):
-                return of_class(against, found)
+                return keep_class(against, found)
     return made
 
 
-def _contradicted(config: Config, last: np.void, found: Mapping[str, Any]) -> str:
-    """Return how search and filter of the class, two estimates from the same rows, contradict each other; empty: they agree.
+def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, Any]) -> str:
+    """Return how the search and the filter of the class contradict each other; empty:
+    they agree.
 
-    Both intervals claim 95 %. Where the means are further apart than both together allow, one model is wrong, and nothing in the
-    log says which: its likelihood is that of the searched numbers, which were searched for it."""
-    for key, axle in AXLES.items():
+    Both estimate from the same rows, with 95 % intervals. If their means are further
+    apart than both intervals allow, one model is wrong. The log cannot show which one,
+    since the likelihood favours the numbers that were searched.
+    """
+    for key, axle in CORNERING_AXLES.items():
         ours = found["stiffness"][key]
         mean, sd = float(last[key]), float(last[f"{key}_sd"]) / float(last[key])
         value = mean * float(getattr(config, NOMINAL[key]))
         if abs(np.log(ours["value"] / value)) > 1.96 * np.hypot(sd, ours["sd_relative"]):
+            low, high = ours["low"] / 1000, ours["high"] / 1000
             return (
-                f"the search finds {ours['value'] / 1000:.0f} ({ours['low'] / 1000:.0f} .. {ours['high'] / 1000:.0f}) kN/rad "
-                f"in the {axle}, the filter {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} on the same rows"
+                f"the search finds {ours['value'] / 1000:.0f} ({low:.0f} .. {high:.0f}) kN/rad "
+                f"in the {axle}, the filter {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} "
+                "on the same rows"
             )
     return ""
 
 
-def of_class(why: str, found: Mapping[str, Any] | None = None) -> Own:
-    """Return that the car stays one of its class, and why."""
+def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
+    """Return that the car stays one of its class, with the reason."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
-    return Own("", words, {**(found or {}), "used": False, "why": why})
+    return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 
 
-def _found(result: Any) -> dict[str, Any]:
-    """For programs: stiffness, latencies, and what could not be shown."""
+def _collect_findings(result: Any) -> dict[str, Any]:
+    """Return stiffness, latencies and hidden numbers, for programs."""
     from tse.calibration import output
 
     sds = dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True))
-    values, stiffness = output.values(result), {}
-    for key in AXLES:
+    values, stiffness = output.collect_settings(result), {}
+    for key in CORNERING_AXLES:
         value, sd = values[NOMINAL[key]], float(sds[key])
-        stiffness[key] = {
-            "value": value, "low": value * float(np.exp(-1.96 * sd)), "high": value * float(np.exp(1.96 * sd)), "sd_relative": sd,
-        }  # fmt: skip
+        low, high = (value * float(np.exp(side * 1.96 * sd)) for side in (-1, 1))
+        stiffness[key] = {"value": value, "low": low, "high": high, "sd_relative": sd}
     late = [f for f in result.findings if f.name.endswith("_latency")]
     return {
-        "used": True, "seconds": result.seconds, "converged": result.fit.converged, "stiffness": stiffness,
+        "used": True,
+        "seconds": result.seconds,
+        "converged": result.fit.converged,
+        "stiffness": stiffness,
         "latency": {f.name.removesuffix("_latency"): {"value": f.value, "sd": f.sd} for f in late if f.shown},
         "not_shown": [f.name for f in result.findings if not f.shown],
-    }  # fmt: skip
+    }
 
 
-def _words(result: Any, found: dict[str, Any]) -> list[str]:
+def _describe(result: Any, found: dict[str, Any]) -> list[str]:
+    """Return the result as lines for the user."""
     stiffness = ", ".join(
-        f"{AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"
+        f"{CORNERING_AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"
         for key, s in found["stiffness"].items()
     )
-    minutes = found["seconds"] / 60
     lines = [
-        f"calibrated on the log itself, {minutes:.1f} minutes of it: stiffness at no slip, 95 %: {stiffness} kN/rad"
+        f"calibrated on the log itself, {found['seconds'] / 60:.1f} minutes of it: "
+        f"stiffness at no slip, 95 %: {stiffness} kN/rad"
     ]
     late = [f"{c} {1000 * x['value']:.0f} +- {1960 * x['sd']:.0f}" for c, x in found["latency"].items()]
     lines += [f"latency behind the gyro, ms, 95 %: {', '.join(late)}"] if late else []
-    groups = {
-        g: [f.shown for f in result.findings if f.group == g]
-        for g in dict.fromkeys(f.group for f in result.findings)
-    }
+    groups: dict[str, list[bool]] = {}
+    for f in result.findings:
+        groups.setdefault(f.group, []).append(f.shown)
     hidden = [g if not any(shown) else f"part of {g}" for g, shown in groups.items() if not all(shown)]
-    lines += result.along
+    lines += result.slip_lines
     lines += [f"could not be shown: {', '.join(hidden)}"] if hidden else []
-    return [*lines, *result.surer]
+    return [*lines, *result.advice]

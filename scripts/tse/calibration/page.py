@@ -1,4 +1,5 @@
-"""The page of a calibration: what was found, how well it shows, and what the car's model says with and without it."""
+"""Write the page of a calibration: the numbers, how well they show, and the misfit of the
+model."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,34 +8,45 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tse.calibration.result import Proof, Result
+from tse.calibration.result import CalibrationResult, Proof
 from tse.identify.unknowns import MEASURED
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, ORANGE, layout
 from tse.report.report import write_page
 
 
-def write(path: Path, result: Result, words: Sequence[str]) -> None:
+def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
     """Write the page."""
     sections: list[tuple[str, str, go.Figure]] = [
-        ("What is known now, and was before", "Each number with its 95 % interval, in units of its sd before (0: what "
-         "cars usually have; -2 .. 2: their 95 % range). Grey: these logs do not show it.", bands(result)),
-        ("Measured less simulated, before and after", "Rms about the mean of each log. Before: the car of the vehicle file. After: "
-         "the calibrated car; of a fitted log on the road that was found, of a held-out log on one that leans into its curves.",
-         misfit(result.proofs)),
-    ]  # fmt: skip
-    write_page(path, "calibrate.html.j2", sections,
-               title="Calibrated" if result.fit.converged else "Calibrated, but the search has not converged",
-               converged=result.fit.converged, vehicle=result.vehicle.name, words=words, notes=result.notes, groups=result.groups,
-               facts=_facts(result))  # fmt: skip
+        (
+            "What is known now, and was before",
+            "Each number with its 95 % interval, in units of its sd before (0: what cars usually have; "
+            "-2 .. 2: their 95 % range). Grey: these logs do not show it.",
+            draw_bands(result),
+        ),
+        (
+            "Measured less simulated, before and after",
+            "Rms about the mean of each log. Before: the car of the vehicle file. After: the calibrated "
+            "car; of a fitted log on the road that was found, of a held-out log on one that leans into its "
+            "curves.",
+            draw_misfit(result.proofs),
+        ),
+    ]
+    converged = result.fit.converged
+    write_page(
+        path, "calibrate.html.j2", sections,
+        title="Calibrated" if converged else "Calibrated, but the search has not converged",
+        converged=converged, vehicle=result.vehicle.name, words=words, notes=result.notes,
+        groups=result.groups, facts=_list_facts(result),
+    )  # fmt: skip
 
 
-def _facts(result: Result) -> list[tuple[str, str]]:
+def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(
         ("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}")
     )
-    for c, left in result.problem.lasting(result.fit.level).items():
-        unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # compared as what it adds to the speed
+    for c, left in result.problem.measure_lasting(result.fit.level).items():
+        unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # accel_x is compared as a speed
         text = f"as much as {np.sqrt(left.power):.2g} {unit} for 1 s; it walks {left.walk:.2g} {unit}/sqrt(s)"
         rows.append((f"Not explained on level roads, {c}", text))
     steps = ", ".join(f"{c} {step:.3g}" for c, step in result.steps.items() if step > 0)
@@ -43,8 +55,8 @@ def _facts(result: Result) -> list[tuple[str, str]]:
     return rows
 
 
-def bands(result: Result) -> go.Figure:
-    """Posterior of every number over its prior."""
+def draw_bands(result: CalibrationResult) -> go.Figure:
+    """Draw the posterior of every number in units of its prior."""
     rows = [f for g in result.groups for f in g.members][::-1]
     figure = go.Figure()
     figure.add_vrect(x0=-2, x1=2, fillcolor="#eef2f6", line_width=0, layer="below")
@@ -56,18 +68,28 @@ def bands(result: Result) -> go.Figure:
         if mine:
             figure.add_trace(
                 go.Scatter(
-                    x=[(f.value - f.prior) / f.prior_sd for f in mine], y=[f.name for f in mine], mode="markers", name=title,
-                    marker={"color": colour, "size": 8}, hovertext=[f.words for f in mine], hoverinfo="text",
-                    error_x={"type": "data", "array": [1.96 * f.sd / f.prior_sd for f in mine], "color": colour, "thickness": 2},
+                    x=[(f.value - f.prior) / f.prior_sd for f in mine],
+                    y=[f.name for f in mine],
+                    mode="markers",
+                    name=title,
+                    marker={"color": colour, "size": 8},
+                    hovertext=[f.words for f in mine],
+                    hoverinfo="text",
+                    error_x={
+                        "type": "data",
+                        "array": [1.96 * f.sd / f.prior_sd for f in mine],
+                        "color": colour,
+                        "thickness": 2,
+                    },
                 )
-            )  # fmt: skip
+            )
     figure.update_yaxes(categoryorder="array", categoryarray=[f.name for f in rows], automargin=True)
     figure.update_xaxes(title="found less known before, in its sd")
     return layout(figure, 160 + 20 * len(rows), title_text=None)
 
 
-def misfit(proofs: Sequence[Proof]) -> go.Figure:
-    """Bars of each log, before and after."""
+def draw_misfit(proofs: Sequence[Proof]) -> go.Figure:
+    """Draw the rms of each log as bars, before and after."""
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
     figure = make_subplots(
         1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True
@@ -79,9 +101,10 @@ def misfit(proofs: Sequence[Proof]) -> go.Figure:
             ("after", BLUE, [x.after if x else np.nan for x in mine]),
             ("noise of the sensor", GREY, [x.noise if x else np.nan for x in mine]),
         ):
-            figure.add_trace(
-                go.Bar(x=values, y=names, orientation="h", name=title, legendgroup=title, showlegend=column == 1,
-                       marker_color=colour), row=1, col=column,
+            bars = go.Bar(
+                x=values, y=names, orientation="h", name=title, legendgroup=title, showlegend=column == 1,
+                marker_color=colour,
             )  # fmt: skip
+            figure.add_trace(bars, row=1, col=column)
     figure.update_yaxes(autorange="reversed", automargin=True)
     return layout(figure, 190 + 44 * len(names), bargap=0.3)

@@ -1,4 +1,4 @@
-"""What a calibration leaves: what it found, number by number, in words."""
+"""Hold the result of a calibration, and describe it number by number."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -7,30 +7,31 @@ from typing import Any
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.identify.advice import Offer
-from tse.identify.advice import words as offer_words
-from tse.identify.fit import Fit, covariance_of
-from tse.identify.problem import Problem
-from tse.identify.slip import slip_words
+from tse.identify.advice import Offer, describe_offers
+from tse.identify.fit import CarFit, compute_covariance
+from tse.identify.problem import CarProblem
+from tse.identify.slip import describe_slip
 from tse.identify.unknowns import (
     CHANNEL_UNIT,
+    CORNERING_AXLES,
     LATENCIES,
+    MAX_SHOWN_RATIO,
     MEASURED,
     OF_VELOCITY,
+    SIGNIFICANT_SD,
     UNKNOWNS,
     VELOCITY,
     Unknown,
-    unit_of,
+    get_unit,
 )
 from tse.library.core import Config
 
-LEAST_SECONDS = (
-    20.0  # of all logs together: of fewer the search converges, near its prior, on what happens to fit
-)
-SHOWN = 0.7  # posterior over prior sd below which the logs have said something of a number
-SURE = 3.0  # sd from nothing at which a size is called one
-WORSE = 1.05  # of the rms before: what a calibration makes of no log of its car
-FAR = 4.0  # prior sd: where one of STATED comes out so far off, the file says another car; right cars 2.4, a ratio 30 % wrong 5.8
+# s, of all logs together: with fewer the search converges near its prior, on a chance fit
+MIN_RELIABLE_SECONDS = 20.0
+MAX_WORSE_RATIO = 1.05  # rms after over before: a log of the same car stays below
+# prior sd: a number of STATED beyond it shows a wrong vehicle file. Right cars: 2.4 at
+# most, a ratio 30 % wrong: 5.8
+MAX_STATED_SD = 4.0
 STATED = {
     "steering_ratio_change": "the steering ratio or lf + lr",
     "imu_misalignment_angle": "the direction of the IMU",
@@ -39,119 +40,131 @@ STATED = {
     "gyro_scale_error": "the scale of yaw_rate",
 }
 CHANNEL_WORDS = {
-    "steer_angle": "steering angle", "wheel_speed_front": "front wheel speed", "wheel_speed_rear": "rear wheel speed",
-    "accel_x": "accel_x", "accel_y": "accel_y",
-}  # fmt: skip
-AXLES = {"cy_front": "front", "cy_rear": "rear"}
-REAR = "longitudinal_stiffness_rear"
-NOT_ZERO = f", less than {SURE:g} sd from 0, or too small to matter"
+    "steer_angle": "steering angle",
+    "wheel_speed_front": "front wheel speed",
+    "wheel_speed_rear": "rear wheel speed",
+    "accel_x": "accel_x",
+    "accel_y": "accel_y",
+}
+REAR_STIFFNESS = "longitudinal_stiffness_rear"
+NOT_ZERO = f", less than {SIGNIFICANT_SD:g} sd from 0, or too small to matter"
 
 
 @dataclass(frozen=True)
-class Finding:
+class NumberFinding:
     """One number of the car."""
 
     name: str
     group: str
     unit: str
-    before: float  # as the vehicle file had it
+    before: float  # of the vehicle file
     prior: float
     prior_sd: float
     value: float
     sd: float
     shown: bool  # the logs reduced its sd
-    words: str
-    shape: bool = False  # of an effect: nothing where that is off
+    words: str  # line for the user
+    shape: bool = False  # shape of an effect, without meaning where the effect is off
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
 
 
-def misstated(found: Sequence[Finding]) -> str:
-    """Return what the vehicle file says and the logs contradict, in words; empty: nothing."""
+def describe_misstated(found: Sequence[NumberFinding]) -> str:
+    """Return the first stated number that the logs contradict; empty: none."""
     for f in found:
-        if f.name in STATED and f.prior_sd > 0 and (off := abs(f.value - f.prior) / f.prior_sd) > FAR:
-            return f"{STATED[f.name]} seems wrong: {f.name} is {f.value:.3g} and not {f.prior:.3g}, {off:.0f} sd of what cars have"
+        if f.name not in STATED or f.prior_sd <= 0:
+            continue
+        if (off := abs(f.value - f.prior) / f.prior_sd) > MAX_STATED_SD:
+            return (
+                f"{STATED[f.name]} seems wrong: {f.name} is {f.value:.3g} and not {f.prior:.3g}, "
+                f"{off:.0f} sd of what cars have"
+            )
     return ""
 
 
 @dataclass(frozen=True)
-class Group:
-    """What belongs together, and what speaks for it."""
+class FindingGroup:
+    """Numbers that belong together, and the evidence for them."""
 
     name: str
-    nats: float  # by which the logs speak against what the vehicle file had
-    members: tuple[Finding, ...]
+    nats: float  # evidence of the logs against the vehicle file
+    members: tuple[NumberFinding, ...]
 
 
-def findings(problem: Problem, fit: Fit, before: Mapping[str, float]) -> list[Finding]:
-    """All unknowns of the car but its stiffness. `before`: by name, what the vehicle file had."""
+def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float]) -> list[NumberFinding]:
+    """Return the unknowns but the stiffness. `before`: the file's values."""
     known, found = np.sqrt(np.diag(fit.covariance)), fit.x
-    times = rear_follows(problem, fit)
+    times = compute_rear_factor(problem, fit)
     rows = []
     known_names = list(problem.prior.names)
     for u in (*UNKNOWNS, *OF_VELOCITY):
         if u.name not in known_names:
             continue
         k = known_names.index(u.name)
-        shown = bool(known[k] < SHOWN * problem.sd[k])
+        shown = bool(known[k] < MAX_SHOWN_RATIO * problem.sd[k])
         by = float(getattr(problem.config, u.name)) if u.relative else 1.0
-        follows = times if u.name == REAR else 1.0
+        follows = times if u.name == REAR_STIFFNESS else 1.0
         value, sd, prior, prior_sd = (float(x[k]) * follows for x in (found, known, problem.mean, problem.sd))
         rows.append(
-            Finding(
-                u.name, u.group, unit_of(u.name), before[u.name], prior, prior_sd, value, sd, shown,
-                _words(u, value, sd, shown, before[u.name], by), u.worth == 0.0,
+            NumberFinding(
+                u.name, u.group, get_unit(u.name), before[u.name], prior, prior_sd, value, sd, shown,
+                _describe_finding(u, value, sd, shown, before[u.name], by), u.worth == 0.0,
             )
         )  # fmt: skip
     return rows
 
 
-def rear_follows(problem: Problem, fit: Fit) -> float:
-    """Return by how much the rear's longitudinal stiffness is more than its unknown says, as it follows the front's."""
+def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
+    """Return the factor by which the rear stiffness follows the front one."""
     follows = problem.config.rear_longitudinal_follows_front
     return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
 
 
-def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
+def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
         if not shown:
             return f"{what}: these logs do not show how late it is behind the gyro"
         low, high = (1000 * (value + side * 1.96 * sd) for side in (-1, 1))
         text = f"{what}: {1000 * value:.1f} ms behind the gyro, 95 % interval {low:.1f} .. {high:.1f}"
-        return text + (NOT_ZERO if abs(value) < max(SURE * sd, u.worth) else "")
+        return text + (NOT_ZERO if abs(value) < max(SIGNIFICANT_SD * sd, u.worth) else "")
     title = u.name.replace("_", " ")
-    unit = "" if unit_of(u.name) == "1" else " " + unit_of(u.name)
+    unit = "" if get_unit(u.name) == "1" else " " + get_unit(u.name)
     if not shown:
         return f"{title}: these logs do not show it"
     text = f"{title}: {value:.4g}{unit}, 95 % interval {value - 1.96 * sd:.4g} .. {value + 1.96 * sd:.4g}"
-    if u.worth and abs(value - before) < max(SURE * sd, u.worth * by):
-        return text + (
-            f", less than {SURE:g} sd from {before:.4g} of the vehicle file, or too near to matter"
-            if before
-            else NOT_ZERO
-        )
-    return text
+    if not u.worth or abs(value - before) >= max(SIGNIFICANT_SD * sd, u.worth * by):
+        return text
+    if not before:
+        return text + NOT_ZERO
+    return (
+        f"{text}, less than {SIGNIFICANT_SD:g} sd from {before:.4g} of the vehicle file, "
+        "or too near to matter"
+    )
 
 
-def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
-    """Findings that belong together, that with most evidence first. The evidence is that of a quadratic: half the square of how far
-    the numbers are from what the vehicle file had, in their joint covariance."""
+def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFinding]) -> list[FindingGroup]:
+    """Return the findings in groups, the one with the most evidence first.
+
+    The evidence is that of a quadratic: half the square of the distance from the vehicle
+    file, in the joint covariance.
+    """
     found = []
     for name in dict.fromkeys(r.group for r in rows):
-        sizes = [
-            k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape
-        ]  # else the prior would speak
+        # numbers that the logs do not show would count by their prior
+        sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]
         off = np.array([(rows[k].value - rows[k].before) / rows[k].sd for k in sizes])
         sd = np.sqrt(np.diag(fit.covariance)[sizes])
         inverse = np.linalg.pinv(fit.covariance[np.ix_(sizes, sizes)] / np.outer(sd, sd))
-        found.append(Group(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name)))
+        found.append(
+            FindingGroup(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name))
+        )
     return sorted(found, key=lambda g: -g.nats)
 
 
-def known_before(config: Config) -> dict[str, float]:
-    """What the settings say of each unknown; a latency that they do not know is 0."""
+def list_stated(config: Config) -> dict[str, float]:
+    """Return the settings of each unknown; a latency that is no setting is 0."""
     values = config.as_dict()
     return {u.name: float(values.get(u.name, 0.0)) for u in (*UNKNOWNS, *OF_VELOCITY)}
 
@@ -160,10 +173,12 @@ def known_before(config: Config) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Channel:
-    """A channel of a log, in its unit, as means over 40 ms: rms of what was measured, and
-    of measured less simulated before and after, each about its mean; and the sensor's
-    noise."""
+class ProofChannel:
+    """A channel of a log, in its unit, as means over 40 ms.
+
+    rms of the measured channel, of measured less simulated before and after (each about
+    its mean), and of the sensor noise.
+    """
 
     signal: float
     before: float
@@ -172,140 +187,144 @@ class Channel:
 
     @property
     def explained(self) -> tuple[float, float]:
-        """Share of the signal's square that the simulation explains, before and after."""
+        """Share of the squared signal that the simulation explains."""
         return tuple(1.0 - (x / max(self.signal, 1e-12)) ** 2 for x in (self.before, self.after))
 
 
 @dataclass(frozen=True)
 class Proof:
-    """A log against the car of its file, and as calibrated. Of a fitted log the road is
-    known; of a held-out one nothing is fitted but biases and how far its road leans into
-    its curves."""
+    """Misfit of a log with the car of its file and with the calibrated one.
+
+    A fitted log is simulated on the road that was found. Of a held-out log only biases
+    and the lean of its road into curves are fitted.
+    """
 
     log: str
     held_out: bool
-    channels: dict[str, Channel]
+    channels: dict[str, ProofChannel]
 
 
 @dataclass
-class Result:
-    """What a calibration leaves."""
+class CalibrationResult:
+    """Result of a calibration."""
 
     vehicle: Vehicle
     config: Config
-    problem: Problem
-    fit: Fit
-    findings: list[Finding]
-    groups: list[Group]
+    problem: CarProblem
+    fit: CarFit
+    findings: list[NumberFinding]
+    groups: list[FindingGroup]
     proofs: list[Proof]
     sensors: dict[str, float]
-    steps: dict[str, float]  # quantisation of each channel as logged; 0: none that shows
+    steps: dict[str, float]  # quantisation of each channel as logged; 0: none
     notes: list[str] = field(default_factory=list)
-    offers: list[Offer] = field(default_factory=list)  # what would make the axles surer
+    offers: list[Offer] = field(default_factory=list)  # proposals that narrow the intervals
     own: bool = False  # on the logs that are estimated: their rows count once
 
     @property
     def seconds(self) -> float:
+        """Time that is compared, s."""
         return sum(log.seconds for log in self.problem.logs)
 
     @property
-    def along(self) -> list[str]:
-        """What the straight rows show and do not show, in words."""
-        return slip_words(self.problem, self.fit)
+    def slip_lines(self) -> list[str]:
+        """Findings of the straight rows, as lines."""
+        return describe_slip(self.problem, self.fit)
 
     @property
-    def surer(self) -> list[str]:
-        """What to drive or to find out next, a line each."""
+    def advice(self) -> list[str]:
+        """Proposals for the next drive or measurement, as lines."""
         sd = np.sqrt(np.diag(self.fit.covariance))
-        return offer_words({k: float(sd[self.problem.names.index(k)]) for k in AXLES}, self.offers)
+        now = {k: float(sd[self.problem.names.index(k)]) for k in CORNERING_AXLES}
+        return describe_offers(now, self.offers)
 
     @property
     def misstated(self) -> str:
-        """What the vehicle file says and the logs contradict, in words; empty: nothing."""
-        return misstated(self.findings)
+        """Number of the vehicle file that the logs contradict; empty: none."""
+        return describe_misstated(self.findings)
 
 
-def bought(result: Result) -> list[str]:
-    """Return what a measured velocity brings: the 95 % intervals of the axles without and with it."""
+def describe_velocity_gain(result: CalibrationResult) -> list[str]:
+    """Return the 95 % intervals of the axles without and with the measured velocity."""
     if not any(c in result.problem.channels for c in VELOCITY):
         return []
-    without = np.sqrt(np.diag(covariance_of(result.problem, result.fit, MEASURED)))
+    without = np.sqrt(np.diag(compute_covariance(result.problem, result.fit, MEASURED)))
     found = np.sqrt(np.diag(result.fit.covariance))
     parts = []
-    for key, axle in AXLES.items():
+    for key, axle in CORNERING_AXLES.items():
         k = result.problem.names.index(key)
         parts.append(f"{axle} +- {196 * without[k]:.0f} -> +- {196 * found[k]:.1f} %")
     return [f"The measured velocity makes the stiffness surer: {', '.join(parts)}."]
 
 
-def against(proofs: Sequence[Proof]) -> list[str]:
-    """Return which logs turn less as the calibrated car does than as that of the file."""
+def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
+    """Return the logs whose lateral motion the calibration fits worse."""
     found = []
     for p in proofs:
         more = {
             c: p.channels[c].after / p.channels[c].before for c in ("accel_y", "yaw_rate") if c in p.channels
         }
-        if max(more.values(), default=0.0) > WORSE:
+        if max(more.values(), default=0.0) > MAX_WORSE_RATIO:
             parts = ", ".join(f"{c} {100 * (x - 1):+.0f} %" for c, x in more.items())
             found.append(f"{p.log} contradicts the calibration ({parts}): another car, tyres, load?")
     return found
 
 
-def over(proofs: Sequence[Proof], channel: str) -> Channel:
-    """Return a channel of several logs as one: rms over the logs."""
+def merge_channels(proofs: Sequence[Proof], channel: str) -> ProofChannel:
+    """Return the rms of a channel over several logs."""
     mine = [p.channels[channel] for p in proofs if channel in p.channels]
-    return Channel(
-        *(float(np.sqrt(np.mean([getattr(x, f.name) ** 2 for x in mine]))) for f in fields(Channel))
-    )
+    names = (f.name for f in fields(ProofChannel))
+    return ProofChannel(*(float(np.sqrt(np.mean([getattr(x, n) ** 2 for x in mine]))) for n in names))
 
 
-def proof_words(proofs: Sequence[Proof]) -> list[str]:
-    """Return a line for each channel, of the fitted logs and of those held out."""
+def describe_proofs(proofs: Sequence[Proof]) -> list[str]:
+    """Return a line for each channel, of fitted and of held-out logs."""
     lines = []
     for held, title in ((False, "fitted"), (True, "held-out")):
         mine = [p for p in proofs if p.held_out == held]
         for c in dict.fromkeys(c for p in mine for c in p.channels):
-            x = over(mine, c)
+            x = merge_channels(mine, c)
             was, now = (100 * e for e in x.explained)
             lines.append(
-                f"{c} of {title} logs: {x.before:.3g} {CHANNEL_UNIT[c]} off before, {x.after:.3g} after, {x.noise:.2g} is noise"
-                f" ({was:.0f} % of the signal explained before, {now:.0f} % after)."
+                f"{c} of {title} logs: {x.before:.3g} {CHANNEL_UNIT[c]} off before, {x.after:.3g} after, "
+                f"{x.noise:.2g} is noise ({was:.0f} % of the signal explained before, {now:.0f} % after)."
             )
     return lines
 
 
-def words(result: Result) -> list[str]:
-    """Return how the search ended, and what it shows."""
+def describe_result(result: CalibrationResult) -> list[str]:
+    """Return the whole result as lines: search, proof, checks, advice."""
     n = len(result.problem.logs)
     logs = f"{n} log{'s' if n > 1 else ''}, {result.seconds / 60:.1f} minutes"
     if result.fit.converged:
         lines = [f"From {logs}: converged after {result.fit.steps} steps."]
     else:
         lines = [
-            f"From {logs}: NOT converged after {result.fit.steps} steps (last step {result.fit.moved:.2g} sd); --steps allows more."
+            f"From {logs}: NOT converged after {result.fit.steps} steps "
+            f"(last step {result.fit.moved:.2g} sd); --steps allows more."
         ]
-    lines += proof_words(result.proofs)
-    lines += bought(result)
-    lines += against(result.proofs)
+    lines += describe_proofs(result.proofs)
+    lines += describe_velocity_gain(result)
+    lines += list_contradicting(result.proofs)
     if wrong := result.misstated:
         lines.append(f"Check the vehicle file: {wrong}.")
-    if result.seconds < LEAST_SECONDS:
+    if result.seconds < MIN_RELIABLE_SECONDS:
         lines.append(
-            f"Not to be relied on: {result.seconds:.0f} s can be compared with a simulation, {LEAST_SECONDS:g} s are needed."
+            f"Not to be relied on: {result.seconds:.0f} s can be compared with a simulation, "
+            f"{MIN_RELIABLE_SECONDS:g} s are needed."
         )
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:
         lines.append(f"Not shown by these logs: {', '.join(hidden)}.")
-    return lines + result.surer
+    return lines + result.advice
 
 
-def answer(result: Result, stiffness: str) -> list[str]:
-    """Return the result in a few lines: the stiffness, what was found beside it, what is
-    unchanged, what it is worth, and what makes it surer. words() says all."""
+def summarise_result(result: CalibrationResult, stiffness: str) -> list[str]:
+    """Return the result in a few lines, the stiffness first."""
     found = [
         g.name
         for g in result.groups
-        if any(f.shown and abs(f.value - f.before) > SURE * f.sd for f in g.members)
+        if any(f.shown and abs(f.value - f.before) > SIGNIFICANT_SD * f.sd for f in g.members)
     ]
     hidden = sum(not f.shown for f in result.findings)
     held = any(p.held_out for p in result.proofs)
@@ -317,14 +336,14 @@ def answer(result: Result, stiffness: str) -> list[str]:
     lines.append(f"Unchanged: {hidden} of {len(result.findings)} numbers, which these logs do not show.")
     for c in ("accel_y", "yaw_rate"):
         if any(c in p.channels for p in of):
-            x = over(of, c)
+            x = merge_channels(of, c)
             lines.append(
-                f"{c} of {'held-out' if held else 'the fitted'} logs is {x.after:.2g} {CHANNEL_UNIT[c]} off the simulation, "
-                f"before {x.before:.2g}; {x.noise:.2g} is noise."
+                f"{c} of {'held-out' if held else 'the fitted'} logs is {x.after:.2g} {CHANNEL_UNIT[c]} "
+                f"off the simulation, before {x.before:.2g}; {x.noise:.2g} is noise."
             )
     if not result.fit.converged:
-        lines += [line for line in words(result) if "NOT converged" in line]
-    lines += against(result.proofs)
+        lines += [line for line in describe_result(result) if "NOT converged" in line]
+    lines += list_contradicting(result.proofs)
     if wrong := result.misstated:
         lines.append(f"Check the vehicle file: {wrong}.")
-    return lines + result.surer[:2]
+    return lines + result.advice[:2]

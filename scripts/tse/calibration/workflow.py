@@ -1,4 +1,5 @@
-"""From logs to a calibrated car: read, prepare, fit, prove on logs that were not fitted."""
+"""Calibrate a car: read and prepare logs, fit, and prove the result on logs that were not
+fitted."""
 
 from __future__ import annotations
 
@@ -8,29 +9,35 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.calibration.result import Channel, Proof, Result, findings, groups, known_before
-from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, ordinary_car, read_vehicle
+from tse.calibration.result import (
+    CalibrationResult,
+    Proof,
+    ProofChannel,
+    group_findings,
+    list_findings,
+    list_stated,
+)
+from tse.car.vehicle import SHAPE, Vehicle, fill_sensors, get_ordinary_car, read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.identify import advice
-from tse.identify.data import Prepared, blocks, prepare, with_all
-from tse.identify.fit import Fit, fit
-from tse.identify.laps import laps
-from tse.identify.problem import LEAN, SPEED_TIME, Problem, known_car
-from tse.identify.slip import slip_words, slips
-from tse.identify.unknowns import MEASURED, SUPERELEVATION, VELOCITY, of_log, prior_of
+from tse.identify.data import PreparedLog, add_missing_channels, average_blocks, prepare
+from tse.identify.fit import CarFit, fit
+from tse.identify.laps import find_laps
+from tse.identify.problem import LEAN, SPEED_TIME, CarProblem, make_known_car
+from tse.identify.slip import apply_slip_regression, describe_slip
+from tse.identify.unknowns import MEASURED, SUPERELEVATION, VELOCITY, make_prior, name_in_log
 from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.noise import MIN_MOVING_SPEED, estimate_noise
 from tse.log.rows import DRIVES, CheckedLog, Reading
 from tse.roads.road import Road
-from tse.roads.road_match import on_road
+from tse.roads.road_match import add_road
 
 Say = Callable[[str], None]
-LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
-MOST_GYRO_WALK = (
-    0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
-)
-FEWEST_STEPS = 10  # between values, to speak of quantisation
+MIN_LAG_SD = 0.003  # s: relaxation and lags of the model leave this uncertainty
+# rad/s/sqrt(s): no gyro drifts faster; a larger walk comes from a model that misses turns
+MAX_GYRO_WALK = 0.001
+MIN_STEPS = 10  # differences between values: with fewer, no quantisation is found
 
 
 def run(
@@ -39,113 +46,137 @@ def run(
     held_out: Sequence[Path],
     jobs: int,
     say: Say,
-    most: int | None = None,
+    max_steps: int | None = None,
     reading: Reading | None = None,
     road: Road | None = None,
-) -> Result:
-    """Calibrate, and prove it on the logs. `most`: steps of the search; `road`: that all
-    logs are on, if it is known."""
+) -> CalibrationResult:
+    """Calibrate a car and prove the result on the logs.
+
+    Parameters
+    ----------
+    logs, held_out
+        Files that are fitted, and files that only prove the result.
+    vehicle_path
+        Vehicle file.
+    jobs
+        Number of threads.
+    say
+        Called with the progress, a text.
+    max_steps
+        Maximum number of steps of the search.
+    reading
+        Options of reading.
+    road
+        Known road of all logs.
+    """
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
-    read = on_known(road, read_agreeing(logs, notes, reading), vehicle)
-    problem = _problem(read, vehicle, jobs, notes, say)
-    result = slips(problem, fit(problem, say=say, most=most), read, vehicle)
+    read = place_on_known(road, read_agreeing(logs, notes, reading), vehicle)
+    problem = _make_problem(read, vehicle, jobs, notes, say)
+    result = apply_slip_regression(problem, fit(problem, say=say, max_steps=max_steps), read, vehicle)
 
     say("proof")
-    proofs = _proofs(problem, result)
+    proofs = _prove_fitted(problem, result)
     if held_out:
-        held = _prepare(
-            on_known(road, read_agreeing(held_out, notes, reading), vehicle), problem.config, notes, say
-        )
-        proofs += _held_out(problem, result, [log for log in held if log is not None])
-    return _result(vehicle, problem, result, read, proofs, notes)
+        others = place_on_known(road, read_agreeing(held_out, notes, reading), vehicle)
+        held = _prepare(others, problem.config, notes, say)
+        proofs += _prove_held_out(problem, result, [log for log in held if log is not None])
+    return _make_result(vehicle, problem, result, read, proofs, notes)
 
 
-def on_known(road: Road | None, logs: Sequence[CheckedLog], vehicle: Vehicle) -> list[CheckedLog]:
-    """Return logs with the bank and grade of a road. UserError: one is on another."""
+def place_on_known(road: Road | None, logs: Sequence[CheckedLog], vehicle: Vehicle) -> list[CheckedLog]:
+    """Add bank and grade of a road. UserError: a log is on another road."""
     if road is None:
         return list(logs)
     config = Config.exact(vehicle.values)
-    return [on_road(log, road, config)[0] for log in logs]
+    return [add_road(log, road, config)[0] for log in logs]
 
 
-def of_logs(
+def calibrate_logs(
     logs: Sequence[CheckedLog],
     vehicle: Vehicle,
     say: Say = lambda _: None,
-    least: float = 0.0,
+    min_seconds: float = 0.0,
     notes: Sequence[str] = (),
-) -> Result:
-    """Calibrate on logs that are read and agree, without proof. UserError: they cannot be compared with a simulation for `least`
-    seconds."""
+) -> CalibrationResult:
+    """Calibrate on logs that are read and agree, without proof.
+
+    Raises
+    ------
+    UserError
+        Less than `min_seconds` can be compared with a simulation.
+    """
     notes = list(notes)
-    problem = _problem(logs, vehicle, 1, notes, say)
-    if (seconds := sum(log.seconds for log in problem.logs)) < least:
-        raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:.0f} s are needed")
-    result = slips(problem, fit(problem, say=say), logs, vehicle)
-    return _result(vehicle, problem, result, logs, [], notes)
+    problem = _make_problem(logs, vehicle, 1, notes, say)
+    if (seconds := sum(log.seconds for log in problem.logs)) < min_seconds:
+        raise UserError(
+            f"{seconds:.0f} s of it can be compared with a simulation, {min_seconds:.0f} s are needed"
+        )
+    result = apply_slip_regression(problem, fit(problem, say=say), logs, vehicle)
+    return _make_result(vehicle, problem, result, logs, [], notes)
 
 
-def _problem(logs: Sequence[CheckedLog], vehicle: Vehicle, jobs: int, notes: list[str], say: Say) -> Problem:
-    """Return what is fitted."""
+def _make_problem(
+    logs: Sequence[CheckedLog], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
+) -> CarProblem:
+    """Prepare the logs and build the problem that is fitted."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
     config = Config.exact(vehicle.values)
     vehicle.values = stated
     if SHAPE not in stated:
-        setattr(config, SHAPE, ordinary_car(config)[SHAPE])
+        setattr(config, SHAPE, get_ordinary_car(config)[SHAPE])
     ready = _prepare(logs, config, notes, say)
     if not any(p is not None and p.stretches for p in ready):
         raise UserError("; ".join(notes) or "no log can be used")
     velocity = any(c in log.measured for log in ready if log is not None for c in VELOCITY)
     usable = [(one, log) for one, log in zip(ready, logs, strict=True) if one is not None and one.stretches]
-    knots = laps([log for _, log in usable], config).knots()
-    problem = Problem([one for one, _ in usable], config, prior_of(vehicle, config, velocity), jobs, knots)
+    knots = find_laps([log for _, log in usable], config).lay_knots()
+    problem = CarProblem(
+        [one for one, _ in usable], config, make_prior(vehicle, config, velocity), jobs, knots
+    )
     if not problem.groups:
         raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
     return problem
 
 
-def _result(
+def _make_result(
     vehicle: Vehicle,
-    problem: Problem,
-    result: Fit,
+    problem: CarProblem,
+    result: CarFit,
     logs: Sequence[CheckedLog],
     proofs: list[Proof],
     notes: list[str],
-) -> Result:
+) -> CalibrationResult:
+    """Collect the result of a fit, with its findings, sensors and advice."""
     if vehicle.formula is not None:
         notes.append(
             f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept"
         )
-    notes += slip_words(problem, result)
-    rows = findings(problem, result, known_before(problem.config))
-    steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
-    sensors = _sensors(problem, result, logs)
-    found = Result(
-        vehicle,
-        problem.config,
-        problem,
-        result,
-        rows,
-        groups(problem, result, rows),
-        proofs,
-        sensors,
-        steps,
-        notes,
-    )
-    found.offers = advice.offers(problem, result, vehicle)
+    notes += describe_slip(problem, result)
+    rows = list_findings(problem, result, list_stated(problem.config))
+    steps = {
+        c: max(find_quantisation(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)
+    }
+    sensors = _collect_sensors(problem, result, logs)
+    found = CalibrationResult(
+        vehicle, problem.config, problem, result, rows, group_findings(problem, result, rows), proofs,
+        sensors, steps, notes,
+    )  # fmt: skip
+    found.offers = advice.list_offers(problem, result, vehicle)
     return found
 
 
-def _prepare(logs: Sequence[CheckedLog], config: Config, notes: list[str], say: Say) -> list[Prepared | None]:
-    """Return each log ready to be simulated; None: it cannot be."""
-    ready: list[Prepared | None] = []
+def _prepare(
+    logs: Sequence[CheckedLog], config: Config, notes: list[str], say: Say
+) -> list[PreparedLog | None]:
+    """Prepare each log for the simulation; None: it cannot be compared with one."""
+    ready: list[PreparedLog | None] = []
     for log in logs:
         say(f"smoothing {log.path.name}")
         try:
-            ready.append(with_all(prepare(log, config)))
+            ready.append(add_missing_channels(prepare(log, config)))
         except UserError as error:
             notes.append(f"left out: {error}")
             ready.append(None)
@@ -157,70 +188,78 @@ def _prepare(logs: Sequence[CheckedLog], config: Config, notes: list[str], say: 
 # ---- proof
 
 
-def _proofs(problem: Problem, result: Fit) -> list[Proof]:
-    """Return each fitted log with the car and the road that were found."""
-    before, after = _left(*_as_filed(problem)), _left(problem, problem.to_search(result.x), result.z)
-    return [_proof(problem, i, False, before, after) for i in range(len(problem.logs))]
+def _prove_fitted(problem: CarProblem, result: CarFit) -> list[Proof]:
+    """Return the misfit of each fitted log, before and after."""
+    before = _measure_residuals(*_make_filed(problem))
+    after = _measure_residuals(problem, problem.to_search(result.x), result.z)
+    return [_make_proof(problem, i, False, before, after) for i in range(len(problem.logs))]
 
 
-def _held_out(problem: Problem, result: Fit, logs: Sequence[Prepared]) -> list[Proof]:
-    """Return each log that was not fitted: of it only biases are, and how far its road
-    leans into its curves."""
-    car = known_car(problem, problem.to_search(result.x))
-    other = Problem(logs, car, problem.prior.only(()), problem.jobs, road=False)
-    filed = Problem(logs, problem.config, problem.prior.only(()), problem.jobs, road=False)
-    before, after = _left(*_as_filed(filed)), _left(other, fit(other).search)
-    return [_proof(other, i, True, before, after) for i in range(len(other.logs))]
+def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[PreparedLog]) -> list[Proof]:
+    """Return the misfit of each held-out log; only biases and lean are fitted."""
+    car = make_known_car(problem, problem.to_search(result.x))
+    other = CarProblem(logs, car, problem.prior.select(()), problem.jobs, road=False)
+    filed = CarProblem(logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
+    before, after = _measure_residuals(*_make_filed(filed)), _measure_residuals(other, fit(other).search)
+    return [_make_proof(other, i, True, before, after) for i in range(len(other.logs))]
 
 
-def _as_filed(problem: Problem) -> tuple[Problem, np.ndarray]:
-    """Return the car of the vehicle file, on roads as it says, and what is then unknown."""
-    filed = Problem(problem.logs, problem.config, problem.prior.only(()), problem.jobs, road=False)
+def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
+    """Return the problem of the car and lean of the file, and its unknowns."""
+    filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):
-        x[filed.names.index(of_log(SUPERELEVATION, i))] = getattr(problem.config, LEAN)
+        x[filed.names.index(name_in_log(SUPERELEVATION, i))] = getattr(problem.config, LEAN)
     return filed, x
 
 
-def _left(problem: Problem, x: np.ndarray, z: np.ndarray | None = None) -> dict[tuple[int, str], float]:
-    """Return the rms of measured less simulated by log and channel, about its mean."""
+def _measure_residuals(
+    problem: CarProblem, x: np.ndarray, z: np.ndarray | None = None
+) -> dict[tuple[int, str], float]:
+    """Return the rms of measured less simulated about its mean, by log and channel."""
     z = np.zeros(problem.knots) if z is None else z
-    return {g: float(np.std(e)) for g, e in zip(problem.groups, problem.as_sensed(x, z), strict=True)}
+    sensed = problem.compute_sensed_residuals(x, z)
+    return {g: float(np.std(e)) for g, e in zip(problem.groups, sensed, strict=True)}
 
 
-def _proof(problem: Problem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
+def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
+    """Return the misfit of log i, with rms before and after by log and channel."""
     log = problem.logs[i]
     channels = {}
     for g, (k, c) in enumerate(problem.groups):
         if k == i:
-            per_block = log.noise[c] / float(np.sqrt(max(np.median(blocks(log, log.measured[c])[1]), 1)))
-            channels[c] = Channel(float(np.std(problem.measured(g))), before[i, c], after[i, c], per_block)
+            count = max(np.median(average_blocks(log, log.measured[c])[1]), 1)
+            per_block = log.noise[c] / float(np.sqrt(count))
+            signal = float(np.std(problem.get_measured(g)))
+            channels[c] = ProofChannel(signal, before[i, c], after[i, c], per_block)
     return Proof(log.path.name, held_out, channels)
 
 
 # ---- sensors
 
 
-def _sensors(problem: Problem, result: Fit, logs: Sequence[CheckedLog]) -> dict[str, float]:
-    """Return noise of the channels as settings say it: white noise of a row (row_noise), and
-    by how much what is left on level roads walks."""
-    found = row_noise(logs, problem.config)
-    for c, left in problem.lasting(result.level).items():
+def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[CheckedLog]) -> dict[str, float]:
+    """Return the settings of the sensors: white noise of a row, walk of the residuals,
+    lags.
+
+    The walk is that of the residuals on level roads.
+    """
+    found = measure_row_noise(logs, problem.config)
+    for c, left in problem.measure_lasting(result.level).items():
         walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)  # of accel_x a speed is compared
-        found[f"{c}_bias_walk"] = min(walk, MOST_GYRO_WALK) if c == "yaw_rate" else walk
+        found[f"{c}_bias_walk"] = min(walk, MAX_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
-    # how late the steering acts in all: what the filter need not find out by itself
+    # sd of the total lag of the steering, for the filter's prior
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
         lag[problem.names.index(name)] = sign
-    found["steer_lag_sd"] = max(float(np.sqrt(lag @ result.covariance @ lag)), LEAST_LAG_SD)
+    found["steer_lag_sd"] = max(float(np.sqrt(lag @ result.covariance @ lag)), MIN_LAG_SD)
     fields = problem.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
 
-def row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
-    """Return the settings of the white noise of a row, of the log with most of it, by second
-    differences (noise.py)."""
+def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
+    """Return the white noise of a row as settings, the largest of all logs."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):
@@ -235,11 +274,13 @@ def row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
     return {k: float(np.clip(x, config.fields[k].low, config.fields[k].high)) for k, x in found.items()}
 
 
-def step_of(x: np.ndarray) -> float:
-    """The step in which a channel is quantised: the least difference between values, if all others are whole multiples of it;
-    0: none that shows."""
+def find_quantisation(x: np.ndarray) -> float:
+    """Return the step in which a channel is quantised; 0: none.
+
+    It is the smallest difference between values, if all differences are whole multiples.
+    """
     apart = np.diff(np.unique(x[np.isfinite(x)]))
-    if len(apart) < FEWEST_STEPS or not (least := float(apart.min())) > 0:
+    if len(apart) < MIN_STEPS or not (least := float(apart.min())) > 0:
         return 0.0
     step = float(np.median(apart[apart < 1.5 * least]))
     off = np.abs(apart / step - np.round(apart / step))

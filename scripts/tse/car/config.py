@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tse.car.vehicle import Vehicle, filter_values
+from tse.car.vehicle import Vehicle, make_filter_values
 from tse.library.core import CONFIG, Config, SettingError, library
 from tse.library.errors import UserError
 from tse.library.files import read_toml
@@ -56,7 +56,7 @@ def make_config(
     form: str = "default",
 ) -> tuple[Config, list[str]]:
     """The settings of a run, and notes on what the log made of them."""
-    values = filter_values(vehicle) if form == "default" else vehicle.values
+    values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
     notes: list[str] = []
     if log is not None and log.sample_time is not None:

@@ -1,4 +1,4 @@
-"""Reading a vehicle file, and the rules that fill in what it leaves out."""
+"""Read a vehicle file, check it, and fill in what it leaves out by rules."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ from tse.library.files import read_toml
 from tse.log.noise import compute_misfit, estimate_noise
 from tse.log.rows import MEASURES, CheckedLog
 
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s2, as in the library
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 WHEELBASE_TOLERANCE = 0.01  # m
-HEAVY, LIGHT = (
-    420.0,
-    70.0,
-)  # kg/m2: of mass over wheelbase squared: small cars 100, vans 380; pounds for kg make 2.2 of it
-CALIBRATED_OF = ("mass", "lf", "lr")  # what a calibration takes as the file says it
-REAR_HEAVY = 1.05  # lf over lr: no car that drives its front wheels alone is more so
+# kg/m2, mass over wheelbase squared: small cars 100, vans 380; pounds in place of kg give
+# 2.2 times as much
+MAX_MASS_RATIO, MIN_MASS_RATIO = 420.0, 70.0
+CALIBRATED_FACTS = ("mass", "lf", "lr")  # a calibration takes them from the file
+MAX_REAR_RATIO = 1.05  # lf over lr of cars with front-wheel drive
 DESCRIPTIVE = (
     "name",
     "wheelbase",
@@ -40,64 +39,72 @@ DESCRIPTIVE = (
 )
 FRICTION = "tyre_saturation_inverse_friction"  # setting, and its name in [calibration]
 SHAPE = "tyre_saturation_shape"
-TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
-ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is thought to be misspelt
-MOST_UNKNOWN = 3  # keys that one message lists
+VEHICLE_TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
+MIN_TABLE_LIKENESS = 0.75  # ratio of difflib: a table so similar to one of VEHICLE_TABLES is misspelt
+MAX_UNKNOWN_KEYS = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
-# Limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
-LEAST_GRIP_SD, LEAST_INVERSE = 0.1, 0.2
+# Lower limits of the prior by a calibration: tyres and steering differ from the model.
+MIN_GRIP_SD, MIN_INVERSE_FRICTION = 0.1, 0.2
 CALIBRATED_MODEL_SD = 0.05
-FOUND_SENSORS = (  # what a calibration says of sensors is of its own residuals: the filter finds their noise while driving
-    "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk", "wheel_noise_sd",
-)  # fmt: skip
+# The filter finds the noise of these sensors while driving; a calibration gives that of
+# its residuals.
+FOUND_SENSORS = (
+    "accel_x_sd",
+    "accel_y_sd",
+    "yaw_rate_sd",
+    "accel_x_bias_walk",
+    "accel_y_bias_walk",
+    "yaw_rate_bias_walk",
+    "wheel_noise_sd",
+)
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
 
 @dataclass
 class Vehicle:
-    """A vehicle file, read: values for Config, the rest, and what was filled in by rule."""
+    """Contents of a vehicle file, and the values that rules filled in."""
 
     path: Path | None
     name: str
-    values: dict[str, float]
-    facts: dict[str, Any]
-    filled: list[str] = field(default_factory=list)
-    found: list[str] = field(default_factory=list)  # by a calibration on the log itself, in words
-    given_uncertainty: list[str] = field(default_factory=list)
+    values: dict[str, float]  # settings
+    facts: dict[str, Any]  # other keys of the file
+    filled: list[str] = field(default_factory=list)  # values by rule, as lines
+    found: list[str] = field(default_factory=list)  # calibration on the log itself, as lines
+    given_uncertainty: list[str] = field(default_factory=list)  # keys of [uncertainty]
     notes: list[str] = field(default_factory=list)
-    wrong: list[str] = field(default_factory=list)  # of the notes: by which every stiffness is wrong
-    formula: Formula | None = None  # of the user: [formula] names its file
+    wrong: list[str] = field(default_factory=list)  # notes on errors that scale every stiffness
+    formula: Formula | None = None  # of the file that [formula] names
     formula_path: Path | None = None
-    calibration: dict[str, Any] = field(
-        default_factory=dict
-    )  # what an earlier `tselab calibrate` left: names, mean, covariance; own: on the log that is estimated
+    # result of an earlier `tselab calibrate`: names, mean, covariance; own: on the log
+    # that is estimated
+    calibration: dict[str, Any] = field(default_factory=dict)
 
     @property
     def steering_ratio(self) -> float | None:
-        """Angle of the steering wheel over that of the front wheels; None: the file does not say it."""
+        """Angle of the steering wheel over that of the front wheels; None: unknown."""
         ratio = self.facts.get("steering_ratio")
         return float(ratio) if isinstance(ratio, (int, float)) and ratio > 0 else None
 
     @property
     def driven_axle(self) -> str:
-        """ "front", "rear" or "both"; "front" where the file does not say it."""
+        """Driven axle: "front", "rear" or "both"; default "front"."""
         return str(self.facts.get("driven_axle", "front"))
 
 
 @functools.cache
-def unknown_car() -> dict[str, float]:
-    """Return how uncertain the parameters of an uncalibrated car are: sd in units of src/tables/uncertainty.toml."""
+def get_unknown_car() -> dict[str, float]:
+    """Return the settings of src/tables/uncertainty.toml of an uncalibrated car."""
     return {
         name: value
-        for name, value in _class_values(1900.0, 1.25, 1.5).items()
+        for name, value in _compute_class_values(1900.0, 1.25, 1.5).items()
         if name in library().uncertainties
     }
 
 
 @functools.cache
-def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
-    """Return what an ordinary car of this mass and these axles has, where it is not what a car has that is known exactly."""
+def _compute_class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
+    """Return the settings in which an ordinary car differs from an exactly known one."""
     about = {"mass": mass, "lf": lf, "lr": lr}
     before = Config.exact(about).as_dict()
     car = Config(about)
@@ -105,18 +112,21 @@ def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
     return {name: float(value) for name, value in car.as_dict().items() if value != before[name]}
 
 
-def filter_values(vehicle: Vehicle) -> dict[str, float]:
-    """Return the settings of the car's filter, beside the defaults: what the vehicle file says, and the prior of what it does not.
+def make_filter_values(vehicle: Vehicle) -> dict[str, float]:
+    """Return the settings of the car's filter that differ from the defaults.
 
-    Nobody has calibrated it: an ordinary car of its class (src/tables/uncalibrated.toml), the same as in C and FMU. Calibrated: the
-    posterior of the calibration is the prior. [uncertainty] all 0: known exactly, nothing is added."""
+    Uncalibrated: an ordinary car of its class (src/tables/uncalibrated.toml), as in C and
+    FMU. Calibrated: the posterior of the calibration is the prior. [uncertainty] all 0:
+    the car is known exactly, and nothing is added. The vehicle file overrides all of
+    them.
+    """
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
     if "cg_height" in vehicle.facts:
         v["cg_height"] = float(vehicle.facts["cg_height"])
-    if all(v.get(key) == 0 for key in uncertainty_settings()):
+    if all(v.get(key) == 0 for key in list_uncertainty_settings()):
         return {**Config.settings_of("exact"), **v}
-    ordinary = _class_values(v["mass"], v["lf"], v["lr"])
+    ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     if not vehicle.calibration:
         return {**ordinary, **v}
     c = vehicle.calibration
@@ -126,31 +136,39 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
-    found["grip"], found[SHAPE] = curve_of(ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE]))
+    found["grip"], found[SHAPE] = choose_curve(
+        ordinary, mean.get(FRICTION, 0.0), v.get(SHAPE, ordinary[SHAPE])
+    )
     if mean.get(FRICTION):
-        found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], LEAST_GRIP_SD), 1.0)  # relative
+        found["grip_sd"] = min(max(sd[FRICTION] * found["grip"], MIN_GRIP_SD), 1.0)  # relative
     stated = {name: x for name, x in v.items() if name not in FOUND_SENSORS}
     sensors = {
-        name: stated.get(name, ordinary.get(name, float(getattr(plain, name)))) for name in sensor_settings()
+        name: stated.get(name, ordinary.get(name, float(getattr(plain, name))))
+        for name in list_sensor_settings()
     }
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     of_class = {name: ordinary[name] for name in ("cg_height", "grade_sd")}
     return {**Config.settings_of("exact"), **of_class, **v, **sensors, **found}
 
 
-def ordinary_car(config: Config) -> dict[str, float]:
-    """Return what an ordinary car has of this mass and these axles."""
-    return _class_values(float(config.mass), float(config.lf), float(config.lr))
+def get_ordinary_car(config: Config) -> dict[str, float]:
+    """Return the settings of an ordinary car of this mass and these axles."""
+    return _compute_class_values(float(config.mass), float(config.lf), float(config.lr))
 
 
-def curve_of(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
-    """Return grip and shape of the tyres' curve: of a fit, 1/friction and the curve of that; of the class where the fit has no such
-    effect, 0."""
-    return (1.0 / max(inverse, LEAST_INVERSE), shape) if inverse else (ordinary["grip"], ordinary[SHAPE])
+def choose_curve(ordinary: Mapping[str, float], inverse: float, shape: float) -> tuple[float, float]:
+    """Return grip and shape of the tyre curve.
+
+    They are those of a fit with 1/friction = `inverse`, or those of the class if it is 0,
+    for a fit without this effect.
+    """
+    if not inverse:
+        return ordinary["grip"], ordinary[SHAPE]
+    return 1.0 / max(inverse, MIN_INVERSE_FRICTION), shape
 
 
-def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
-    """Return each stiffness and its 95 % interval, N/rad and N, by the names of NOMINAL: of a file that tselab has calibrated."""
+def list_known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
+    """Return each stiffness of a calibrated file with its 95 % interval, N/rad and N."""
     c, found = vehicle.calibration, {}
     for key in NOMINAL if c else ():
         value = float(vehicle.values[NOMINAL[key]])
@@ -159,16 +177,16 @@ def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
     return found
 
 
-def stiffness_words(vehicle: Vehicle) -> str:
-    """Return what a person should know first."""
-    rear = vehicle.driven_axle == "rear"  # the axle that drives is the one that shows it; the other follows
+def describe_stiffness(vehicle: Vehicle) -> str:
+    """Return the stiffness of a calibrated file with its intervals, as one line."""
+    rear = vehicle.driven_axle == "rear"  # the driven axle shows the longitudinal stiffness
     along = "rear longitudinal" if rear else "front longitudinal"
     units = {
         "cy_front": ("front cornering", "kN/rad"),
         "cy_rear": ("rear cornering", "kN/rad"),
         "cx_front": (along, "kN"),
     }
-    known = {k: [x / 1000 for x in v] for k, v in known_stiffness(vehicle).items()}
+    known = {k: [x / 1000 for x in v] for k, v in list_known_stiffness(vehicle).items()}
     if rear and known:
         by = vehicle.values["longitudinal_stiffness_rear"] / vehicle.values["longitudinal_stiffness_front"]
         known["cx_front"] = [by * x for x in known["cx_front"]]
@@ -179,171 +197,220 @@ def stiffness_words(vehicle: Vehicle) -> str:
     return f"Stiffness at no slip, 95 % interval: {', '.join(parts)}."
 
 
-def vehicle_settings() -> list[str]:
-    """Names of the settings that belong in a vehicle file."""
+def list_vehicle_settings() -> list[str]:
+    """Return the settings at the top of a vehicle file."""
     names = [f.name for f in library().fields(CONFIG)]
-    return names[: names.index(uncertainty_settings()[0])]
+    return names[: names.index(list_uncertainty_settings()[0])]
 
 
-def uncertainty_settings() -> list[str]:
-    """Names of the settings that belong in its [uncertainty] table: rows of src/tables/uncertainty.toml."""
+def list_uncertainty_settings() -> list[str]:
+    """Return the settings of the table [uncertainty]: src/tables/uncertainty.toml."""
     return list(library().uncertainties)
 
 
-def sensor_settings() -> list[str]:
-    """Names of the settings that belong in its [sensors] table."""
+def list_sensor_settings() -> list[str]:
+    """Return the settings of the table [sensors]."""
     names = [f.name for f in library().fields(CONFIG)]
-    others = {
-        p.setting for e in library().effects.values() for p in e.parameters
-    }  # they have tables of their own
-    others |= set(latency_settings().values()) | set(formula_settings())
+    # settings of other tables
+    others = {p.setting for e in library().effects.values() for p in e.parameters}
+    others |= set(list_latency_settings().values()) | set(list_formula_settings())
     return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
 
 
-def latency_settings() -> dict[str, str]:
-    """Settings that belong in its [latency] table, rows of src/tables/sensors.toml, by their keys there: the channels."""
+def list_latency_settings() -> dict[str, str]:
+    """Return the settings of [latency] by channel, its keys: src/tables/sensors.toml."""
     settings = {f"{c.name}_latency": c.name for c in library().channels}
     return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
 
 
-def formula_settings() -> list[str]:
-    """Names of the settings of a formula of the user, rows of src/tables/formula.toml."""
+def list_formula_settings() -> list[str]:
+    """Return the settings of a formula of the user: src/tables/formula.toml."""
     return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
 
 
-def default_vehicle() -> Vehicle:
-    """The car of the library's defaults."""
+def make_default_vehicle() -> Vehicle:
+    """Return the car of the library's defaults."""
     return Vehicle(None, "the built-in car", {}, {"driven_axle": "front"})
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """Read a vehicle file and check it; stiffness that is left out is filled in by rule.
+    """Read a vehicle file, check it, and fill in missing stiffness by rule.
 
-    UserError: also a key that nobody knows. A misspelt one would be filled in by a rule, and the numbers would be of another car. A
-    table of which nobody knows the name is a note: it may be another program's."""
+    An unknown table becomes a note: it may belong to another program.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read, or a key is refused. An unknown key is refused, too: if a
+        misspelt one were ignored, a rule would fill in the value of another car.
+    """
     path = Path(path)
     return make_vehicle(read_toml(path), path)
 
 
 def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
-    """The same of what a vehicle file says, as dictionaries, which are used up. `path` stands in messages."""
-    sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
-    calibration = _calibration(path, _table(path, data, "calibration"))
-    latency, latencies = _table(path, data, "latency"), latency_settings()
-    formula_path = _formula_path(path, _table(path, data, "formula"))
+    """Make a vehicle from the contents of a file.
+
+    Parameters
+    ----------
+    data
+        Contents as dictionaries; its tables are removed.
+    path
+        File, for messages.
+
+    Raises
+    ------
+    UserError
+        As in read_vehicle().
+    """
+    sensors, uncertainty = _pop_table(path, data, "sensors"), _pop_table(path, data, "uncertainty")
+    calibration = _read_calibration(path, _pop_table(path, data, "calibration"))
+    latency = _pop_table(path, data, "latency")
+    formula_path = _find_formula(path, _pop_table(path, data, "formula"))
     formula = read_formula(formula_path) if formula_path else None
     values: dict[str, float] = dict(formula.settings()) if formula else {}
-    facts: dict[str, Any] = {}
     check = Config()
     unknown = _read_effects(path, data.pop("effects", {}), check, values)
-    tables = {
-        "": (data, {key: key for key in vehicle_settings()}),
-        "uncertainty": (uncertainty, {key: key for key in uncertainty_settings()}),
-        "sensors": (sensors, {key: key for key in sensor_settings()}),
-        "latency": (latency, latencies),
-    }
-    others: list[str] = []  # tables
-    for name, (table, known) in tables.items():
-        prefix = f"{name}." if name else ""
-        for key, value in table.items():
-            if key in known:
-                _set(check, known[key], value, f"{path}: key {prefix}{key}")
-                values[known[key]] = float(value)
-            elif not name and key in DESCRIPTIVE + HINT_ONLY:
-                facts[key] = value
-            elif not name and _is_table(value):
-                if near := get_close_matches(key, TABLES, 1, ALIKE):
-                    raise UserError(f"{path}: table [{key}] is not known (did you mean [{near[0]}]?)")
-                others.append(key)
-            else:
-                unknown.append(
-                    f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}"
-                )
+    tables = {"": data, "uncertainty": uncertainty, "sensors": sensors, "latency": latency}
+    facts, others = _read_tables(path, tables, check, values, unknown)
     if unknown:
-        more = len(unknown) - MOST_UNKNOWN
-        raise UserError(
-            f"{path}: {'; '.join(unknown[:MOST_UNKNOWN])}{f'; and {more} more' if more > 0 else ''}"
-        )
+        more = len(unknown) - MAX_UNKNOWN_KEYS
+        rest = f"; and {more} more" if more > 0 else ""
+        raise UserError(f"{path}: {'; '.join(unknown[:MAX_UNKNOWN_KEYS])}{rest}")
     missing = [key for key in REQUIRED if key not in values]
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
-    vehicle = Vehicle(
-        path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path
-    )
+    name = str(facts.get("name", path.stem))
+    vehicle = Vehicle(path, name, values, facts, formula=formula, formula_path=formula_path)
     vehicle.calibration = calibration
     if others:
         vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
-    vehicle.given_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
-    if all(uncertainty.get(key) == 0 for key in uncertainty_settings()) and any(
-        key in values and values[key] != getattr(Config.exact(), key) for key in vehicle_settings()
-    ):
-        vehicle.notes.append(
-            f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are of the sensors alone; "
-            "of a real car leave the table out, or calibrate it"
-        )
-    found = dict(zip(calibration.get("names", []), calibration.get("mean", []), strict=True)).get(FRICTION)
-    if found is not None and FRICTION in values and abs(values[FRICTION] - found) > 1e-3 * abs(found):
-        vehicle.notes.append(
-            f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: the filter's grip is "
-            f"that of [calibration], {found:.3g}; without that table yours is used, and the sds of an ordinary car"
-        )
-    vehicle.wrong = _wrong(path, vehicle)
-    vehicle.notes += [*vehicle.wrong, *_of_another(path, vehicle)]
+    vehicle.given_uncertainty = [key for key in list_uncertainty_settings() if key in uncertainty]
+    vehicle.wrong = _list_implausible(path, vehicle)
+    vehicle.notes += _list_conflicts(path, vehicle, uncertainty)
+    vehicle.notes += [*vehicle.wrong, *_list_changed_facts(path, vehicle)]
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
-            f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "
-            "cornering_stiffness_*"
+            f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name "
+            "them cornering_stiffness_*"
         )
     return vehicle
 
 
-def _wrong(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return what no car has, and no log tells: stiffness goes with the mass, and with where it is."""
-    mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
-    found = []
-    if not LIGHT < mass / (lf + lr) ** 2 < HEAVY:
-        what = "little" if mass / (lf + lr) ** 2 < HEAVY else "much"
+def _read_tables(
+    path: Path,
+    tables: Mapping[str, dict[str, Any]],
+    check: Config,
+    values: dict[str, float],
+    unknown: list[str],
+) -> tuple[dict[str, Any], list[str]]:
+    """Read the settings of the tables into `values`, and errors of keys into `unknown`.
+
+    Returns
+    -------
+    facts
+        Descriptive keys.
+    others
+        Names of unknown tables.
+    """
+    settings: dict[str, dict[str, str]] = {
+        "": {key: key for key in list_vehicle_settings()},
+        "uncertainty": {key: key for key in list_uncertainty_settings()},
+        "sensors": {key: key for key in list_sensor_settings()},
+        "latency": list_latency_settings(),
+    }
+    facts: dict[str, Any] = {}
+    others: list[str] = []
+    for name, table in tables.items():
+        prefix = f"{name}." if name else ""
+        for key, value in table.items():
+            if key in settings[name]:
+                setting = settings[name][key]
+                _set(check, setting, value, f"{path}: key {prefix}{key}")
+                values[setting] = float(value)
+            elif not name and key in DESCRIPTIVE + HINT_ONLY:
+                facts[key] = value
+            elif not name and _is_table(value):
+                if near := get_close_matches(key, VEHICLE_TABLES, 1, MIN_TABLE_LIKENESS):
+                    raise UserError(f"{path}: table [{key}] is not known (did you mean [{near[0]}]?)")
+                others.append(key)
+            else:
+                unknown.append(f"key {prefix}{key} is not known{_advise_key(name, key, settings)}")
+    return facts, others
+
+
+def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]) -> list[str]:
+    """Return notes on tables that contradict each other or the rest of the file."""
+    found, values = [], vehicle.values
+    is_exact = all(uncertainty.get(key) == 0 for key in list_uncertainty_settings())
+    exact = Config.exact()
+    if is_exact and any(
+        key in values and values[key] != getattr(exact, key) for key in list_vehicle_settings()
+    ):
         found.append(
-            f"{path.name}: mass = {mass:g} kg is {what} for lf + lr = {lf + lr:.3g} m: is it in kg, and are lf and lr in m, "
-            "from the centre of gravity? Stiffness is wrong by the same factor"
+            f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are "
+            "of the sensors alone; of a real car leave the table out, or calibrate it"
         )
-    if vehicle.driven_axle == "front" and lf > REAR_HEAVY * lr:
+    names, means = vehicle.calibration.get("names", []), vehicle.calibration.get("mean", [])
+    mean = dict(zip(names, means, strict=True)).get(FRICTION)
+    if mean is not None and FRICTION in values and abs(values[FRICTION] - mean) > 1e-3 * abs(mean):
         found.append(
-            f"{path.name}: lf = {lf:g} m and lr = {lr:g} m are of a car that is heavier in the rear, and driven_axle is front: are "
-            "lf and lr exchanged, or is lf the wheelbase? Both cornering stiffnesses are wrong then"
+            f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: "
+            f"the filter's grip is that of [calibration], {mean:.3g}; without that table yours is used, and "
+            "the sds of an ordinary car"
         )
     return found
 
 
-def _of_another(path: Path, vehicle: Vehicle) -> list[str]:
-    """Return what the file says now, and did not when it was calibrated."""
+def _list_implausible(path: Path, vehicle: Vehicle) -> list[str]:
+    """Return messages on implausible mass and axles, which logs cannot show.
+
+    Stiffness is proportional to the mass, and depends on the centre of gravity.
+    """
+    mass, lf, lr = (vehicle.values[key] for key in ("mass", "lf", "lr"))
+    found = []
+    if not MIN_MASS_RATIO < mass / (lf + lr) ** 2 < MAX_MASS_RATIO:
+        what = "little" if mass / (lf + lr) ** 2 < MAX_MASS_RATIO else "much"
+        found.append(
+            f"{path.name}: mass = {mass:g} kg is {what} for lf + lr = {lf + lr:.3g} m: is it in kg, and are "
+            "lf and lr in m, from the centre of gravity? Stiffness is wrong by the same factor"
+        )
+    if vehicle.driven_axle == "front" and lf > MAX_REAR_RATIO * lr:
+        found.append(
+            f"{path.name}: lf = {lf:g} m and lr = {lr:g} m are of a car that is heavier in the rear, and "
+            "driven_axle is front: are lf and lr exchanged, or is lf the wheelbase? Both cornering "
+            "stiffnesses are wrong then"
+        )
+    return found
+
+
+def _list_changed_facts(path: Path, vehicle: Vehicle) -> list[str]:
+    """Return messages on facts that changed after the calibration."""
     found = []
     of = vehicle.calibration.get("of", {})
     for key, value in of.items() if isinstance(of, dict) else ():
-        if (
-            key in CALIBRATED_OF
-            and isinstance(value, int | float)
-            and abs(vehicle.values[key] - value) > 1e-3 * abs(value)
-        ):
+        if key not in CALIBRATED_FACTS or not isinstance(value, int | float):
+            continue
+        if abs(vehicle.values[key] - value) > 1e-3 * abs(value):
             found.append(
-                f"{path.name}: {key} = {vehicle.values[key]:g} was {value:g} when the file was calibrated, and what was found is "
-                "of that car: calibrate anew"
+                f"{path.name}: {key} = {vehicle.values[key]:g} was {value:g} when the file was calibrated, "
+                "and what was found is of that car: calibrate anew"
             )
     return found
 
 
 def _is_table(value: Any) -> bool:
-    """A table, or several under one name."""
+    """Return whether a value is a table, or several tables under one name."""
     return isinstance(value, dict) or (
         isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
     )
 
 
-def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
-    """What may have been meant by a key that is not known in a table; `known`: the keys of all tables by name, "": the top."""
+def _advise_key(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
+    """Return what an unknown key may mean. `known`: keys of each table; "" is the top."""
     if (table, key) == ("latency", "yaw_rate"):
         return ": it is the clock, behind which the others are late"
     known = {name: [*keys] if name else [*keys, *DESCRIPTIVE] for name, keys in known.items()}
@@ -361,16 +428,16 @@ def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
     return f"; 'tselab vehicle --example' shows what is{own}"
 
 
-def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
-    """A table of the file, taken out; empty when it is not there."""
+def _pop_table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return a table of the file and remove it; empty if it is missing."""
     table = data.pop(name, {})
     if not isinstance(table, dict):
         raise UserError(f"{path}: {name} must be a table: [{name}]")
     return table
 
 
-def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
-    """The file of a formula that [formula] names, beside this one; None when there is none."""
+def _find_formula(path: Path, table: dict[str, Any]) -> Path | None:
+    """Return the file that [formula] names, beside the vehicle file; None: no table."""
     if not table:
         return None
     name = table.get("file")
@@ -381,35 +448,46 @@ def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
     return path.parent / name
 
 
-def formula_toml(formula: Formula, file: Path) -> str:
-    """The table [formula] of a vehicle file beside `file`, which holds the formula."""
-    return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {json.dumps(file.name, ensure_ascii=False)}\n"
+def format_formula_table(formula: Formula, file: Path) -> str:
+    """Return the table [formula] of a vehicle file. `file`: the formula beside it."""
+    name = json.dumps(file.name, ensure_ascii=False)
+    return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {name}\n"
 
 
-def calibration_toml(
+def format_calibration_table(
     names: Sequence[str],
     mean: np.ndarray,
     covariance: np.ndarray,
     own: bool = False,
     of: Mapping[str, float] | None = None,
 ) -> list[str]:
-    """The table [calibration] of a vehicle file, in lines. `own`: on the logs that are estimated; `of`: settings of the car."""
+    """Return the table [calibration] of a vehicle file as lines.
+
+    Parameters
+    ----------
+    names, mean, covariance
+        Unknowns of the fit.
+    own
+        Calibrated on the logs that are estimated.
+    of
+        Settings of the car.
+    """
     lines = ["[calibration]"]
     if of:
-        lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_OF)} }}")
+        lines.append(f"of = {{ {', '.join(f'{key} = {of[key]:.9g}' for key in CALIBRATED_FACTS)} }}")
     if own:
         lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
-    lines += [f"names = {json.dumps(list(names))}", f"mean = {_numbers(mean)}", "covariance = ["]
-    return [*lines, *(f"  {_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
+    lines += [f"names = {json.dumps(list(names))}", f"mean = {_format_numbers(mean)}", "covariance = ["]
+    return [*lines, *(f"  {_format_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
 
 
-def _numbers(values: np.ndarray) -> str:
-    """To nine digits: beyond them is what order of summation leaves."""
+def _format_numbers(values: np.ndarray) -> str:
+    """Format to nine digits: further ones depend on the order of summation."""
     return json.dumps([float(f"{x:.9g}") for x in values])
 
 
-def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
-    """The table [calibration], which tselab wrote: names, means and covariance of what was found; {} when it is not there."""
+def _read_calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
+    """Read the table [calibration], which tselab wrote; {}: it is missing."""
     if not table:
         return {}
     try:
@@ -426,12 +504,13 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         )
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    # in the correlation rounding is that of 1, also where two hardly go together
+    # checked as correlation, where rounding is relative to 1
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
         raise UserError(
-            f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite"
+            f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and "
+            "positive definite"
         )
     own = table.get("own") is True
     of = table.get("of", {})
@@ -439,7 +518,7 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float]) -> list[str]:
-    """The tables [effects.<id>]: parameters by their names in src/tables/effects.toml. Returned: unknown keys, a text each."""
+    """Read the tables [effects.<id>] into `values`; return messages on unknown keys."""
     unknown: list[str] = []
     if not isinstance(effects, dict):
         raise UserError(f"{path}: effects must be tables: [effects.body_roll]")
@@ -463,7 +542,8 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
 
 
 def is_set(config: Config, effect: EffectRow) -> bool:
-    """Return whether an effect is other than by default: exact kinematics off, the others on."""
+    """Return whether an effect differs from its default: exact kinematics on, others
+    off."""
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 
 
@@ -475,7 +555,7 @@ def _set(config: Config, key: str, value: Any, source: str) -> None:
     except SettingError as error:
         raise UserError(f"{source}: {error}") from None
     f = config.fields[key]
-    if not f.low <= value <= f.high:  # 0, not set: a file leaves that out
+    if not f.low <= value <= f.high:  # 0 means "not set", which a file expresses by omission
         raise UserError(
             f"{source}: {key} = {value:g} is outside its range {f.range_text}; leave out what is not known"
         )
@@ -494,17 +574,17 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
     lf, lr, wheelbase = vehicle.values["lf"], vehicle.values["lr"], vehicle.facts.get("wheelbase")
     if wheelbase is not None and abs(lf + lr - wheelbase) > WHEELBASE_TOLERANCE:
         raise UserError(
-            f"{path}: key wheelbase: {wheelbase:g} m does not agree with lf + lr = {lf + lr:g} m; allowed difference: "
-            f"{WHEELBASE_TOLERANCE:g} m"
+            f"{path}: key wheelbase: {wheelbase:g} m does not agree with lf + lr = {lf + lr:g} m; "
+            f"allowed difference: {WHEELBASE_TOLERANCE:g} m"
         )
 
 
 def _fill_vehicle(vehicle: Vehicle) -> None:
-    """Fill in yaw inertia and stiffness of the class, where the file does not say them."""
+    """Fill in missing yaw inertia, stiffness and uncertainties by those of the class."""
     v = vehicle.values
-    ordinary = _class_values(v["mass"], v["lf"], v["lr"])
+    ordinary = _compute_class_values(v["mass"], v["lf"], v["lr"])
     fields = Config().fields
-    for key in vehicle_settings():
+    for key in list_vehicle_settings():
         if key in ordinary and key not in v:
             v[key] = ordinary[key]
             vehicle.filled.append(
@@ -514,9 +594,9 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
 
 
 def _fill_uncertainty(vehicle: Vehicle) -> None:
-    """What the file does not say how well it knows, as of a car that nobody has calibrated; in one line."""
+    """Fill in missing uncertainties by those of an uncalibrated car, in one line."""
     fields = Config().fields
-    missing = {key: sd for key, sd in unknown_car().items() if key not in vehicle.values}
+    missing = {key: sd for key, sd in get_unknown_car().items() if key not in vehicle.values}
     vehicle.values |= missing
     if missing:
         units = {key: "" if fields[key].unit == "1" else f" {fields[key].unit}" for key in missing}
@@ -525,10 +605,10 @@ def _fill_uncertainty(vehicle: Vehicle) -> None:
 
 
 def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Sensor noise and bias that the vehicle file leaves out, from the log; the rules are in noise.py."""
+    """Fill in missing noise and bias of the sensors from the log (rules: noise.py)."""
     average_sensors(vehicle, log)
     v = vehicle.values
-    config, ordinary = Config(v), _class_values(v["mass"], v["lf"], v["lr"])
+    config, ordinary = Config(v), _compute_class_values(v["mass"], v["lf"], v["lr"])
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
     silent = any(f"{channel}_sd" not in v for channel in MEASURES)
@@ -540,7 +620,7 @@ def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
         if key in v:
             continue
         if log.data[channel].isna().all():
-            continue  # not in the log: it is not asked
+            continue  # the channel is not in the log
         noise, misfit = estimate_noise(log, channel, moving), misfits.get(channel)
         if noise is None:
             vehicle.filled.append(f"{key} = {f.default:.3g} {f.unit} (default: the log is too short to tell)")
@@ -555,31 +635,22 @@ def fill_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
         _fill(vehicle, config, f"{channel}_bias_sd", bias, why)
         if misfit is not None:
             walk = max(misfit.walk, config.fields[f"{channel}_bias_walk"].default)
-            _fill(
-                vehicle,
-                config,
-                f"{channel}_bias_walk",
-                walk,
-                "from the log: change of the slow residual over 1 s",
-            )
+            why = "from the log: change of the slow residual over 1 s"
+            _fill(vehicle, config, f"{channel}_bias_walk", walk, why)
 
 
 def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: CheckedLog, moving: np.ndarray) -> None:
+    """Fill in the noise of the wheel speeds by that of the noisier axle."""
     found = {a: estimate_noise(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
     found = {axle: noise for axle, noise in found.items() if noise is not None}
     if found:
         axle = max(found, key=lambda a: found[a].sd)
-        _fill(
-            vehicle,
-            config,
-            "wheel_noise_sd",
-            found[axle].sd,
-            f"from the log, {axle} axle: {found[axle].text}",
-        )
+        noise = found[axle]
+        _fill(vehicle, config, "wheel_noise_sd", noise.sd, f"from the log, {axle} axle: {noise.text}")
 
 
 def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
-    """Make the noise of one sample, as the file states it, that of a mean of several, where the log has means."""
+    """Reduce stated noise of one sample to that of a mean, if the log has means."""
     fields = Config().fields
     for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):
         if log.averaged < 2 or key not in vehicle.values:
@@ -588,12 +659,13 @@ def average_sensors(vehicle: Vehicle, log: CheckedLog) -> None:
         said = vehicle.values[f.name]
         vehicle.values[f.name] = float(np.clip(said / np.sqrt(log.averaged), f.low, f.high))
         vehicle.notes.append(
-            f"{f.name}: {said:g} {f.unit} of one sample is {vehicle.values[f.name]:.3g} of a mean of {log.averaged}"
+            f"{f.name}: {said:g} {f.unit} of one sample is {vehicle.values[f.name]:.3g} of a mean of "
+            f"{log.averaged}"
         )
 
 
 def _fill(vehicle: Vehicle, config: Config, key: str, value: float, why: str) -> None:
-    """Fill one sensor setting in, if the file leaves it out."""
+    """Fill in one sensor setting if the file leaves it out."""
     if key not in vehicle.values:
         f = config.fields[key]
         vehicle.values[key] = float(np.clip(value, f.low, f.high))

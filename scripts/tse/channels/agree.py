@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.car.vehicle import Vehicle, default_vehicle
+from tse.car.vehicle import Vehicle, make_default_vehicle
 from tse.channels import physics
 from tse.channels.log import read_log
 from tse.channels.raster import resample
@@ -163,7 +163,7 @@ def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: 
     """
     found: list[CheckedLog] = []
     refused: list[UserError] = []
-    car = reading.car or default_vehicle()
+    car = reading.car or make_default_vehicle()
     for given in logs:
         path = given.path if isinstance(given, CheckedLog) else given
         try:

@@ -32,7 +32,7 @@ WHY = {
     "input invalid": "inputs or measurements were missing",
     "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
     "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
-    "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)",
+    "implausible": "the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, fault_factor)",
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may show it",
 }
@@ -232,7 +232,7 @@ def _against(row: pd.Series) -> str:
     if wheels and factor == 0:
         return "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
     if factor == 0:
-        return f"{channel} does not go with the others"
+        return f"{channel} does not go with the others, or comes later than they do"
     if factor < 0:
         return f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
     named = "the wheel speeds seem" if wheels else f"{channel} seems"

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
-from tse.identify.data import BLOCK, BURN_IN, Prepared, Stretch
+from tse.identify.data import BLOCK_TIME, BURN_IN, FitStretch, PreparedLog
 from tse.library.core import Config, Replay
 from tse.log.rows import DRIVES, MEASURES
-from tse.simulation.maneuvers import square, understeer_gradient
+from tse.simulation.maneuvers import compute_understeer, make_square
 
 STEP = 0.01  # s: rows of a planned log
 DURATION = 30.0  # s: of a manoeuvre
@@ -36,10 +36,10 @@ class Candidate:
         return sum(STEP * (len(steer) - 1) - BURN_IN for steer, _ in self.pieces)
 
 
-def prepared(candidate: Candidate, config: Config) -> list[Prepared]:
+def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
     """As the workflow takes logs; measurements are put in later."""
     logs = []
-    rows = round(BLOCK / STEP)
+    rows = round(BLOCK_TIME / STEP)
     for i, (steer, speed) in enumerate(candidate.pieces):
         n = len(steer) // rows * rows
         time = STEP * np.arange(n)
@@ -50,7 +50,9 @@ def prepared(candidate: Candidate, config: Config) -> list[Prepared]:
         distance = np.append(0.0, cumulative_trapezoid(speed[:n], dx=STEP))
         measured = {c: np.zeros(n) for c in MEASURES}
         name = Path(f"{candidate.name} {i + 1}")
-        logs.append(Prepared(name, time, inputs, measured, noise, [Stretch(0, n, used)], rows, distance))
+        logs.append(
+            PreparedLog(name, time, inputs, measured, noise, [FitStretch(0, n, used)], rows, distance)
+        )
     return logs
 
 
@@ -88,7 +90,7 @@ def _all(c: Config) -> Iterator[Candidate]:
 
     def steady(v: float, ay: float) -> float:
         """Steering angle of the nominal car for a lateral acceleration."""
-        return ay * (c.lf + c.lr + understeer_gradient(c) * v**2) / v**2
+        return ay * (c.lf + c.lr + compute_understeer(c) * v**2) / v**2
 
     def straight(time: np.ndarray) -> np.ndarray:
         return np.zeros(len(time))
@@ -112,7 +114,7 @@ def _all(c: Config) -> Iterator[Candidate]:
 
     def pulses(time: np.ndarray, v: float, depth: float) -> np.ndarray:
         """Steps of brake and throttle about a speed."""
-        acceleration = gaussian_filter1d(depth * square(time, 3.0), HAND / STEP)
+        acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / STEP)
         speed = v + cumulative_trapezoid(acceleration, dx=STEP, initial=0.0)
         return np.maximum(speed - speed.mean() + v, 3.5)
 
@@ -130,7 +132,7 @@ def _all(c: Config) -> Iterator[Candidate]:
         for depth in (1.5, 3.0):
             yield Candidate(f"steps of brake and throttle, {depth:g} m/s2, straight, about {v:g} m/s",
                             ((straight(t), pulses(t, v, depth)),))  # fmt: skip
-        turn = steady(v, 3.0) * square(t, 12.0)
+        turn = steady(v, 3.0) * make_square(t, 12.0)
         yield Candidate(f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
                         ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),))  # fmt: skip
         yield Candidate(f"straight on at {v:g} m/s", ((straight(t), at(v)(t)),))
@@ -140,7 +142,7 @@ def _all(c: Config) -> Iterator[Candidate]:
     ):
         pieces = tuple((steer(short, v, 3.0 if steer is sweep else 4.0), at(v)(short)) for v in (10.0, 30.0))
         yield Candidate(f"{name}, half at 10 and half at 30 m/s", pieces)
-    tight = gaussian_filter1d(0.3 * square(t, 10.0), 10 * HAND / STEP)
+    tight = gaussian_filter1d(0.3 * make_square(t, 10.0), 10 * HAND / STEP)
     yield Candidate("tight turns of 0.3 rad at 5 m/s", ((tight, at(5.0)(t)),))
     speeds = 10.0 + 20.0 * t / t[-1]
     yield Candidate("straight on from 10 to 30 m/s", ((straight(t), speeds),))

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from tse.gaps.catalogue import Key, Parameter
 from tse.gaps.problem import Problem
-from tse.identify.data import BLOCK
+from tse.identify.data import BLOCK_TIME
 
 # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
 NOISE_LIMIT = 1.2
@@ -87,10 +87,10 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
         top = bottom = None
         for group in np.unique(problem.rows.group[problem.rows.of(channel)]):
             x = residuals[problem.rows.group == group]
-            n = min(len(x) - 1, int(MOST_LAG / BLOCK))
+            n = min(len(x) - 1, int(MOST_LAG / BLOCK_TIME))
             size = 1 << (2 * len(x) - 1).bit_length()
             c = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n + 1]
-            c = np.pad(c, (0, int(MOST_LAG / BLOCK) + 1 - len(c)))
+            c = np.pad(c, (0, int(MOST_LAG / BLOCK_TIME) + 1 - len(c)))
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)

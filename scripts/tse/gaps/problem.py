@@ -16,8 +16,8 @@ import numpy as np
 
 from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car
 from tse.gaps.parallel import is_copy
-from tse.identify.data import CHANNELS, Prepared, blocks, simulate
-from tse.identify.knots import KNOT, KNOT_SD, PROFILES
+from tse.identify.data import COMPARED_CHANNELS, PreparedLog, average_blocks, simulate
+from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
 from tse.library.core import NOMINAL, Config
 from tse.log.rows import MEASURES
 
@@ -44,13 +44,13 @@ class Rows:
     group: np.ndarray  # log and channel: shares a bias
 
     def of(self, channel: str) -> np.ndarray:
-        return self.channel == CHANNELS.index(channel)
+        return self.channel == COMPARED_CHANNELS.index(channel)
 
 
 class Problem:
     """All logs against one model. Thread-safe: simulations share nothing."""
 
-    def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
+    def __init__(self, logs: Sequence[PreparedLog], config: Config, jobs: int = 1):
         self.logs = [log for log in logs if log.stretches]
         self.notes = [n for log in logs for n in log.notes]
         self.config = config
@@ -68,7 +68,7 @@ class Problem:
         self.noise_energy = self._noise_energy()
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
 
-    def of(self, logs: Sequence[Prepared]) -> Problem:
+    def of(self, logs: Sequence[PreparedLog]) -> Problem:
         """The same of other logs."""
         return Problem(logs, self.config, self.jobs)
 
@@ -96,23 +96,23 @@ class Problem:
         return tuple(
             Parameter(
                 Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
-                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
+                f"{p.text}, {self.logs[i].name} at {KNOT_DISTANCE * k:g} m", prior,
             )
             for i in range(len(self.logs))
             for k in range(self._knots(i))
         )  # fmt: skip
 
     def _knots(self, i: int) -> int:
-        return int(self.logs[i].distance[-1] // KNOT) + 2
+        return int(self.logs[i].distance[-1] // KNOT_DISTANCE) + 2
 
     # ---- layout
 
     def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
         measured, weight, columns, group, block = [], [], [], 0, 0
         for i, log in enumerate(self.logs):
-            time, _ = blocks(log, log.time)
+            time, _ = average_blocks(log, log.time)
             for channel in log.channels:
-                mean, count = blocks(log, log.measured[channel])
+                mean, count = average_blocks(log, log.measured[channel])
                 measured.append(mean)
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
                 usual = (
@@ -123,7 +123,7 @@ class Problem:
                 columns.append(
                     (
                         np.full(n, i),
-                        np.full(n, CHANNELS.index(channel)),
+                        np.full(n, COMPARED_CHANNELS.index(channel)),
                         time,
                         block + np.arange(n),
                         np.full(n, group),
@@ -148,7 +148,7 @@ class Problem:
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
         """Each channel that there is, and which entries of the residual vector are measured values of it."""
         for c in np.unique(self.rows.channel):
-            yield CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
+            yield COMPARED_CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:
@@ -160,7 +160,7 @@ class Problem:
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
-            mean, count = blocks(log, x)
+            mean, count = average_blocks(log, x)
             parts.extend([np.where(count > 0, mean, np.nan)] * len(log.channels))
         return np.concatenate(parts)
 
@@ -203,7 +203,7 @@ class Problem:
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
-                found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)
+                found[effect] = np.interp(self.logs[i].distance, KNOT_DISTANCE * np.arange(len(knots)), knots)
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
@@ -216,7 +216,7 @@ class Problem:
             for channel in log.channels:  # means over the same rows as those of what was measured
                 missing = self._missing[i].get(channel)
                 x = simulated[channel] if missing is None else np.where(missing, np.nan, simulated[channel])
-                parts.append(blocks(log, x)[0])
+                parts.append(average_blocks(log, x)[0])
         return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
@@ -234,7 +234,7 @@ class Problem:
         for i, log in enumerate(self.logs):
             predicted = simulate(config, log, names, self.stiffness(values), self.profiles(values, i), later)
             for n in names:
-                parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
+                parts[n].extend([average_blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
 
     def residuals(self, values: Mapping[Key, float]) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from tse.gaps.problem import Problem
-from tse.identify.data import BLOCK, SLOWEST
+from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
 ROAD = "bank"  # no place of a formula: gravity, which an accelerometer does not feel; m/s2
@@ -31,14 +31,14 @@ def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.
         s = {n: _filled(x[mine]) for n, x in simulated.items()}
         s["yaw_rate"] = s.pop("true_yaw_rate")
         s["steer_angle"] = _filled(steer[mine])
-        v = np.maximum(s["vel_x"], SLOWEST)
+        v = np.maximum(s["vel_x"], MIN_FIT_SPEED)
         s["slip_angle_front"] = s["steer_angle"] - (s["vel_y"] + c.lf * s["yaw_rate"]) / v
         s["slip_angle_rear"] = (c.lr * s["yaw_rate"] - s["vel_y"]) / v
         for a in ("front", "rear"):
             s[f"slip_{a}"] = _filled(wheels[a][mine]) / v - 1.0
         time = rows.time[mine].astype(float)
         s["time"] = time
-        s["dt"] = np.clip(np.diff(time, prepend=time[0] - BLOCK), 0.01, 1.0)
+        s["dt"] = np.clip(np.diff(time, prepend=time[0] - BLOCK_TIME), 0.01, 1.0)
         found.append(s)
     return found
 
@@ -81,7 +81,7 @@ def _moved(
     """`k`: stiffness over the settings'."""
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
-    v, m = np.maximum(s["vel_x"], SLOWEST), c.mass
+    v, m = np.maximum(s["vel_x"], MIN_FIT_SPEED), c.mass
     mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])  # over the step that ends at a block
     if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]

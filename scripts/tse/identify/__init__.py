@@ -1,4 +1,4 @@
-"""Find car, sensors and roads in one fit: robust least squares with priors.
+"""Fit car, sensors and roads together: robust least squares with priors.
 
-Shared by calibration, by the calibration on the log that is estimated, and by the first step of `gap`.
+Calibration, the calibration on the estimated log, and the first step of `gap` use it.
 """

@@ -1,9 +1,9 @@
-"""What to drive next: how sure both axles would be after a manoeuvre, with a measured
-velocity, or with what a workshop can tell.
+"""Propose what to drive or to measure next, with the intervals that both axles would
+have.
 
-By the information of the fit's own model: that of the logs, and that of what is not
-driven yet, where residuals are taken to be as large and as lasting as those that the logs
-leave.
+The information of the fit's own model is added up: that of the logs, and that of a
+manoeuvre that is not driven yet. Residuals of the manoeuvre are taken to be as large and
+to last as long as those that the logs leave.
 """
 
 from __future__ import annotations
@@ -15,166 +15,184 @@ from pathlib import Path
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.identify.data import BURN_IN, Prepared, Stretch
-from tse.identify.fit import Fit, Scale, normal
-from tse.identify.problem import LASTING, Problem
-from tse.identify.unknowns import MEASURED, VELOCITY, prior_of
+from tse.identify.data import BURN_IN, FitStretch, PreparedLog
+from tse.identify.fit import CarFit, ResidualScale, build_normal
+from tse.identify.problem import LASTING_ERROR_SHARE, CarProblem
+from tse.identify.unknowns import CORNERING_AXLES, MEASURED, VELOCITY, make_prior
 
-SPEED = 18.0  # m/s: 65 km/h, a test track or an empty road
-SECONDS = 40.0
-ANGLE = 0.03  # rad at the wheels, in which the tyres are nearly linear
-SWEEP = (0.2, 3.0)  # Hz, of a sine sweep
-SLALOM = 0.6  # Hz
-STEP = 4.0  # s, between steps of the steering wheel
-TURN = 0.3  # s, that a driver takes for one
-KNOWN_LATENCY, KNOWN_INERTIA = 0.002, 0.03  # s; share: what the bus and a test bench tell
-KNOWN_PLACE = 0.02  # m: what a tape measure tells
-WORTH = 0.9  # of the interval: what leaves more is not offered
-AXLES = ("cy_front", "cy_rear")
+MANOEUVRE_SPEED = 18.0  # m/s: 65 km/h, a test track or an empty road
+MANOEUVRE_TIME = 40.0  # s
+STEER_AMPLITUDE = 0.03  # rad, at the wheels: the tyres are nearly linear
+SWEEP_BAND = (0.2, 3.0)  # Hz, of a sine sweep
+SLALOM_FREQUENCY = 0.6  # Hz
+STEP_PERIOD = 4.0  # s, between steps of the steering wheel
+STEP_RISE = 0.3  # s, time that a driver takes for a step
+KNOWN_LATENCY = 0.002  # s, sd of a latency by the documentation of the bus
+KNOWN_INERTIA = 0.03  # relative sd of a yaw inertia by a test bench
+KNOWN_PLACE = 0.02  # m, sd of a place by tape measure
+MAX_REMAINING = 0.9  # ratio of the interval after to that before, of a proposal
 
 
 @dataclass(frozen=True)
 class Offer:
-    """One way to be surer: sd of ln of the cornering stiffness, front and rear, by AXLES."""
+    """One proposal, and the sd of ln of both cornering stiffnesses that it leaves."""
 
     what: str
     sd: dict[str, float]
 
 
-def sweep(t: np.ndarray) -> np.ndarray:
-    """Return the steering angle [rad] of a sine whose frequency goes over SWEEP, by its logarithm."""
-    low, high = SWEEP
-    rate = np.log(high / low) / SECONDS
-    return ANGLE * np.sin(2 * np.pi * low * np.expm1(rate * t) / rate)
+def steer_sweep(t: np.ndarray) -> np.ndarray:
+    """Return the steering angle [rad] of a sine sweep, logarithmic over SWEEP_BAND."""
+    low, high = SWEEP_BAND
+    rate = np.log(high / low) / MANOEUVRE_TIME
+    return STEER_AMPLITUDE * np.sin(2 * np.pi * low * np.expm1(rate * t) / rate)
 
 
-def steps(t: np.ndarray) -> np.ndarray:
-    """Return the steering angle [rad] of steps to the left and right, each held for STEP."""
-    side = np.where((t // STEP).astype(int) % 2, -1.0, 1.0)
-    return ANGLE * side * np.clip((t % STEP) / TURN * 2 - 1, -1, 1)
+def steer_steps(t: np.ndarray) -> np.ndarray:
+    """Return the steering angle [rad] of steps to the left and right."""
+    side = np.where((t // STEP_PERIOD).astype(int) % 2, -1.0, 1.0)
+    return STEER_AMPLITUDE * side * np.clip((t % STEP_PERIOD) / STEP_RISE * 2 - 1, -1, 1)
 
 
-def slalom(t: np.ndarray) -> np.ndarray:
+def steer_slalom(t: np.ndarray) -> np.ndarray:
     """Return the steering angle [rad] of a sine."""
-    return ANGLE * np.sin(2 * np.pi * SLALOM * t)
+    return STEER_AMPLITUDE * np.sin(2 * np.pi * SLALOM_FREQUENCY * t)
 
 
+_TIME, _SPEED = f"{MANOEUVRE_TIME:g} s", f"{3.6 * MANOEUVRE_SPEED:.0f} km/h"
 MANOEUVRES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    f"{SECONDS:g} s of sine sweep, {SWEEP[0]:g} .. {SWEEP[1]:g} Hz, at {3.6 * SPEED:.0f} km/h": sweep,
-    f"{SECONDS:g} s of steps of the steering wheel at {3.6 * SPEED:.0f} km/h": steps,
-    f"{SECONDS:g} s of slalom at {3.6 * SPEED:.0f} km/h": slalom,
+    f"{_TIME} of sine sweep, {SWEEP_BAND[0]:g} .. {SWEEP_BAND[1]:g} Hz, at {_SPEED}": steer_sweep,
+    f"{_TIME} of steps of the steering wheel at {_SPEED}": steer_steps,
+    f"{_TIME} of slalom at {_SPEED}": steer_slalom,
 }
 
 
-def offers(problem: Problem, fit: Fit, vehicle: Vehicle) -> list[Offer]:
-    """Return what would make the intervals of the axles narrower, in the order of what it
-    costs; what is hardly worth it is left out.
+def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offer]:
+    """Return the proposals that make the intervals of the axles narrower, cheapest first.
 
-    Cost: slopes of 40 s for each manoeuvre, and of all logs for a velocity."""
-    now = sd_of(problem, fit, _information(problem, fit))
+    Proposals that leave more than MAX_REMAINING of both intervals are left out. Cost:
+    slopes of 40 s for each manoeuvre, and of all logs for a velocity.
+    """
+    now = compute_axle_sd(problem, fit, _compute_car_information(problem, fit))
+    latency_sd = _compute_sd_if_known(problem, fit, _list_latencies(problem), KNOWN_LATENCY)
+    inertia_sd = KNOWN_INERTIA * problem.config.yaw_inertia
     found = [
-        Offer(f"latencies known to {1000 * KNOWN_LATENCY:g} ms", _known(problem, fit, _latencies(problem), KNOWN_LATENCY)),
-        Offer(f"yaw inertia known to {100 * KNOWN_INERTIA:g} %", _known(problem, fit, ["yaw_inertia"],
-                                                                     KNOWN_INERTIA * problem.config.yaw_inertia)),
-        *(Offer(what, driven(problem, fit, steer)) for what, steer in MANOEUVRES.items()),
-    ]  # fmt: skip
+        Offer(f"latencies known to {1000 * KNOWN_LATENCY:g} ms", latency_sd),
+        Offer(
+            f"yaw inertia known to {100 * KNOWN_INERTIA:g} %",
+            _compute_sd_if_known(problem, fit, ["yaw_inertia"], inertia_sd),
+        ),
+        *(Offer(what, compute_sd_after(problem, fit, steer)) for what, steer in MANOEUVRES.items()),
+    ]
     if any(c in problem.channels for c in VELOCITY):
         levers = ["velocity_lever_x", "velocity_lever_y"]
-        place = f"what measures the velocity is where the vehicle file says, to {100 * KNOWN_PLACE:g} cm"
-        found.insert(0, Offer(place, _known(problem, fit, levers, KNOWN_PLACE)))
+        place = f"place of the velocity sensor in the vehicle file known to {100 * KNOWN_PLACE:g} cm"
+        found.insert(0, Offer(place, _compute_sd_if_known(problem, fit, levers, KNOWN_PLACE)))
     else:
-        found.append(Offer("these drives with an INS", _with_velocity(problem, fit, vehicle)))
-    return [o for o in found if any(o.sd[k] < WORTH * now[k] for k in AXLES)]
+        found.append(Offer("these drives with an INS", _compute_sd_with_velocity(problem, fit, vehicle)))
+    return [o for o in found if any(o.sd[k] < MAX_REMAINING * now[k] for k in CORNERING_AXLES)]
 
 
-def words(now: dict[str, float], found: list[Offer]) -> list[str]:
-    """Return it for people."""
+def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
+    """Return the proposals as lines, the present interval first."""
 
-    def both(sd: dict[str, float]) -> str:
-        return " and ".join(f"+- {196 * sd[k]:.0f}" for k in AXLES) + " %"
+    def format_sd(sd: dict[str, float]) -> str:
+        return " and ".join(f"+- {196 * sd[k]:.0f}" for k in CORNERING_AXLES) + " %"
 
     if not found:
         return []
-    return [f"What would make cornering stiffness surer, front and rear now {both(now)}:"] + [
-        f"  {o.what}: {both(o.sd)}" for o in found
-    ]
+    head = f"What would make cornering stiffness surer, front and rear now {format_sd(now)}:"
+    return [head, *(f"  {o.what}: {format_sd(o.sd)}" for o in found)]
 
 
-def sd_of(problem: Problem, fit: Fit, information: np.ndarray) -> dict[str, float]:
-    """Return the sd of ln stiffness of both axles by the information of the numbers of the car."""
-    sd = np.sqrt(np.diag(np.linalg.inv(information))) * np.abs(problem.ln_slope(fit.search)[: problem.car])
-    return {k: float(sd[problem.names.index(k)]) for k in AXLES}
+def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -> dict[str, float]:
+    """Return the sd of ln of both cornering stiffnesses from an information matrix."""
+    sd = np.sqrt(np.diag(np.linalg.inv(information)))
+    sd *= np.abs(problem.compute_ln_slope(fit.search)[: problem.car])
+    return {k: float(sd[problem.names.index(k)]) for k in CORNERING_AXLES}
 
 
-def _information(problem: Problem, fit: Fit) -> np.ndarray:
-    """Return that of the numbers of the car, whatever is each log's own."""
+def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
+    """Return the information on the car, with the unknowns of each log marginalised."""
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
 
 
-def _latencies(problem: Problem) -> list[str]:
+def _list_latencies(problem: CarProblem) -> list[str]:
     return [n for n in problem.prior.names if n.endswith("_latency") and n != "velocity_latency"]
 
 
-def _known(problem: Problem, fit: Fit, names: list[str], sd: float) -> dict[str, float]:
-    """Return how sure the axles are where somebody knows some of the numbers."""
-    information = _information(problem, fit)
+def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd: float) -> dict[str, float]:
+    """Return the sd of both axles if the unknowns `names` were measured with this sd."""
+    information = _compute_car_information(problem, fit)
     at = [problem.names.index(n) for n in names]
     information[at, at] += sd**-2
-    return sd_of(problem, fit, information)
+    return compute_axle_sd(problem, fit, information)
 
 
-def driven(problem: Problem, fit: Fit, steer: Callable[[np.ndarray], np.ndarray]) -> dict[str, float]:
-    """Return how sure the axles are after a manoeuvre of SECONDS, by its steering angle over time."""
-    return sd_of(
-        problem, fit, _information(problem, fit) + _of(problem, fit, [_log(problem, steer)], fit.scales)
-    )
+def compute_sd_after(
+    problem: CarProblem, fit: CarFit, steer: Callable[[np.ndarray], np.ndarray]
+) -> dict[str, float]:
+    """Return the sd of both axles after a manoeuvre, by its steering angle."""
+    added = _compute_added_information(problem, fit, [_make_log(problem, steer)], fit.scales)
+    return compute_axle_sd(problem, fit, _compute_car_information(problem, fit) + added)
 
 
-def _with_velocity(problem: Problem, fit: Fit, vehicle: Vehicle) -> dict[str, float]:
-    """Return how sure the axles are if the logs had a lateral velocity."""
-    logs = [replace(log, measured=log.measured | {"ins_vel_y": np.zeros(len(log.time))}, noise=log.noise | {"ins_vel_y": 0.0})
-            for log in problem.logs]  # fmt: skip
-    lasting = LASTING * float(problem.config.ins_velocity_sd)
+def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> dict[str, float]:
+    """Return the sd of both axles if the logs had a lateral velocity."""
+    logs = [
+        replace(
+            log,
+            measured=log.measured | {"ins_vel_y": np.zeros(len(log.time))},
+            noise=log.noise | {"ins_vel_y": 0.0},
+        )
+        for log in problem.logs
+    ]
+    lasting = LASTING_ERROR_SHARE * float(problem.config.ins_velocity_sd)
     yaw = fit.scales["yaw_rate"] if "yaw_rate" in fit.scales else next(iter(fit.scales.values()))
-    scales = fit.scales | {"ins_vel_y": Scale(lasting, lasting * yaw.sd / yaw.rms)}
-    prior = prior_of(vehicle, problem.config, velocity=True)
-    other = Problem(logs, problem.config, prior, problem.jobs, problem.road, problem.leans > 0)
+    scales = fit.scales | {"ins_vel_y": ResidualScale(lasting, lasting * yaw.sd / yaw.rms)}
+    prior = make_prior(vehicle, problem.config, velocity=True)
+    other = CarProblem(logs, problem.config, prior, problem.jobs, problem.road, problem.leans > 0)
     at = dict(zip(problem.names, fit.search, strict=True))
     x = np.array([at.get(n, m) for n, m in zip(other.names, other.mean, strict=True)])
-    found = _normal(other, x, fit.z, scales)
+    found = _compute_information(other, x, fit.z, scales)
     own = [other.names.index(n) for n in problem.prior.names]
-    return sd_of(problem, fit, np.linalg.inv(np.linalg.inv(found)[np.ix_(own, own)]))
+    return compute_axle_sd(problem, fit, np.linalg.inv(np.linalg.inv(found)[np.ix_(own, own)]))
 
 
-def _of(problem: Problem, fit: Fit, logs: list[Prepared], scales: dict[str, Scale]) -> np.ndarray:
-    """Return the information that logs bring of the numbers of the car."""
-    other = Problem(logs, problem.config, problem.prior, problem.jobs)
+def _compute_added_information(
+    problem: CarProblem, fit: CarFit, logs: list[PreparedLog], scales: dict[str, ResidualScale]
+) -> np.ndarray:
+    """Return the information on the unknowns of the car that further logs add."""
+    other = CarProblem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
-    found, n = _normal(other, x, np.zeros(other.knots), scales), problem.car
+    found, n = _compute_information(other, x, np.zeros(other.knots), scales), problem.car
     return np.linalg.inv(np.linalg.inv(found)[:n, :n]) - problem.information[:n, :n]
 
 
-def _normal(problem: Problem, x: np.ndarray, z: np.ndarray, scales: dict[str, Scale]) -> np.ndarray:
-    """Return the information of logs that are explained with residuals of these sizes."""
-    base = problem.residuals(x, z)
-    slopes = problem.slopes(x, z, base), problem.road_slopes(x, z, base)
-    return normal(problem, scales, x, z, [np.zeros(len(e)) for e in base], *slopes).information
+def _compute_information(
+    problem: CarProblem, x: np.ndarray, z: np.ndarray, scales: dict[str, ResidualScale]
+) -> np.ndarray:
+    """Return the information of logs with residuals 0 and these scales."""
+    base = problem.compute_residuals(x, z)
+    slopes = problem.compute_slopes(x, z, base), problem.compute_road_slopes(x, z, base)
+    return build_normal(problem, scales, x, z, [np.zeros(len(e)) for e in base], *slopes).information
 
 
-def _log(problem: Problem, steer: Callable[[np.ndarray], np.ndarray]) -> Prepared:
-    """Return a log of a manoeuvre at SPEED, with the channels that the logs have; what is
-    measured in it counts nowhere."""
+def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) -> PreparedLog:
+    """Return a log of a manoeuvre with the channels of the logs, all measured 0."""
     like = problem.logs[0]
-    time = like.step * np.arange(round(SECONDS / like.step) // like.rows_per_block * like.rows_per_block)
+    time = like.step * np.arange(
+        round(MANOEUVRE_TIME / like.step) // like.rows_per_block * like.rows_per_block
+    )
     spin = {
-        f"wheel_speed_{a}": np.full(len(time), SPEED / getattr(problem.config, f"wheel_radius_{a}"))
+        f"wheel_speed_{a}": np.full(len(time), MANOEUVRE_SPEED / getattr(problem.config, f"wheel_radius_{a}"))
         for a in ("front", "rear")
     }
     measured = {c: np.zeros(len(time)) for c in MEASURED if c in problem.channels}
     used = time >= BURN_IN
     used[: int(np.argmax(used)) // like.rows_per_block * like.rows_per_block + like.rows_per_block] = False
-    return Prepared(
+    return PreparedLog(
         Path("manoeuvre"), time, {"steer_angle": steer(time), **spin}, measured, like.noise,
-        [Stretch(0, len(time), used)], like.rows_per_block, SPEED * time,
+        [FitStretch(0, len(time), used)], like.rows_per_block, MANOEUVRE_SPEED * time,
     )  # fmt: skip

@@ -1,8 +1,10 @@
-"""Logs as calibration and gap workflow need them: inputs smoothed, stretches to simulate, blocks to compare, sensor noise.
+"""Prepare logs for calibration and gap: smoothed inputs, stretches, blocks, sensor noise.
 
-Why smoothed: the model is driven by the logged steering angle and wheel speeds, and their noise, differentiated by the
-tyres, would pass for a longitudinal relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
-slope is a random walk; its smoothness is found by cross-validation, every second row from the others.
+The logged steering angle and wheel speeds drive the model. Without smoothing, the tyre
+model differentiates their noise, and a fit would take that noise for a longitudinal
+relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
+slope is a random walk. Cross-validation sets its penalty: each second row is predicted
+from the others.
 """
 
 from __future__ import annotations
@@ -17,58 +19,55 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
-from tse.identify.unknowns import MOST_LATENCY, VELOCITY
+from tse.identify.unknowns import MAX_LATENCY, VELOCITY
 from tse.library.core import Config, Replay
 from tse.library.errors import UserError
 from tse.log.noise import estimate_channel_noise, estimate_noise, fill_gaps, find_new_values
 from tse.log.rows import DRIVES, MEASURES, CheckedLog
 
-CHANNELS = MEASURES
-SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
-DIVERGED = 1e4  # rad/s, m/s, m/s2: of a simulation that leaves all numbers
-STEEPEST = 0.6  # rad: of road-wheel angle: beyond it the model is another one
-BLOCK = 0.04  # s: residuals are averaged over so long
-BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
-SHORTEST = 3.0  # s: shorter stretches say less than their start costs
-LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
-CURVE_LENGTH = 12.0  # m: sd of the smoothing: over which a road goes from level to leaning into its curve
+COMPARED_CHANNELS = MEASURES
+MIN_FIT_SPEED = 3.0  # m/s: below, the tyre model does not hold and wheel speeds are coarse
+DIVERGED = 1e4  # rad/s, m/s, m/s2: value of the channels of a simulation that diverges
+MAX_FIT_STEER = 0.6  # rad at the wheels: beyond, the model does not hold
+BLOCK_TIME = 0.04  # s, length of a block: residuals are compared as means over blocks
+BURN_IN = 1.0  # s, start of a stretch that is not compared: its initial state is unknown
+MIN_STRETCH_TIME = 3.0  # s: a shorter stretch shows less than its burn-in costs
+MAX_HOLE = 0.1  # s: longer holes in an input end a stretch
+# m, sd of the smoothing of curvatures: length of the transition from a level road to one
+# that leans into its curve
+CURVE_LENGTH = 12.0
 
 
 @dataclass
-class Stretch:
-    """Rows of one log without a hole, a stop or an extreme; `used`: compared, not only simulated."""
+class FitStretch:
+    """Rows of one log without a hole, a stop or an extreme steering angle."""
 
     first: int
     last: int  # exclusive
-    used: np.ndarray  # of the rows first .. last
+    used: np.ndarray  # bool, of the rows first .. last: compared; the others are only simulated
 
 
 @dataclass
-class Prepared:
-    """One log, ready to be simulated. Arrays have one entry per row."""
+class PreparedLog:
+    """One log, ready to be simulated. Arrays have one entry a row."""
 
     path: Path
     time: np.ndarray
     inputs: dict[str, np.ndarray]  # smoothed
     measured: dict[str, np.ndarray]  # NaN: missing
     noise: dict[str, float]  # sd of one row
-    stretches: list[Stretch]
+    stretches: list[FitStretch]
     rows_per_block: int
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
-    quiet: dict[str, float] = field(
-        default_factory=dict
-    )  # sd that was found over that sd, where a floor raised it
-    held: dict[str, float] = field(
-        default_factory=dict
-    )  # s since the value of a row was new, mean, where a slow signal is held
-    wheel_noise: float = 0.0  # rad/s, rms of what smoothing took from the wheel speeds
-    late: dict[str, float] = field(
-        default_factory=dict
-    )  # s behind the gyro, of what is measured; inputs are in time
-    road: dict[str, np.ndarray] = field(
-        default_factory=dict
-    )  # rad: bank and grade of each row, where they are known
+    # ratio of the measured sd of the noise to the sd used, of channels where a floor
+    # raised it
+    quiet: dict[str, float] = field(default_factory=dict)
+    held: dict[str, float] = field(default_factory=dict)  # s, mean age of the values of a held channel
+    wheel_noise: float = 0.0  # rad/s, rms of what smoothing removed from the wheel speeds
+    # s, latency of measured channels behind the gyro; the inputs are corrected already
+    late: dict[str, float] = field(default_factory=dict)
+    road: dict[str, np.ndarray] = field(default_factory=dict)  # rad, known bank and grade of each row
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -77,28 +76,30 @@ class Prepared:
 
     @property
     def channels(self) -> list[str]:
-        return [c for c in CHANNELS if c in self.measured]
+        return [c for c in COMPARED_CHANNELS if c in self.measured]
 
     @property
     def step(self) -> float:
-        """s, of a row."""
+        """Time between rows, s."""
         return float(np.median(np.diff(self.time)))
 
     @property
     def seconds(self) -> float:
-        """Time that is compared."""
+        """Time that is compared, s."""
         return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
-    def later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
-        """An input as it was read `by` later, s: what it was when its row says, if it is logged so late."""
+    def read_later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
+        """Return an input as it was logged `by` [s] later: this undoes a latency."""
         spline = self._splines.get(name)
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
         return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
 
-    def earlier(self, x: np.ndarray, by: float) -> np.ndarray:
-        """What is simulated, a value per row, as a channel has it that is `by` [s] late;
-        NaN between stretches."""
+    def delay(self, x: np.ndarray, by: float) -> np.ndarray:
+        """Return a simulated signal, one value a row, with a latency [s] added.
+
+        NaN between stretches.
+        """
         if not by:
             return x
         out = np.full(len(x), np.nan)
@@ -108,8 +109,15 @@ class Prepared:
         return out
 
 
-def prepare(log: CheckedLog, config: Config) -> Prepared:
-    """Smooth the inputs, find the stretches, measure the noise."""
+def prepare(log: CheckedLog, config: Config) -> PreparedLog:
+    """Smooth the inputs of a log, find its stretches and measure the noise of its
+    channels.
+
+    Raises
+    ------
+    UserError
+        Rows come less often than every 0.1 s.
+    """
     if log.sample_time is None or log.sample_time > 0.1:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
@@ -121,13 +129,13 @@ def prepare(log: CheckedLog, config: Config) -> Prepared:
     measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = (
         np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front
-        > SLOWEST
+        > MIN_FIT_SPEED
     )
-    inputs = {name: _smoothed(log, name, x) for name, x in raw.items()}
-    v = speed(inputs, config)
-    good = (v > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
+    inputs = {name: _smooth_channel(log, name, x) for name, x in raw.items()}
+    v = compute_speed(inputs, config)
+    good = (v > MIN_FIT_SPEED) & (np.abs(inputs["steer_angle"]) < MAX_FIT_STEER)
     for x in raw.values():
-        good &= ~_hole(log.time, x)
+        good &= ~_find_holes(log.time, x)
     noise, quiet = {}, {}
     for name, x in measured.items():
         found = (
@@ -135,30 +143,31 @@ def prepare(log: CheckedLog, config: Config) -> Prepared:
             if name in log.slower
             else estimate_channel_noise(name, x, moving)
         )
-        noise[name] = found.sd if found else _plain_noise(x)
+        noise[name] = found.sd if found else _estimate_noise(x)
         if found and found.unraised < found.sd:
             quiet[name] = found.unraised / found.sd
-    per_block = max(1, round(BLOCK / log.sample_time))
-    stretches = _stretches(log.time, good, per_block)
+    per_block = max(1, round(BLOCK_TIME / log.sample_time))
+    stretches = _find_stretches(log.time, good, per_block)
     distance = np.append(0.0, np.cumsum(np.maximum(v[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
     for name in (n for n in VELOCITY if n in log.extra):
         x = log.extra[name].to_numpy(float)
         measured[name] = np.where(find_new_values(x), x, np.nan)
-        noise[name] = _plain_noise(measured[name])
+        noise[name] = _estimate_noise(measured[name])
     absent = [name for name in MEASURES if name not in measured]
-    notes = (
-        [f"{log.path.name}: without {', '.join(absent)}: what only that shows is not asked of it"]
-        if absent
-        else []
-    )
+    notes = []
+    if absent:
+        notes.append(
+            f"{log.path.name}: has no {', '.join(absent)}: unknowns that only they show keep their prior"
+        )
     if not stretches:
         notes.append(
-            f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
+            f"{log.path.name}: no stretch of {MIN_STRETCH_TIME:g} s above {MIN_FIT_SPEED:g} m/s and below "
+            f"{MAX_FIT_STEER:g} rad of steering"
         )
     held = {
         name: age
         for name in (*DRIVES, *MEASURES)
-        if (age := _age(log.time, log.data[name].to_numpy(float))) > 0
+        if (age := _compute_age(log.time, log.data[name].to_numpy(float))) > 0
     }
     off = [
         np.concatenate([(raw[n] - inputs[n])[s.first : s.last] for s in stretches])
@@ -167,44 +176,36 @@ def prepare(log: CheckedLog, config: Config) -> Prepared:
     ]
     wheel_noise = max((float(np.sqrt(np.nanmean(x**2))) for x in off), default=0.0)
     road = {n: np.nan_to_num(log.extra[n].to_numpy(float)) for n in ("bank", "grade") if n in log.extra}
-    return Prepared(
-        log.path,
-        log.time,
-        inputs,
-        measured,
-        noise,
-        stretches,
-        per_block,
-        distance,
-        notes,
-        quiet,
-        held,
-        wheel_noise,
-        road=road,
-    )
+    return PreparedLog(
+        log.path, log.time, inputs, measured, noise, stretches, per_block, distance,
+        notes, quiet, held, wheel_noise, road=road,
+    )  # fmt: skip
 
 
-def with_all(log: Prepared) -> Prepared:
-    """Return the log with a column of NaN for a sensor that it does not have."""
+def add_missing_channels(log: PreparedLog) -> PreparedLog:
+    """Return the log with a column of NaN for each sensor that it lacks."""
     nothing = np.full(len(log.time), np.nan)
     return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURES, *log.measured)})
 
 
-def speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
-    """m/s by the wheels, of each row."""
+def compute_speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
+    """Return the speed of each row by the wheels, m/s."""
     return 0.5 * sum(
         getattr(config, f"wheel_radius_{a}") * inputs[f"wheel_speed_{a}"] for a in ("front", "rear")
     )
 
 
-def prepare_all(logs: Sequence[CheckedLog], config: Config) -> list[Prepared]:
-    """Every log, with the latencies of the vehicle file taken out."""
-    return [in_time(prepare(log, config), config) for log in logs]
+def prepare_all(logs: Sequence[CheckedLog], config: Config) -> list[PreparedLog]:
+    """Prepare every log and remove the latencies of the vehicle file."""
+    return [remove_latencies(prepare(log, config), config) for log in logs]
 
 
-def in_time(log: Prepared, config: Config) -> Prepared:
-    """The log as the latencies of the vehicle file say: inputs are read as much later as they are late; what is measured stays, and
-    is compared with what was simulated as much earlier."""
+def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
+    """Return the log without the latencies of the vehicle file.
+
+    Inputs are read later by their latency. Measured channels keep their rows: simulate()
+    delays the simulated channel by their latency instead.
+    """
     late = {c: by for c in (*DRIVES, *MEASURES) if (by := getattr(config, f"{c}_latency", 0.0))}
     if not late:
         return log
@@ -216,33 +217,36 @@ def in_time(log: Prepared, config: Config) -> Prepared:
     return replace(log, inputs=inputs, late={c: by for c, by in late.items() if c in log.measured})
 
 
-def _smoothed(log: CheckedLog, name: str, x: np.ndarray) -> np.ndarray:
-    """A channel on the rows of a log. Of one that was interpolated its own entries are smoothed: rows between them are what their
-    neighbours say, and a cross-validation over rows would find that nothing is noise."""
+def _smooth_channel(log: CheckedLog, name: str, x: np.ndarray) -> np.ndarray:
+    """Smooth a channel at the rows of a log.
+
+    Of an interpolated channel, the entries as logged are smoothed: the rows between them
+    follow from their neighbours, so cross-validation over rows would find no noise.
+    """
     if name not in log.slower:
-        return smoothed(log.time, x)
+        return smooth_values(log.time, x)
     own = log.slower[name]
-    spline = smoothing(own.time, own.value)
+    spline = fit_smoothing_spline(own.time, own.value)
     return fill_gaps(x) if spline is None else spline(np.clip(log.time, own.time[0], own.time[-1]))
 
 
-def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The smoothing spline through the values that are there; through all of them, if they have no noise."""
-    spline = smoothing(time, x)
+def smooth_values(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Evaluate the smoothing spline at each row; without noise, interpolate."""
+    spline = fit_smoothing_spline(time, x)
     return fill_gaps(x) if spline is None else spline(time)
 
 
-def smoothing(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
-    """The smoothing spline through the values that are there; None: they are too few, or have no noise."""
+def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
+    """Fit the smoothing spline to the finite values; None: too few, or without noise."""
     good = np.isfinite(x) & find_new_values(x)
     y = x[good]
     if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
         return None
-    return smoothing_spline(time[good], y, _smoothness(time[good], y))
+    return solve_smoothing_spline(time[good], y, _choose_penalty(time[good], y))
 
 
-def _age(time: np.ndarray, x: np.ndarray) -> float:
-    """s since a value was new, mean over the rows that have one."""
+def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
+    """Return the mean age of a held channel, s: time since its value last changed."""
     there = np.isfinite(x)
     if not there.any():
         return 0.0
@@ -250,24 +254,29 @@ def _age(time: np.ndarray, x: np.ndarray) -> float:
     return float(np.mean((time - time[new])[there]))
 
 
-def _smoothness(time: np.ndarray, y: np.ndarray) -> float:
-    """Penalty on the square of the second derivative that predicts every second row best from the others. The ratio of noise
-    to signal that it stands for does not depend on how many rows there are."""
+def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
+    """Return the penalty of the spline that predicts each second row best from the
+    others.
 
-    def error(exponent: float) -> float:
-        spline = smoothing_spline(time[::2], y[::2], 10.0**exponent)
+    The penalty stands for a ratio of noise to signal that does not depend on the number
+    of rows.
+    """
+
+    def compute_error(exponent: float) -> float:
+        spline = solve_smoothing_spline(time[::2], y[::2], 10.0**exponent)
         return float(np.mean((spline(time[1::2]) - y[1::2]) ** 2))
 
     step = float(np.median(np.diff(time)))
-    around = np.log10(step**3)  # a penalty of step^3 smooths over about a row
+    around = np.log10(step**3)  # a penalty of step^3 smooths over about one row
     coarse = [around + k for k in np.arange(-3.0, 9.0, 1.5)]
-    best = coarse[int(np.argmin([error(x) for x in coarse]))]
-    found = minimize_scalar(error, bounds=(best - 1.5, best + 1.5), method="bounded", options={"xatol": 0.15})
+    best = coarse[int(np.argmin([compute_error(x) for x in coarse]))]
+    bounds = best - 1.5, best + 1.5
+    found = minimize_scalar(compute_error, bounds=bounds, method="bounded", options={"xatol": 0.15})
     return 10.0 ** float(found.x)
 
 
-def blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means of the blocks that are compared, and how many values each has."""
+def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the means of the compared blocks, and the number of values in each."""
     parts = []
     for s in log.stretches:
         piece = x[s.first : s.last][s.used]
@@ -280,43 +289,60 @@ def blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
 
 
-def _hole(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rows further than half of LONGEST_HOLE from a value that is there."""
+def _find_holes(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return True for rows further than half of MAX_HOLE from a finite value."""
     good = np.isfinite(x)
     there = time[good]
     after = np.searchsorted(there, time)
     left = time - there[np.clip(after - 1, 0, len(there) - 1)]
     right = there[np.clip(after, 0, len(there) - 1)] - time
-    return np.minimum(np.abs(left), np.abs(right)) > 0.5 * LONGEST_HOLE
+    return np.minimum(np.abs(left), np.abs(right)) > 0.5 * MAX_HOLE
 
 
-def _plain_noise(x: np.ndarray) -> float:
+def _estimate_noise(x: np.ndarray) -> float:
+    """Return the sd of the white noise of a channel, by its second differences."""
     good = x[np.isfinite(x)]
-    return 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6) if len(good) >= 8 else 1e-6
+    if len(good) < 8:
+        return 1e-6
+    return 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6)
 
 
-def _stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[Stretch]:
-    broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > LONGEST_HOLE)) | ~good
+def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[FitStretch]:
+    """Return the runs of good rows of at least MIN_STRETCH_TIME, in whole blocks."""
+    broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > MAX_HOLE)) | ~good
     starts = np.flatnonzero(broken & good)
     stretches = []
     for first in starts:
         last = first + 1
         while last < len(good) and good[last] and not broken[last]:
             last += 1
-        if time[last - 1] - time[first] < SHORTEST:
+        if time[last - 1] - time[first] < MIN_STRETCH_TIME:
             continue
         last = first + (last - first) // per_block * per_block
         used = time[first:last] - time[first] >= BURN_IN
         used[: int(np.argmax(used)) // per_block * per_block + per_block] = False  # whole blocks
-        stretches.append(Stretch(int(first), int(last), used))
+        stretches.append(FitStretch(int(first), int(last), used))
     return stretches
 
 
-def smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> CubicSpline:
-    """The f with the least sum of (y - f(time))^2 + penalty x integral of f''^2 (Reinsch 1967; Green & Silverman 1994, 2.3).
+def solve_smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> CubicSpline:
+    """Return the f that minimises sum (y - f(time))^2 + penalty * integral of f''^2.
 
-    `time`: increasing, at least 3; `penalty`: unit of time cubed, at least 0. As scipy.interpolate.make_smoothing_spline, in a
-    thirtieth of its time: that one walks through the rows in Python, which of half an hour of log is a minute."""
+    Parameters
+    ----------
+    time
+        (n,) increasing, n >= 3.
+    y
+        (n,) values.
+    penalty
+        Unit of time cubed, >= 0.
+
+    Notes
+    -----
+    Reinsch 1967; Green & Silverman 1994, 2.3. The same as
+    scipy.interpolate.make_smoothing_spline() in a thirtieth of its time, since that one
+    loops over the rows in Python: a minute for half an hour of log.
+    """
     h = np.diff(time)
     before, here, after = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]  # rows of the second difference
     bands = np.zeros((3, len(h) - 1))
@@ -331,20 +357,38 @@ def smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> CubicSp
     return CubicSpline(time, smooth, bc_type="natural")
 
 
-# ---- the model on one log: smoothed inputs in, what the sensors should read out; every stretch from a start of its own
+# ---- the model on one log: every stretch is simulated from its own initial state
 
 
 def simulate(
     config: Config,
-    log: Prepared,
+    log: PreparedLog,
     channels: Sequence[str],
     stiffness: dict[str, float],
     profiles: dict[str, np.ndarray],
     later: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it.
+    """Simulate the channels of a log with their latencies, without biases.
 
-    `later`: s, by channel: how much later it is than the vehicle file says."""
+    Parameters
+    ----------
+    config
+        Settings of the car.
+    log
+        Drives the model with its inputs.
+    channels
+        Outputs of the model.
+    stiffness
+        Initial stiffness over that of `config`, by name.
+    profiles
+        Bank and grade of each row, rad; those of the log are added.
+    later
+        Latency [s] by channel, added to that of the vehicle file.
+
+    Returns
+    -------
+    One value a row and channel; NaN between stretches, DIVERGED in one that diverges.
+    """
     later = later or {}
     road = {n: profiles.get(n, 0.0) + log.road.get(n, 0.0) for n in {**profiles, **log.road}}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
@@ -352,7 +396,7 @@ def simulate(
         rows = slice(s.first, s.last)
         dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
         inputs = {n: x[rows] for n, x in (log.inputs | road).items()}
-        inputs |= {n: log.later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
+        inputs |= {n: log.read_later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
         replay = Replay(tuple(channels), dt=dt, **inputs)
         gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
         start = {
@@ -361,7 +405,7 @@ def simulate(
         }
         try:
             found = replay.run(config, **start, **stiffness)
-        except UserError:  # no number any more: a car that a search must leave again
+        except UserError:  # the simulation diverged: a search leaves such a car again
             found = {c: np.full(len(dt), DIVERGED) for c in channels}
         for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
@@ -369,13 +413,16 @@ def simulate(
     return out
 
 
-# ---- what is made of a log before calibration compares it with a simulation
+# ---- preparation of a log for the comparison
 
 
-def curves(log: Prepared, config: Config) -> np.ndarray:
-    """m/s2, square of the speed times the curvature of the road: what its lean into its curves goes by. The curvature is that of
-    the car's path without what is shorter than roads are built in."""
-    rate, v = log.measured["yaw_rate"], np.maximum(speed(log.inputs, config), SLOWEST)
+def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
+    """Return the square of the speed times the curvature of the road, m/s2, of each row.
+
+    The lean of a road into its curves is proportional to it. The curvature is that of the
+    car's path, smoothed over CURVE_LENGTH.
+    """
+    rate, v = log.measured["yaw_rate"], np.maximum(compute_speed(log.inputs, config), MIN_FIT_SPEED)
     if not np.isfinite(rate).any():
         return np.zeros(len(rate))
     metres = np.arange(0.0, log.distance[-1] + 1.0)
@@ -383,16 +430,26 @@ def curves(log: Prepared, config: Config) -> np.ndarray:
     return v**2 * np.interp(log.distance, metres, gaussian_filter1d(curvature, CURVE_LENGTH))
 
 
-def inside(log: Prepared) -> np.ndarray:
-    """1 for rows whose channels are in the same stretch whatever their latency; at its start BURN_IN sees to that."""
+def mark_inside(log: PreparedLog) -> np.ndarray:
+    """Return 1 for rows that stay in their stretch under every latency up to MAX_LATENCY.
+
+    Only the end of a stretch needs it. Its start is in BURN_IN.
+    """
     found = np.zeros(len(log.time))
     for s in log.stretches:
-        found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MOST_LATENCY
+        found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MAX_LATENCY
     return found
 
 
-def together(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
-    """Used blocks that are compared as one: their indices, a row each of `count` without a hole; what is left over is left out."""
+def group_blocks(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
+    """Group used blocks into runs of `count` neighbours; incomplete runs are dropped.
+
+    Returns
+    -------
+    Indices of the blocks, a row for each group.
+    """
     index = np.flatnonzero(used)
-    runs = np.split(index, np.flatnonzero((np.diff(index) > 1) | (np.diff(time[index]) > 1.5 * BLOCK)) + 1)
+    runs = np.split(
+        index, np.flatnonzero((np.diff(index) > 1) | (np.diff(time[index]) > 1.5 * BLOCK_TIME)) + 1
+    )
     return np.concatenate([r[: len(r) // count * count].reshape(-1, count) for r in runs])

@@ -1,15 +1,15 @@
-"""Maximum a posteriori of car and road: Gauss-Newton on robust least squares.
+"""Find car and road by maximum a posteriori: Gauss-Newton on robust least squares.
 
-Minimize over x (car, leans, biases) and z (values of bank and grade)
+The cost is minimised over x (car, leans, biases) and z (values of bank and grade):
     sum over residuals e of rho(e)/sd^2
     + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2,
-with the loss rho of Huber and the sd of one value of the channel (measure_scales). z is
-eliminated: its information is banded, and one sparse factor gives the Schur complement in
-which x is solved.
+with the Huber loss rho and the sd of one value of the channel (measure_scales). z is
+eliminated: its information is banded, and one sparse factorisation gives the Schur
+complement that is solved for x.
 
-A residual is noise of the sensor and error of the model. The first is new in each value. The
-second lasts MODEL_TIME and counts once in it. So the error of the model decides how sure x
-is, and hardly its value.
+A residual is the sum of sensor noise and model error. Noise is independent in each value.
+Model error lasts MODEL_TIME and counts once in this time. So the model error widens the
+covariance of x and hardly moves its estimate.
 """
 
 from __future__ import annotations
@@ -23,46 +23,45 @@ from scipy.optimize import lsq_linear
 from scipy.sparse import csc_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
-from tse.identify.problem import Problem
+from tse.identify.problem import CarProblem
 
-HUBER = 4.0  # rms of the channel: a larger residual counts as its size, not its square
-MODEL_TIME = 2.0  # s: what the model lacks lasts so long
-MOST_STEPS = 40  # of a fit
-FARTHEST = 1.5  # prior sd, of one step
-NEAR = 0.9  # of the rms of every channel: a step that leaves more is near a fit
-SETTLED = 0.1  # posterior sd: a step below it ends the search,
-LITTLE = 0.1  # nats: or one that gains less
-LEAST_GAIN = 0.25  # of the gain that slopes predict: below it they are simulated anew
-HALVINGS = 6  # of a step that gains nothing
+HUBER = 4.0  # rms of the channel: the loss is quadratic below and linear above
+MODEL_TIME = 2.0  # s, correlation time of the model error
+MAX_FIT_STEPS = 40
+MAX_STEP_SD = 1.5  # prior sd, of one step
+NEAR_RATIO = 0.9  # rms after a step over that before, of every channel: above, the fit is near
+MAX_FINAL_STEP = 0.1  # posterior sd: a smaller step ends the search
+MIN_GAIN_NATS = 0.1  # a step of less predicted gain ends the search
+MIN_GAIN_SHARE = 0.25  # gain over predicted gain: below, the slopes are simulated anew
+MAX_HALVINGS = 6  # of a step without gain
 
 
 @dataclass(frozen=True)
-class Scale:
-    """Size of the residuals of a channel, in their unit: rms, and the sd that one value
-    counts as."""
+class ResidualScale:
+    """Size of the residuals of a channel, in their unit: rms, and sd of one value."""
 
     rms: float
     sd: float
 
 
 @dataclass
-class Fit:
-    """Where the search stands, or ended.
+class CarFit:
+    """State of the search, or its result.
 
     Attributes
     ----------
     x, covariance
-        Unknowns of the problem, stiffness in ln over the vehicle file's.
+        Unknowns of the problem; stiffness in ln over that of the vehicle file.
     z
         Values of bank and grade [rad].
     search
-        x as it is searched.
+        x in the coordinates of the search.
     scales
-        By channel.
+        Size of the residuals by channel.
     residuals, slopes, equations
-        There: slopes by x and by z, and their normal equations.
+        At x and z: slopes by x and by z, and normal equations.
     steps, moved
-        Of the search, and the largest change of its last step [posterior sd].
+        Number of steps, and largest change of the last one [posterior sd].
     level
         Residuals on level roads.
     """
@@ -71,10 +70,10 @@ class Fit:
     z: np.ndarray
     covariance: np.ndarray
     search: np.ndarray
-    scales: dict[str, Scale]
+    scales: dict[str, ResidualScale]
     residuals: list[np.ndarray]
     slopes: tuple[list[np.ndarray], list[csc_matrix]]
-    equations: Normal
+    equations: NormalEquations
     converged: bool = False
     steps: int = 0
     moved: float = np.inf
@@ -82,40 +81,55 @@ class Fit:
 
 
 def measure_scales(
-    problem: Problem,
+    problem: CarProblem,
     residuals: list[np.ndarray],
-    before: Mapping[str, Scale] | None = None,
+    before: Mapping[str, ResidualScale] | None = None,
     near: bool = True,
-) -> dict[str, Scale]:
-    """Return the size of the residuals of each channel. `near`: they are of a fit; else each
-    value counts by itself.
+) -> dict[str, ResidualScale]:
+    """Return the size of the residuals of each channel.
 
-    rms^2 = noise^2 + model^2. Noise is new in every value, the error of the model once in
-    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. It is at least UNLIKE of what
-    happens: a fit that explains its logs down to the noise has not found another car for
-    that. Of a measured velocity it is at least the error that the settings say."""
-    found: dict[str, Scale] = {}
+    Parameters
+    ----------
+    problem
+        Gives the noise of the channels.
+    residuals
+        A vector for each group of the problem.
+    before
+        Sizes of the step before; None: the median sets the clipping.
+    near
+        The residuals are those of a fit. Otherwise each value counts once.
+
+    Notes
+    -----
+    rms^2 = noise^2 + model^2. Noise is new in every value, and the model error once in
+    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. The rms has two lower
+    limits: the error of a velocity sensor by the settings, and MIN_MODEL_ERROR of the
+    signal. The second one keeps a fit that explains its logs down to the noise from
+    claiming more than a model can.
+    """
+    found: dict[str, ResidualScale] = {}
     for c in problem.channels:
         mine = [g for g, (_, channel) in enumerate(problem.groups) if channel == c]
         e = np.concatenate([residuals[g] for g in mine])
         size = before[c].rms if before else 1.4826 * float(np.median(np.abs(e)))
-        noise = float(
-            np.sqrt(
-                np.average([problem.noise(g) ** 2 for g in mine], weights=[len(residuals[g]) for g in mine])
-            )
-        )
+        noises, counts = [problem.compute_noise(g) ** 2 for g in mine], [len(residuals[g]) for g in mine]
+        noise = float(np.sqrt(np.average(noises, weights=counts)))
         rms = float(np.sqrt(np.mean(np.minimum(np.abs(e), HUBER * max(size, noise)) ** 2)))
-        rms = max(rms, float(np.hypot(noise, problem.lasting_error(c))), 1e-9)
+        rms = max(rms, float(np.hypot(noise, problem.compute_lasting_error(c))), 1e-9)
         share = min(1.0, (noise / rms) ** 2) if near else 1.0
-        values = max(1.0, MODEL_TIME / problem.step(mine[0]))
-        found[c] = Scale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
+        values = max(1.0, MODEL_TIME / problem.get_step(mine[0]))
+        found[c] = ResidualScale(rms, rms * float(np.sqrt(share + (1.0 - share) * values)))
     return found
 
 
-def cost(
-    problem: Problem, scales: Mapping[str, Scale], x: np.ndarray, z: np.ndarray, residuals: list[np.ndarray]
+def compute_cost(
+    problem: CarProblem,
+    scales: Mapping[str, ResidualScale],
+    x: np.ndarray,
+    z: np.ndarray,
+    residuals: list[np.ndarray],
 ) -> float:
-    """Return what the search makes small, with the scales as they are."""
+    """Return the cost that the search minimises, at these scales."""
     away = x - problem.mean
     total = 0.5 * float(away @ problem.information @ away) + 0.5 * float(z @ z) / problem.knot_sd**2
     for e, (_, c) in zip(residuals, problem.groups, strict=True):
@@ -126,27 +140,27 @@ def cost(
 
 
 @dataclass
-class Normal:
-    """Normal equations about a point: the road eliminated (Schur complement), and what it
-    is for a step of x."""
+class NormalEquations:
+    """Normal equations about a point, with the road eliminated (Schur complement)."""
 
     information: np.ndarray  # of x
     gradient: np.ndarray  # of x
-    across: np.ndarray  # of z, by x
+    across: np.ndarray  # mixed second derivatives of z and x
     own: np.ndarray  # gradient of z
-    factor: object | None
+    factor: object | None  # of the information of z; None: the road is not fitted
 
-    def road(self, step: np.ndarray) -> np.ndarray:
-        """Return the step of z that goes with one of x."""
+    def solve_road(self, step: np.ndarray) -> np.ndarray:
+        """Return the step of z that minimises the cost for a step of x."""
         if self.factor is None:
             return np.zeros(0)
         return -self.factor.solve(self.own + self.across @ step)
 
-    def worth(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
-        """Return by how many nats the logs are likelier with some values of the road than with none of them.
+    def compute_road_evidence(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
+        """Return the evidence [nat] for some values of the road against a level road.
 
-        Savage-Dickey: the density of nothing there, in the prior over in the posterior,
-        car and other values free."""
+        Savage-Dickey ratio: prior over posterior density at 0, with the car and the other
+        values marginalised.
+        """
         if self.factor is None:
             return 0.0
         chosen = np.zeros((len(z), values.stop - values.start))
@@ -158,8 +172,8 @@ class Normal:
         away = np.linalg.solve(root, z[values])
         return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
 
-    def road_sd(self) -> np.ndarray:
-        """Return the sd of each value of the road, car and biases free."""
+    def compute_road_sd(self) -> np.ndarray:
+        """Return the sd of each value of the road, with car and biases marginalised."""
         if self.factor is None:
             return np.zeros(0)
         inner = self.factor.solve(np.eye(len(self.own)))
@@ -168,17 +182,29 @@ class Normal:
         return np.sqrt(np.diag(inner) + by_car)
 
 
-def normal(
-    problem: Problem,
-    scales: Mapping[str, Scale],
+def build_normal(
+    problem: CarProblem,
+    scales: Mapping[str, ResidualScale],
     x: np.ndarray,
     z: np.ndarray,
     residuals: list[np.ndarray],
     tables: list[np.ndarray],
     roads: list[csc_matrix],
     channels: Collection[str] | None = None,
-) -> Normal:
-    """Return the normal equations of residuals with these slopes; `channels`: of some of them alone."""
+) -> NormalEquations:
+    """Build the normal equations of residuals with these slopes.
+
+    Parameters
+    ----------
+    problem, scales
+        Prior, and size of the residuals.
+    x, z
+        Point of the linearisation.
+    residuals, tables, roads
+        Residuals there, and their slopes by x and by z, for each group.
+    channels
+        Only residuals of these channels count; None: all.
+    """
     information = problem.information.copy()
     gradient = problem.information @ (x - problem.mean)
     size = len(z)
@@ -197,116 +223,126 @@ def normal(
             own += r.T @ (weight * e)
             inner = inner + r.T @ (diags(weight) @ r)
     if not size:
-        return Normal(information, gradient, across, own, None)
+        return NormalEquations(information, gradient, across, own, None)
     factor = splu(inner.tocsc())
     solved = factor.solve(np.column_stack([across, own]))
-    return Normal(
+    return NormalEquations(
         information - across.T @ solved[:, :-1], gradient - across.T @ solved[:, -1], across, own, factor
     )
 
 
-def step(problem: Problem, equations: Normal, x: np.ndarray) -> np.ndarray:
-    """Return the step of x to the least of the quadratic within the bounds, FARTHEST at most."""
+def compute_step(problem: CarProblem, equations: NormalEquations, x: np.ndarray) -> np.ndarray:
+    """Return the step of x to the minimum within bounds and MAX_STEP_SD."""
     scale = 1.0 / np.sqrt(np.diag(equations.information))
     root = cholesky(equations.information * np.outer(scale, scale))  # root' root
     target = -solve_triangular(root, equations.gradient * scale, trans="T")
-    low = np.maximum(problem.low - x, -FARTHEST * problem.sd)
-    high = np.minimum(problem.high - x, FARTHEST * problem.sd)
+    low = np.maximum(problem.low - x, -MAX_STEP_SD * problem.sd)
+    high = np.minimum(problem.high - x, MAX_STEP_SD * problem.sd)
     found = scale * lsq_linear(root, target, (low / scale - 1e-12, high / scale + 1e-12), method="bvls").x
     return np.clip(found, low, high)
 
 
 def fit(
-    problem: Problem,
+    problem: CarProblem,
     x: np.ndarray | None = None,
     z: np.ndarray | None = None,
     say: Callable[[str], None] = lambda _: None,
-    most: int | None = None,
+    max_steps: int | None = None,
     near: bool = False,
     tables: list[np.ndarray] | None = None,
-) -> Fit:
-    """Search.
+) -> CarFit:
+    """Search the maximum a posteriori.
 
     Parameters
     ----------
     problem
-        What is fitted.
+        Residuals and prior.
     x, z
-        Where to begin, x in the coordinates of the search; None: at the prior.
+        Start, x in the coordinates of the search; None: at the prior.
     say
-        Called with what is done now.
-    most
-        Steps; None: MOST_STEPS.
+        Called with the progress, a text.
+    max_steps
+        Maximum number of steps; None: MAX_FIT_STEPS.
     near
-        It begins near a fit.
+        The start is near a fit.
     tables
-        Slopes by x at the start, where they are known: then the search also ends with
-        slopes that followed its steps. Only on known roads.
+        Slopes by x at the start, if they are known. The search may then end with updated
+        slopes, without a simulation of them. Only on known roads.
 
     Notes
     -----
-    The search begins with least squares. With the scales of residuals that are large because
-    the search has not begun, the logs would count for too little to move it. Near a fit the
+    The search begins with least squares: far from the fit the residuals are large, and
+    scales taken from them would let the logs count too little to move it. Near a fit the
     scales are those of measure_scales().
 
-    Slopes are simulated at the start, where a step gains much less than they predict, and
-    where the search ends. Between, they follow the steps (Broyden 1965). Nearly all the cost
+    Slopes are simulated at the start, after a step that gains much less than predicted,
+    and at the end. In between, each step updates them (Broyden 1965). Nearly all the cost
     is a simulation of all logs for each of fifty unknowns.
     """
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     z = np.zeros(problem.knots) if z is None else z
-    residuals = problem.residuals(x, z)
+    residuals = problem.compute_residuals(x, z)
     rough = tables is not None
     scales = measure_scales(problem, residuals, near=near)
-    tables, roads = tables if rough else problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
-    # the road first, the car as it is: else latencies and slip follow a hill
+    if rough:
+        roads = problem.compute_road_slopes(x, z, residuals)
+    else:
+        tables, roads = problem.compute_slopes(x, z, residuals), problem.compute_road_slopes(x, z, residuals)
+    # road first, with the car as it is: latencies and slip would otherwise absorb a hill
     if len(z):
-        hills = z + normal(problem, scales, x, z, residuals, tables, roads).road(np.zeros(len(x)))
-        on_hills = problem.residuals(x, hills)
-        if cost(problem, scales, x, hills, on_hills) < cost(problem, scales, x, z, residuals):
+        equations = build_normal(problem, scales, x, z, residuals, tables, roads)
+        hills = z + equations.solve_road(np.zeros(len(x)))
+        on_hills = problem.compute_residuals(x, hills)
+        gain = compute_cost(problem, scales, x, z, residuals)
+        gain -= compute_cost(problem, scales, x, hills, on_hills)
+        if gain > 0:
             z, residuals = hills, on_hills
             scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
-    most = MOST_STEPS if most is None else most
+    max_steps = MAX_FIT_STEPS if max_steps is None else max_steps
     while True:
-        equations = normal(problem, scales, x, z, residuals, tables, roads)
-        if converged or steps >= most:
+        equations = build_normal(problem, scales, x, z, residuals, tables, roads)
+        if converged or steps >= max_steps:
             break
-        here = cost(problem, scales, x, z, residuals)
-        whole = step(problem, equations, x)
-        for halving in range(HALVINGS):
+        here = compute_cost(problem, scales, x, z, residuals)
+        whole = compute_step(problem, equations, x)
+        for halving in range(MAX_HALVINGS):
             there = np.clip(x + whole * 0.5**halving, problem.low, problem.high)
             by = there - x
-            along = equations.road(whole) * 0.5**halving
-            new = problem.residuals(there, z + along)
-            gain = here - cost(problem, scales, there, z + along, new)
+            along = equations.solve_road(whole) * 0.5**halving
+            new = problem.compute_residuals(there, z + along)
+            gain = here - compute_cost(problem, scales, there, z + along, new)
             if gain > 0 or not exact:
                 break
-        expected = _expected(problem, scales, x, z, residuals, tables, roads, by, along)
+        expected = _predict_gain(problem, scales, x, z, residuals, tables, roads, by, along)
         moved = float(np.max(np.abs(by) / np.sqrt(np.diag(np.linalg.inv(equations.information)))))
-        settled = moved < SETTLED or expected < LITTLE
+        settled = moved < MAX_FINAL_STEP or expected < MIN_GAIN_NATS
         converged = near and (exact or rough) and (settled or gain <= 0)
         if gain > 0:
-            tables = _followed(problem, tables, roads, residuals, new, by, along)
+            tables = _update_slopes(problem, tables, roads, residuals, new, by, along)
             x, z, residuals = there, z + along, new
             steps += 1
             say(f"step {steps}: the largest change is {moved:.2g} sd")
-        exact = not converged and ((near and settled) or gain < LEAST_GAIN * expected)
+        exact = not converged and ((near and settled) or gain < MIN_GAIN_SHARE * expected)
         if exact:
-            tables, roads = problem.slopes(x, z, residuals), problem.road_slopes(x, z, residuals)
+            tables, roads = (
+                problem.compute_slopes(x, z, residuals),
+                problem.compute_road_slopes(x, z, residuals),
+            )
         before, scales = scales, measure_scales(problem, residuals, scales, near)
-        near = near or (gain > 0 and all(scales[c].rms > NEAR * before[c].rms for c in scales))
-    ln = problem.ln_slope(x)
+        near = near or (gain > 0 and all(scales[c].rms > NEAR_RATIO * before[c].rms for c in scales))
+    ln = problem.compute_ln_slope(x)
     covariance = np.linalg.inv(equations.information) * np.outer(ln, ln)
-    return Fit(
-        problem.to_ln(x), z, covariance, x, scales, residuals, (tables, roads), equations, converged, steps, moved,
-        problem.residuals(x, np.zeros(len(z))) if len(z) else residuals,
+    return CarFit(
+        problem.to_ln(x), z, covariance, x, scales, residuals, (tables, roads), equations,
+        converged, steps, moved,
+        problem.compute_residuals(x, np.zeros(len(z))) if len(z) else residuals,
     )  # fmt: skip
 
 
-def _expected(
-    problem: Problem,
-    scales: Mapping[str, Scale],
+def _predict_gain(
+    problem: CarProblem,
+    scales: Mapping[str, ResidualScale],
     x: np.ndarray,
     z: np.ndarray,
     residuals: list[np.ndarray],
@@ -315,13 +351,15 @@ def _expected(
     by: np.ndarray,
     along: np.ndarray,
 ) -> float:
-    """Return the gain that slopes predict of a step."""
+    """Return the gain of a step that the slopes predict."""
     there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
-    return cost(problem, scales, x, z, residuals) - cost(problem, scales, x + by, z + along, there)
+    return compute_cost(problem, scales, x, z, residuals) - compute_cost(
+        problem, scales, x + by, z + along, there
+    )
 
 
-def _followed(
-    problem: Problem,
+def _update_slopes(
+    problem: CarProblem,
     tables: list[np.ndarray],
     roads: list[csc_matrix],
     before: list[np.ndarray],
@@ -329,7 +367,7 @@ def _followed(
     by: np.ndarray,
     along: np.ndarray,
 ) -> list[np.ndarray]:
-    """Return slopes that agree with what a step did: the least change of them in units of the prior."""
+    """Return slopes that agree with a step: the smallest change in units of the prior."""
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)
     return [
@@ -338,8 +376,8 @@ def _followed(
     ]
 
 
-def covariance_of(problem: Problem, fit: Fit, channels: Collection[str]) -> np.ndarray:
-    """Return the covariance of a fit by some of its channels alone, stiffness in ln."""
-    equations = normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
-    ln = problem.ln_slope(fit.search)
+def compute_covariance(problem: CarProblem, fit: CarFit, channels: Collection[str]) -> np.ndarray:
+    """Return the covariance of a fit by some of its channels alone; stiffness in ln."""
+    equations = build_normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
+    ln = problem.compute_ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)

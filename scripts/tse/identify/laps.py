@@ -1,4 +1,4 @@
-"""Which logs are on the same road, and where on it each of their rows is."""
+"""Find logs of the same road, and the place on it of each of their rows."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import CheckedLog
 from tse.roads.road import Road
-from tse.roads.road_match import common, road_of, track_of
+from tse.roads.road_match import derive_road, derive_track, match_common
 
-LEAST_SHARE = 0.5  # of the rows of a log that are on a road, to be a lap of it
+MIN_LAP_SHARE = 0.5  # share of the rows of a log on a road: below, the log is no lap of it
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,11 @@ class Laps:
     Attributes
     ----------
     distance : list of (n,) arrays [m], by log
-        Along its road, of a circuit in the first round; NaN: not on it.
+        Place along its road; of a circuit in the first round; NaN: off the road.
     of : list of int, by log
-        Its road.
+        Index of its road.
     path : list of Road, by road
-        Without bank and grade; None: the car has hardly moved.
+        Path without bank and grade; None: the car hardly moved.
     """
 
     distance: list[np.ndarray]
@@ -36,54 +36,56 @@ class Laps:
     path: list[Road | None]
 
     def count(self, road: int) -> int:
-        """Return how many logs are on a road."""
+        """Return the number of logs on a road."""
         return self.of.count(road)
 
-    def knots(self, kinds: Sequence[str] = PROFILES) -> Knots:
-        """Return knots over the roads."""
-        return Knots.of(self.distance, self.of, kinds)
+    def lay_knots(self, kinds: Sequence[str] = PROFILES) -> Knots:
+        """Lay knots over the roads."""
+        return Knots.lay(self.distance, self.of, kinds)
 
 
-def laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
-    """Find which logs share a road, each compared with the roads of those before it.
+def find_laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
+    """Find the logs that share a road; each is compared with the roads of those before
+    it.
 
-    Cost: half a second for a lap of 4 km beside another."""
+    Cost: half a second for a lap of 4 km beside another.
+    """
     groups: list[list[int]] = []
     distance: dict[int, np.ndarray] = {}
     path: list[Road | None] = []
     for i, log in enumerate(logs):
         for k, group in enumerate(groups):
             try:
-                found, road = common([*(logs[j] for j in group), log], config)
-            except UserError:  # on another road, or nothing shows where on this one
+                found, road = match_common([*(logs[j] for j in group), log], config)
+            except UserError:  # on another road, or its place on this one cannot be found
                 continue
-            if min(float(np.isfinite(d).mean()) for d in found) >= LEAST_SHARE:
+            if min(float(np.isfinite(d).mean()) for d in found) >= MIN_LAP_SHARE:
                 group.append(i)
                 distance |= dict(zip(group, found, strict=True))
                 path[k] = road
                 break
         else:
             groups.append([i])
-            track = track_of(log, config)
+            track = derive_track(log, config)
             distance[i] = track.travelled
-            path.append(_path(track))
+            path.append(_derive_path(track))
     of = [next(k for k, group in enumerate(groups) if i in group) for i in range(len(logs))]
     return Laps([distance[i] for i in range(len(logs))], of, path)
 
 
-def _path(track: object) -> Road | None:
+def _derive_path(track: object) -> Road | None:
+    """Return the open road of a log; None: a circuit, or the car hardly moved."""
     try:
-        road = road_of(track)
+        road = derive_road(track)
     except UserError:
         return None
-    return None if road.is_closed else road  # rounds of one log have each their own values
+    return None if road.is_closed else road  # of a circuit, each round has its own values
 
 
-def profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
-    """Return a road with the values that a fit has found of it. A profile that was not
-    fitted is not known."""
+def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
+    """Return a road with the bank and grade of a fit; others are unknown."""
     columns: dict[str, np.ndarray] = {}
     for kind in knots.kinds:
-        mine = knots.values(road, kind)
+        mine = knots.get_slice(road, kind)
         columns |= {kind: z[mine], f"{kind}_sd": sd[mine]}
-    return path.with_profile(knots.places(road), **columns)
+    return path.with_profile(knots.compute_places(road), **columns)

@@ -1,7 +1,8 @@
-"""What is not known of a car and its sensors, and what is known of it beforehand: one table.
+"""List the unknowns of a car and its sensors with their priors.
 
-Priors are those of passenger cars that nobody has calibrated. Where a physical effect is there in every car (roll, relaxation), its
-prior is around a usual size, not around nothing: a log that cannot show it leaves that, with its sd.
+Priors are those of passenger cars without calibration. Effects that every car has (roll,
+relaxation) have a prior about their usual size, not about 0. An effect that a log does
+not show keeps this size and its sd.
 """
 
 from __future__ import annotations
@@ -12,32 +13,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from tse.car.vehicle import GRAVITY, Vehicle
-from tse.library.core import NOMINAL, Config
+from tse.library.core import STIFFNESS, Config
 
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
-VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # channels of a log that are compared where it has them
+VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # optional channels of a log, compared if present
 CHANNEL_UNIT = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"} | dict.fromkeys(VELOCITY, "m/s")
-LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
-LATENCY = "_latency"
-LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
-MOST_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
-# s; 1: how late messages are, behind that of the gyro; relative: how far off radii in the file are. What is own to a
-# channel is less: axles come from one unit - and how far one is behind the other hardly shows, so that any error of
-# the model would pass for it - accelerometers from one chip, tyres from one shop
+CORNERING_AXLES = {"cy_front": "front", "cy_rear": "rear"}  # cornering stiffness, and its axle
+LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")
+LATENCY_SUFFIX = "_latency"  # behind the gyro
+LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # unknown, and its channel
+MAX_LATENCY = 0.2  # s, of a channel behind or before the gyro
+# sd that the unknowns of one `message` share: latency behind the gyro [s] of channels in
+# one message, relative error of the radii. The sd of each unknown beside it is smaller:
+# wheel speeds come from one unit, accelerometers from one chip, tyres from one shop. The
+# latency between both axles hardly shows, and with a wide prior it would absorb model
+# errors
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
-STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
-MOST_STIFFNESS = 1.8  # ln: the same, most
-# Searched as its inverse: what a car does is nearly linear in the compliance of its
-# axles, and a search in the stiffness goes past the end of a valley
+LN_STIFFNESS_SD = 0.5  # ln, of the stiffness over that of the vehicle file
+MAX_LN_STIFFNESS = 1.8  # ln, bound of the same
+# Posterior over prior sd: below, the logs show the unknown
+MAX_SHOWN_RATIO = 0.7
+SIGNIFICANT_SD = 3.0  # sd from 0: a size beyond is significant
+# Cornering stiffness is searched as its inverse: the motion is nearly linear in the
+# compliance of the axles, and steps in the stiffness would overshoot the minimum
 COMPLIANCE = ("cy_front", "cy_rear")
-# 1: how much of the sideways acceleration in its curves the bank of a road takes over, of
-# each log: roads are built so, and a bank left out passes for a scale of accel_y and for
+# Share of the lateral acceleration in a curve that the bank of the road takes, by log.
+# Real roads are built so. Without it, the bank would appear as a scale of accel_y or as
 # other tyres
 LEAN_MEAN, LEAN_SD = 0.12, 0.05
 BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # m/s2, rad/s: of each log
-# 1, m, 1, m, rad: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
-# the logs, steering moves with force, axles differ in relaxation, a rack's zero is not that of another day
-LEAST_SD = {
+# Lower limits of posterior sds. The covariance leaves out that roads differ in their
+# lean, steering moves with force, axles differ in relaxation, and the zero of a steering
+# rack changes from day to day
+MIN_SD = {
     "lean_sd": 0.1,
     "trail_sd": 0.02,
     "gyro_scale_sd": 0.005,
@@ -48,41 +56,60 @@ LEAST_SD = {
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number that is found. `name`: the setting that it is."""
+    """One unknown. `name` is its setting."""
 
     name: str
-    group: str  # what a person calls it
+    group: str  # heading in reports
     mean: float
     sd: float
     low: float
     high: float
-    relative: bool = False  # mean, sd and range times what the vehicle file says
-    message: str = ""  # off together with others of this message, by COMMON_SD of it: late, or relative
-    worth: float = 0.0  # smallest size that a user should know of; 0: the shape of an effect
+    relative: bool = False  # mean, sd and range are relative to the vehicle file
+    message: str = ""  # unknowns of one message share an error with the sd COMMON_SD[message]
+    worth: float = 0.0  # smallest size worth reporting; 0: shape of an effect
 
 
-def _late(name: str, own: float, message: str = "") -> Unknown:
+def _make_latency(name: str, own: float, message: str = "") -> Unknown:
     return Unknown(
-        name + LATENCY, "latency", 0.0, own, -MOST_LATENCY, MOST_LATENCY, message=message, worth=0.001
+        name + LATENCY_SUFFIX, "latency", 0.0, own, -MAX_LATENCY, MAX_LATENCY, message=message, worth=0.001
     )
 
 
-# Sources of the sizes: src/tables/effects.toml (typical sizes), and for the sensors: CAN cycle times of 10 .. 20 ms and filters of
-# 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 % of scale.
+# Sources of the sizes: src/tables/effects.toml (typical sizes). Sensors: CAN cycle times
+# of 10 .. 20 ms and filters of 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 %
+# of scale. fmt: off
 UNKNOWNS: tuple[Unknown, ...] = (
-    _late("steer_angle", 0.025), _late("wheel_speed_front", 0.0005, "wheels"), _late("wheel_speed_rear", 0.0005, "wheels"),
-    _late("accel_x", 0.01, "accelerometers"), _late("accel_y", 0.01, "accelerometers"),
+    _make_latency("steer_angle", 0.025),
+    _make_latency("wheel_speed_front", 0.0005, "wheels"),
+    _make_latency("wheel_speed_rear", 0.0005, "wheels"),
+    _make_latency("accel_x", 0.01, "accelerometers"),
+    _make_latency("accel_y", 0.01, "accelerometers"),
     Unknown("steering_ratio_change", "steering", 0.0, 0.03, -0.3, 0.3, worth=0.005),
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
-    # engineers weigh axles; a file that does not know it says so in cg_sd
+    # axle loads are weighed; a file without them gives a larger cg_sd
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
-    # one axle's over the other's goes with longitudinal stiffness and hardly shows: wear and pressure
-    Unknown("wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
-    Unknown("wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
-    # axles share a force by their stiffness: where it is taken for another share, wheels seem to be late by tens of ms
-    Unknown("longitudinal_stiffness_rear", "rear longitudinal stiffness", 1.0, 0.15, 0.3, 3.0, relative=True, worth=0.05),
+    # the ratio of the radii hardly shows beside longitudinal stiffness: prior by wear and
+    # pressure
+    Unknown(
+        "wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
+    ),
+    Unknown(
+        "wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
+    ),
+    # axles share a force by their stiffness; with a wrong share, wheels seem late by tens
+    # of ms
+    Unknown(
+        "longitudinal_stiffness_rear",
+        "rear longitudinal stiffness",
+        1.0,
+        0.15,
+        0.3,
+        3.0,
+        relative=True,
+        worth=0.05,
+    ),
     Unknown("relaxation_length", "relaxation", 0.4, 0.25, 0.0, 3.0, worth=0.05),
     Unknown("longitudinal_relaxation_length", "longitudinal relaxation", 0.1, 0.1, 0.0, 2.0, worth=0.02),
     Unknown("body_roll_gain", "roll", 0.008, 0.002, -0.02, 0.04, worth=0.0008),
@@ -101,50 +128,58 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("imu_scale_ay_error", "IMU scale", 0.0, 0.01, -0.3, 0.3, worth=0.005),
     Unknown("gyro_scale_error", "IMU scale", 0.0, 0.005, -0.3, 0.3, worth=0.003),
     Unknown("lateral_load_transfer_gain", "tyres", 0.002, 0.002, -0.003, 0.03, worth=0.0004),
-    # the axle that carries more of the roll than of the car loses more: 0.4 .. 0.63 of the roll stiffness in front
+    # an axle with a larger share of the roll stiffness than of the weight loses more
+    # grip: 0.4 .. 0.63 of the roll stiffness is in front
     Unknown("lateral_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
-    # the axle that carries more has tyres that gain less by a load
+    # the tyres of the axle with more weight gain less by a load
     Unknown("longitudinal_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
-    # axles with other tyres, or with another camber: 0.8 .. 1.2 of each other
+    # axles differ in tyres or camber: ratio 0.8 .. 1.2
     Unknown("tyre_saturation_balance", "tyres", 0.0, 0.1, -0.5, 0.5),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
-)  # fmt: skip
-# Of what measures the velocity, where a log has it: sd from the settings of the filter (sensors.toml).
+)
+# fmt: on
+# Unknowns of a velocity sensor, of logs that have one; sds are settings (sensors.toml).
 OF_VELOCITY: tuple[Unknown, ...] = (
-    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MOST_LATENCY, MOST_LATENCY, worth=0.002),
+    Unknown("velocity_latency", "velocity", 0.0, 0.03, -MAX_LATENCY, MAX_LATENCY, worth=0.002),
     Unknown("velocity_lever_x", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_lever_y", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_heading", "velocity", 0.0, 0.02, -0.5, 0.5, worth=0.001),
 )
 VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}  # settings
-# Settings of [uncertainty], and the parameters that they are the sd of: prior of a fit, and what is written of its posterior.
-UNCERTAIN = {
-    "cg_sd": "cg_shift_distance", "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle",
-    "accel_y_scale_sd": "imu_scale_ay_error", "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length",
-    "gyro_scale_sd": "gyro_scale_error", "trail_sd": "aligning_moment_trail",
-}  # fmt: skip
-ALSO = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}  # by which accel_y reads more, as by its scale
-STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's
-SUPERELEVATION = "superelevation"  # of each log, of_log()
+# Settings of [uncertainty], and the unknowns whose sd they are, in the prior and the
+# result.
+UNCERTAIN_SETTINGS = {
+    "cg_sd": "cg_shift_distance",
+    "steer_ratio_sd": "steering_ratio_change",
+    "steer_offset_sd": "steering_offset_angle",
+    "accel_y_scale_sd": "imu_scale_ay_error",
+    "accel_delay_sd": "accel_y_latency",
+    "relaxation_sd": "relaxation_length",
+    "gyro_scale_sd": "gyro_scale_error",
+    "trail_sd": "aligning_moment_trail",
+}
+# effects that scale accel_y in the same way, with their factor
+SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
+SUPERELEVATION = "superelevation"  # unknown of each log, see name_in_log()
 
 
-def of_log(name: str, log: int) -> str:
-    """Return what a number goes by that is of one log."""
+def name_in_log(name: str, log: int) -> str:
+    """Return the name of an unknown that each log has."""
     return f"{name}@{log}"
 
 
-def bias_of(channel: str, log: int) -> str:
-    """Return what the bias of a channel in one log goes by."""
+def name_bias(channel: str, log: int) -> str:
+    """Return the name of the bias of a channel in one log."""
     return f"{channel}~{log}"
 
 
-def unit_of(name: str) -> str:
-    """Unit of an unknown."""
+def get_unit(name: str) -> str:
+    """Return the unit of an unknown."""
     if name in LATENCIES:
         return "s"
     fields = Config().fields
@@ -165,22 +200,31 @@ class Prior:
     def sd(self) -> np.ndarray:
         return np.sqrt(np.diag(self.covariance))
 
-    def only(self, names: Sequence[str]) -> Prior:
-        """Return that of some of the unknowns; the others are what the settings say."""
+    def select(self, names: Sequence[str]) -> Prior:
+        """Return the prior of some of the unknowns."""
         at = [self.names.index(n) for n in names]
-        return Prior(
-            tuple(names), self.mean[at], self.covariance[np.ix_(at, at)], self.low[at], self.high[at]
-        )
+        covariance = self.covariance[np.ix_(at, at)]
+        return Prior(tuple(names), self.mean[at], covariance, self.low[at], self.high[at])
 
 
-def prior_of(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
-    """What is known before any log: the table, around what the vehicle file tells; or the whole result of an earlier
-    calibration, if the file holds one. `velocity`: a log has one that is measured."""
+def make_prior(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
+    """Return the prior of the unknowns of a car.
+
+    It is the table about the settings of the vehicle file. The result of an earlier
+    calibration replaces it, if the file has one.
+
+    Parameters
+    ----------
+    vehicle, config
+        The vehicle file, and its settings.
+    velocity
+        A log has a measured velocity.
+    """
     known = UNKNOWNS + (OF_VELOCITY if velocity else ())
     names = tuple(u.name for u in known) + STIFFNESS
     mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
     scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in known]
-    stated = {name: key for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
+    stated = {name: key for key, name in UNCERTAIN_SETTINGS.items() if key in vehicle.given_uncertainty}
     stated |= {"yaw_inertia": "yaw_inertia_sd"} if "yaw_inertia_sd" in vehicle.given_uncertainty else {}
     for k, (u, by) in enumerate(zip(known, scale, strict=True)):
         own = max(vehicle.values[stated[u.name]], 0.01 * u.sd) if u.name in stated and not u.message else u.sd
@@ -189,7 +233,7 @@ def prior_of(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
         if not u.relative and u.name in vehicle.values:
             mean[k] = vehicle.values[u.name]
     n = len(known)
-    sd[n:], low[n:], high[n:] = STIFFNESS_SD, -MOST_STIFFNESS, MOST_STIFFNESS
+    sd[n:], low[n:], high[n:] = LN_STIFFNESS_SD, -MAX_LN_STIFFNESS, MAX_LN_STIFFNESS
     covariance = np.diag(sd**2)
     for i, u in enumerate(known):
         for k, v in enumerate(known):

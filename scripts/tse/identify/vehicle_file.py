@@ -1,4 +1,5 @@
-"""The vehicle file that calibrate and gap leave: the user's, with what was found and how well it is known."""
+"""Write the vehicle file of a calibration or a gap: the user's file with the
+estimates."""
 
 from __future__ import annotations
 
@@ -12,54 +13,57 @@ import numpy as np
 from tse.car.vehicle import (
     HINT_ONLY,
     Vehicle,
-    formula_toml,
+    format_formula_table,
     is_set,
-    latency_settings,
-    sensor_settings,
-    vehicle_settings,
+    list_latency_settings,
+    list_sensor_settings,
+    list_vehicle_settings,
 )
-from tse.identify.lasting import Piece, share
+from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-BEFORE = 2.0  # pieces of 10 s: what is known of a car before its logs counts as so many
-LEAST_ACROSS = 0.5  # m/s2: what happens where nothing does, LEAST_ACTIVITY of the filter
+PRIOR_PIECES = 2.0  # weight of the prior of model_sd, in pieces of 10 s
+MIN_LATERAL_ACTIVITY = 0.5  # m/s2, floor of the signal: LEAST_ACTIVITY of the filter
 
 
 class Residuals(Protocol):
-    """What a problem says of its residuals."""
+    """Residuals of a problem that measure_unexplained() needs."""
 
     groups: Sequence[tuple[int, str]]
 
-    def piece(self, g: int, residual: np.ndarray) -> Piece: ...
+    def make_piece(self, g: int, residual: np.ndarray) -> Piece: ...
 
-    def one_at_speed(
-        self, g: int
-    ) -> np.ndarray: ...  # a yaw rate of 1 m/s2 across, in the unit of the residuals
+    def compute_unit_yaw_rate(self, g: int) -> np.ndarray: ...
 
 
-def model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
-    """Return what the filter counts of the model: the mean square of what was known before
-    the logs, and of what they leave, each by its number of pieces.
+def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
+    """Return model_sd of the filter: mean square of prior and residuals, by number of
+    pieces.
 
-    Half a minute straight on shows nothing of how well a model turns; half an hour of bends
-    does."""
-    left, count = unexplained(problem, residuals)
-    found = np.sqrt((BEFORE * before**2 + count * left**2) / (BEFORE + count))
+    Half a minute straight ahead shows nothing of a model error in curves. Half an hour of
+    curves does.
+    """
+    left, count = measure_unexplained(problem, residuals)
+    found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))
     return min(float(found), Config().fields["model_sd"].high)
 
 
-def unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the share of what happens that the model does not explain and that lasts 1 s, of
-    yaw_rate, in which no road stands; and in how many pieces something happens. Without a
-    gyro nothing is shown."""
+def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Return the share of yaw_rate that the model does not explain, and the number of
+    pieces.
+
+    The share is that of measure_share(): an error that lasts 1 s. yaw_rate has no road in
+    it. Without a gyro both are 0.
+    """
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
         return 0.0, 0.0
-    pieces = [problem.piece(g, residuals[g]) for g in own]
-    return share(pieces, [LEAST_ACROSS * problem.one_at_speed(g) for g in own])
+    pieces = [problem.make_piece(g, residuals[g]) for g in own]
+    floor = [MIN_LATERAL_ACTIVITY * problem.compute_unit_yaw_rate(g) for g in own]
+    return measure_share(pieces, floor)
 
 
-def toml(
+def format_vehicle(
     title: Sequence[str],
     vehicle: Vehicle,
     values: Mapping[str, float],
@@ -74,23 +78,23 @@ def toml(
     Parameters
     ----------
     title
-        Its first lines.
+        First lines.
     vehicle
-        The user's; names and facts are from it.
+        The user's vehicle; gives names and facts.
     values
-        All settings that go into it.
+        All settings of the file.
     uncertainty, calibration
-        Its tables of these names; the second as lines.
+        Tables of these names; the second as lines.
     bands
-        What to say behind a setting.
+        Comment behind a setting.
     notes
-        What to say below the heading of an effect, and of effects that are not set.
+        Comment below the heading of an effect, also of effects that are off.
     formula
         File of the formula beside it.
     """
-    config, fields, late = Config.exact(values), Config().fields, latency_settings()
+    config, fields, late = Config.exact(values), Config().fields, list_latency_settings()
 
-    def rows(names: Mapping[str, str]) -> list[str]:
+    def format_rows(names: Mapping[str, str]) -> list[str]:
         return [
             f"{key} = {float(values[k])!r}  # {fields[k].unit}{bands.get(k, '')}" for key, k in names.items()
         ]
@@ -99,15 +103,15 @@ def toml(
         k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY and isinstance(v, (str, int, float))
     }
     lines = [*title, "", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items())]
-    lines += rows({k: k for k in vehicle_settings() if k in values})
+    lines += format_rows({k: k for k in list_vehicle_settings() if k in values})
     lines += ["", "[uncertainty]", *(f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in uncertainty.items())]
     for table, names in (
         ("latency", {c: k for c, k in late.items() if k in values}),
-        ("sensors", {k: k for k in sensor_settings() if k in values}),
+        ("sensors", {k: k for k in list_sensor_settings() if k in values}),
     ):
-        lines += ["", f"[{table}]", *rows(names)] if names else []
+        lines += ["", f"[{table}]", *format_rows(names)] if names else []
     if formula is not None and vehicle.formula is not None:
-        lines += formula_toml(vehicle.formula, formula).splitlines()
+        lines += format_formula_table(vehicle.formula, formula).splitlines()
     for effect in library().effects.values():
         said = [f"# {note}" for note in notes.get(effect.id, ())]
         if is_set(config, effect):
@@ -117,8 +121,6 @@ def toml(
                 lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{bands.get(p.setting, '')}")
         elif said:
             lines += ["", f"# {effect.title}", *said]
-    lines += [
-        "",
-        "# What the next calibration starts from: names, means and covariance; stiffness in ln over this file's.",
-    ]
+    start = "# Prior of the next calibration: names, means and covariance; stiffness in ln over this file's."
+    lines += ["", start]
     return "\n".join([*lines, *calibration]) + "\n"

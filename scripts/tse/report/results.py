@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from tse.car.config import filter_text
-from tse.car.vehicle import Vehicle, latency_settings
+from tse.car.vehicle import Vehicle, list_latency_settings
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimate
 from tse.estimation.verdict import Finding, Quantity, Verdict
@@ -187,7 +187,7 @@ def run_facts(
     ]
     late = {
         channel: 1000 * getattr(config, name)
-        for channel, name in latency_settings().items()
+        for channel, name in list_latency_settings().items()
         if getattr(config, name)
     }
     if late:

@@ -4,11 +4,11 @@ from collections.abc import Iterable
 
 from tse.car.vehicle import (
     REQUIRED,
-    latency_settings,
-    sensor_settings,
-    uncertainty_settings,
-    unknown_car,
-    vehicle_settings,
+    get_unknown_car,
+    list_latency_settings,
+    list_sensor_settings,
+    list_uncertainty_settings,
+    list_vehicle_settings,
 )
 from tse.estimation.estimate import est_columns, est_fields
 from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
@@ -82,8 +82,8 @@ def example_vehicle() -> str:
     make an estimate sure of what is wrong."""
     car = Config.exact()
     fields = car.fields
-    required = [n for n in vehicle_settings() if n in REQUIRED]
-    others = [n for n in vehicle_settings() if n not in REQUIRED]
+    required = [n for n in list_vehicle_settings() if n in REQUIRED]
+    others = [n for n in list_vehicle_settings() if n not in REQUIRED]
     lines = [
         "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size car's.",
         'name = "my car"',
@@ -98,17 +98,17 @@ def example_vehicle() -> str:
         "",
         "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. 0: known exactly.",
         "# [uncertainty]",
-        *(f"# {_toml_line(fields[name], unknown_car()[name])}" for name in uncertainty_settings()),
+        *(f"# {_toml_line(fields[name], get_unknown_car()[name])}" for name in list_uncertainty_settings()),
         "",
         "# Noise and bias of the sensors. Left out: of ordinary ones at first, then found while driving.",
         "# [sensors]",
-        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in sensor_settings()),
+        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in list_sensor_settings()),
         "",
         "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
         "# [latency]",
         *(
             f"# {_toml_line(fields[name], getattr(car, name), key)}"
-            for key, name in latency_settings().items()
+            for key, name in list_latency_settings().items()
         ),
         *_EFFECTS,
     ]
@@ -126,17 +126,17 @@ def simulated_vehicle() -> str:
         f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         'driven_axle = "front"  # front, rear or both; used by tselab simulate',
         "",
-        *(_toml_line(fields[name], getattr(car, name)) for name in vehicle_settings()),
+        *(_toml_line(fields[name], getattr(car, name)) for name in list_vehicle_settings()),
         "",
         "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
         "[uncertainty]",
-        *(_toml_line(fields[name], getattr(car, name)) for name in uncertainty_settings()),
+        *(_toml_line(fields[name], getattr(car, name)) for name in list_uncertainty_settings()),
         "",
         "[sensors]",
-        *(_toml_line(fields[name], getattr(car, name)) for name in sensor_settings()),
+        *(_toml_line(fields[name], getattr(car, name)) for name in list_sensor_settings()),
         "",
         "[latency]",
-        *(_toml_line(fields[name], getattr(car, name), key) for key, name in latency_settings().items()),
+        *(_toml_line(fields[name], getattr(car, name), key) for key, name in list_latency_settings().items()),
         *_EFFECTS,
     ]
     return "\n".join(lines) + "\n"

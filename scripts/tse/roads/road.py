@@ -1,6 +1,6 @@
-"""The profile of a road, bank and grade over distance, and its file road.csv.
+"""Hold the profile of a road, bank and grade over distance, and read and write road.csv.
 
-A row of road.csv is a place of the road; an empty cell is not known. Columns, SI units:
+A row of road.csv is a place of the road. An empty cell is unknown. Columns, SI units:
 
 distance    m, along the road, increasing
 bank        rad, left side high > 0, -0.35 .. 0.35
@@ -9,11 +9,12 @@ bank_sd     rad, standard deviation of bank, 0 .. 0.35
 grade_sd    rad, standard deviation of grade
 x, y        m, path in a level frame of the road, any origin; both or none
 latitude, longitude   deg, of the same path; both or none
-curvature   1/m, of the path, to the left > 0; without it that of x, y
-closed      1: a circuit, of which the last row is the first one again; 0: an open road
+curvature   1/m, of the path, to the left > 0; default: that of x, y
+closed      1: a circuit, whose last row is the first one again; 0: an open road
 
-distance, bank or grade, and a path or the curvature are needed. `road_match.py` finds a
-log on it."""
+Required: distance, bank or grade, and a path or the curvature. `road_match.py` matches a
+log with it.
+"""
 
 from __future__ import annotations
 
@@ -28,15 +29,15 @@ from tse.library.files import check_regular, write_atomically
 
 Array = npt.NDArray[np.float64]
 
-LARGEST_ROAD = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
-STEEPEST = 0.35  # rad: range of bank_angle and grade_angle
+MAX_ROAD_BYTES = 1 << 30  # bytes of a road file: 10 000 km in steps of a metre
+MAX_ROAD_ANGLE = 0.35  # rad: range of bank_angle and grade_angle
 PROFILE = ("bank", "grade", "bank_sd", "grade_sd")
-RANGES = {  # of each column: unit, lowest, highest
+COLUMN_RANGES = {  # unit, minimum and maximum of each column
     "distance": ("m", -1e7, 1e7),
-    "bank": ("rad", -STEEPEST, STEEPEST),
-    "grade": ("rad", -STEEPEST, STEEPEST),
-    "bank_sd": ("rad", 0.0, STEEPEST),
-    "grade_sd": ("rad", 0.0, STEEPEST),
+    "bank": ("rad", -MAX_ROAD_ANGLE, MAX_ROAD_ANGLE),
+    "grade": ("rad", -MAX_ROAD_ANGLE, MAX_ROAD_ANGLE),
+    "bank_sd": ("rad", 0.0, MAX_ROAD_ANGLE),
+    "grade_sd": ("rad", 0.0, MAX_ROAD_ANGLE),
     "x": ("m", -1e7, 1e7),
     "y": ("m", -1e7, 1e7),
     "latitude": ("deg", -90.0, 90.0),
@@ -46,8 +47,8 @@ RANGES = {  # of each column: unit, lowest, highest
 }
 PAIRS = (("x", "y"), ("latitude", "longitude"))
 EARTH_RADIUS = 6371008.8  # m, mean
-SLOPE = 5.0  # m: over which slopes of a profile are taken; less than the 40 m between knots
-SMOOTH = 7.5  # m: sd of the window of curvatures; half the way in which a car turns into a bend
+SLOPE_DISTANCE = 5.0  # m, base of the slope of a profile; shorter than the 40 m between knots
+SMOOTH_DISTANCE = 7.5  # m, sd of the window of curvatures: half the way of a turn into a bend
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,13 @@ class Road:
     distance
         (n,) m, increasing; of a circuit the last is one round after the first.
     bank, grade
-        (n,) rad, left side high and uphill > 0; NaN: not known.
+        (n,) rad, left side high and uphill > 0; NaN: unknown.
     bank_sd, grade_sd
-        (n,) rad; NaN: not known.
+        (n,) rad; NaN: unknown.
     x, y
-        (n,) m, path in a level frame; None: not known.
+        (n,) m, path in a level frame; None: unknown.
     latitude, longitude
-        (n,) deg, of that path; None: not known.
+        (n,) deg, of that path; None: unknown.
     curvature
         (n,) 1/m, to the left > 0; None: that of x, y, or of latitude, longitude.
     is_closed
@@ -77,7 +78,7 @@ class Road:
     ------
     UserError
         A value outside its range, a distance that does not increase, a column of another
-        length, no way to find a place.
+        length, or neither path nor curvature.
     """
 
     distance: Array
@@ -95,7 +96,9 @@ class Road:
 
     def __post_init__(self) -> None:
         columns = {
-            n: np.asarray(c, float) for n in RANGES if n != "closed" and (c := getattr(self, n)) is not None
+            n: np.asarray(c, float)
+            for n in COLUMN_RANGES
+            if n != "closed" and (c := getattr(self, n)) is not None
         }
         for name, values in columns.items():
             object.__setattr__(self, name, values)
@@ -109,19 +112,19 @@ class Road:
                 raise UserError(
                     f"{self.path}: column curvature, or x and y, or latitude and longitude are needed"
                 )
-            object.__setattr__(self, "curvature", curvature_of(self.distance, self.x, self.y))
+            object.__setattr__(self, "curvature", compute_curvature(self.distance, self.x, self.y))
 
     def __len__(self) -> int:
         return len(self.distance)
 
     @property
     def length(self) -> float:
-        """m, from the first place to the last; of a circuit one round."""
+        """Distance from the first to the last place, m; of a circuit one round."""
         return float(self.distance[-1] - self.distance[0])
 
     @property
     def origin(self) -> tuple[float, float]:
-        """(latitude, longitude) deg of the first place: origin of local coordinates."""
+        """(latitude, longitude) of the first place, deg: origin of local coordinates."""
         return float(self.latitude[0]), float(self.longitude[0])
 
     def at(self, name: str, distance: Array) -> Array:
@@ -145,8 +148,8 @@ class Road:
         return np.where(np.isfinite(s), value, np.nan)
 
     def slope(self, name: str, distance: Array) -> Array:
-        """Return by how much a column changes along the road, per m; parameters as those of at()."""
-        return (self.at(name, distance) - self.at(name, distance - SLOPE)) / SLOPE
+        """Return the slope of a column along the road, per m; parameters as in at()."""
+        return (self.at(name, distance) - self.at(name, distance - SLOPE_DISTANCE)) / SLOPE_DISTANCE
 
     def with_profile(
         self, distance: Array, bank: Array | None = None, grade: Array | None = None,
@@ -159,8 +162,8 @@ class Road:
         distance
             (k,) m, increasing: the knots, along this road.
         bank, grade, bank_sd, grade_sd
-            (k,) rad; None: not known. Beyond the first and last knot of an open road the
-            profile is not known.
+            (k,) rad; None: unknown. Beyond the first and last knot of an open road the
+            profile is unknown.
         """
         period = self.length if self.is_closed else None
         made = {}
@@ -178,26 +181,25 @@ def make_road(
     distance: Array, *, x: Array | None = None, y: Array | None = None, latitude: Array | None = None,
     longitude: Array | None = None, curvature: Array | None = None, is_closed: bool = False,
 ) -> Road:  # fmt: skip
-    """Return a road whose path is known and whose profile is not; parameters as those of
-    Road."""
+    """Return a road with a known path and an unknown profile; parameters as in Road."""
     unknown = np.full(len(distance), np.nan)
     return Road(distance, unknown, unknown, unknown, unknown, x, y, latitude, longitude, curvature, is_closed)
 
 
 def to_local(latitude: Array, longitude: Array, origin: tuple[float, float]) -> tuple[Array, Array]:
-    """Return east and north, m, of places near the origin (latitude, longitude), all in
-    deg.
+    """Return east and north, m, of places near the origin (latitude, longitude), in deg.
 
-    Equirectangular: within 10 km of the origin it is 5 m off at 60 deg of latitude, the
-    same for all laps."""
+    Equirectangular: within 10 km of the origin the error is up to 5 m at 60 deg of
+    latitude, the same for all laps.
+    """
     east = np.deg2rad(np.asarray(longitude) - origin[1]) * np.cos(np.deg2rad(origin[0])) * EARTH_RADIUS
     north = np.deg2rad(np.asarray(latitude) - origin[0]) * EARTH_RADIUS
     return east, north
 
 
-def curvature_of(distance: Array, x: Array, y: Array) -> Array:
-    """Return the curvature of a path, 1/m, to the left > 0: change of the heading from
-    piece to piece.
+def compute_curvature(distance: Array, x: Array, y: Array) -> Array:
+    """Return the curvature of a path, 1/m, to the left > 0: change of heading over
+    distance.
 
     Parameters
     ----------
@@ -220,13 +222,13 @@ def read_road(path: Path) -> Road:
     NoFile
         The file is not there.
     UserError
-        It is no such table; the text names file, line, column and the allowed range.
+        It is no such table. The text names file, line, column and the allowed range.
     """
     import pandas as pd
 
     path = Path(path)
     try:
-        check_regular(path, LARGEST_ROAD, "a road file")
+        check_regular(path, MAX_ROAD_BYTES, "a road file")
         table = pd.read_csv(
             path, header=None, skipinitialspace=True, dtype=str, keep_default_na=False, encoding="utf-8-sig"
         )
@@ -237,15 +239,15 @@ def read_road(path: Path) -> Road:
             f"{path}: is no table of a road: {getattr(error, 'strerror', None) or error}"
         ) from None
     header = [c.strip() for c in table.iloc[0]]
-    twice = [c for c in RANGES if header.count(c) > 1]
+    twice = [c for c in COLUMN_RANGES if header.count(c) > 1]
     if twice:
         raise UserError(f"{path}: column {twice[0]} stands twice in the header (line 1)")
     table = table.iloc[1:]
     line = np.arange(2, len(table) + 2)
-    columns = {n: _numbers(path, n, table[header.index(n)], line) for n in RANGES if n in header}
+    columns = {n: _parse_column(path, n, table[header.index(n)], line) for n in COLUMN_RANGES if n in header}
     if "distance" not in columns:
         raise UserError(
-            f"{path}: column distance is missing in the header (line 1); known: {', '.join(RANGES)}"
+            f"{path}: column distance is missing in the header (line 1); known: {', '.join(COLUMN_RANGES)}"
         )
     if "bank" not in columns and "grade" not in columns:
         raise UserError(f"{path}: column bank or grade is needed; found: {', '.join(header)[:200]}")
@@ -258,9 +260,8 @@ def read_road(path: Path) -> Road:
     return Road(**columns, is_closed=bool(closed[0]), path=path)
 
 
-def _numbers(path: Path, name: str, cells: object, line: Array) -> Array:
-    """Return a column as numbers, NaN where a cell is empty. UserError: one is no
-    number."""
+def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
+    """Parse a column, NaN for an empty cell. UserError: a cell is no number."""
     values = np.full(len(line), np.nan)
     for i, cell in enumerate(cells):
         text = cell.strip()
@@ -268,18 +269,19 @@ def _numbers(path: Path, name: str, cells: object, line: Array) -> Array:
             values[i] = float(text) if text else np.nan
         except ValueError:
             raise UserError(
-                f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty"
+                f"{path}: line {line[i]}, column {name}: {text[:40]!r} is not a number; "
+                f"allowed: {_format_range(name)}, or empty"
             ) from None
     return values
 
 
-def _allowed(name: str) -> str:
-    unit, low, high = RANGES[name]
+def _format_range(name: str) -> str:
+    unit, low, high = COLUMN_RANGES[name]
     return f"{low:g} .. {high:g}{'' if unit == '1' else f' {unit}'}"
 
 
 def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str) -> None:
-    """Refuse columns of a road that cannot be.
+    """Check the columns of a road.
 
     Raises
     ------
@@ -294,26 +296,28 @@ def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str
             raise UserError(
                 f"{path}: column {name} has {np.size(values)} values, distance has {len(distance)}"
             )
-        _, low, high = RANGES[name]
+        _, low, high = COLUMN_RANGES[name]
         with np.errstate(invalid="ignore"):
             bad = np.isinf(values) | (values < low) | (values > high)
         if bad.any():
             i = int(bad.argmax())
             raise UserError(
-                f"{path}: {place} {line[i]}, column {name}: {values[i]:g} is outside the allowed range {_allowed(name)}"
+                f"{path}: {place} {line[i]}, column {name}: {values[i]:g} is outside the allowed range "
+                f"{_format_range(name)}"
             )
     for name in [n for n in ("distance", "x", "y", "latitude", "longitude", "curvature") if n in columns]:
         empty = np.isnan(columns[name])
         if empty.any():
             raise UserError(
-                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; allowed: {_allowed(name)}"
+                f"{path}: {place} {line[empty.argmax()]}, column {name}: is empty; "
+                f"allowed: {_format_range(name)}"
             )
     back = np.diff(distance) <= 0
     if back.any():
         i = int(back.argmax()) + 1
         raise UserError(
-            f"{path}: {place} {line[i]}, column distance: {distance[i]:g} m is not beyond the row before, {distance[i - 1]:g} m; "
-            f"distance must increase"
+            f"{path}: {place} {line[i]}, column distance: {distance[i]:g} m is not beyond the row before, "
+            f"{distance[i - 1]:g} m; distance must increase"
         )
     for a, b in PAIRS:
         if (a in columns) != (b in columns):
@@ -323,8 +327,7 @@ def check_columns(path: Path, columns: dict[str, Array], line: Array, place: str
 
 
 def write_road(road: Road, path: Path) -> None:
-    """Write road.csv, completely or not at all. Distances to 1 mm, angles to 1e-6 rad,
-    degrees to 1e-9.
+    """Write road.csv atomically: distances to 1 mm, angles to 1e-6 rad, degrees to 1e-9.
 
     Raises
     ------
@@ -332,10 +335,10 @@ def write_road(road: Road, path: Path) -> None:
         The file cannot be written.
     """
     digits = {"distance": 3, "x": 3, "y": 3, "latitude": 9, "longitude": 9}
-    names = [n for n in RANGES if n == "closed" or getattr(road, n) is not None]
+    names = [n for n in COLUMN_RANGES if n == "closed" or getattr(road, n) is not None]
     columns = [np.full(len(road), int(road.is_closed)) if n == "closed" else getattr(road, n) for n in names]
     texts = [
-        [_cell(x, 0 if n == "closed" else digits.get(n, 6)) for x in c]
+        [_format_cell(x, 0 if n == "closed" else digits.get(n, 6)) for x in c]
         for n, c in zip(names, columns, strict=True)
     ]
     with write_atomically(Path(path)) as file:
@@ -343,5 +346,5 @@ def write_road(road: Road, path: Path) -> None:
         file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
-def _cell(x: float, digits: int) -> str:
+def _format_cell(x: float, digits: int) -> str:
     return "" if np.isnan(x) else f"{x:.{digits}f}"

@@ -10,10 +10,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
+from tse.calibration.own import STOPPED, OwnCalibration, calibrate_once, is_uncalibrated, keep_class
 from tse.car.config import check_effect, make_config
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
-from tse.channels.agree import MAX_CHECKED_ROWS, PERHAPS, check_car, find_false_stops, late_across, sure
+from tse.channels.agree import (
+    MAX_CHECKED_ROWS,
+    PERHAPS,
+    check_car,
+    find_false_stops,
+    late_across,
+    select_certain,
+)
 from tse.channels.log import read_log
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimate, Learnt, estimate_to
@@ -45,12 +52,12 @@ class Prepared:
     notes: list[str]
     warnings: list[str]
     doubts: list[str] = field(default_factory=list)
-    own: Own | None = None
+    own: OwnCalibration | None = None
 
 
 @dataclass(frozen=True)
 class Calibrate:
-    """That a car which nobody has calibrated is calibrated on the log itself. `others`: more logs of the same car; `goes_on`:
+    """That a car which nobody has calibrate_once is calibrate_once on the log itself. `others`: more logs of the same car; `goes_on`:
     Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
 
     say: Callable[[str], None] = lambda _: None
@@ -104,7 +111,7 @@ def assemble(
 ) -> Prepared:
     """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
     what else is a warning; `calibrate`: what is done with a car that nobody has
-    calibrated; `road`: whose bank and grade the filter is given."""
+    calibrate_once; `road`: whose bank and grade the filter is given."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
@@ -112,9 +119,9 @@ def assemble(
     if road is not None:
         if form != "default":
             raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
-        from tse.roads.road_match import on_road  # scipy: for those who have a road
+        from tse.roads.road_match import add_road  # scipy: for those who have a road
 
-        log, profile = on_road(log, road, Config.exact(vehicle.values))
+        log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
         average_sensors(vehicle, lively)  # the rest the filter finds while driving
@@ -129,18 +136,18 @@ def assemble(
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
-    if calibrate is not None and form == "default" and uncalibrated(stated):
+    if calibrate is not None and form == "default" and is_uncalibrated(stated):
         if said:
-            found = of_class(f"its channels {'' if sure(said) else PERHAPS}contradict each other")
+            found = keep_class(f"its channels {'' if select_certain(said) else PERHAPS}contradict each other")
         else:
             try:
-                found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
+                found = calibrate_once(stated, [logged, *calibrate.others], calibrate.say)
             except KeyboardInterrupt:
                 if not calibrate.goes_on:
                     raise
-                found = of_class(STOPPED)
+                found = keep_class(STOPPED)
         made = assemble(
-            found.vehicle(stated),
+            found.apply_to(stated),
             level,
             config_path,
             None,
@@ -168,7 +175,7 @@ def assemble(
         *notes,
         *vehicle.notes,
     ]
-    warnings = [*sure(said), *late, *vehicle.wrong]
+    warnings = [*select_certain(said), *late, *vehicle.wrong]
     return Prepared(vehicle, log, config, notes, warnings, [w for w in said if w not in warnings])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tse.calibration.own import uncalibrated
+from tse.calibration.own import is_uncalibrated
 from tse.car.vehicle import read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.estimation.estimate import Learnt
@@ -93,7 +93,7 @@ def _work(task: Task) -> Outcome:
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     itself, of_others = None, list[str]()
-    if task.calibrate and uncalibrated(car := read_vehicle(task.vehicle)):
+    if task.calibrate and is_uncalibrated(car := read_vehicle(task.vehicle)):
         others: list[CheckedLog] = []
         for log, signals in task.others:
             with suppress(UserError):

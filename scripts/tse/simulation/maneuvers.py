@@ -1,7 +1,8 @@
-"""Manoeuvres for the simulator: what the driver does, as histories on the sample grid.
+"""Make the inputs of the driver in a manoeuvre, as histories on the sample grid.
 
-A manoeuvre gives steering and either torques (open loop, as in the paper) or a target speed, which a proportional driver
-then follows with drive and brake torque (simulate.py).
+A manoeuvre has steering, and either torques (open loop, as in the paper) or a target
+speed. A proportional driver follows the target speed with drive and brake torque
+(simulate.py).
 """
 
 from collections.abc import Callable
@@ -15,23 +16,23 @@ from tse.library.errors import UserError
 
 @dataclass
 class Maneuver:
-    """Histories on the sample grid. Torques in Nm per axle; `target_speed` (m/s) asks for a closed speed loop."""
+    """Histories on the sample grid; torques in Nm an axle."""
 
     time: np.ndarray
-    speed: float  # start, m/s
+    speed: float  # m/s, at the start
     steer_angle: np.ndarray
     wheel_torque_front: np.ndarray
     wheel_torque_rear: np.ndarray
     road_level: np.ndarray
-    target_speed: np.ndarray | None = None
+    target_speed: np.ndarray | None = None  # m/s; closes the speed loop
     brake_torque_front: np.ndarray | None = None
     brake_torque_rear: np.ndarray | None = None
-    road_friction: np.ndarray | None = None  # 0: that of the simulator's settings
+    road_friction: np.ndarray | None = None  # 0: as in the simulator's settings
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A manoeuvre's entry in the list: defaults and what its amplitude means."""
+    """Entry of the list of manoeuvres: defaults and meaning of the amplitude."""
 
     name: str
     duration: float  # s
@@ -42,28 +43,27 @@ class Kind:
     build: Callable[[np.ndarray, float, float, Config, np.random.Generator], dict]
 
 
-def square(t: np.ndarray, period: float) -> np.ndarray:
-    """+1 in the first half of each period, -1 in the second."""
+def make_square(t: np.ndarray, period: float) -> np.ndarray:
+    """Return +1 in the first half of each period, and -1 in the second."""
     return np.where((t / period + 1e-9) % 1.0 < 0.5, 1.0, -1.0)
 
 
-def _square_waves(
+def _make_square_waves(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    return {"steer_angle": amplitude * square(t, 4.0), "wheel_torque_front": 700.0 * square(t, 5.0)}
+    return {"steer_angle": amplitude * make_square(t, 4.0), "wheel_torque_front": 700.0 * make_square(t, 5.0)}
 
 
-def _double_lane_change(
+def _make_double_lane_change(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Cycles of 12 s: accelerate 3 s, one lane to the left and back in 6 s, brake 2 s, roll 1 s. The braking takes back the
-    speed gained."""
+    """Make cycles of 12 s: 3 s drive, 6 s lane change and back, 2 s brake, 1 s roll.
+
+    The brake takes back the gained speed.
+    """
     cycle = t % 12.0
     steer = np.zeros_like(t)
-    for start, sign in (
-        (3.0, 1.0),
-        (6.0, -1.0),
-    ):  # a full sine turns the car and straightens it one lane further
+    for start, sign in ((3.0, 1.0), (6.0, -1.0)):  # a full sine steers one lane further
         s = (cycle - start) / 2.5
         inside = (s >= 0) & (s < 1)
         steer[inside] += sign * amplitude * np.sin(2 * np.pi * s[inside])
@@ -71,7 +71,7 @@ def _double_lane_change(
     return {"steer_angle": steer, "wheel_torque_front": drive * config.mass * config.wheel_radius_front}
 
 
-def _step_steer(
+def _make_step_steer(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     return {
@@ -80,7 +80,7 @@ def _step_steer(
     }
 
 
-def _sine_sweep(
+def _make_sine_sweep(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     low, high = 0.2, 3.0
@@ -89,37 +89,37 @@ def _sine_sweep(
     return {"steer_angle": amplitude * np.sin(phase), "target_speed": np.full_like(t, speed)}
 
 
-def understeer_gradient(config: Config) -> float:
-    """K of delta = (L + K v^2) / R, in rad s2/m, of the nominal car."""
+def compute_understeer(config: Config) -> float:
+    """Return K of delta = (L + K v^2) / R for the nominal car, rad s2/m."""
     c = config
     wheelbase = c.lf + c.lr
     return c.mass / wheelbase * (c.lr / c.cornering_stiffness_front - c.lf / c.cornering_stiffness_rear)
 
 
-def _constant_radius(
+def _make_constant_radius(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     radius = amplitude
     top = max(speed, np.sqrt(4.0 * radius))  # up to 4 m/s2
     target = speed + (top - speed) * np.clip(t / max(t[-1], 1e-9), 0.0, 1.0)
-    steer = (config.lf + config.lr + understeer_gradient(config) * target**2) / radius
+    steer = (config.lf + config.lr + compute_understeer(config) * target**2) / radius
     return {"steer_angle": steer * np.clip(t / 2.0, 0.0, 1.0), "target_speed": target}
 
 
-def _straight(
+def _make_straight(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
     step = t[1] - t[0] if len(t) > 1 else 0.01
     return {
-        "steer_angle": amplitude * _coloured(rng, len(t), step, 0.8),
-        "target_speed": speed + 0.5 * _coloured(rng, len(t), step, 8.0),
+        "steer_angle": amplitude * _make_coloured(rng, len(t), step, 0.8),
+        "target_speed": speed + 0.5 * _make_coloured(rng, len(t), step, 8.0),
     }
 
 
-def _stop_and_go(
+def _make_stop_and_go(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
-    """Cycles of 20 s: 6 s up to 12 m/s, 4 s cruise with a gentle bend, 5 s down to standstill, 5 s wait."""
+    """Make cycles of 20 s: 6 s up to 12 m/s, 4 s bend, 5 s brake, 5 s wait."""
     cycle = t % 20.0
     top = 12.0
     target = np.interp(cycle, [0, 6, 10, 15, 20], [0, top, top, 0, 0])
@@ -130,8 +130,8 @@ def _stop_and_go(
     }
 
 
-def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
-    """Noise of sd 1 and correlation time `memory`, smooth enough for a driver's hand."""
+def _make_coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> np.ndarray:
+    """Return noise of sd 1 and correlation time `memory`, smooth as a driver's hand."""
     from scipy.signal import lfilter
 
     a = np.exp(-step / memory)
@@ -141,27 +141,36 @@ def _coloured(rng: np.random.Generator, n: int, step: float, memory: float) -> n
     return x / (x.std() or 1.0)
 
 
-LONGEST = 36000.0  # s: of a drive
+MAX_DRIVE_SECONDS = 36000.0  # s
 
-KINDS = {
+# fmt: off
+MANEUVERS = {
     k.name: k
     for k in (
         Kind("square-waves", 40.0, 20.0, 0.02, "steering, rad",
-             "steering square wave of 4 s, front torque square wave of 700 Nm and 5 s (paper IV-A)", _square_waves),
+             "steering square wave of 4 s, front torque square wave of 700 Nm and 5 s (paper IV-A)",
+             _make_square_waves),
         Kind("double-lane-change", 48.0, 18.0, 0.03, "steering, rad",
-             "accelerate, double lane change, brake; repeated every 12 s (after paper IV-B)", _double_lane_change),
+             "accelerate, double lane change, brake; repeated every 12 s (after paper IV-B)",
+             _make_double_lane_change),
         Kind("step-steer", 10.0, 20.0, 0.02, "steering, rad",
-             "steering step after 1 s at constant speed", _step_steer),
+             "steering step after 1 s at constant speed",
+             _make_step_steer),
         Kind("sine-sweep", 40.0, 20.0, 0.02, "steering, rad",
-             "steering sine from 0.2 to 3 Hz at constant speed", _sine_sweep),
+             "steering sine from 0.2 to 3 Hz at constant speed",
+             _make_sine_sweep),
         Kind("constant-radius", 60.0, 8.0, 60.0, "radius, m",
-             "speed rises slowly up to 4 m/s2 on a circle, steering follows the nominal understeer", _constant_radius),
+             "speed rises slowly up to 4 m/s2 on a circle, steering follows the nominal understeer",
+             _make_constant_radius),
         Kind("straight", 120.0, 30.0, 0.001, "sd of the steering, rad",
-             "straight highway with small random steering and speed corrections", _straight),
+             "straight highway with small random steering and speed corrections",
+             _make_straight),
         Kind("stop-and-go", 80.0, 0.0, 0.03, "steering, rad",
-             "accelerate, bend, brake to standstill, wait; repeated every 20 s", _stop_and_go),
+             "accelerate, bend, brake to standstill, wait; repeated every 20 s",
+             _make_stop_and_go),
     )
-}  # fmt: skip
+}
+# fmt: on
 
 
 def build(
@@ -175,10 +184,31 @@ def build(
     road: list[tuple[float, float]] | None = None,
     seed: int = 1,
 ) -> Maneuver:
-    """A manoeuvre of the list. `road`: (time, level) from when on all stiffness is multiplied by level."""
-    if name not in KINDS:
-        raise UserError(f"there is no manoeuvre '{name}'; known: {', '.join(KINDS)}")
-    kind = KINDS[name]
+    """Make a manoeuvre of the list.
+
+    Parameters
+    ----------
+    name
+        Key of MANEUVERS.
+    config
+        Settings of the car.
+    sample_time, duration
+        s; None: the default of the manoeuvre.
+    speed, amplitude
+        m/s, and unit of the manoeuvre; None: its defaults.
+    road
+        (time [s], level): from this time on, the level multiplies all stiffness.
+    seed
+        Seed of random steering.
+
+    Raises
+    ------
+    UserError
+        The manoeuvre is unknown.
+    """
+    if name not in MANEUVERS:
+        raise UserError(f"there is no manoeuvre '{name}'; known: {', '.join(MANEUVERS)}")
+    kind = MANEUVERS[name]
     duration = kind.duration if duration is None else duration
     speed = kind.speed if speed is None else speed
     n = round(duration / sample_time) + 1

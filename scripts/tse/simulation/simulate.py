@@ -1,4 +1,4 @@
-"""Driving a manoeuvre in the simulator: a log as a car would write it, and the truth."""
+"""Drive a manoeuvre in the simulator: a log as a car would write it, and the truth."""
 
 import sys
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from tse.roads.road import Road
 from tse.simulation.maneuvers import Maneuver
 
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
-BRAKE_FRONT = 0.6  # share of the braking done by the front axle
+BRAKE_FRONT = 0.6  # share of the brake force at the front axle
 HOLD_TORQUE = 300.0  # Nm, brake at standstill
-POSITIONS = {  # of a road, as columns of a log
+POSITIONS = {  # list_columns of a log, and those of a road
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
     "local": {"ref_east": "x", "ref_north": "y"},
 }
@@ -31,7 +31,7 @@ HISTORIES = (
 
 @dataclass
 class Simulation:
-    """LOG.csv and TRUTH.csv as tables."""
+    """Tables of LOG.csv and TRUTH.csv."""
 
     log: pd.DataFrame
     truth: pd.DataFrame
@@ -45,13 +45,15 @@ def simulate(
     progress: bool = False,
     road: Road | None = None,
 ) -> Simulation:
-    """Drive the manoeuvre; the log and the truth as they are written to files. On a road
-    the log has positions: those of the road at the distance that the car has travelled,
-    whatever it steers."""
+    """Drive a manoeuvre and return log and truth as they are written to files.
+
+    On a road, the log has positions: those of the road at the travelled distance,
+    whatever the steering does.
+    """
     inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress, road)
-    log, truth = _log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config)
+    log, truth = _make_log(maneuver.time, outputs), _make_truth(maneuver, inputs, outputs, config)
     if road is not None:
-        s = travelled(inputs, outputs)
+        s = compute_travelled(inputs, outputs)
         names = POSITIONS["global" if road.latitude is not None else "local"]
         places = {
             name: road.at(column, road.distance[0] + s)
@@ -63,8 +65,8 @@ def simulate(
     return Simulation(log, truth)
 
 
-def travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """Return the distance that the car has travelled, m, (n,)."""
+def compute_travelled(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+    """Return the travelled distance of each row, m."""
     return np.concatenate([[0.0], np.cumsum(outputs["true_vel_x"][:-1] * inputs["dt"][1:])])
 
 
@@ -76,9 +78,20 @@ def drive(
     progress: bool = False,
     road: Road | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drive the manoeuvre; inputs and outputs of the simulator. `road`: whose bank and
-    grade lie under the car, by the distance that it has travelled; level where they are
-    not known, and beyond its end."""
+    """Drive a manoeuvre and return inputs and outputs of the simulator.
+
+    Parameters
+    ----------
+    maneuver, config, sim_config
+        Histories of the driver, settings of the car, and settings of the simulator.
+    driven_axle
+        "front", "rear" or "both".
+    progress
+        Show a progress bar.
+    road
+        Its bank and grade act at the travelled distance. Unknown ones, and those beyond
+        its end, are 0.
+    """
     sim_config.speed = maneuver.speed
     simulator = Simulator(config, sim_config)
     n = len(maneuver.time)
@@ -104,7 +117,7 @@ def drive(
 def _follow_speed(
     inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float
 ) -> None:
-    """A driver who follows the target speed with drive and brake torque."""
+    """Set drive and brake torque of row i by a driver who follows the target speed."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
     rate = (target[ahead] - target[i]) / (maneuver.time[ahead] - maneuver.time[i]) if ahead > i else 0.0
@@ -117,12 +130,12 @@ def _follow_speed(
     inputs["brake_torque_rear"][i] = brake * (1 - BRAKE_FRONT) * config.wheel_radius_rear + hold
 
 
-def _log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
+def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame({"time": time, **{name: outputs[name] for name in list_columns()[1:]}})
 
 
-def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
-    """All outputs of the simulator, stiffness in N and N/rad, and the torques that were applied."""
+def _make_truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
+    """Return all outputs of the simulator (stiffness in N and N/rad) and the torques."""
     log_columns = set(list_columns())
     table = {"time": maneuver.time}
     for f in library().fields(SIM_OUTPUT):
@@ -135,7 +148,7 @@ def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: 
     return pd.DataFrame(table)
 
 
-REFERENCES = {
+REFERENCE_COLUMNS = {
     "ref_vel_x": "true_vel_x",
     "ref_vel_y": "true_vel_y",
     "ref_yaw_rate": "true_yaw_rate",
@@ -143,6 +156,6 @@ REFERENCES = {
 }
 
 
-def with_references(simulation: Simulation) -> pd.DataFrame:
-    """The log with the truth in ref_ columns, which the report draws."""
-    return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCES.items()})
+def add_references(simulation: Simulation) -> pd.DataFrame:
+    """Return the log with the truth in list_columns ref_, which the report draws."""
+    return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCE_COLUMNS.items()})

@@ -10,7 +10,7 @@ from tse.library.core import Config, SimConfig
 from tse.library.errors import UserError
 from tse.log.rows import DRIVES, MEASURES
 from tse.simulation import maneuvers
-from tse.simulation.maneuvers import Maneuver, square
+from tse.simulation.maneuvers import Maneuver, make_square
 from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
@@ -77,8 +77,8 @@ def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
         np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
     )  # m/s2
     waves = t >= 30
-    torque = np.where(waves, TORQUE * square(t, 5.0), force * car.wheel_radius_front)
-    steer = np.select([(t >= 5) & (t < 12), waves], [0.05 * square(t, 4.0), STEER * square(t, 4.0)])
+    torque = np.where(waves, TORQUE * make_square(t, 5.0), force * car.wheel_radius_front)
+    steer = np.select([(t >= 5) & (t < 12), waves], [0.05 * make_square(t, 4.0), STEER * make_square(t, 4.0)])
     zero = np.zeros_like(t)
     return Maneuver(t, 0.0, steer, torque, zero, np.ones_like(t))
 
@@ -184,7 +184,7 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
     steer, target = np.zeros_like(t), np.zeros_like(t)
     start, speed = 0.0, rng.uniform(*SPEEDS)
     first = speed
-    gradient = maneuvers.understeer_gradient(car)
+    gradient = maneuvers.compute_understeer(car)
     while start < t[-1]:
         end = start + rng.uniform(*PART)
         now = t[part := (t >= start - 1e-9) & (t < end)]
@@ -199,12 +199,12 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
         if kind == 0:
             steer[part] = _waving(now, rng, (size, size), LANE_PERIOD)
         elif kind == 1:
-            steer[part] = size * square(now, rng.uniform(3.0, 6.0))
+            steer[part] = size * make_square(now, rng.uniform(3.0, 6.0))
             period = (end - start) / round((end - start) / rng.uniform(4.0, 8.0))
             target[part] += WAVE * period / 2 * (1 - np.abs(2 * ((now - start) / period % 1.0) - 1))
         elif kind == 2:
             steer[part] = np.clip(
-                0.4 * size * maneuvers._coloured(rng, len(now), car.sample_time, 0.8), -size, size
+                0.4 * size * maneuvers._make_coloured(rng, len(now), car.sample_time, 0.8), -size, size
             )
         start, speed = end, reached
     zero = np.zeros_like(t)

@@ -96,7 +96,7 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
       for (int j = 0; j < STATES; j++) after.p[i][j] -= unit * unit * before.p[i][at] * before.p[at][j] / s;
     for (int i = 0; i < STATES; i++) {
       const double change = unit * before.p[i][at] * e / s;
-      if (i >= LCX && i <= LCR) after.p[i][i] += pow(number(OWN_SHARE) * change, 2); /* moves: EQUATIONS.md */
+      if (i >= LCX && i <= LCR) expect_near(pow(number(OWN_SHARE) * change, 2), number(k.moved[i - LCX]), 1e-4, "moved", i);
       off = x[i] + number(state_unit[i]) * change;
       expect_near(off, number(k.x[i]), 1e-4 * (fabs(off) + number(state_unit[i])), "state", i);
     }

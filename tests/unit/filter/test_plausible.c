@@ -93,6 +93,87 @@ static void test_a_mistake_is_named_with_its_factor(void)
   }
 }
 
+/* A car in bends at changing speed, whose yaw rate is 0.08 s behind the steering angle and whose tyres are nominal. */
+static double turn_at(double t) { return 0.25 * sin(0.9 * t) * sin(0.07 * t); }
+static double speed_at(double t) { return 14 + 4 * sin(0.4 * t); }
+
+static double side_at(const tse_params *p, double t)
+{
+  const double v = speed_at(t), lf = number(p->car.lf), lr = number(p->car.lr), dt = 0.005;
+  const double arm = lr - v * v * lf / ((lf + lr) * number(p->car.ky_rear));
+  return v * turn_at(t) + arm * (turn_at(t + dt) - turn_at(t - dt)) / (2 * dt);
+}
+
+typedef struct timing_case {
+  const char *what;
+  double steer, side, low_pass, turn; /* s: how late a channel is; time constant of accel_y */
+  uint32_t missing;                   /* in every 40th row */
+  int channel;
+} timing_case;
+
+/* Drive three minutes of that.   Returned: the last row   *first [s] when the channels contradict each other first   *valid rows with a
+ * valid stiffness behind it */
+static tse_output driven_late(const timing_case *m, double *first, int *valid)
+{
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_output y = { 0 };
+  uint32_t seed = 9;
+  double low = 0;
+  tse_config_exact(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  const double lf = number(p.car.lf), lr = number(p.car.lr), kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
+  const double wheelbase = lf + lr, understeer = (lr * kr - lf * kf) / (wheelbase * kf * kr);
+  *first = 0, *valid = 0;
+  for (int n = 0; n < 9000; n++) {
+    const double dt = 0.02, t = 10 + dt * n, v = speed_at(t - m->steer);
+    const double side = side_at(&p, t - m->side);
+    tse_input u;
+    tse_input_default(&u);
+    low += m->low_pass > 0 ? (1 - exp(-dt / m->low_pass)) * (side - low) : side - low;
+    u.dt = real(dt);
+    u.steer_angle = real(turn_at(t - m->steer + 0.08) * (wheelbase + understeer * v * v) / v);
+    u.wheel_speed_front = real(speed_at(t) / number(p.radius_front));
+    u.wheel_speed_rear = real(speed_at(t) / number(p.radius_rear));
+    u.accel_x = real(1.6 * cos(0.4 * t) + 0.1 * next_normal(&seed));
+    u.accel_y = real(low - 0.2 + 0.1 * next_normal(&seed));
+    u.yaw_rate = real(turn_at(t - m->turn) + 0.003 * next_normal(&seed));
+    if (n % 40 == 0) u.missing = m->missing;
+    const tse_status status = tse_step(&p, &f, &u, &y);
+    TEST_ASSERT_TRUE(status >= 0);
+    if (status == TSE_W_IMPLAUSIBLE && !(*first > 0)) *first = t - 10;
+    for (int a = 0; a < 3; a++) *valid += *first > 0 && y.reason[a] == TSE_VALID;
+  }
+  return y;
+}
+
+static void test_a_channel_that_comes_late_is_named(void)
+{
+  static const timing_case late[] = {
+    { "all in time", 0, 0, 0, 0, 0, 0 },
+    { "a bus: each channel 0 .. 60 ms late", 0, 0.05, 0, 0, 0, 0 },
+    { "a bus: yaw rate", 0, 0, 0, 0.06, 0, 0 },
+    { "a bus: steering angle", 0.06, 0, 0, 0, 0, 0 },
+    { "accel_y 200 ms", 0, 0.2, 0, 0, 0, 1 + TSE_CHANNEL_accel_y },
+    { "accel_y low-passed at 1 Hz", 0, 0, 0.159, 0, 0, 1 + TSE_CHANNEL_accel_y },
+    { "yaw rate 200 ms", 0, 0, 0, 0.2, 0, 1 + TSE_CHANNEL_yaw_rate },
+    { "steering angle 300 ms", 0.3, 0, 0, 0, 0, 1 + TSE_CHANNEL_steer_angle },
+    { "accel_y 200 ms, never a second without a missing value", 0, 0.2, 0, 0, TSE_MISSING_yaw_rate, 0 },
+  };
+  for (int i = 0; i < ROWS(late); i++) {
+    double first;
+    int valid;
+    const tse_output y = driven_late(&late[i], &first, &valid);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(late[i].channel, y.fault_channel, late[i].what);
+    TEST_ASSERT_TRUE_MESSAGE((first > 0) == (late[i].channel != 0) && first < 60, late[i].what);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, valid, late[i].what);
+    TEST_ASSERT_TRUE_MESSAGE(y.fault_factor == TSE_R(0), late[i].what);
+    for (int a = 0; a < 3 && late[i].channel; a++) TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_IMPLAUSIBLE, y.reason[a], late[i].what);
+  }
+}
+
 /* Accelerometers, or wheel speeds, of a slow message: they read no less than others, and change no faster. */
 static void test_a_channel_that_comes_seldom_contradicts_nobody(void)
 {
@@ -195,7 +276,8 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
   tse_input_default(&u);
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(50);
   tse_real *const kept[] = { &f.k.agreement.smooth[5], &f.k.agreement.pair[0].time, &f.k.agreement.pair[TSE_PAIRS - 1].both, &f.k.agreement.pair[2].var[1],
-                             &f.k.agreement.pair[3].mean[0], &f.k.agreement.moved[1][1] };
+                             &f.k.agreement.pair[3].mean[0], &f.k.agreement.moved[1][1],
+                             &f.k.agreement.across.late, &f.k.agreement.steered.square };
   for (int i = 0; i < (int)(sizeof kept / sizeof kept[0]); i++) {
     for (int n = 0; n < 5; n++) TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
     *kept[i] = real(NAN);

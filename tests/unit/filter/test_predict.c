@@ -106,6 +106,29 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
   }
 }
 
+/* In as many rows as there are slow states each has its process noise once, a stiffness with what its moves have left; a row changes one. */
+static void test_slow_states_have_their_noise_in_turn(void)
+{
+  static tse_kalman k;
+  const tse_params p = a_car();
+  uint32_t seed = 3;
+  in_a_turn(&p, &k, &seed);
+  const tse_kalman before = k;
+  for (int a = 0; a < 3; a++) k.moved[a] = real(0.25);
+  for (int n = 0; n < TSE_SLOW; n++) {
+    const tse_kalman was = k;
+    rest_row(&p, &k, real(0.01));
+    for (int i = FAST; i < STATES; i++)
+      if (i != PLACED + n) expect_near(number(ud_variance(&was.ud, i)), number(ud_variance(&k.ud, i)), BY_NUMBER(1e-9, 1e-4, 1e-5), "not its turn", i);
+  }
+  for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
+    const int i = stiffness_at(a);
+    TEST_ASSERT_EQUAL_INT(1, k.moved[a] == TSE_R(0));
+    const double more = number(ud_variance(&k.ud, i)) - number(ud_variance(&before.ud, i));
+    TEST_ASSERT_TRUE(more > 0.249 && more < 0.26);
+  }
+}
+
 static decoded on_road(double dt, uint32_t given, double bank, double grade)
 {
   decoded z = a_row(dt, 0.02);

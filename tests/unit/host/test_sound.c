@@ -312,6 +312,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   ANY_SIGN(filter.k.pitch);
   HELD(filter.k.steer, TSE_R(-2), TSE_R(2));
   NOT_NEGATIVE(filter.k.since_slow);
+  HELD(filter.k.moved, TSE_R(0), MOST_VARIANCE);
   NOT_NEGATIVE(filter.k.seen);
   NOT_NEGATIVE(filter.k.nis);
   NOT_NEGATIVE(filter.k.change_age);
@@ -349,7 +350,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   NOT_NEGATIVE(filter.k.along_from.var);
   WHOLE(filter.k.change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);
-  WHOLE(filter.k.slow_turn, 0, INT32_MAX - 1);
+  WHOLE(filter.k.slow_turn, 0, TSE_SLOW - 1);
   ROW_HELD(filter.k.ud.w);
   HELD(filter.k.ud.e, TSE_R(0), MOST_VARIANCE);
   for (int c_ = 0; c_ < TSE_VELOCITIES; c_++) forged.filter.k.velocity.noise[c_] = TSE_R(1);

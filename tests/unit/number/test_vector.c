@@ -82,6 +82,36 @@ static void test_two_rows_that_change_each_other_do_so_in_the_order_that_is_said
   }
 }
 
+/* What is done with two rows at once is what is done with one after the other, to the bit. */
+static void test_two_rows_together_are_two_in_turn(void)
+{
+  uint32_t seed = 13;
+  for (int n = 0; n < 500; n++) {
+    tse_short x[2][N], y[2][2][N], sum[2][4], *const once[2] = { y[0][0], y[0][1] };
+    r_factored a[2], b[2];
+    for (int c = 0; c < 2; c++) {
+      a[c] = r_factor(real(next_between(&seed, -0.4, 0.4)), 0);
+      b[c] = r_factor(real(next_between(&seed, -0.4, 0.4)), 0);
+      any_row(y[0][c], 3, &seed);
+    }
+    any_row(x[0], 3, &seed);
+    memcpy(x[1], x[0], sizeof x[0]);
+    memcpy(y[1], y[0], sizeof y[0]);
+    if (n % 2) r_add_both_twice(once, x[0], a, b, N);
+    else r_add_in_turn_twice(once, x[0], a, b, N);
+    for (int c = 0; c < 2; c++) {
+      if (n % 2) r_add_both(y[1][c], x[1], a[c], b[c], N);
+      else r_add_in_turn(y[1][c], x[1], a[c], b[c], N);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(x[1], x[0], sizeof x[0]);
+    TEST_ASSERT_EQUAL_MEMORY(y[1], y[0], sizeof y[0]);
+    for (int i = 0; i < 4; i++) sum[0][i] = sum[1][i] = short_of(0.25 * i);
+    r_slope_sums(sum[0], 2, y[0][0], N, once, 2, N);
+    for (int i = 0; i < 4; i++) r_slope_sums(&sum[1][i], 1, y[0][i / 2], N, &once[i % 2], 1, N);
+    TEST_ASSERT_EQUAL_MEMORY(sum[1], sum[0], sizeof sum[0]);
+  }
+}
+
 static void test_rows_that_are_scaled_are_multiplied_as_if_they_were_not(void)
 {
   uint32_t seed = 4;
@@ -139,6 +169,12 @@ static void test_quotients_by_one_number_share_its_reciprocal(void)
   }
 }
 
+static tse_short slope_sum(tse_short from, const tse_short *slope, tse_short *x, int n)
+{
+  r_slope_sums(&from, 1, slope, n, &x, 1, n);
+  return from;
+}
+
 /* Slopes: x to/over is what r_short() has for one of a row, within what a slope holds; sums of them are rounded once. */
 static void test_slopes_are_brought_into_units_and_multiply_rows(void)
 {
@@ -148,11 +184,12 @@ static void test_slopes_are_brought_into_units_and_multiply_rows(void)
     const double to = next_between(&seed, 0.005, 0.5), over = next_between(&seed, 0.01, 0.5), x = next_between(&seed, -3, 3) * (n % 2 ? 0.01 : 1);
     const double ratio = number(real(x)) * number(real(to)) / number(real(over)), held = BY_NUMBER(ratio, ratio, fmax(-16, fmin(16, ratio)));
     const r_factored unit = r_unit(real(to)), own = r_over_unit(real(over));
-    const tse_short slope = r_slope_in_units(r_short_scaled(real(x), ROW_UP), unit, own, real(most)), one = short_of(1);
+    const tse_short slope = r_slope_in_units(r_short_scaled(real(x), ROW_UP), unit, own, real(most));
+    tse_short one = short_of(1);
     /* of what is scaled by 2^ROW_UP a step is 2^-26, times 1/over */
     const double near = 2 * RELATIVE * fabs(ratio) + step + BY_NUMBER(0, 0, ldexp(1.5, -25)) / over;
-    if (fabs(ratio) < 15.9) expect_near(held, number_of(r_slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);
-    else TEST_ASSERT_TRUE(fabs(number_of(r_slope_sum(short_of(0), &slope, &one, 1))) > 15);
+    if (fabs(ratio) < 15.9) expect_near(held, number_of(slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);
+    else TEST_ASSERT_TRUE(fabs(number_of(slope_sum(short_of(0), &slope, &one, 1))) > 15);
     if (fabs(x / over) < 250) expect_near(number(real(x)) / number(real(over)), number_of(r_short_over(r_short_scaled(real(x), ROW_UP), own, real(most))), near + 0.5 * STEP + RELATIVE * fabs(x / over), "of a row", n);
   }
   for (int n = 0; n < 500; n++) {
@@ -165,7 +202,7 @@ static void test_slopes_are_brought_into_units_and_multiply_rows(void)
       sum += number(real(s)) * number_of(x[i]);
     }
     const tse_short from = r_slope(real(0.75));
-    if (fabs(sum) < 200) expect_near(0.75 + sum, number_of(r_slope_sum(from, slope, x, N)), 0.5 * STEP + N * 4 * step + 400 * RELATIVE, "a sum", n);
+    if (fabs(sum) < 200) expect_near(0.75 + sum, number_of(slope_sum(from, slope, x, N)), 0.5 * STEP + N * 4 * step + 400 * RELATIVE, "a sum", n);
   }
 }
 

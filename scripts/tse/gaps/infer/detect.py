@@ -16,7 +16,7 @@ from tse.gaps.infer.hypotheses import threshold
 from tse.gaps.infer.search import variance
 from tse.gaps.infer.space import REACH
 from tse.gaps.problem import Problem
-from tse.identify.knots import KNOT, PROFILES
+from tse.identify.knots import KNOT_DISTANCE, PROFILES
 
 WAVE = 400.0  # m: of a road that goes up and down, which stands for any: would it show?
 
@@ -82,4 +82,4 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
 def _wave(slopes: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
     """A profile of rms one that goes up and down every WAVE metres, in place of any."""
     place = np.array([float(p.name.knot) for p in parameters])
-    return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT / WAVE)))[:, None]
+    return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / WAVE)))[:, None]

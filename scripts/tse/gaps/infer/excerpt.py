@@ -18,7 +18,7 @@ from tse.gaps.fit import Fit
 from tse.gaps.infer.hypotheses import fit_prior, hypotheses, start_of
 from tse.gaps.infer.space import REACH, STIFFNESS_SD
 from tse.gaps.problem import STIFFNESS, Problem
-from tse.identify.data import BURN_IN, Prepared, Stretch
+from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
 MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
 PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
@@ -40,7 +40,7 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
     if not is_long(problem):
         return problem
     table, rows = _slopes(problem, baseline), problem.rows
-    pieces: list[tuple[int, Stretch]] = []
+    pieces: list[tuple[int, FitStretch]] = []
     says: list[np.ndarray] = []
     for i, log in enumerate(problem.logs):
         for piece in _pieces(log):
@@ -70,7 +70,7 @@ def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> l
     return chosen
 
 
-def _pieces(log: Prepared) -> list[Stretch]:
+def _pieces(log: PreparedLog) -> list[FitStretch]:
     """Stretches cut to PIECE; each begins anew, and its first second is not compared."""
     found = []
     length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
@@ -81,7 +81,7 @@ def _pieces(log: Prepared) -> list[Stretch]:
             if last - first > 2 * ahead:
                 used = s.used[first - s.first : last - s.first].copy()
                 used[:ahead] = False
-                found.append(Stretch(first, last, used))
+                found.append(FitStretch(first, last, used))
     return found
 
 

@@ -20,7 +20,7 @@ from tse.gaps.infer import formula_terms as terms
 from tse.gaps.infer.formula_terms import Term
 from tse.gaps.problem import Problem
 from tse.gaps.respond import responses, signals
-from tse.identify.data import CHANNELS
+from tse.identify.data import COMPARED_CHANNELS
 
 # nats: of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
 PRICE = 2.0
@@ -125,7 +125,7 @@ def discover(
 def _places(problem: Problem) -> list[str]:
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
-    return [p for p in (*lateral, *terms.LONGITUDINAL) if p not in CHANNELS or p in there]
+    return [p for p in (*lateral, *terms.LONGITUDINAL) if p not in COMPARED_CHANNELS or p in there]
 
 
 def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, str, Term, float]]:

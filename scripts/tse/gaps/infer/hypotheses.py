@@ -39,7 +39,7 @@ SIZE_COST = 3.0  # nats: of a size that logs know to a percent of what is typica
 MOST_LATE = 0.1  # s: of a message behind or before another one
 # s: typical lateness of a message behind another one: bus cycles of 5 .. 20 ms, filters of 10 .. 30 Hz
 LATE = (0.003, 0.02)
-UNCERTAIN = unknowns.UNCERTAIN | {
+UNCERTAIN = unknowns.UNCERTAIN_SETTINGS | {
     "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "roll_steer_sd": "rear_roll_steer_gain",
 }  # fmt: skip
 OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect

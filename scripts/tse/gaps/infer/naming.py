@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
-from tse.car.vehicle import latency_settings
+from tse.car.vehicle import list_latency_settings
 from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car
 from tse.gaps.fit import Fit, excess, excess_of, fit
 from tse.gaps.infer.folds import held_out
@@ -334,7 +334,7 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     the road is not of the car."""
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != SUPERELEVATION)
-    others = {*SIGNED_DELAYS, *latency_settings().values(), *road}
+    others = {*SIGNED_DELAYS, *list_latency_settings().values(), *road}
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

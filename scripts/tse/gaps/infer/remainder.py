@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from tse.gaps.infer.where import conditions
 from tse.gaps.problem import Problem
-from tse.identify.data import BLOCK
+from tse.identify.data import BLOCK_TIME
 
 LOCAL = 0.15  # of the time: half of the energy in less is localised
 WALK = {
@@ -67,7 +67,7 @@ def remainder(
 
 def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
     """How far the bias of a channel walks in a block, in units of the block's noise."""
-    return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK) * np.median(problem.weight[rows]))
+    return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK_TIME) * np.median(problem.weight[rows]))
 
 
 def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
 def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     """Always there in the same size, soon forgotten, no oscillation: what sensors with a low pass have. What a car or a road does
     comes and goes with driving, lasts, or swings."""
-    most = round(1.0 / BLOCK)
+    most = round(1.0 / BLOCK_TIME)
     c, energies = np.zeros(most + 1), []
     for i in np.unique(log):
         x = e[log == i] - e[log == i].mean()
@@ -113,8 +113,8 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     rho = c[1:] / max(c[0], 1e-300)
     limit = 3.0 / np.sqrt(len(e))
     length = 1.0 + 2.0 * float(np.sum(np.where(np.cumprod(rho > limit), rho, 0.0)))
-    calm = max(1, round(MEMORY / BLOCK))
-    if length * BLOCK > MEMORY or np.abs(rho[calm:]).max() > 0.1 + limit or rho.min() < -0.1 - limit:
+    calm = max(1, round(MEMORY / BLOCK_TIME))
+    if length * BLOCK_TIME > MEMORY or np.abs(rho[calm:]).max() > 0.1 + limit or rho.min() < -0.1 - limit:
         return False
     chance = (
         2.0 * (1.0 + 2.0 * float(rho @ rho)) / most

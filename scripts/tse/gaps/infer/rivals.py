@@ -29,7 +29,7 @@ from tse.gaps.infer.roads import ROAD_PROBABILITY
 from tse.gaps.infer.search import ln_likelihood
 from tse.gaps.parallel import apart
 from tse.gaps.problem import Problem
-from tse.identify.data import CHANNELS
+from tse.identify.data import COMPARED_CHANNELS
 
 LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
@@ -76,7 +76,7 @@ class Worlds:
     def weigh(self) -> None:
         """The probability of each."""
         value = np.array([-w.price for w in self.known], float)
-        for c in CHANNELS:
+        for c in COMPARED_CHANNELS:
             value += [ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
         weight = np.exp(value - value.max())
         for w, p in zip(self.known, weight / weight.sum(), strict=True):

@@ -16,12 +16,12 @@ import numpy as np
 from tse.car.vehicle import Vehicle
 from tse.gaps.catalogue import Effect, catalogue
 from tse.gaps.infer.hypotheses import NAME_AT
-from tse.identify.data import Prepared, with_all
-from tse.identify.fit import Fit, fit
+from tse.identify.data import PreparedLog, add_missing_channels
+from tse.identify.fit import CarFit, fit
 from tse.identify.knots import KNOT_SD, PROFILES, Knots
-from tse.identify.laps import Laps, laps, profile
-from tse.identify.problem import Problem
-from tse.identify.unknowns import prior_of
+from tse.identify.laps import Laps, find_laps, make_profile
+from tse.identify.problem import CarProblem
+from tse.identify.unknowns import make_prior
 from tse.library.core import Config
 from tse.log.rows import CheckedLog
 from tse.roads.road import Road
@@ -56,24 +56,26 @@ class Roads:
         Their knots and the fit of car and road; None: there are none.
     """
 
-    logs: list[Prepared]
+    logs: list[PreparedLog]
     found: list[FoundRoad] = field(default_factory=list)
     road: Knots | None = None
-    fit: Fit | None = None
+    fit: CarFit | None = None
     laps: Laps | None = None
 
     def profiles(self) -> list[Road]:
         """Return the roads that were found, as road.csv has them."""
         if self.laps is None or self.fit is None:
             return []
-        sd = self.fit.equations.road_sd()
+        sd = self.fit.equations.compute_road_sd()
         return [
-            profile(p, self.road, k, self.fit.z, sd) for k, p in enumerate(self.laps.path) if p is not None
+            make_profile(p, self.road, k, self.fit.z, sd)
+            for k, p in enumerate(self.laps.path)
+            if p is not None
         ]
 
 
 def find(
-    logs: Sequence[Prepared],
+    logs: Sequence[PreparedLog],
     config: Config,
     vehicle: Vehicle,
     jobs: int,
@@ -86,19 +88,21 @@ def find(
 
     Cost: one fit of car and road, and where one of two profiles is not shown another."""
     logs = list(logs)
-    own = [with_all(log) for log in logs if log.stretches]
+    own = [add_missing_channels(log) for log in logs if log.stretches]
     if any(log.road for log in own):
         return Roads(logs)
-    there = laps([r for r, log in zip(read, logs, strict=True) if log.stretches], config) if read else None
+    there = (
+        find_laps([r for r, log in zip(read, logs, strict=True) if log.stretches], config) if read else None
+    )
     distance, of = (there.distance, there.of) if there else ([log.distance for log in own], None)
     kinds, x, z = PROFILES, None, None
     while kinds:
-        road = Knots.of(distance, of, kinds)
-        problem = Problem(own, config, prior_of(vehicle, config), jobs, road, lean=False)
+        road = Knots.lay(distance, of, kinds)
+        problem = CarProblem(own, config, make_prior(vehicle, config), jobs, road, lean=False)
         if not problem.groups:
             break
         ended = fit(problem, x, z, say=lambda text: say(f"car and road: {text}"))
-        sd = ended.equations.road_sd()
+        sd = ended.equations.compute_road_sd()
         found = [_judged(kind, road, ended, sd) for kind in kinds]
         shown = tuple(
             f.effect.id
@@ -107,33 +111,33 @@ def find(
         )
         if shown == kinds:
             return Roads(_on(logs, road, ended.z), found, road, ended, there)
-        fewer = Knots.of(distance, of, shown)
+        fewer = Knots.lay(distance, of, shown)
         x, z = ended.search, np.zeros(len(fewer))
         for r in range(len(fewer.count)):
             for kind in shown:
-                z[fewer.values(r, kind)] = ended.z[road.values(r, kind)]
+                z[fewer.get_slice(r, kind)] = ended.z[road.get_slice(r, kind)]
         kinds = shown
     return Roads(logs)
 
 
-def _judged(kind: str, road: Knots, ended: Fit, road_sd: np.ndarray) -> FoundRoad:
+def _judged(kind: str, road: Knots, ended: CarFit, compute_road_sd: np.ndarray) -> FoundRoad:
     """Return how large a profile is, and how likely it is that there is one.
 
     The sd of the rms is that of independent values, each as sure as they are on average."""
-    places = [road.values(r, kind) for r in range(len(road.count))]
-    nats = sum(ended.equations.worth(p, ended.z, KNOT_SD) for p in places)
+    places = [road.get_slice(r, kind) for r in range(len(road.count))]
+    nats = sum(ended.equations.compute_road_evidence(p, ended.z, KNOT_SD) for p in places)
     size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))
     values = sum(p.stop - p.start for p in places)
-    sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
+    sd = float(np.sqrt(np.mean(np.concatenate([compute_road_sd[p] for p in places]) ** 2) / values))
     odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MOST_ODDS)))
     ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
     return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
 
 
-def _on(logs: Sequence[Prepared], road: Knots, z: np.ndarray) -> list[Prepared]:
+def _on(logs: Sequence[PreparedLog], road: Knots, z: np.ndarray) -> list[PreparedLog]:
     """Return the logs on their roads; those that cannot be compared as they are."""
     found, i = [], 0
     for log in logs:
-        found.append(replace(log, road=road.profiles(i, z)) if log.stretches else log)
+        found.append(replace(log, road=road.compute_profiles(i, z)) if log.stretches else log)
         i += 1 if log.stretches else 0
     return found

@@ -28,7 +28,7 @@ from tse.gaps.infer.hypotheses import Hypothesis, fit_prior, ln_normal
 from tse.gaps.infer.space import LASTING, Space
 from tse.gaps.problem import Problem
 from tse.identify import fit as engine
-from tse.identify.data import BLOCK
+from tse.identify.data import BLOCK_TIME
 
 MOST_EFFECTS = 12  # of a set
 MOST_ROUNDS = 12  # fits of ever better sets
@@ -50,7 +50,7 @@ class Judged:
     covariance: np.ndarray  # of the values
     evidence: float  # ln, with the prior odds of the set
     space: Space | None = None  # None: judged by slopes
-    fit: engine.Fit | None = None
+    fit: engine.CarFit | None = None
 
     @property
     def ids(self) -> frozenset[str]:
@@ -66,7 +66,7 @@ class Judged:
 
 def together() -> float:
     """Return V: how many values an error of the model lasts."""
-    return engine.MODEL_TIME / BLOCK
+    return engine.MODEL_TIME / BLOCK_TIME
 
 
 def variance(square: float) -> float:
@@ -121,7 +121,7 @@ def judge(
     return Judged(space.effects, values, found.covariance, evidence, space, found)
 
 
-def _square(space: Space, found: engine.Fit, channel: str) -> tuple[float, int]:
+def _square(space: Space, found: engine.CarFit, channel: str) -> tuple[float, int]:
     """Return the mean square of the residuals of a channel, and of how many; a large one
     counts as its size."""
     e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
@@ -196,7 +196,7 @@ class Around:
         evidence -= float(np.log(sd).sum() + np.log(np.diag(factor[0])).sum())
         values = space.values(x)
         evidence += ln_sizes(effects, values)
-        slope = space.ln_slope(x)
+        slope = space.compute_ln_slope(x)
         return Judged(effects, values, cho_solve(factor, np.eye(len(x))) * np.outer(slope, slope), evidence)
 
 

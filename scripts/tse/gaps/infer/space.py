@@ -16,7 +16,7 @@ from tse.gaps.catalogue import Parameter
 from tse.gaps.fit import NOISE_LIMIT
 from tse.gaps.infer.hypotheses import Hypothesis, fit_prior, start_of
 from tse.gaps.problem import STIFFNESS, Problem
-from tse.identify.data import BLOCK, CHANNELS, SLOWEST
+from tse.identify.data import BLOCK_TIME, COMPARED_CHANNELS, MIN_FIT_SPEED
 from tse.identify.lasting import Piece
 from tse.identify.problem import ACTIVE_TIME
 from tse.identify.unknowns import COMPLIANCE
@@ -98,7 +98,7 @@ class Space:
         for g in range(int(rows.group.max()) + 1 if len(rows.group) else 0):
             mine = np.flatnonzero((rows.group == g) & (self.problem.weight > 0))
             if len(mine) > 1:
-                self.groups.append((int(rows.log[mine[0]]), CHANNELS[rows.channel[mine[0]]]))
+                self.groups.append((int(rows.log[mine[0]]), COMPARED_CHANNELS[rows.channel[mine[0]]]))
                 self._rows.append(mine)
         self.channels = tuple(dict.fromkeys(c for _, c in self.groups))
         self.time = [rows.time[mine].astype(float) for mine in self._rows]
@@ -111,7 +111,7 @@ class Space:
 
     to_ln = to_search  # its own inverse; the unknowns of a gap are no logarithms
 
-    def ln_slope(self, x: np.ndarray) -> np.ndarray:
+    def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
         """Return d(values)/dx, of each by itself."""
         return np.where(self._inverse, -1.0 / np.where(self._inverse, x, 1.0) ** 2, 1.0)
 
@@ -133,26 +133,26 @@ class Space:
     # ---- what the fit asks
 
     @staticmethod
-    def noise(g: int) -> float:
+    def compute_noise(g: int) -> float:
         """Return it of a residual: these are in its units."""
         return 1.0
 
     @staticmethod
-    def step(g: int) -> float:
+    def get_step(g: int) -> float:
         """Return the time [s] between residuals."""
-        return BLOCK
+        return BLOCK_TIME
 
     @staticmethod
-    def lasting_error(channel: str) -> float:
+    def compute_lasting_error(channel: str) -> float:
         """Return the part of the residuals, rms, that is no noise of any model."""
         return LASTING
 
-    def residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+    def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         """Return measured less predicted in units of the noise, without bias, by group."""
         whole = self.problem.residuals(self.values(x))
         return [whole[mine] for mine in self._rows]
 
-    def slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+    def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
         """Return d(residuals)/dx, a matrix per group. What is lent follows `x` no further: what
         is not there has a size that does not matter."""
         if self.lent is None:
@@ -180,24 +180,26 @@ class Space:
         for reach, chosen in parts:
             of = [k for k, n in enumerate(self.names) if (n in self._there) == chosen]
             found[:, of] = self.problem.jacobian(values, whole, [self.parameters[k] for k in of], reach)
-        found *= self.ln_slope(x)
+        found *= self.compute_ln_slope(x)
         return [found[mine] for mine in self._rows]
 
     # ---- what lasts of residuals
 
-    def piece(self, g: int, residual: np.ndarray) -> Piece:
+    def make_piece(self, g: int, residual: np.ndarray) -> Piece:
         """Return residuals of a group with the size of their channel."""
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
-        square = compute_moving_average((level - np.median(level)) ** 2, max(1, round(ACTIVE_TIME / BLOCK)))
+        square = compute_moving_average(
+            (level - np.median(level)) ** 2, max(1, round(ACTIVE_TIME / BLOCK_TIME))
+        )
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
-    def one_at_speed(self, g: int) -> np.ndarray:
+    def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
         """Return the yaw rate of 1 m/s2 across, in units of the noise."""
         problem, rows = self.problem, self._rows[g]
         speed = problem.config.wheel_radius_rear * problem.quantity("wheel_speed_rear")[rows]
-        return problem.weight[rows] / np.maximum(speed, SLOWEST)
+        return problem.weight[rows] / np.maximum(speed, MIN_FIT_SPEED)
 
     @staticmethod
-    def road_slopes(x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
+    def compute_road_slopes(x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
         """Return d(residuals)/dz: there is no z."""
         return [csc_matrix((len(r), 0)) for r in base]

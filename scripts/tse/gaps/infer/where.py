@@ -11,7 +11,7 @@ from scipy.stats import false_discovery_control, spearmanr
 from tse.gaps.fit import Fit
 from tse.gaps.problem import Problem
 from tse.gaps.respond import ROAD, responses, signals
-from tse.identify.data import BLOCK
+from tse.identify.data import BLOCK_TIME
 from tse.library.core import library
 
 WINDOW = 1.0  # s: over which the energy of a residual is taken
@@ -53,7 +53,7 @@ def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray
     predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.quantity("steer_angle")
     front = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
-    rate = np.gradient(steer) / BLOCK
+    rate = np.gradient(steer) / BLOCK_TIME
     return {
         "speed": predicted["vel_x"],
         "|accel_y|": np.abs(predicted["accel_y"]),

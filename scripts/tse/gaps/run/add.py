@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.car.formula import c_header, write_formula
+from tse.car.formula import format_c_header, write_formula
 from tse.car.vehicle import (
     Vehicle,
-    calibration_toml,
-    filter_values,
-    formula_settings,
-    known_stiffness,
-    latency_settings,
+    format_calibration_table,
+    list_formula_settings,
+    list_known_stiffness,
+    list_latency_settings,
+    list_uncertainty_settings,
+    list_vehicle_settings,
+    make_filter_values,
     read_vehicle,
-    uncertainty_settings,
-    vehicle_settings,
 )
 from tse.gaps.infer.naming import settings
 from tse.gaps.problem import Problem
@@ -29,7 +29,7 @@ from tse.gaps.run.posterior import posterior
 from tse.gaps.run.workflow import FIT, Found
 from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
-from tse.identify.vehicle_file import toml
+from tse.identify.vehicle_file import format_vehicle
 from tse.library import __version__
 from tse.library.core import NOMINAL, Config, library
 from tse.library.files import write_atomically
@@ -48,7 +48,7 @@ def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tup
     if formula is not None:
         write_formula(out / FORMULA, formula)
         with write_atomically(out / FORMULA_HEADER) as file:
-            file.write(c_header(formula))
+            file.write(format_c_header(formula))
     with write_atomically(path) as file:
         file.write(improved(replace(vehicle, formula=formula), problem, result))
     with write_atomically(out / HEADER) as file:
@@ -70,7 +70,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     )
     values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, known.stiffness)}
     bands = {"longitudinal_stiffness_rear": ", follows the front one"}
-    for k, (_, low, high) in known_stiffness(
+    for k, (_, low, high) in list_known_stiffness(
         replace(vehicle, values=values, calibration=known.calibration())
     ).items():
         bands[NOMINAL[k]] = f", 95 %: {low:.4g} .. {high:.4g}"
@@ -93,12 +93,12 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
         else "# Stiffness fitted, nothing added."
     )
     title = [f"# {source}, improved by tselab gap {__version__} from {names}", what]
-    return toml(
+    return format_vehicle(
         title,
         vehicle,
         values,
         known.uncertainty(vehicle),
-        calibration_toml(**known.calibration()),
+        format_calibration_table(**known.calibration()),
         bands,
         notes,
         Path(FORMULA),
@@ -120,13 +120,13 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
 
 def _group(key: str) -> str:
     """What a setting is of: a heading of effects.h."""
-    if key in uncertainty_settings():
+    if key in list_uncertainty_settings():
         return "how uncertain that is"
-    if key in formula_settings():
+    if key in list_formula_settings():
         return "a formula of the user"
-    if key in latency_settings().values():
+    if key in list_latency_settings().values():
         return "how late channels are logged"
-    return "vehicle" if key in vehicle_settings() else "sensors, and what the filter starts from"
+    return "vehicle" if key in list_vehicle_settings() else "sensors, and what the filter starts from"
 
 
 def header(vehicle: Vehicle) -> str:
@@ -136,7 +136,7 @@ def header(vehicle: Vehicle) -> str:
     guard = f"TSE_EFFECTS_{slug.upper()}_H"
     fields = Config().fields
     by_setting = {p.setting: (e, p) for e in library().effects.values() for p in e.parameters}
-    values = filter_values(vehicle)
+    values = make_filter_values(vehicle)
     width = max(len(k) for k in values)
     body, section = [], None
     for key, value in ((k, values[k]) for k in fields if k in values):  # in the order of the settings

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from tse.car.config import make_config
-from tse.car.vehicle import Vehicle, fill_sensors, read_vehicle, stiffness_words
+from tse.car.vehicle import Vehicle, describe_stiffness, fill_sensors, read_vehicle
 from tse.estimation.estimate import estimate
 from tse.estimation.verdict import NAMES
 from tse.gaps.catalogue import of_the_car
@@ -23,7 +23,7 @@ from tse.gaps.fit import Change, compare
 from tse.gaps.problem import Problem
 from tse.gaps.run import add, pictures, report
 from tse.gaps.run.workflow import FIT, HELD_OUT, Result
-from tse.identify.data import CHANNELS
+from tse.identify.data import COMPARED_CHANNELS
 from tse.library.core import NOMINAL, STIFFNESS
 from tse.library.files import write_atomically
 from tse.log.rows import CheckedLog
@@ -64,7 +64,7 @@ def write_all(
     )
     say("writing the improved vehicle")
     improved, header = add.write(out, vehicle_path, problem, result)
-    result.words.insert(0, stiffness_words(read_vehicle(improved)))
+    result.words.insert(0, describe_stiffness(read_vehicle(improved)))
     say("residuals before and after")
     rows = table(parts, before, after)
     with write_atomically(out / RESIDUALS, "wb") as file:
@@ -151,7 +151,7 @@ def table(
         columns: dict[str, object] = {
             "part": part,
             "log": pd.Categorical.from_codes(rows.log, log_names(problem)),
-            "channel": pd.Categorical.from_codes(rows.channel, list(CHANNELS)),
+            "channel": pd.Categorical.from_codes(rows.channel, list(COMPARED_CHANNELS)),
             "time": rows.time.astype(float),
             "block": rows.block.astype(np.int64),
             "measured": problem.measured,

@@ -18,7 +18,7 @@ from tse.gaps.drives import Candidate, library, prepared
 from tse.gaps.fit import fit
 from tse.gaps.infer.detect import WAVE
 from tse.gaps.problem import STIFFNESS, Problem
-from tse.identify.knots import KNOT, PROFILES
+from tse.identify.knots import KNOT_DISTANCE, PROFILES
 from tse.library.core import Config
 from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
@@ -169,7 +169,7 @@ def typical(problem: Problem, e: Effect) -> dict[Key, float]:
         p = e.strengths[0]
         amplitude = np.sqrt(2.0) * p.scale
         return {
-            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE))
+            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT_DISTANCE / WAVE))
             for k in problem.strengths(e)
         }
     values = {p.name: p.default for p in e.shapes}

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from tse.car.vehicle import Vehicle, uncertainty_settings, unknown_car
+from tse.car.vehicle import Vehicle, get_unknown_car, list_uncertainty_settings
 from tse.gaps.catalogue import Key, catalogue
 from tse.gaps.fit import NOISE_LIMIT, Fit, gap
 from tse.gaps.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
 from tse.gaps.infer.space import Space
 from tse.gaps.problem import Problem
 from tse.identify import fit as engine
-from tse.identify.slip import STIFFNESS, longitudinal
-from tse.identify.unknowns import ALSO, LEAST_SD, UNKNOWNS
-from tse.identify.vehicle_file import model_sd
+from tse.identify.slip import LONGITUDINAL_KEY, estimate_longitudinal
+from tse.identify.unknowns import MIN_SD, SCALE_PARTNERS, UNKNOWNS
+from tse.identify.vehicle_file import estimate_model_sd
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
 
@@ -45,18 +45,18 @@ class Posterior:
 
     def sd(self, name: str) -> float:
         """Of a parameter; of the scale of accel_y with what roll adds to it."""
-        weights = dict([(name, 1.0), *([ALSO[name]] if name in ALSO else [])])
+        weights = dict([(name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
         return float(np.sqrt(w @ self.covariance @ w))
 
     def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
         """Settings of [uncertainty]: those of this posterior, not below what any model of a car leaves; the others as they were."""
-        v = {key: vehicle.values[key] for key in uncertainty_settings() if key in vehicle.values}
+        v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
             return v  # known exactly
         v["model_sd"] = self.model_sd
         return v | {
-            key: max(self.sd(name), min(LEAST_SD.get(key, 0.0), v[key]))
+            key: max(self.sd(name), min(MIN_SD.get(key, 0.0), v[key]))
             for key, name in UNCERTAIN.items()
             if key != SCALE
         }
@@ -93,7 +93,7 @@ def posterior(
     bare = problem.holding(fit.values)
     problem = bare.holding(settings)
 
-    def fitted_at(problem: Problem) -> tuple[Space, np.ndarray, engine.Fit]:
+    def fitted_at(problem: Problem) -> tuple[Space, np.ndarray, engine.CarFit]:
         space = Space(problem, effects, [h.id for h in effects])
         start = problem.nominal | problem.fixed
         at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
@@ -101,7 +101,7 @@ def posterior(
             [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
         )
         space.mean, space.information = space.to_search(at), np.diag(space.sd**-2)
-        return space, at, engine.fit(space, space.mean, most=0, near=True)
+        return space, at, engine.fit(space, space.mean, max_steps=0, near=True)
 
     space, at, found = fitted_at(problem)
     car = [
@@ -110,12 +110,12 @@ def posterior(
         if p.name in NOMINAL or p.name in fitted or prior.get(p.name)
     ]
     there, _, alone = fitted_at(bare) if settings else (space, at, found)
-    before = vehicle.values.get("model_sd", unknown_car()["model_sd"])
-    left = model_sd(there, alone.residuals, before)
+    before = vehicle.values.get("model_sd", get_unknown_car()["model_sd"])
+    left = estimate_model_sd(there, alone.residuals, before)
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
-        k = [space.names[k] for k in car].index(STIFFNESS)
-        mean, sd = longitudinal(problem.config, problem.fixed, logs, vehicle)
+        k = [space.names[k] for k in car].index(LONGITUDINAL_KEY)
+        mean, sd = estimate_longitudinal(problem.config, problem.fixed, logs, vehicle)
         values[k] = np.exp(mean)
         covariance[k, :] = covariance[:, k] = 0.0
         covariance[k, k] = (sd * values[k]) ** 2

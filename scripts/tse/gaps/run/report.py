@@ -15,7 +15,7 @@ from tse.gaps.catalogue import catalogue
 from tse.gaps.fit import Change
 from tse.gaps.run import pictures
 from tse.gaps.run.workflow import Result
-from tse.identify.data import CHANNELS
+from tse.identify.data import COMPARED_CHANNELS
 from tse.library.core import STIFFNESS, library
 from tse.report.plots import CHANNEL_UNITS
 from tse.report.report import write_page
@@ -99,7 +99,7 @@ def facts(shown: Shown) -> list[tuple[str, str]]:
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]
     if held is not None:
         rows.append(("Logs held out", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in held.logs)))
-    noise = {c: [log.noise[c] for log in problem.logs if c in log.noise] for c in CHANNELS}
+    noise = {c: [log.noise[c] for log in problem.logs if c in log.noise] for c in COMPARED_CHANNELS}
     said = [f"{c} {np.median(x):.3g} {CHANNEL_UNITS[c]}" for c, x in noise.items() if x]
     rows.append(("Sensor noise of one row, from the logs", ", ".join(said)))
     for key in STIFFNESS:

@@ -12,9 +12,9 @@ from tse.car.vehicle import Vehicle
 from tse.gaps.catalogue import Key
 from tse.gaps.problem import Problem
 from tse.identify import problem as car
-from tse.identify.data import Prepared, in_time
+from tse.identify.data import PreparedLog, remove_latencies
 from tse.identify.fit import fit
-from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, prior_of
+from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, make_prior
 from tse.library.core import Config
 
 # of the unknowns of a calibration those that every car has and no effect of the catalogue
@@ -39,17 +39,17 @@ class Stage:
         return 1.0 - (self.named / max(self.signal, 1e-300)) ** 2
 
 
-def calibrated(ready: Sequence[Prepared], config: Config, vehicle: Vehicle, jobs: int) -> Config:
+def calibrated(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, jobs: int) -> Config:
     """Return the car with EVERY_CAR fitted to logs as data.prepare() leaves them, on level roads."""
-    prior = prior_of(vehicle, config).only(EVERY_CAR)
-    problem = car.Problem(
+    prior = make_prior(vehicle, config).select(EVERY_CAR)
+    problem = car.CarProblem(
         [log for log in ready if log.stretches], config, prior, jobs, road=False, lean=False
     )
-    return car.known_car(problem, fit(problem).search)
+    return car.make_known_car(problem, fit(problem).search)
 
 
 def stages(
-    level: Problem, ready: Sequence[Prepared], found: Config, named: tuple[Problem, Mapping[Key, float]]
+    level: Problem, ready: Sequence[PreparedLog], found: Config, named: tuple[Problem, Mapping[Key, float]]
 ) -> dict[str, Stage]:
     """Return each channel of some logs.
 
@@ -64,7 +64,7 @@ def stages(
     named
         The logs on the roads that were named, and what is named.
     """
-    again = Problem([in_time(log, found) for log in ready], found, level.jobs)
+    again = Problem([remove_latencies(log, found) for log in ready], found, level.jobs)
     left = [
         level.unbiased(level.predict({}) - np.nan_to_num(level.measured)),
         again.unbiased(again.predict({}) - np.nan_to_num(again.measured)),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tse.car.formula import Formula
-from tse.car.vehicle import GRAVITY, Vehicle, fill_sensors, latency_settings, read_vehicle
+from tse.car.vehicle import GRAVITY, Vehicle, fill_sensors, list_latency_settings, read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.gaps.catalogue import Key, catalogue, of_the_car
 from tse.gaps.fit import NOISE_LIMIT, Change, Fit, compare, excess, gap
@@ -26,14 +26,14 @@ from tse.gaps.infer.roads import Roads
 from tse.gaps.infer.roads import find as find_roads
 from tse.gaps.problem import Problem
 from tse.gaps.run.stages import Stage, calibrated, stages
-from tse.identify.data import Prepared, in_time, prepare
+from tse.identify.data import PreparedLog, prepare, remove_latencies
 from tse.identify.knots import PROFILES
 from tse.library import __version__
 from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import CheckedLog, Reading
 from tse.roads.road import Road
-from tse.roads.road_match import along, on_road
+from tse.roads.road_match import add_road, match_log
 
 DOUBTFUL = "below 90 %, or look-alikes"
 EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
@@ -184,11 +184,11 @@ def run(
     fitted, config = read(logs, vehicle, reading, notes)
     others = read_agreeing(hold_out, notes, reading)
     if road is not None:
-        fitted, others = ([on_road(log, road, config)[0] for log in part] for part in (fitted, others))
+        fitted, others = ([add_road(log, road, config)[0] for log in part] for part in (fitted, others))
     ready = [prepare(log, config) for log in fitted]
-    level = Problem([in_time(log, config) for log in ready], config, jobs)
+    level = Problem([remove_latencies(log, config) for log in ready], config, jobs)
     ready_held = [prepare(log, config) for log in others]
-    held = Problem([in_time(log, config) for log in ready_held], config, jobs) if others else None
+    held = Problem([remove_latencies(log, config) for log in ready_held], config, jobs) if others else None
     said = [n for p in (level, held) if p is not None for n in p.notes]
     if not level.logs:
         raise UserError("; ".join(said) or "no log can be compared")
@@ -197,7 +197,7 @@ def run(
     roads = find_roads(ready, config, vehicle, jobs, say, fitted)
     say("fitting stiffness and biases")
     baseline = few_baseline = name.plain_car(level)
-    problem = level.of([in_time(log, config) for log in roads.logs])
+    problem = level.of([remove_latencies(log, config) for log in roads.logs])
     if not closes_some(problem, level, baseline):
         roads, problem = Roads(ready), level
     held_level = held
@@ -286,7 +286,7 @@ def closes_some(problem: Problem, level: Problem, baseline: Fit) -> bool:
 def on_found(
     roads: Sequence[Road],
     held: Problem,
-    ready: list[Prepared],
+    ready: list[PreparedLog],
     logs: Sequence[CheckedLog],
     config: Config,
     notes: list[str],
@@ -296,15 +296,15 @@ def on_found(
     for log, one in zip(logs, ready, strict=True):
         for road in roads:
             try:
-                found = along(road, log, config)
+                found = match_log(road, log, config)
             except UserError:  # it is on another one
                 continue
-            notes.append(f"{log.path.name} is on the road of fitted logs: {found.words()}")
+            notes.append(f"{log.path.name} is on the road of fitted logs: {found.describe()}")
             placed.append(replace(one, road={n: np.nan_to_num(getattr(found, n)) for n in ("bank", "grade")}))
             break
         else:
             placed.append(one)
-    return held.of([in_time(log, config) for log in placed])
+    return held.of([remove_latencies(log, config) for log in placed])
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
@@ -409,7 +409,7 @@ def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
     if not late:
         return []
     found, given = name.settings(problem, naming.final.values), problem.config
-    settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(given, k)]
+    settings = [k for k in list_latency_settings().values() if k in found and found[k] != getattr(given, k)]
     half = _half_widths(problem, naming, settings)
     return [
         {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"}
