@@ -196,7 +196,7 @@ def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
-def late_across(log: CheckedLog, config: Config) -> list[str]:
+def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
     """Return a warning if accel_y comes much later or earlier than the yaw rate, else [].
 
     Expected: accel_y = v r + the change of the lateral velocity, after the latency that

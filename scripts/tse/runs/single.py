@@ -17,8 +17,8 @@ from tse.channels.agree import (
     MAX_CHECKED_ROWS,
     PERHAPS,
     check_car,
+    check_lateral_delay,
     find_false_stops,
-    late_across,
     select_certain,
 )
 from tse.channels.log import read_log
@@ -162,7 +162,7 @@ def assemble(
             made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
             made.doubts.append(made.notes[0])
         return replace(made, own=found)
-    late = [] if said or form != "default" else late_across(lively, config)
+    late = [] if said or form != "default" else check_lateral_delay(lively, config)
     if strict and late:
         raise UserError(f"{log.path}: option --strict: {late[0]}")
     notes = [
