@@ -51,7 +51,7 @@ def make_guesses(
         Role and name of the other signals.
     worth : mapping of str to mapping of str to float
         By role: scores by name ("said") and by physics ("shown").
-    scale : Scale
+    scale : UnitScale
         Units.
     car : Vehicle or None
         Radii of the wheels, wheelbase and steering ratio.
@@ -63,18 +63,7 @@ def make_guesses(
     facts = measure_slopes(look, wheels, chosen, v)
     if v is not None:
         v = v * scale.per["wheel"]
-    # The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
-    # other signs follow from the yaw rate.
-    by_wheels = facts.get("track_corr", 0.0)
-    turn = by_wheels if abs(by_wheels) > 0.7 else facts.get("course_corr", 0.0)
-    is_sided = abs(turn) > 0.7
-    sign = {"yaw_rate": float(np.sign(turn)) if is_sided else 1.0}
-    sign["accel_y"] = sign["yaw_rate"] * (
-        float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
-    )
-    sign["accel_x"] = (
-        float(np.sign(facts["accel_x_corr"])) if abs(facts.get("accel_x_corr", 0.0)) > 0.5 else 1.0
-    )
+    sign, is_sided = _find_signs(facts)
     for role in ("yaw_rate", "accel_y", "accel_x"):
         if role in chosen:
             found[role] = _guess_motion(
@@ -98,19 +87,40 @@ def make_guesses(
     find_latencies(look, found, wheels, scale, sign, warnings)
     _check_offsets(look, found, chosen, scale, sign, v, warnings)
     _check_turned_imu(look, found, scale, sign, v, warnings)
-    if (
-        all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle"))
-        and abs(by_wheels) > 0.7
-    ):
-        warnings.append(
-            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
-            "and right wheels are exchanged; the signs follow the wheels"
-        )
-        for c in ("yaw_rate", "accel_y", "steer_angle"):
-            found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
-            found[c].unsure.append("its sign, or which wheels are left")
+    if abs(facts.get("track_corr", 0.0)) > 0.7:
+        _check_inverted_axes(found, warnings)
     order = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     return [found[c] for c in order if c in found]
+
+
+def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
+    """Return the signs of the motion, and whether that of the yaw rate was tested.
+
+    The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
+    sign of accel_y follows from the yaw rate."""
+    turn = facts.get("track_corr", 0.0)
+    if abs(turn) <= 0.7:
+        turn = facts.get("course_corr", 0.0)
+    is_sided = abs(turn) > 0.7
+    lateral, along = facts.get("accel_y_corr", 0.0), facts.get("accel_x_corr", 0.0)
+    sign = {"yaw_rate": float(np.sign(turn)) if is_sided else 1.0}
+    sign["accel_y"] = sign["yaw_rate"] * (float(np.sign(lateral)) if abs(lateral) > 0.7 else 1.0)
+    sign["accel_x"] = float(np.sign(along)) if abs(along) > 0.5 else 1.0
+    return sign, is_sided
+
+
+def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
+    """Warn if all lateral channels are positive to the right by the wheels."""
+    lateral = ("yaw_rate", "accel_y", "steer_angle")
+    if not all(c in found and found[c].sign < 0 for c in lateral):
+        return
+    warnings.append(
+        "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
+        "and right wheels are exchanged; the signs follow the wheels"
+    )
+    for c in lateral:
+        found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
+        found[c].unsure.append("its sign, or which wheels are left")
 
 
 def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:

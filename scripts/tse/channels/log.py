@@ -184,6 +184,25 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
             f"{name}: the columns are Series with different indices: which rows go together? Make a data "
             "frame of them"
         )
+    needed = _check_frame_header(frame, name)
+    notes: list[str] = []
+    table = _convert_frame(frame, name, needed, notes)
+    rows = table["time"].shape[:1]
+    for column, values in table.items():
+        if values.shape != rows:
+            raise UserError(
+                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
+                f"row: {rows}"
+            )
+    if rows == (0,):
+        raise UserError(f"{name}: has no rows")
+    row = np.arange(rows[0])
+    time, keep = straighten_log_time(Path(name), table.pop("time"), row, notes, "row")
+    return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+
+
+def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> list[str]:
+    """Return the needed columns; refuse a frame that lacks one or has one twice."""
     header = [str(c) for c in frame]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
@@ -201,9 +220,15 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     twice = sorted({c for c in header if header.count(c) > 1})
     if twice:
         raise UserError(f"{name}: column {', '.join(twice)} appears more than once")
-    notes: list[str] = []
+    return needed
+
+
+def _convert_frame(
+    frame: Mapping[str, Any] | pd.DataFrame, name: str, needed: list[str], notes: list[str]
+) -> dict[str, np.ndarray]:
+    """Return the columns of a frame as numbers; add a note for each that is left out."""
     table: dict[str, np.ndarray] = {}
-    for column in header:
+    for column in map(str, frame):
         if column in needed or _is_spare(column):
             try:
                 table[column] = _convert_column(name, column, frame[column])
@@ -214,18 +239,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
                         f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
                     ) from None
                 notes.append(f"column {column} is not numeric: not used")
-    rows = table["time"].shape[:1]
-    for column, values in table.items():
-        if values.shape != rows:
-            raise UserError(
-                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
-                f"row: {rows}"
-            )
-    if rows == (0,):
-        raise UserError(f"{name}: has no rows")
-    row = np.arange(rows[0])
-    time, keep = straighten_log_time(Path(name), table.pop("time"), row, notes, "row")
-    return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+    return table
 
 
 def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
@@ -366,6 +380,14 @@ def _read_numbers(
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     line = table.index.to_numpy() + 2
+    columns, skipped = _convert_cells(path, header, table, line, needed, notes)
+    return columns, line, skipped
+
+
+def _convert_cells(
+    path: Path, header: list[str], table: pd.DataFrame, line: np.ndarray, needed: list[str], notes: list[str]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the columns of a CSV as numbers, and the names of those left out."""
     columns: dict[str, np.ndarray] = {}
     skipped = []
     for name in (c for c in header if c in needed or _is_spare(c)):
@@ -386,7 +408,7 @@ def _read_numbers(
             said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
             notes.append(f"{name}: {said} treated as missing (first in line {at}: {wrong[:20]!r})")
         columns[name] = numbers.to_numpy(float)
-    return columns, line, skipped
+    return columns, skipped
 
 
 def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
@@ -414,6 +436,7 @@ def convert_to_numbers(column: pd.Series) -> pd.Series:
 
 
 def _convert_cell(cell: object) -> float:
+    """Return a cell as a number, NaN if it is not numeric."""
     try:
         return float(str(cell))
     except ValueError:

@@ -185,6 +185,12 @@ def read_signals(path: Path) -> SignalsFile:
             line = _find_line(text, "signals", channel)
             raise UserError(f'{path}: {line}{channel} must be a table: [{at}] with name = "..."')
         found[channel] = _check_signal(channel, at, table, refuse)
+    _check_sides(found, refuse)
+    return SignalsFile(path, found, how, rate)
+
+
+def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
+    """Refuse an axle together with its wheels, and a single wheel."""
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(
@@ -200,7 +206,6 @@ def read_signals(path: Path) -> SignalsFile:
                 "",
                 f"{missing} is needed, too; a car with one sensor on the axle has {axle}",
             )
-    return SignalsFile(path, found, how, rate)
 
 
 def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
