@@ -280,8 +280,7 @@ def _guess_steering(
 
 
 def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
-    """Set unit and ratio of the steering angle by its size, since the log does not show
-    them."""
+    """Set unit and ratio of a steering angle by its size, without a test."""
     guess.unit, wheel = _guess_by_size(x, unit)
     guess.unit_from = "by the log" if unit else f"a guess by its size: {why}"
     guess.ratio = (given or RATIO_PRIOR) if wheel else None
@@ -321,8 +320,7 @@ def _choose_steering_unit(
 def _set_steering_ratio(
     guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
 ) -> None:
-    """Set the steering ratio from the measured one and that of the vehicle file, or the
-    prior."""
+    """Set the steering ratio: that of the vehicle file, or measured ratio and prior."""
     if given is None:  # mean of measured ratio and prior, weighted by their variances
         weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))

@@ -1,5 +1,4 @@
-"""The log and the results while signals are assigned to channels: Look, Guess,
-Proposal."""
+"""Look: a log prepared for comparisons. Guess, Proposal: signals assigned to channels."""
 
 from __future__ import annotations
 
@@ -364,8 +363,7 @@ def _count_modulo(c: Channel) -> int:
 
 
 def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
-    """Add the fine part of a coarse value to its guess: their sum is
-    smoother."""
+    """Add the fine part of a coarse value to its guess, if it makes the sum smoother."""
     x = mine.value
     step = _find_step(x)
     if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):

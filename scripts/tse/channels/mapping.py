@@ -235,8 +235,7 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
-    """Set the values to NaN whose message counter repeats; add a note about lost
-    messages."""
+    """Set values with a repeated message counter to NaN; note lost messages."""
     state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)

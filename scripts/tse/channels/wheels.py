@@ -1,5 +1,4 @@
-"""Find the wheels and their places, then the other channels by name, unit and
-kinematics."""
+"""Find wheels, motion and pedals among the signals: by name, unit and kinematics."""
 
 from __future__ import annotations
 
@@ -248,9 +247,8 @@ def find_roles(
     shown: dict[str, dict[str, float]] = {}
     turn = find_turn(look, wheels)
     top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
-    usual = (
-        None if v is None else v * (25.0 / top if top else 1.0)
-    )  # as fast as cars drive: its unit is not known yet
+    # the unit is not known yet: scaled to a max of 25 m/s
+    usual = None if v is None else v * (25.0 / top if top else 1.0)
     change = None if v is None else physics.differentiate(v)
     # only for candidates that physics can lift to MIN_NAME_SCORE
     for role in MOTION_ROLES:
@@ -264,13 +262,12 @@ def find_roles(
     found: dict[str, str] = {}
     pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best first; one signal has one role
+        # a unit without a name is not sufficient
         if (
             role not in found
             and n not in found.values()
             and w >= MIN_NAME_SCORE
-            and (
-                score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5
-            )  # a unit alone is no name
+            and (score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5)
             and not is_another_thing(role, look.clean_name(n))
         ):
             found[role] = n
