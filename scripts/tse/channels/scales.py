@@ -185,10 +185,12 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     The course is clockwise from north, in degrees. > 0: the yaw rate is positive to the
     left. < 0: to the right. 0: there is no course."""
     named = [
-        n for n in look.raw
-        if score_name("heading", n) >= MIN_NAME_SCORE and unit_kind(look.find_unit(n)) in ("", "angle")
+        n
+        for n in look.raw
+        if score_name("heading", n) >= MIN_NAME_SCORE
+        and unit_kind(look.find_unit(n)) in ("", "angle")
         and (look.channels[n].text == RECEIVER_TEXT or re.search(r"gps|gnss", join_words(n)))
-    ]  # fmt: skip
+    ]
     if not named:
         return 0.0
     time, course = look.raw[named[0]]
