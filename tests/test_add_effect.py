@@ -111,7 +111,11 @@ def test_an_effect_is_a_row_and_its_function_word_for_word_as_contributing_says(
     row, function = (re.sub("^   ", "", block, flags=re.M) for block in blocks)
     with (copy / "src" / "tables" / "effects.toml").open("a") as file:
         file.write("\n" + row)
-    edit(copy / "src" / "model" / "catalogue.h", "/* table: ", function + "\n/* table: ")
+    edit(
+        copy / "src" / "model" / "catalogue.h",
+        "/* clang-format off: table ",
+        function + "\n/* clang-format off: table ",
+    )
     assert "src/model/catalogue.h" in written(copy)
     name, without, with_it = said(copy, EFFECT)
     assert name == "brake_pull"

@@ -47,7 +47,7 @@ HEAD = r"^(?!typedef\b|enum\b|extern\b)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)(?:\s*
 BODY = r"(?:\s*\{.*\}[^\n]*|\s*\{[^\n]*\n(?:[^}\n][^\n]*\n|\n)*\})"  # in one line, or to the first brace in column 0
 FUNCTION = re.compile(HEAD + BODY, re.M)
 FORMATS = {"number/fixed.c", "number/real_ops.h"}  # the same operations for each number format
-TABLE = re.compile(r" */\* table: .*?/\* end of table \*/\n", re.S)
+TABLE = re.compile(r" */\* clang-format off: table .*?/\* clang-format on: end of table \*/\n", re.S)
 MOST_LINES = 40  # of a body, braces not counted
 
 

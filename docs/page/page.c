@@ -15,8 +15,7 @@
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
 
-enum { DESKS = 2,
-       ROWS = 256 }; /* rows per call: few, so that the page responds in between */
+enum { DESKS = 2, ROWS = 256 }; /* rows per call: few, so that the page responds in between */
 
 typedef struct desk {
   tse_config config;
@@ -36,26 +35,26 @@ static const char *wrong; /* name of the last refused setting */
 /* ---- tables */
 
 static const char *const vehicle_rows[] = {
-  /* table: vehicle_names */
+  // clang-format off: table vehicle_names
   "mass", "yaw_inertia", "lf", "lr", "wheel_radius_front", "wheel_radius_rear",
   "longitudinal_stiffness_front", "longitudinal_stiffness_rear", "cornering_stiffness_front",
   "cornering_stiffness_rear", "rear_longitudinal_follows_front",
-  /* end of table */
+  // clang-format on: end of table
   NULL
 };
 static const char *const uncertainty_rows[] = {
-  /* table: uncertainty_names */
+  // clang-format off: table uncertainty_names
   "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd",
   "wheel_delay_sd", "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd",
   "roll_steer_sd", "wheel_radius_sd", "model_sd", "grade_sd",
-  /* end of table */
+  // clang-format on: end of table
   NULL
 };
 static const char *const sensor_rows[] = {
-  /* table: sensor_names */
+  // clang-format off: table sensor_names
   "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "wheel_noise_sd", "steer_lag_sd", "accel_x_bias_sd",
   "accel_y_bias_sd", "yaw_rate_bias_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk",
-  /* end of table */
+  // clang-format on: end of table
   NULL
 };
 static const char *const *const groups[] = { vehicle_rows, uncertainty_rows, sensor_rows };
@@ -66,14 +65,13 @@ const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
 /* Offsets in tse_field: name, kind, offset, default, min, max, unit, text; its size. Rows per
  * call; bytes of an input and an output row. Offsets in a desk: config, row, out, sim_config,
  * sim_input, sim_output. */
-static const int32_t layout[] = {
-  (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind), (int32_t)offsetof(tse_field, offset),
-  (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo), (int32_t)offsetof(tse_field, hi),
-  (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text), (int32_t)sizeof(tse_field),
-  ROWS, (int32_t)sizeof(tse_input), (int32_t)sizeof(tse_output),
-  (int32_t)offsetof(desk, config), (int32_t)offsetof(desk, row), (int32_t)offsetof(desk, out), (int32_t)offsetof(desk, sim_config),
-  (int32_t)offsetof(desk, sim_input), (int32_t)offsetof(desk, sim_output)
-};
+static const int32_t layout[] = { (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind),
+  (int32_t)offsetof(tse_field, offset), (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo),
+  (int32_t)offsetof(tse_field, hi), (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text),
+  (int32_t)sizeof(tse_field), ROWS, (int32_t)sizeof(tse_input), (int32_t)sizeof(tse_output),
+  (int32_t)offsetof(desk, config), (int32_t)offsetof(desk, row), (int32_t)offsetof(desk, out),
+  (int32_t)offsetof(desk, sim_config), (int32_t)offsetof(desk, sim_input),
+  (int32_t)offsetof(desk, sim_output) };
 const int32_t *EXPORT(page_layout)(void) { return layout; }
 
 static int32_t count, size;

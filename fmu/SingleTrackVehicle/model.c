@@ -1,8 +1,9 @@
-/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model: the truth for studies.
+/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model: the truth for
+ * studies.
  *
- * A step of h drives from t to t + h; outputs at t + h are the row that the car logs then, and the truth. Inputs at
- * t + h are those set at t plus h times their derivative, where the importer gives one. How they get there is the
- * parameter `ramp`. */
+ * A step of h drives from t to t + h; outputs at t + h are the row that the car logs
+ * then, and the truth. Inputs at t + h are those set at t plus h times their derivative,
+ * where the importer gives one. How they get there is the parameter `ramp`. */
 #include <stdio.h>
 #include <string.h>
 
@@ -44,7 +45,8 @@ const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_v
 #define ORDER "; order: longitudinal front, cornering front, cornering rear"
 const fmu_array fmu_arrays[] = {
   { OUTPUT("true.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER) 3 },
-  { OUTPUT("drawn.relative.stiffness", 'r', y.drawn, "1", "stiffness drawn for this row, relative to nominal" ORDER) 3 },
+  { OUTPUT("drawn.relative.stiffness", 'r', y.drawn, "1",
+      "stiffness drawn for this row, relative to nominal" ORDER) 3 },
 };
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 
@@ -56,10 +58,14 @@ const fmu_terminal fmu_terminals[] = {
 const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
 
 const fmu_info fmu_about = {
-  "SingleTrackVehicle", "Single-track vehicle with tyres of random stiffness",
-  "A car to test an estimator on: single-track model with wheel dynamics, a tyre stiffness that is redrawn at every sample, sensors "
+  "SingleTrackVehicle",
+  "Single-track vehicle with tyres of random stiffness",
+  "A car to test an estimator on: single-track model with wheel dynamics, a tyre stiffness that is redrawn "
+  "at every sample, sensors "
   "with noise and drifting bias, and all of it known",
-  10.0, 0.01, 1e-4
+  10.0,
+  0.01,
+  1e-4,
 };
 
 void model_codes(fmu_code_row *row, void *to)
@@ -87,9 +93,13 @@ static void derive_outputs(model *m)
   tse_stiffness_si(&m->config, &relative, m->drawn_si, NULL, NULL);
 }
 
-static double *input_at(tse_sim_input *u, const fmu_variable *v) { return (double *)((char *)u + v->offset - offsetof(model, u)); }
+static double *input_at(tse_sim_input *u, const fmu_variable *v)
+{
+  return (double *)((char *)u + v->offset - offsetof(model, u));
+}
 
-/* The first input that is outside its range; NULL: none. The first variables are the inputs. */
+/* The first input that is outside its range; NULL: none. The first variables are the
+ * inputs. */
 static const fmu_variable *wrong_input(tse_sim_input u)
 {
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
@@ -107,8 +117,10 @@ static fmu_result refuse_input(const fmu_variable *v, char text[FMU_TEXT])
 /* Every input is in its range, and still. */
 static fmu_result refuse_motion(char text[FMU_TEXT])
 {
-  (void)snprintf(text, FMU_TEXT, "parameters and inputs lead to what is no car any more: faster than 1000 m/s, turning faster than 200 rad/s, "
-                                 "or a sensor whose value is no number");
+  (void)snprintf(text, FMU_TEXT,
+      "parameters and inputs lead to what is no car any more: faster than 1000 m/s, turning faster than 200 "
+      "rad/s, "
+      "or a sensor whose value is no number");
   return FMU_ERROR;
 }
 

@@ -11,7 +11,7 @@
 typedef struct model {
   tse_config config;
   tse_sim_config sim_config;
-  tse_sim_input u, rate;               /* inputs as set, and their time derivatives        */
+  tse_sim_input u, rate; /* inputs as set, and their time derivatives        */
   int32_t ramp;
   tse_sim_output y;
   tse_setting mean_si[3], drawn_si[3]; /* true stiffness, N and N/rad                      */

@@ -1,8 +1,9 @@
 /* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
  *
- * A step from t to t + h takes the inputs as the sample of time t, as a log row of that time; outputs at t + h are the estimate
- * after that sample. dt of a sample is the time since the sample before, so that a log that is replayed gives the same bits
- * as through tse_step(). */
+ * A step from t to t + h takes the inputs as the sample of time t, as a log row of that
+ * time; outputs at t + h are the estimate after that sample. dt of a sample is the time
+ * since the sample before, so that a log that is replayed gives the same bits as through
+ * tse_step(). */
 #include <stdio.h>
 #include <string.h>
 
@@ -70,10 +71,14 @@ const fmu_array fmu_arrays[] = {
   ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER),
   ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1", "sample-to-sample sd" ORDER),
   ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER),
-  ARRAY("estimate.stiffness_reason", 'e', y.reason, "Reason", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER),
-  ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1", "stiffness now over that before the last change" ORDER),
-  ARRAY("estimate.probability", 'r', y.regime, "1", "probabilities in the order of estimate.p_steady to estimate.p_restarted"),
-  ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1", "stiffness in effect, relative to nominal" ORDER),
+  ARRAY("estimate.stiffness_reason", 'e', y.reason, "Reason",
+      "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER),
+  ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1",
+      "stiffness now over that before the last change" ORDER),
+  ARRAY("estimate.probability", 'r', y.regime, "1",
+      "probabilities in the order of estimate.p_steady to estimate.p_restarted"),
+  ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1",
+      "stiffness in effect, relative to nominal" ORDER),
 };
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 
@@ -82,7 +87,8 @@ const fmu_terminal fmu_terminals[] = {
   { "velocity", "_tse_velocity", 'i', "velocity.", "a velocity that is measured" },
   { "pedals", "_tse_pedals", 'i', "pedals.", "brake switch and wheel torques" },
   { "road", "_tse_road", 'i', "road.", "bank and grade of a road that is known" },
-  { "estimate", "_tse_estimate", 'o', "estimate.", "stiffness, velocities, biases, and what the filter thinks of the road and its sensors" },
+  { "estimate", "_tse_estimate", 'o', "estimate.",
+      "stiffness, velocities, biases, and what the filter thinks of the road and its sensors" },
 };
 const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
 
@@ -93,12 +99,18 @@ const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_t
 #endif
 
 const fmu_info fmu_about = {
-  "TireStiffnessEstimator", "Tyre stiffness estimator",
-  "Estimates longitudinal and cornering stiffness of a car's tyres, their grip, sideslip angle and the sensors' biases, each with its "
-  "standard deviation, from steering angle, wheel speeds, accelerometers and gyro, and the probability that the road changed, a channel "
-  "is faulty or wheels slide: a Kalman filter of a single-track car, or the marginalized adaptive particle filter of Berntorp and Di "
+  "TireStiffnessEstimator",
+  "Tyre stiffness estimator",
+  "Estimates longitudinal and cornering stiffness of a car's tyres, their grip, sideslip angle and the "
+  "sensors' biases, each with its "
+  "standard deviation, from steering angle, wheel speeds, accelerometers and gyro, and the probability that "
+  "the road changed, a channel "
+  "is faulty or wheels slide: a Kalman filter of a single-track car, or the marginalized adaptive particle "
+  "filter of Berntorp and Di "
   "Cairano" IN_FORMAT,
-  10.0, 0.01, 1e-4
+  10.0,
+  0.01,
+  1e-4,
 };
 
 /* Codes that the library describes: those of a step that was done. */
@@ -113,23 +125,23 @@ static void described_codes(fmu_code_row *row, void *to, const char *type, tse_s
 void model_codes(fmu_code_row *row, void *to)
 {
   static const char *const changes[][2] = {
-    /* table: changes */
+    // clang-format off: table changes
     { "none", "none yet" },
     { "road", "all tyres: another road" },
     { "front axle", "the tyres of the front axle" },
     { "rear axle", "the tyres of the rear axle" },
     { "started over", "all was started over" },
-    /* end of table */
+    // clang-format on: end of table
   };
 #define FAULT(name, drives, lo, hi, unit, text) { #name, text },
-  static const char *const faults[][2] = {
-    { "none", "no channel is likely at fault, none is implausible" },
-    CHANNELS(FAULT) VELOCITIES(FAULT)
-  };
+  static const char *const faults[][2] = { { "none", "no channel is likely at fault, none is implausible" },
+    CHANNELS(FAULT) VELOCITIES(FAULT) };
   described_codes(row, to, "Status", TSE_STRUCT_STATUS);
   described_codes(row, to, "Reason", TSE_STRUCT_REASON);
-  for (int32_t i = 0; i < (int32_t)(sizeof changes / sizeof changes[0]); i++) row(to, "ChangeKind", i, changes[i][0], changes[i][1]);
-  for (int32_t i = 0; i < (int32_t)(sizeof faults / sizeof faults[0]); i++) row(to, "FaultChannel", i, faults[i][0], faults[i][1]);
+  for (int32_t i = 0; i < (int32_t)(sizeof changes / sizeof changes[0]); i++)
+    row(to, "ChangeKind", i, changes[i][0], changes[i][1]);
+  for (int32_t i = 0; i < (int32_t)(sizeof faults / sizeof faults[0]); i++)
+    row(to, "FaultChannel", i, faults[i][0], faults[i][1]);
 }
 
 void model_init(model *m) { tse_config_default(&m->config); }
@@ -138,28 +150,33 @@ void model_init(model *m) { tse_config_default(&m->config); }
 static int place_of(const fmu_variable *v)
 {
   const int32_t at = v->offset - (int32_t)offsetof(model, config);
-  return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t)) : -1;
+  return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t))
+                                                                       : -1;
 }
 
 void model_was_set(model *m, const fmu_variable *v, double value)
 {
-  if (place_of(v) >= 0) m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+  if (place_of(v) >= 0)
+    m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
-/* The settings of the filter: exact: those of a car that is known exactly, and what the importer has set. Of an importer that sets every
- * parameter, as some do before anything, nobody knows which were meant: those that are not at their start. */
+/* The settings of the filter: exact: those of a car that is known exactly, and what the
+ * importer has set. Of an importer that sets every parameter, as some do before anything,
+ * nobody knows which were meant: those that are not at their start. */
 static void settings_used(const model *m, tse_config *used)
 {
   int least = SET_TO_ANOTHER;
   for (int i = 0; i < fmu_variable_count; i++)
-    if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET) least = SET_TO_START;
+    if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET)
+      least = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
   if (m->exact) tse_config_exact(used);
   for (int i = 0; m->exact && i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const size_t at = (size_t)v->offset - offsetof(model, config);
     if (place_of(v) >= 0 && m->set[place_of(v)] >= least)
-      memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at, v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
+      memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at,
+          v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
   }
   tse_config_complete(used);
 }
@@ -199,7 +216,8 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   settings_used(m, &used);
   const tse_status status = tse_prepare(&used, &m->params, &wrong);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s: %s (what is 0 follows from vehicle.mass, lf and lr)", fmu_name_of(wrong), tse_status_text(status));
+    (void)snprintf(text, FMU_TEXT, "%s: %s (what is 0 follows from vehicle.mass, lf and lr)",
+        fmu_name_of(wrong), tse_status_text(status));
     return FMU_ERROR;
   }
   memcpy(&m->used, &used, sizeof used);
@@ -212,14 +230,15 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   return FMU_OK;
 }
 
-/* A sample in which what is out of range is missing, and the first channel that is. tse_step() would refuse a
- * steering angle or wheel speed out of range; a co-simulation is not to end for a sensor fault. */
+/* A sample in which what is out of range is missing, and the first channel that is.
+ * tse_step() would refuse a steering angle or wheel speed out of range; a co-simulation
+ * is not to end for a sensor fault. */
 static tse_input usable(const model *m, const fmu_variable **first)
 {
   tse_input u = m->row;
   u.missing &= (1u << TSE_CHANNELS) - 1u;
-  u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & TSE_GIVEN_PEDALS) |
-            (m->road_given << (TSE_VELOCITIES + TSE_PEDALS) & TSE_GIVEN_ROAD);
+  u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & TSE_GIVEN_PEDALS)
+      | (m->road_given << (TSE_VELOCITIES + TSE_PEDALS) & TSE_GIVEN_ROAD);
   *first = NULL;
   for (int k = 0; k < TSE_CHANNELS; k++) { /* the first variables are the channels */
     const fmu_variable *const v = &fmu_variables[k];
@@ -240,7 +259,10 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   const fmu_variable *first;
   tse_input u = usable(m, &first);
-  if (!(time + step - time <= TSE_LONGEST_DT)) { /* the sample at its end would be refused: better now, while the importer's own text names the step */
+  if (!(time + step - time
+          /* the sample at its end would be refused: better now, while the importer's
+           * own text names the step */
+          <= TSE_LONGEST_DT)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %d s", step, TSE_LONGEST_DT);
     return FMU_ERROR;
   }
@@ -248,18 +270,22 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   const tse_status status = tse_step(&m->params, &m->memory.filter, &u, &m->y);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status),
-                   tse_double_of(u.dt));
+        tse_double_of(u.dt));
     return FMU_ERROR;
   }
-  memset(m->y.spread_seen + 3, 0, sizeof m->y - offsetof(tse_output, spread_seen) - sizeof m->y.spread_seen); /* padding is part of a saved state */
+  memset(m->y.spread_seen + 3, 0,
+      sizeof m->y - offsetof(tse_output, spread_seen)
+          - sizeof m->y.spread_seen); /* padding is part of a saved state */
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* `status` is the gravest only: a channel can be missing behind it. A channel's text is the same whatever the car does, so
-   * that it is said once while it lasts. */
+  /* `status` is the gravest only: a channel can be missing behind it. A channel's text is
+   * the same whatever the car does, so that it is said once while it lasts. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
-    if (first && status < TSE_W_GAP) (void)snprintf(text, FMU_TEXT, "%s is missing or outside its range %s", first->name, fmu_range(first, range));
+    if (first && status < TSE_W_GAP)
+      (void)snprintf(
+          text, FMU_TEXT, "%s is missing or outside its range %s", first->name, fmu_range(first, range));
     else (void)snprintf(text, FMU_TEXT, "%s", tse_status_text(status));
     return FMU_WARNING;
   }

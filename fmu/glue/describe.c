@@ -1,12 +1,16 @@
 /* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
  *
- *   describe model 2 FILE.c ...        modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
- *   describe model 3                   the same of FMI 3.0, where buildDescription.xml names the source files
+ *   describe model 2 FILE.c ...        modelDescription.xml of FMI 2.0, with these source
+ *                                      files; @GUID@ where it stands
+ *   describe model 3                   the same of FMI 3.0, where buildDescription.xml
+ *                                      names the source files
  *   describe terminals                 terminalsAndIcons.xml of FMI 3.0
- *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these definitions, these compiler options
+ *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these
+ *                                                      definitions, these compiler
+ *                                                      options
  *                                      of gcc and clang, and these source files
  *   describe variables 2 or 3          rows of HTML tables for documentation/index.html
- */
+ * / */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,8 +18,8 @@
 #include "fmu_model.h"
 #include "tse/version.h"
 
-/* Units as the tables of include/tse write them: FMI name, exponents of kg, m, s, rad (none where they are no integers),
- * type, display unit and display value per SI value. */
+/* Units as the tables of include/tse write them: FMI name, exponents of kg, m, s, rad
+ * (none where they are no integers), type, display unit and display value per SI value. */
 typedef struct unit {
   const char *name, *fmi, *type;
   int has_base, kg, m, s, rad;
@@ -57,7 +61,8 @@ static const unit *unit_of(const fmu_variable *v)
 {
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
     if (strcmp(units[i].name, v->unit) == 0) return &units[i];
-  (void)fprintf(stderr, "describe: %s has the unit '%s', which fmu/glue/describe.c does not know\n", v->name, v->unit);
+  (void)fprintf(
+      stderr, "describe: %s has the unit '%s', which fmu/glue/describe.c does not know\n", v->name, v->unit);
   exit(1);
 }
 
@@ -100,7 +105,8 @@ static void attribute(const char *name, const char *value)
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
-/* Where the enumeration types are printed: of which FMI, and the type that is open; NULL: none. */
+/* Where the enumeration types are printed: of which FMI, and the type that is open; NULL:
+ * none. */
 typedef struct enumerations {
   int fmi;
   const char *open;
@@ -117,7 +123,9 @@ static void code_item(void *to, const char *type, int32_t code, const char *name
   enumerations *const e = to;
   if (!e->open || strcmp(e->open, type) != 0) {
     end_type(e);
-    (void)printf(e->fmi == 2 ? "    <SimpleType name=\"%s\"><Enumeration>\n" : "    <EnumerationType name=\"%s\">\n", type);
+    (void)printf(
+        e->fmi == 2 ? "    <SimpleType name=\"%s\"><Enumeration>\n" : "    <EnumerationType name=\"%s\">\n",
+        type);
     e->open = type;
   }
   (void)printf("      <Item");
@@ -177,7 +185,9 @@ static void what_it_is(const fmu_variable *v, int32_t reference)
 {
   (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
   attribute("description", v->text);
-  attribute("causality", v->role == 'p' ? "parameter" : (v->role == 'i' ? "input" : (v->role == 'o' ? "output" : "independent")));
+  attribute("causality",
+      v->role == 'p' ? "parameter"
+                     : (v->role == 'i' ? "input" : (v->role == 'o' ? "output" : "independent")));
   attribute("variability", v->role == 'p' ? "fixed" : (v->kind == 'r' ? "continuous" : "discrete"));
   if (v->role == 'p' || v->role == 'o') attribute("initial", v->role == 'p' ? "exact" : "calculated");
 }
@@ -195,7 +205,8 @@ static void what_it_holds(const fmu_variable *v)
     attribute("min", number(v->start < v->lo ? v->start : v->lo));
     attribute("max", number(v->hi));
   }
-  if (v->role == 'p' || v->role == 'i') attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
+  if (v->role == 'p' || v->role == 'i')
+    attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
 }
 
 static void print_variable2(int32_t index)
@@ -208,7 +219,8 @@ static void print_variable2(int32_t index)
   (void)puts("/>\n    </ScalarVariable>");
 }
 
-/* FMI 3.0 has the variables of 2.0 with the same names and references, behind them arrays of some, and the time. */
+/* FMI 3.0 has the variables of 2.0 with the same names and references, behind them arrays
+ * of some, and the time. */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
   (void)printf("    <%s", type_name(v, 3));
@@ -229,7 +241,8 @@ static void print_outputs(const char *element, const char *dependencies)
 {
   (void)printf("    <%s>\n", element);
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].role == 'o') (void)printf("      <Unknown index=\"%d\"%s/>\n", (int)i + 1, dependencies);
+    if (fmu_variables[i].role == 'o')
+      (void)printf("      <Unknown index=\"%d\"%s/>\n", (int)i + 1, dependencies);
   (void)printf("    </%s>\n", element);
 }
 
@@ -262,19 +275,23 @@ static void print_middle(int fmi)
   (void)puts("  <ModelVariables>");
 }
 
-/* Outputs: what is set at a communication point is seen at the next. At the start they depend on parameters and inputs: on any of them. */
+/* Outputs: what is set at a communication point is seen at the next. At the start they
+ * depend on parameters and inputs: on any of them. */
 #define AT_STEPS " dependencies=\"\""
 #define AT_START ""
 
 static void print_model2(int files, char **file)
 {
   print_head(2);
-  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" canHandleVariableCommunicationStepSize=\"true\"\n"
-               "    canInterpolateInputs=\"%s\" maxOutputDerivativeOrder=\"0\" canRunAsynchronuously=\"false\"\n"
-               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canNotUseMemoryManagementFunctions=\"true\"\n"
-               "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" providesDirectionalDerivative=\"false\">\n"
-               "    <SourceFiles>\n",
-               fmu_about.identifier, takes_rates() ? "true" : "false");
+  (void)printf(
+      "  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" "
+      "canHandleVariableCommunicationStepSize=\"true\"\n"
+      "    canInterpolateInputs=\"%s\" maxOutputDerivativeOrder=\"0\" canRunAsynchronuously=\"false\"\n"
+      "    canBeInstantiatedOnlyOncePerProcess=\"false\" canNotUseMemoryManagementFunctions=\"true\"\n"
+      "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" "
+      "providesDirectionalDerivative=\"false\">\n"
+      "    <SourceFiles>\n",
+      fmu_about.identifier, takes_rates() ? "true" : "false");
   for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
   (void)puts("    </SourceFiles>\n  </CoSimulation>");
   print_middle(2);
@@ -295,15 +312,20 @@ static void print_unknowns(const char *element, const char *dependencies)
 static void print_model3(void)
 {
   print_head(3);
-  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" canHandleVariableCommunicationStepSize=\"true\"\n"
-               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\"\n"
-               "    providesDirectionalDerivatives=\"false\" providesAdjointDerivatives=\"false\" providesPerElementDependencies=\"false\"\n"
-               "    maxOutputDerivativeOrder=\"0\" providesIntermediateUpdate=\"false\" mightReturnEarlyFromDoStep=\"false\"\n"
+  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" "
+               "canHandleVariableCommunicationStepSize=\"true\"\n"
+               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canGetAndSetFMUState=\"true\" "
+               "canSerializeFMUState=\"true\"\n"
+               "    providesDirectionalDerivatives=\"false\" providesAdjointDerivatives=\"false\" "
+               "providesPerElementDependencies=\"false\"\n"
+               "    maxOutputDerivativeOrder=\"0\" providesIntermediateUpdate=\"false\" "
+               "mightReturnEarlyFromDoStep=\"false\"\n"
                "    canReturnEarlyAfterIntermediateUpdate=\"false\" hasEventMode=\"false\"/>\n",
-               fmu_about.identifier);
+      fmu_about.identifier);
   print_middle(3);
   for (int32_t i = 0; i < fmu_variable_count; i++) print_variable3(&fmu_variables[i], i, 1);
-  for (int32_t k = 0; k < fmu_array_count; k++) print_variable3(&fmu_arrays[k].of, fmu_variable_count + k, fmu_arrays[k].count);
+  for (int32_t k = 0; k < fmu_array_count; k++)
+    print_variable3(&fmu_arrays[k].of, fmu_variable_count + k, fmu_arrays[k].count);
   print_variable3(&fmu_time, fmu_variable_count + fmu_array_count, 1);
   (void)puts("  </ModelVariables>\n  <ModelStructure>");
   print_unknowns("Output", AT_STEPS);
@@ -315,9 +337,12 @@ static void print_model3(void)
 
 static void print_terminals(void)
 {
-  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiTerminalsAndIcons fmiVersion=\"3.0\">\n  <GraphicalRepresentation>\n"
-             "    <CoordinateSystem x1=\"-100\" y1=\"-100\" x2=\"100\" y2=\"100\" suggestedScalingFactorTo_mm=\"0.1\"/>\n"
-             "    <Icon x1=\"-100\" y1=\"-100\" x2=\"100\" y2=\"100\"/>\n  </GraphicalRepresentation>\n  <Terminals>");
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiTerminalsAndIcons fmiVersion=\"3.0\">\n  "
+             "<GraphicalRepresentation>\n"
+             "    <CoordinateSystem x1=\"-100\" y1=\"-100\" x2=\"100\" y2=\"100\" "
+             "suggestedScalingFactorTo_mm=\"0.1\"/>\n"
+             "    <Icon x1=\"-100\" y1=\"-100\" x2=\"100\" y2=\"100\"/>\n  </GraphicalRepresentation>\n  "
+             "<Terminals>");
   for (int32_t k = 0; k < fmu_terminal_count; k++) {
     const fmu_terminal *const t = &fmu_terminals[k];
     const size_t length = strlen(t->prefix);
@@ -329,9 +354,12 @@ static void print_terminals(void)
     (void)puts(">");
     for (int32_t i = 0; i < fmu_variable_count; i++) {
       const fmu_variable *const v = &fmu_variables[i];
-      if (v->role != t->role || v->kind != 'r' || strncmp(v->name, t->prefix, length) != 0 || strchr(v->name + length, '.')) continue;
-      (void)printf("      <TerminalMemberVariable variableName=\"%s\" memberName=\"%s\" variableKind=\"signal\"/>\n", v->name,
-                   v->name + length);
+      if (v->role != t->role || v->kind != 'r' || strncmp(v->name, t->prefix, length) != 0
+          || strchr(v->name + length, '.'))
+        continue;
+      (void)printf(
+          "      <TerminalMemberVariable variableName=\"%s\" memberName=\"%s\" variableKind=\"signal\"/>\n",
+          v->name, v->name + length);
     }
     (void)puts("    </Terminal>");
   }
@@ -354,8 +382,9 @@ static void print_definition(char *definition)
 static void print_build(char *definitions, const char *options, int files, char **file)
 {
   (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
-  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
-               fmu_about.identifier);
+  (void)printf(
+      "  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
+      fmu_about.identifier);
   attribute("compilerOptions", options);
   (void)puts(">");
   for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
@@ -383,7 +412,8 @@ static void code_row(void *to, const char *type, int32_t code, const char *name,
       (void)printf("%s%s", between, fmu_variables[i].name);
       between = ", ";
     }
-    (void)puts("</code></h3>\n<table class=\"codes\"><thead><tr><th>code</th><th>name</th><th>meaning</th></tr></thead>");
+    (void)puts("</code></h3>\n<table "
+               "class=\"codes\"><thead><tr><th>code</th><th>name</th><th>meaning</th></tr></thead>");
     *last = type;
   }
   (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
@@ -409,8 +439,9 @@ static void variable_row(const fmu_variable *v, int fmi, int32_t count)
   const size_t group = group_length(v->name);
   char size[16] = "";
   if (count > 1) (void)snprintf(size, sizeof size, "[%d]", (int)count);
-  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
-               v->name + group + (group > 0), type_name(v, fmi), size, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name,
+      group ? ".<wbr>" : "", v->name + group + (group > 0), type_name(v, fmi), size,
+      v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
   if (v->role != 'o') {
     const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
     (void)fputs("<td class=\"number\">", stdout);
@@ -430,13 +461,13 @@ static void print_variables(int fmi)
   static const struct {
     char role;
     const char *title, *id;
-  } roles[] = {
-    { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" }, { 'p', "Parameters", "parameters" }
-  };
+  } roles[] = { { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" },
+    { 'p', "Parameters", "parameters" } };
   const char *table = NULL;
   for (size_t k = 0; k < sizeof roles / sizeof roles[0]; k++) {
     const int ranges = roles[k].role != 'o';
-    (void)printf("<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr>", roles[k].id, roles[k].title);
+    (void)printf(
+        "<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr>", roles[k].id, roles[k].title);
     (void)printf("<th>name</th><th>type</th><th>unit</th>");
     (void)printf("%s<th>meaning</th></tr></thead>\n", ranges ? "<th>start</th><th>range</th>" : "");
     for (int32_t first = 0; first < fmu_variable_count; first++) {
@@ -447,7 +478,8 @@ static void print_variables(int fmi)
       (void)puts("<tbody>");
       const int length = (int)group_length(head->name);
       if (length > 0)
-        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, length, head->name);
+        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4,
+            length, head->name);
       for (int32_t i = first; i < fmu_variable_count; i++)
         if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i], fmi, 1);
       (void)puts("</tbody>");
@@ -455,7 +487,8 @@ static void print_variables(int fmi)
     (void)puts("</table>");
   }
   if (fmi == 3) {
-    (void)puts("<h3 id=\"arrays\">Arrays, and the time</h3>\n<table class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>"
+    (void)puts("<h3 id=\"arrays\">Arrays, and the time</h3>\n<table "
+               "class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>"
                "<th>meaning</th></tr></thead>\n<tbody>");
     for (int32_t k = 0; k < fmu_array_count; k++) variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
     (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", type_name(&fmu_time, fmi));
@@ -473,12 +506,14 @@ int main(int count, char **argument)
   if (strcmp(what, "model") == 0 && fmi == 2 && count > 3) print_model2(count - 3, argument + 3);
   else if (strcmp(what, "model") == 0 && fmi == 3 && count == 3) print_model3();
   else if (strcmp(what, "terminals") == 0 && count == 2) print_terminals();
-  else if (strcmp(what, "build") == 0 && count > 4) print_build(argument[2], argument[3], count - 4, argument + 4);
+  else if (strcmp(what, "build") == 0 && count > 4)
+    print_build(argument[2], argument[3], count - 4, argument + 4);
   else if (strcmp(what, "variables") == 0 && fmi && count == 3) print_variables(fmi);
   else {
-    (void)fputs("usage: describe model 2 FILE.c ... | describe model 3 | describe terminals | describe build NAME=VALUE,... OPTIONS FILE.c ... | "
+    (void)fputs("usage: describe model 2 FILE.c ... | describe model 3 | describe terminals | describe build "
+                "NAME=VALUE,... OPTIONS FILE.c ... | "
                 "describe variables 2|3\n",
-                stderr);
+        stderr);
     return 2;
   }
   return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;

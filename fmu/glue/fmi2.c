@@ -1,4 +1,5 @@
-/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation: its types and its names around what glue.c does. */
+/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation: its types and its names
+ * around what glue.c does. */
 #include <stdio.h>
 
 #include "fmi2Functions.h"
@@ -6,12 +7,14 @@
 
 typedef fmi2Status fmi_status;
 
-static void emit(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text)
+static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
+    const char *category, const char *text)
 {
   ((fmi2CallbackLogger)logger)(environment, name, (fmi2Status)status, category, text);
 }
 
-static const glue_api api = { "fmi2Terminate", "GUID", "FMUstate", "vr", "value", "Real", "Integer", "Boolean", 0, emit };
+static const glue_api api = { "fmi2Terminate", "GUID", "FMUstate", "vr", "value", "Real", "Integer",
+  "Boolean", 0, emit };
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
@@ -19,19 +22,21 @@ const char *fmi2GetVersion(void) { return fmi2Version; }
 /* -------------------------------------------------------------------------------------- life cycle */
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
-                              const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
+    const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
 {
   if (!callbacks) return NULL;
-  return glue_instantiate(&api, name, guid, type == fmi2CoSimulation ? NULL : "only co-simulation is supported",
-                          (glue_function *)callbacks->logger, callbacks->componentEnvironment, logging);
+  return glue_instantiate(&api, name, guid,
+      type == fmi2CoSimulation ? NULL : "only co-simulation is supported", (glue_function *)callbacks->logger,
+      callbacks->componentEnvironment, logging);
 }
 
 void fmi2FreeInstance(fmi2Component c) { glue_free(c); }
 
 GLUE_LIFE(fmi2)
 DOES(fmi2SetupExperiment,
-     (fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop, fmi2Real stop),
-     glue_setup(s, function, start, has_stop, stop))
+    (fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop,
+        fmi2Real stop),
+    glue_setup(s, function, start, has_stop, stop))
 DOES(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initialization(s, function))
 
 /* ------------------------------------------------------------------------------------------ values */
@@ -42,24 +47,28 @@ GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)
 
 /* No model has a String. */
-GLUE_ABSENT(fmi2GetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]), "String", nvr)
-GLUE_ABSENT(fmi2SetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]), "String", nvr)
+GLUE_ABSENT(fmi2GetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]),
+    "String", nvr)
+GLUE_ABSENT(fmi2SetString,
+    (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]), "String", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[],
-                                       const fmi2Real value[])
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
+    const fmi2Integer order[], const fmi2Real value[])
 {
   static const char function[] = "fmi2SetRealInputDerivatives";
   char text[FMU_TEXT];
   instance *const s = glue_instance_of(c);
   if (!s || !glue_allowed(s, GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (!glue_given(s, order, "order", function) || !glue_listed(s, vr, nvr, value, nvr, 'r', "Real", function)) return fmi2Error;
+  if (!glue_given(s, order, "order", function) || !glue_listed(s, vr, nvr, value, nvr, 'r', "Real", function))
+    return fmi2Error;
   for (size_t i = 0; i < nvr; i++) {
     const fmu_variable *const v = &fmu_variables[vr[i]];
     if (order[i] == 1 && v->rate != FMU_NO_RATE && value[i] - value[i] == 0.0) continue;
-    (void)snprintf(text, sizeof text, "%s takes no derivative of order %d and value %.10g", v->name, order[i], value[i]);
+    (void)snprintf(
+        text, sizeof text, "%s takes no derivative of order %d and value %.10g", v->name, order[i], value[i]);
     return (fmi2Status)glue_refuse(s, function, text);
   }
   for (size_t i = 0; i < nvr; i++) glue_set_rate(s, &fmu_variables[vr[i]], value[i]);
@@ -67,13 +76,15 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
 }
 
 DOES(fmi2GetRealOutputDerivatives,
-     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], fmi2Real value[]),
-     nvr == 0 ? GLUE_OK : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
+    (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], fmi2Real value[]),
+    nvr == 0 ? GLUE_OK
+             : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
 
 DOES(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
-     glue_step(s, function, time, step))
+    glue_step(s, function, time, step))
 DOES(fmi2CancelStep, (fmi2Component c), glue_refuse(s, function, "no step is ever pending"))
-/* Steps are done when fmi2DoStep returns, so there is nothing to ask but how far the simulation has got. */
+/* Steps are done when fmi2DoStep returns, so there is nothing to ask but how far the
+ * simulation has got. */
 static fmi2Status no_status(fmi2Component c, const char *function)
 {
   const instance *const s = glue_instance_of(c);
@@ -86,7 +97,8 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
 {
   const instance *const s = glue_instance_of(c);
   if (!s || !glue_given(s, value, "value", "fmi2GetRealStatus")) return fmi2Error;
-  if (kind != fmi2LastSuccessfulTime) return no_status(c, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is kept");
+  if (kind != fmi2LastSuccessfulTime)
+    return no_status(c, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is kept");
   *value = glue_time(s);
   return fmi2OK;
 }
@@ -116,9 +128,9 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2S
 }
 
 DOES(fmi2GetDirectionalDerivative,
-     (fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns, const fmi2ValueReference known_[], size_t knowns,
-      const fmi2Real dknown[], fmi2Real dunknown[]),
-     glue_refuse(s, function, "not provided (providesDirectionalDerivative is false)"))
+    (fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns, const fmi2ValueReference known_[],
+        size_t knowns, const fmi2Real dknown[], fmi2Real dunknown[]),
+    glue_refuse(s, function, "not provided (providesDirectionalDerivative is false)"))
 
 /* ------------------------------------------------------------------------------------------- state */
 

@@ -1,53 +1,61 @@
-/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation: its types and its names around what glue.c does. No event mode, no
- * clocks, no early return, no intermediate update: a step is a sample, and nothing happens between two of them. */
+/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation: its types and its names
+ * around what glue.c does. No event mode, no clocks, no early return, no intermediate
+ * update: a step is a sample, and nothing happens between two of them. */
 #include "fmi3Functions.h"
 #include "glue.h"
 
 typedef fmi3Status fmi_status;
 
 /* The importer knows by the environment which instance it is. */
-static void emit(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text)
+static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
+    const char *category, const char *text)
 {
   ((fmi3LogMessageCallback)logger)(environment, (fmi3Status)status, category, text);
 }
 
-static const glue_api api = { "fmi3Terminate", "instantiation token", "FMUState", "valueReferences", "values", "Float64", "Int32", "Boolean", 1, emit };
+static const glue_api api = { "fmi3Terminate", "instantiation token", "FMUState", "valueReferences", "values",
+  "Float64", "Int32", "Boolean", 1, emit };
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
 /* -------------------------------------------------------------------------------------- life cycle */
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
-                                         fmi3Boolean events, fmi3Boolean early_return, const fmi3ValueReference intermediate[],
-                                         size_t intermediates, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
-                                         fmi3IntermediateUpdateCallback update)
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
+    fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early_return,
+    const fmi3ValueReference intermediate[], size_t intermediates, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback logger, fmi3IntermediateUpdateCallback update)
 {
   const char *unsupported = NULL;
   if (events) unsupported = "eventModeUsed is true, and there is no event mode (hasEventMode is false)";
-  else if (intermediates > 0) unsupported = "requiredIntermediateVariables are asked for, and there are none (providesIntermediateUpdate is false)";
+  else if (intermediates > 0)
+    unsupported = "requiredIntermediateVariables are asked for, and there are none "
+                  "(providesIntermediateUpdate is false)";
   return glue_instantiate(&api, name, token, unsupported, (glue_function *)logger, environment, logging);
 }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
-                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
+fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources,
+    fmi3Boolean visible, fmi3Boolean logging, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback logger)
 {
-  return glue_instantiate(&api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
+  return glue_instantiate(
+      &api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
 }
 
-fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible,
-                                               fmi3Boolean logging, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger,
-                                               fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
-                                               fmi3UnlockPreemptionCallback unlock)
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token, fmi3String resources,
+    fmi3Boolean visible, fmi3Boolean logging, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback logger, fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
+    fmi3UnlockPreemptionCallback unlock)
 {
-  return glue_instantiate(&api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
+  return glue_instantiate(
+      &api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
 }
 
 void fmi3FreeInstance(fmi3Instance c) { glue_free(c); }
 
 GLUE_LIFE(fmi3)
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance, fmi3Float64 tolerance, fmi3Float64 start,
-                                       fmi3Boolean has_stop, fmi3Float64 stop)
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
+    fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
 {
   static const char function[] = "fmi3EnterInitializationMode";
   instance *const s = glue_instance_of(c);
@@ -76,18 +84,23 @@ NO_TYPE(UInt32)
 NO_TYPE(UInt64)
 NO_TYPE(String)
 GLUE_ABSENT(fmi3GetBinary,
-            (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[], size_t count), "Binary", count)
+    (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[],
+        size_t count),
+    "Binary", count)
 GLUE_ABSENT(fmi3SetBinary,
-            (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[], const fmi3Binary value[], size_t count),
-            "Binary", count)
-GLUE_ABSENT(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]), "Clock", nvr)
-GLUE_ABSENT(fmi3SetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[]), "Clock", nvr)
+    (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[],
+        const fmi3Binary value[], size_t count),
+    "Binary", count)
+GLUE_ABSENT(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]),
+    "Clock", nvr)
+GLUE_ABSENT(fmi3SetClock,
+    (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[]), "Clock", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
 /* What nobody wants to know may be NULL. */
-fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state, fmi3Boolean *event,
-                      fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state,
+    fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
   instance *const s = glue_instance_of(c);
   if (!s) return fmi3Error;
@@ -114,30 +127,35 @@ static const char no_dependencies[] = "not provided (providesPerElementDependenc
 static const char no_structure[] = "there are no structural parameters";
 
 DOES(fmi3GetOutputDerivatives,
-     (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[], size_t count),
-     nvr == 0 ? glue_none(s, count, function) : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
+    (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[],
+        size_t count),
+    nvr == 0 ? glue_none(s, count, function)
+             : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
 REFUSES(fmi3GetDirectionalDerivative,
-        (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[], size_t knowns,
-         const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities),
-        no_directional)
+    (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[],
+        size_t knowns, const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[],
+        size_t sensitivities),
+    no_directional)
 REFUSES(fmi3GetAdjointDerivative,
-        (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[], size_t knowns,
-         const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities),
-        no_adjoint)
-REFUSES(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference vr, size_t *count), no_dependencies)
+    (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[],
+        size_t knowns, const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[],
+        size_t sensitivities),
+    no_adjoint)
+REFUSES(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference vr, size_t *count),
+    no_dependencies)
 REFUSES(fmi3GetVariableDependencies,
-        (fmi3Instance c, fmi3ValueReference dependent, size_t elements[], fmi3ValueReference independents[], size_t of[],
-         fmi3DependencyKind kinds[], size_t count),
-        no_dependencies)
+    (fmi3Instance c, fmi3ValueReference dependent, size_t elements[], fmi3ValueReference independents[],
+        size_t of[], fmi3DependencyKind kinds[], size_t count),
+    no_dependencies)
 REFUSES(fmi3EnterConfigurationMode, (fmi3Instance c), no_structure)
 REFUSES(fmi3ExitConfigurationMode, (fmi3Instance c), no_structure)
 REFUSES(fmi3EnterEventMode, (fmi3Instance c), no_events)
 REFUSES(fmi3EnterStepMode, (fmi3Instance c), no_events)
 REFUSES(fmi3EvaluateDiscreteStates, (fmi3Instance c), no_events)
 REFUSES(fmi3UpdateDiscreteStates,
-        (fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals, fmi3Boolean *values, fmi3Boolean *has_next,
-         fmi3Float64 *next),
-        no_events)
+    (fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals, fmi3Boolean *values,
+        fmi3Boolean *has_next, fmi3Float64 *next),
+    no_events)
 
 /* Functions of clocks: about none of them there is nothing to do. */
 #define NO_CLOCK(name, ...)                                                                  \
@@ -150,13 +168,14 @@ NO_CLOCK(fmi3SetShiftFraction, const fmi3UInt64 counter[], const fmi3UInt64 reso
 NO_CLOCK(fmi3GetShiftDecimal, fmi3Float64 shift[])
 NO_CLOCK(fmi3SetIntervalDecimal, const fmi3Float64 interval[])
 NO_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
-NO_CLOCK(fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
+NO_CLOCK(
+    fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
 /* Model exchange. Some importers load these names without asking what the FMU is. */
 REFUSES(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
 REFUSES(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
 REFUSES(fmi3CompletedIntegratorStep,
-        (fmi3Instance c, fmi3Boolean no_earlier_state, fmi3Boolean *event, fmi3Boolean *terminate), no_exchange)
+    (fmi3Instance c, fmi3Boolean no_earlier_state, fmi3Boolean *event, fmi3Boolean *terminate), no_exchange)
 REFUSES(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), no_exchange)
 REFUSES(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 values[], size_t count), no_exchange)
 REFUSES(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)

@@ -18,7 +18,8 @@ static int is_setting(const char *name, const char *setting)
 const char *fmu_name_of(const char *setting)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].role == 'p' && is_setting(fmu_variables[i].name, setting)) return fmu_variables[i].name;
+    if (fmu_variables[i].role == 'p' && is_setting(fmu_variables[i].name, setting))
+      return fmu_variables[i].name;
   return setting;
 }
 

@@ -1,4 +1,5 @@
-/* fmu/glue/glue.c - what the functions of all versions of FMI do (glue.h), around any model of fmu_model.h. */
+/* fmu/glue/glue.c - what the functions of all versions of FMI do (glue.h), around any
+ * model of fmu_model.h. */
 #include <stdio.h>
 #include <string.h>
 
@@ -49,14 +50,16 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* The text goes out as it is, without arguments: not every importer formats it, so '%' and '#' must not be in it. */
-static void put(const glue_api *api, glue_function *logger, void *environment, const char *name, glue_status status, int category,
-                const char *text)
+/* The text goes out as it is, without arguments: not every importer formats it, so '%'
+ * and '#' must not be in it. */
+static void put(const glue_api *api, glue_function *logger, void *environment, const char *name,
+    glue_status status, int category, const char *text)
 {
   char clean[FMU_TEXT + 128];
   size_t i;
   if (!logger) return;
-  for (i = 0; text[i] && i < sizeof clean - 1; i++) clean[i] = (text[i] == '%' || text[i] == '#') ? '_' : text[i];
+  for (i = 0; text[i] && i < sizeof clean - 1; i++)
+    clean[i] = (text[i] == '%' || text[i] == '#') ? '_' : text[i];
   clean[i] = '\0';
   api->emit(logger, environment, name, status, categories[category], clean);
 }
@@ -74,7 +77,8 @@ glue_status glue_refuse(const instance *s, const char *function, const char *tex
   return GLUE_ERROR;
 }
 
-glue_status glue_debug_logging(instance *s, const char *function, int on, size_t count, const char *const names[])
+glue_status glue_debug_logging(
+    instance *s, const char *function, int on, size_t count, const char *const names[])
 {
   unsigned mask = 0;
   if (count > 0 && !glue_given(s, names, "categories", function)) return GLUE_ERROR;
@@ -134,7 +138,8 @@ static int counted(const instance *s, size_t values, size_t wanted, const char *
 {
   char text[FMU_TEXT];
   if (values == wanted) return 1;
-  (void)snprintf(text, sizeof text, "nValues is %lu, and the variables have %lu values", (unsigned long)values, (unsigned long)wanted);
+  (void)snprintf(text, sizeof text, "nValues is %lu, and the variables have %lu values",
+      (unsigned long)values, (unsigned long)wanted);
   (void)glue_refuse(s, function, text);
   return 0;
 }
@@ -155,18 +160,19 @@ static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
 }
 
-int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count, char kind, const char *type, const char *function)
+int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
+    char kind, const char *type, const char *function)
 {
   char text[FMU_TEXT];
   size_t wanted = 0;
-  if (!glue_given(s, vr, s->api->references, function) || !glue_given(s, value, s->api->values, function)) return 0;
+  if (!glue_given(s, vr, s->api->references, function) || !glue_given(s, value, s->api->values, function))
+    return 0;
   for (size_t i = 0; i < nvr; i++) {
     const fmu_variable *const v = glue_variable(s, vr[i]);
-    if (!v)
-      (void)snprintf(text, sizeof text, "unknown value reference %lu", (unsigned long)vr[i]);
+    if (!v) (void)snprintf(text, sizeof text, "unknown value reference %lu", (unsigned long)vr[i]);
     else if (!is_of_kind(s, v, kind))
-      (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s", (unsigned long)vr[i], v->name,
-                     kind_name(s, v->kind), type);
+      (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s",
+          (unsigned long)vr[i], v->name, kind_name(s, v->kind), type);
     else {
       wanted += (size_t)glue_elements(s, vr[i]);
       continue;
@@ -177,13 +183,17 @@ int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *
   return counted(s, count, wanted, function);
 }
 
-glue_status glue_none(const instance *s, size_t count, const char *function) { return counted(s, count, 0, function) ? GLUE_OK : GLUE_ERROR; }
+glue_status glue_none(const instance *s, size_t count, const char *function)
+{
+  return counted(s, count, 0, function) ? GLUE_OK : GLUE_ERROR;
+}
 
 /* -------------------------------------------------------------------------------------- values */
 
 static void *place(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
 
-/* Real variables of FMI are double; a model keeps parameters as tse_setting, all others as tse_real, of which fixed point has less. */
+/* Real variables of FMI are double; a model keeps parameters as tse_setting, all others
+ * as tse_real, of which fixed point has less. */
 static double get_number(glue_content *c, const fmu_variable *v, int32_t element)
 {
   if (v->role == 't') return c->phase & (GLUE_STEPPING | GLUE_TERMINATED) ? c->now : c->start;
@@ -192,7 +202,10 @@ static double get_number(glue_content *c, const fmu_variable *v, int32_t element
                         : tse_double_of(((tse_real *)place(c, v->offset))[element]);
 }
 
-static void set_real(glue_content *c, int32_t offset, double value) { *(tse_real *)place(c, offset) = tse_real_of(value); }
+static void set_real(glue_content *c, int32_t offset, double value)
+{
+  *(tse_real *)place(c, offset) = tse_real_of(value);
+}
 
 static void set_number(glue_content *c, const fmu_variable *v, double value)
 {
@@ -202,7 +215,10 @@ static void set_number(glue_content *c, const fmu_variable *v, double value)
 }
 
 double glue_get(instance *s, const fmu_variable *v, int32_t element) { return get_number(&s->c, v, element); }
-double glue_time(const instance *s) { return s->c.phase & (GLUE_STEPPING | GLUE_TERMINATED) ? s->c.now : s->c.start; }
+double glue_time(const instance *s)
+{
+  return s->c.phase & (GLUE_STEPPING | GLUE_TERMINATED) ? s->c.now : s->c.start;
+}
 
 void glue_set(instance *s, const fmu_variable *v, double value)
 {
@@ -220,16 +236,15 @@ void glue_was_set(instance *s)
 int glue_settable(const instance *s, const fmu_variable *v, double value, const char *function)
 {
   char text[FMU_TEXT], range[FMU_RANGE], phase[PHASE];
-  if (v->role == 't')
-    (void)snprintf(text, sizeof text, "%s is set by the steps", v->name);
-  else if (v->role == 'o')
-    (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
+  if (v->role == 't') (void)snprintf(text, sizeof text, "%s is set by the steps", v->name);
+  else if (v->role == 'o') (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
   else if (v->role == 'p' && !(s->c.phase & (GLUE_INSTANTIATED | GLUE_INITIALIZING)))
-    (void)snprintf(text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s, phase));
+    (void)snprintf(
+        text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s, phase));
   else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi) && value != v->start)
-    (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
-  else
-    return 1;
+    (void)snprintf(
+        text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
+  else return 1;
   (void)glue_refuse(s, function, text);
   return 0;
 }
@@ -259,18 +274,22 @@ static int refresh(instance *s, const char *function)
   return 1;
 }
 
-int glue_readable(instance *s, const char *function) { return s->c.phase != GLUE_INITIALIZING || refresh(s, function); }
+int glue_readable(instance *s, const char *function)
+{
+  return s->c.phase != GLUE_INITIALIZING || refresh(s, function);
+}
 
-instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported, glue_function *logger,
-                           void *environment, int logging)
+instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported,
+    glue_function *logger, void *environment, int logging)
 {
   const char *wrong = NULL;
   char text[FMU_TEXT];
   if (!name || !name[0]) wrong = "the instance name is missing";
   else if (unsupported) wrong = unsupported;
   else if (!token || strcmp(token, FMU_GUID) != 0) {
-    (void)snprintf(text, sizeof text, "the %s %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
-                   api->token, token ? token : "NULL", FMU_GUID);
+    (void)snprintf(text, sizeof text,
+        "the %s %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
+        api->token, token ? token : "NULL", FMU_GUID);
     wrong = text;
   }
   for (size_t i = 0; !wrong && i < FMU_INSTANCES; i++) {
@@ -287,8 +306,8 @@ instance *glue_instantiate(const glue_api *api, const char *name, const char *to
     return s;
   }
   if (!wrong) {
-    (void)snprintf(text, sizeof text, "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES",
-                   FMU_INSTANCES);
+    (void)snprintf(text, sizeof text,
+        "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES", FMU_INSTANCES);
     wrong = text;
   }
   put(api, logger, environment, name ? name : "", GLUE_ERROR, GLUE_LOG_ERROR, wrong);
@@ -354,19 +373,21 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return glue_refuse(s, function, text);
   }
-  /* Importers sum steps up in different ways: what is off by less than a hundredth of the step, or by
-   * what a double of that size can hold, is the same point. */
+  /* Importers sum steps up in different ways: what is off by less than a hundredth of the
+   * step, or by what a double of that size can hold, is the same point. */
   const double off = time - s->c.now, size = time < 0.0 ? -time : time;
   const double most = 0.01 * step + 1e-14 * size;
   if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
-    (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g", time, s->c.now);
+    (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g",
+        time, s->c.now);
     return glue_refuse(s, function, text);
   }
   const fmu_result result = model_step(&s->c.m, time, step, reason);
   if (result == FMU_ERROR) return glue_refuse(s, function, reason);
   s->c.now = time + step;
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].rate != FMU_NO_RATE) set_real(&s->c, fmu_variables[i].rate, 0.0); /* it was that of this point */
+    if (fmu_variables[i].rate != FMU_NO_RATE)
+      set_real(&s->c, fmu_variables[i].rate, 0.0); /* it was that of this point */
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
     (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
     glue_say(s, GLUE_WARNING, GLUE_LOG_WARNING, text);
@@ -392,8 +413,8 @@ static snapshot *free_snapshot(const instance *s, const char *function)
       snapshots[i].owner = s;
       return &snapshots[i];
     }
-  (void)snprintf(text, sizeof text, "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES",
-                 FMU_STATES);
+  (void)snprintf(text, sizeof text,
+      "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES", FMU_STATES);
   (void)glue_refuse(s, function, text);
   return NULL;
 }
@@ -432,8 +453,8 @@ glue_status glue_drop(const instance *s, const char *function, void **state)
   return GLUE_OK;
 }
 
-/* A serialized state: this frame, then the content. Machines with the same layout of `glue_content` and the same byte order
- * understand each other's. */
+/* A serialized state: this frame, then the content. Machines with the same layout of
+ * `glue_content` and the same byte order understand each other's. */
 typedef struct frame {
   uint32_t magic, format; /* the magic number also tells the byte order */
   uint64_t bytes;         /* of the content                             */
@@ -454,17 +475,19 @@ static uint64_t hash(const void *bytes, size_t count)
 
 glue_status glue_state_size(const instance *s, const char *function, const void *state, size_t *size)
 {
-  if (!glue_given(s, size, "size", function) || !glue_given(s, state, s->api->state, function) || !is_state(s, state, function))
+  if (!glue_given(s, size, "size", function) || !glue_given(s, state, s->api->state, function)
+      || !is_state(s, state, function))
     return GLUE_ERROR;
   *size = STATE_BYTES;
   return GLUE_OK;
 }
 
-glue_status glue_serialize(const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size)
+glue_status glue_serialize(
+    const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size)
 {
   frame f;
-  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function) ||
-      !is_state(s, state, function))
+  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function)
+      || !is_state(s, state, function))
     return GLUE_ERROR;
   if (size < STATE_BYTES) return glue_refuse(s, function, "the buffer is smaller than a saved state");
   memset(&f, 0, sizeof f);
@@ -484,19 +507,22 @@ static double kept(const fmu_variable *v, double edge)
   return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(edge)) : edge;
 }
 
-/* Whoever made the bytes, and their checksum: is this a state that this FMU could have been in? Outputs are not looked at, nothing
+/* Whoever made the bytes, and their checksum: is this a state that this FMU could have
+ * been in? Outputs are not looked at, nothing
  * depends on them.   Returned: wrong  the variable outside its range, if it is one */
 static int sound(glue_content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;
   if (c->phase != GLUE_INSTANTIATED && c->phase != GLUE_INITIALIZING && !ready) return 0;
-  if ((c->stale != 0 && c->stale != 1) || (ready && c->stale) || (c->phase == GLUE_INSTANTIATED && !c->stale)) return 0;
+  if ((c->stale != 0 && c->stale != 1) || (ready && c->stale) || (c->phase == GLUE_INSTANTIATED && !c->stale))
+    return 0;
   if (!(c->start - c->start == 0.0) || !(c->now - c->now == 0.0)) return 0;
   for (int32_t i = 0; i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const double value = get_number(c, v, 0);
     if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
-    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi)) && value != kept(v, v->start)) {
+    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi))
+        && value != kept(v, v->start)) {
       *wrong = v;
       return 0;
     }
@@ -504,27 +530,34 @@ static int sound(glue_content *c, const fmu_variable **wrong)
   return model_sound(&c->m, !c->stale);
 }
 
-glue_status glue_deserialize(const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state)
+glue_status glue_deserialize(
+    const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state)
 {
   frame f;
-  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function)) return GLUE_ERROR;
+  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function))
+    return GLUE_ERROR;
   if (size < sizeof f) return glue_refuse(s, function, "too short to be a saved state");
   memcpy(&f, bytes, sizeof f);
-  if (f.magic != STATE_MAGIC) return glue_refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
+  if (f.magic != STATE_MAGIC)
+    return glue_refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
   if (f.format != STATE_FORMAT || f.model != hash(MADE_OF, sizeof MADE_OF))
     return glue_refuse(s, function, "the state of another FMU, or of another version of this one");
   if (f.bytes != sizeof(glue_content) || size < STATE_BYTES)
     return glue_refuse(s, function, "the state has another size than this build's");
-  if (f.sum != hash(bytes + sizeof f, sizeof(glue_content))) return glue_refuse(s, function, "the state is damaged: its checksum differs");
+  if (f.sum != hash(bytes + sizeof f, sizeof(glue_content)))
+    return glue_refuse(s, function, "the state is damaged: its checksum differs");
   snapshot *const t = free_snapshot(s, function);
   if (!t) return GLUE_ERROR;
   memcpy(&t->c, bytes + sizeof f, sizeof(glue_content));
   const fmu_variable *wrong = NULL;
   if (!sound(&t->c, &wrong)) {
-    char text[FMU_TEXT] = "the state is not one that this FMU can be in: something in it is outside its range", range[FMU_RANGE];
+    char text[FMU_TEXT] =
+        "the state is not one that this FMU can be in: something in it is outside its range",
+         range[FMU_RANGE];
     if (wrong)
-      (void)snprintf(text, sizeof text, "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
-                     get_number(&t->c, wrong, 0), fmu_range(wrong, range));
+      (void)snprintf(text, sizeof text,
+          "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
+          get_number(&t->c, wrong, 0), fmu_range(wrong, range));
     give_back(&t->taken);
     return glue_refuse(s, function, text);
   }

@@ -1,8 +1,10 @@
-/* fmu/glue/glue.h - what all versions of FMI share: instances and their log, values, steps, saved states. fmi2.c and fmi3.c are the
- * functions of one version each, with its types and names; what they do is here.
+/* fmu/glue/glue.h - what all versions of FMI share: instances and their log, values,
+ * steps, saved states. fmi2.c and fmi3.c are the functions of one version each, with its
+ * types and names; what they do is here.
  *
- * Memory: a fixed pool of instances and of saved states; nothing is allocated. Different instances may be used in different threads at
- * once. A call that is refused (GLUE_ERROR) changes nothing, says why in the log, and leaves the instance as usable as it was. */
+ * Memory: a fixed pool of instances and of saved states; nothing is allocated. Different
+ * instances may be used in different threads at once. A call that is refused (GLUE_ERROR)
+ * changes nothing, says why in the log, and leaves the instance as usable as it was. */
 #ifndef GLUE_H
 #define GLUE_H
 
@@ -25,31 +27,34 @@ typedef enum glue_status {
   GLUE_OK,
   GLUE_WARNING,
   GLUE_DISCARD,
-  GLUE_ERROR
+  GLUE_ERROR,
 } glue_status;
 
 enum {
   GLUE_INSTANTIATED = 1,
   GLUE_INITIALIZING = 2,
   GLUE_STEPPING = 4,
-  GLUE_TERMINATED = 8
+  GLUE_TERMINATED = 8,
 };
 enum {
   GLUE_LOG_ERROR,
   GLUE_LOG_WARNING,
   GLUE_LOG_EVENT,
-  GLUE_LOG_CATEGORIES
+  GLUE_LOG_CATEGORIES,
 };
 
 typedef void glue_function(void); /* some logger: its version knows which */
 
 /* What a version of FMI calls things, and what it has. */
 typedef struct glue_api {
-  const char *terminate, *token, *state; /* function that ends a run; identity of a description; argument that is a saved state       */
-  const char *references, *values;       /* arguments: value references, values of variables                                           */
-  const char *real, *integer, *boolean;  /* types                                                                                      */
-  int extended;                          /* also the variables of fmu_arrays, and the time: value references behind fmu_variable_count */
-  void (*emit)(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text);
+  const char *terminate, *token,
+      *state; /* function that ends a run; identity of a description; argument that is a saved state       */
+  const char *references, *values;      /* arguments: value references, values of variables */
+  const char *real, *integer, *boolean; /* types */
+  int extended; /* also the variables of fmu_arrays, and the time: value references behind
+                 * fmu_variable_count */
+  void (*emit)(glue_function *logger, void *environment, const char *name, glue_status status,
+      const char *category, const char *text);
 } glue_api;
 
 typedef struct glue_content { /* what a saved state holds */
@@ -74,7 +79,8 @@ typedef struct instance {
 void glue_say(const instance *s, glue_status status, int category, const char *text);
 /* An error line "function: text".   Returned: GLUE_ERROR */
 glue_status glue_refuse(const instance *s, const char *function, const char *text);
-glue_status glue_debug_logging(instance *s, const char *function, int on, size_t count, const char *const names[]);
+glue_status glue_debug_logging(
+    instance *s, const char *function, int on, size_t count, const char *const names[]);
 
 /* ---- arguments: 1, or 0 when refused */
 
@@ -89,19 +95,21 @@ const fmu_variable *glue_variable(const instance *s, uint32_t vr);
 /* How many values it has. */
 int32_t glue_elements(const instance *s, uint32_t vr);
 
-/* The arguments fit together: all value references exist and are of this kind, which its version calls `type`, and there are `count` values
- * for them; kind 0: nothing is. */
-int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count, char kind, const char *type, const char *function);
+/* The arguments fit together: all value references exist and are of this kind, which its
+ * version calls `type`, and there are `count` values for them; kind 0: nothing is. */
+int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
+    char kind, const char *type, const char *function);
 
 /* A call about no variable: nothing to do, if it has no values either. */
 glue_status glue_none(const instance *s, size_t count, const char *function);
 
 /* ---- life cycle */
 
-/* Refused (NULL) when there is no free place, no name, another token, or `unsupported` says why.
+/* Refused (NULL) when there is no free place, no name, another token, or `unsupported`
+ * says why.
  *   Given:  logger  may be NULL */
-instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported, glue_function *logger,
-                           void *environment, int logging);
+instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported,
+    glue_function *logger, void *environment, int logging);
 void glue_free(const void *c);
 glue_status glue_setup(instance *s, const char *function, double start, int has_stop, double stop);
 glue_status glue_enter_initialization(instance *s, const char *function);
@@ -111,7 +119,8 @@ glue_status glue_reset(instance *s);
 /* The end of the last step, the start time before the first [s]. */
 double glue_time(const instance *s);
 
-/* Define a function of a version, whose status is fmi_status: what glue.c does, on an instance that is one. */
+/* Define a function of a version, whose status is fmi_status: what glue.c does, on an
+ * instance that is one. */
 #define DOES(name, arguments, call)                         \
   fmi_status name arguments                                 \
   {                                                         \
@@ -123,7 +132,8 @@ double glue_time(const instance *s);
 
 /* ---- values; checks of all values come first: a call that is refused sets none */
 
-/* In initialization mode: compute the outputs anew if something was set.   Returned: 0 when refused */
+/* In initialization mode: compute the outputs anew if something was set.   Returned: 0
+ * when refused */
 int glue_readable(instance *s, const char *function);
 /* May this variable be set now, to this value? */
 int glue_settable(const instance *s, const fmu_variable *v, double value, const char *function);
@@ -133,8 +143,10 @@ void glue_set(instance *s, const fmu_variable *v, double value);
 void glue_set_rate(instance *s, const fmu_variable *v, double rate);
 void glue_was_set(instance *s);
 
-/* Define the functions of a version that get and set values of a type, and refuse to where no variable has it.
- *   from_number, to_number  what becomes of `number`, a double, and what of value[i]; more, count  arguments behind the values, and how many
+/* Define the functions of a version that get and set values of a type, and refuse to
+ * where no variable has it.
+ *   from_number, to_number  what becomes of `number`, a double, and what of value[i];
+ *                           more, count  arguments behind the values, and how many
  *                           values they say there are */
 #define GLUE_TYPE(fmi, Type, kind, from_number, to_number, more, count)                                                            \
   fmi_status fmi##Get##Type(void *c, const fmi##ValueReference vr[], size_t nvr, fmi##Type value[] more)                           \
@@ -180,8 +192,10 @@ glue_status glue_save(const instance *s, const char *function, void **state);
 glue_status glue_restore(instance *s, const char *function, const void *state);
 glue_status glue_drop(const instance *s, const char *function, void **state);
 glue_status glue_state_size(const instance *s, const char *function, const void *state, size_t *size);
-glue_status glue_serialize(const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
-glue_status glue_deserialize(const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state);
+glue_status glue_serialize(
+    const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
+glue_status glue_deserialize(
+    const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state);
 
 /* Define the functions that all versions have. */
 #define GLUE_LIFE(fmi)                                                                                                                                   \

@@ -12,19 +12,21 @@
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build without particles is at least 12 kB smaller on a Cortex-M. It refuses the paper's filter. */
+/* A build without particles is at least 12 kB smaller on a Cortex-M. It refuses the
+ * paper's filter. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
 #else
 #define TSE_LAST_FORM 1
 #endif
 
-/* Settings, in SI units. Fill with tse_config_default(), then set the values of your car, at least the
- * mass. Where 0 is outside the range (mass, yaw inertia, stiffness), it means "not set". Effects of an
- * ordinary car are on (body_roll_gain, relaxation_length ...), the others are 0, off. Column
- * `estimator` of src/tables/effects.toml lists the effects of the default filter's model. */
+/* Settings, in SI units. Fill with tse_config_default(), then set the values of your car,
+ * at least the mass. Where 0 is outside the range (mass, yaw inertia, stiffness), it
+ * means "not set". Effects of an ordinary car are on (body_roll_gain, relaxation_length
+ * ...), the others are 0, off. Column `estimator` of src/tables/effects.toml lists the
+ * effects of the default filter's model. */
 typedef struct tse_config {
-  /* table: config_members */
+  // clang-format off: table config_members
   tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: not known, then no
                                                  * stiffness is valid */
   tse_setting yaw_inertia;                      /* [kg m2] 0, 10 .. 1000000; yaw moment of inertia about
@@ -346,12 +348,12 @@ typedef struct tse_config {
   int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: vel_x starts at the mean of the wheel
                                                  * speeds */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; form 1 */
-  /* end of table */
+  // clang-format on: end of table
 } tse_config;
 
 /* Uncertain parameters of car and model: k of tse_uncertainty_sd(). */
 enum {
-  /* table: considered */
+  // clang-format off: table considered
   TSE_CONSIDER_MASS,
   TSE_CONSIDER_INERTIA,
   TSE_CONSIDER_CENTRE,
@@ -367,7 +369,7 @@ enum {
   TSE_CONSIDER_ROLL_STEER,
   TSE_CONSIDER_RADIUS,
   TSE_CONSIDER_MODEL,
-  /* end of table */
+  // clang-format on: end of table
   TSE_UNCERTAINTIES
 };
 

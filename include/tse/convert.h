@@ -1,6 +1,7 @@
-/* tse/convert.h - convert double to the number format of the library and back. For programs around
- * the library, which does not include it. NaN stays NaN. A value beyond the fixed-point range becomes
- * the largest number, which tse_prepare() refuses and tse_step() refuses or takes as missing. */
+/* tse/convert.h - convert double to the number format of the library and back. For
+ * programs around the library, which does not include it. NaN stays NaN. A value beyond
+ * the fixed-point range becomes the largest number, which tse_prepare() refuses and
+ * tse_step() refuses or takes as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 

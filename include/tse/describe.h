@@ -1,5 +1,5 @@
-/* tse/describe.h - the tables of tse.h and simulate.h at run time, for bindings (Python, FMU). The
- * linker leaves them out of a program that does not call these functions. */
+/* tse/describe.h - the tables of tse.h and simulate.h at run time, for bindings (Python,
+ * FMU). The linker leaves them out of a program that does not call these functions. */
 #ifndef TSE_DESCRIBE_H
 #define TSE_DESCRIBE_H
 
@@ -27,25 +27,26 @@ typedef enum tse_struct {
   TSE_STRUCT_REPLAY_START,
   TSE_STRUCT_REPLAY_OUT,
   TSE_STRUCT_FORMULA_PLACE, /* src/tables/formula.toml */
-  TSE_STRUCT_FORMULA_OP, /* number of operands in `def`, kind as a letter n, s, p, m */
+  TSE_STRUCT_FORMULA_OP,    /* number of operands in `def`, kind as a letter n, s, p, m */
   TSE_STRUCTS
 } tse_struct;
 
 typedef struct tse_field {
   const char *name;
-  char kind;            /* 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code,
+  char kind;          /* 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code,
                          * 'p' array, 'o' array or NULL */
-  int32_t offset;       /* bytes from the start of the struct */
-  double def, lo, hi;   /* default and range; hi < lo where there is no range */
+  int32_t offset;     /* bytes from the start of the struct */
+  double def, lo, hi; /* default and range; hi < lo where there is no range */
   const char *unit;
   const char *text;
 } tse_field;
 
-/* Return the rows of one struct: the first row, *count rows, *size bytes of the struct. NULL if there
- * is no such struct. */
+/* Return the rows of one struct: the first row, *count rows, *size bytes of the struct.
+ * NULL if there is no such struct. */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
-/* One effect of src/tables/effects.toml.  bit: in tse_effects.mask.  hook: CONSTANT .. SENSOR. */
+/* One effect of src/tables/effects.toml.  bit: in tse_effects.mask.  hook: CONSTANT ..
+ *                                         SENSOR. */
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
   int32_t bit;
@@ -62,7 +63,8 @@ typedef struct tse_effect_parameter {
   double negligible;             /* smallest size worth naming; 0 for shapes */
 } tse_effect_parameter;
 
-/* Return the tables of src/tables/effects.toml: the first row, *count (if not NULL) rows. */
+/* Return the tables of src/tables/effects.toml: the first row, *count (if not NULL)
+ * rows. */
 const tse_effect_row *tse_describe_effects(int32_t *count);
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 

@@ -6,12 +6,12 @@
 
 #include "tse/real.h"
 
-/* A channel is missing if it is NaN or its bit is set in `missing`. Velocities, pedals and road are
- * used only if their bit is set in `given`. Begin with tse_input_default(). */
+/* A channel is missing if it is NaN or its bit is set in `missing`. Velocities, pedals
+ * and road are used only if their bit is set in `given`. Begin with tse_input_default(). */
 typedef struct tse_input {
-  tse_real dt;                 /* [s] (0, 3600]; time since the previous row; ignored until the first row
+  tse_real dt; /* [s] (0, 3600]; time since the previous row; ignored until the first row
                                 * with all inputs */
-  /* table: input_channels */
+  // clang-format off: table input_channels
   tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle,
                                 * positive left */
   tse_real wheel_speed_front;  /* [rad/s] -400 .. 400, else refused; mean rotation rate of the front
@@ -24,10 +24,10 @@ typedef struct tse_input {
                                 * positive left */
   tse_real yaw_rate;           /* [rad/s] -6 .. 6, else missing; yaw rate, positive left (counter-clockwise
                                 * from above) */
-  /* end of table */
-  uint32_t missing;            /* bits TSE_MISSING_accel_x of the channels above */
-  uint32_t given;              /* bits TSE_GIVEN_... of the optional channels below that are measured */
-  /* table: input_optional */
+  // clang-format on: end of table
+  uint32_t missing; /* bits TSE_MISSING_accel_x of the channels above */
+  uint32_t given;   /* bits TSE_GIVEN_... of the optional channels below that are measured */
+  // clang-format off: table input_optional
   tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or
                                 * an optical sensor */
   tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; velocity across the car, positive left */
@@ -44,33 +44,33 @@ typedef struct tse_input {
                                 * high > 0, in place of what the settings say of it */
   tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; whole slope of the road, uphill > 0,
                                 * in place of grade_angle */
-  /* end of table */
+  // clang-format on: end of table
 } tse_input;
 
 /* Channels, in the order of their bits in tse_input.missing. */
 enum {
-  /* table: channel_places */
+  // clang-format off: table channel_places
   TSE_CHANNEL_steer_angle,
   TSE_CHANNEL_wheel_speed_front,
   TSE_CHANNEL_wheel_speed_rear,
   TSE_CHANNEL_accel_x,
   TSE_CHANNEL_accel_y,
   TSE_CHANNEL_yaw_rate,
-  /* end of table */
+  // clang-format on: end of table
   TSE_CHANNELS
 };
-/* table: missing_bits */
+// clang-format off: table missing_bits
 #define TSE_MISSING_steer_angle (1u << TSE_CHANNEL_steer_angle)
 #define TSE_MISSING_wheel_speed_front (1u << TSE_CHANNEL_wheel_speed_front)
 #define TSE_MISSING_wheel_speed_rear (1u << TSE_CHANNEL_wheel_speed_rear)
 #define TSE_MISSING_accel_x (1u << TSE_CHANNEL_accel_x)
 #define TSE_MISSING_accel_y (1u << TSE_CHANNEL_accel_y)
 #define TSE_MISSING_yaw_rate (1u << TSE_CHANNEL_yaw_rate)
-/* end of table */
+// clang-format on: end of table
 
 /* Optional channels, in the order of their bits in tse_input.given. */
 enum {
-  /* table: optional_places */
+  // clang-format off: table optional_places
   TSE_OPTIONAL_ins_vel_x,
   TSE_OPTIONAL_ins_vel_y,
   TSE_OPTIONAL_gnss_speed,
@@ -80,10 +80,10 @@ enum {
   TSE_OPTIONAL_wheel_torque_rear,
   TSE_OPTIONAL_bank,
   TSE_OPTIONAL_grade,
-  /* end of table */
+  // clang-format on: end of table
   TSE_OPTIONALS
 };
-/* table: given_bits */
+// clang-format off: table given_bits
 #define TSE_GIVEN_ins_vel_x (1u << TSE_OPTIONAL_ins_vel_x)
 #define TSE_GIVEN_ins_vel_y (1u << TSE_OPTIONAL_ins_vel_y)
 #define TSE_GIVEN_gnss_speed (1u << TSE_OPTIONAL_gnss_speed)
@@ -93,7 +93,7 @@ enum {
 #define TSE_GIVEN_wheel_torque_rear (1u << TSE_OPTIONAL_wheel_torque_rear)
 #define TSE_GIVEN_bank (1u << TSE_OPTIONAL_bank)
 #define TSE_GIVEN_grade (1u << TSE_OPTIONAL_grade)
-/* end of table */
+// clang-format on: end of table
 #define TSE_VELOCITIES 4 /* number of velocities, the first optional channels */
 #define TSE_PEDALS 3     /* number of pedal channels, behind the velocities; then follows the road */
 #define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of velocities */

@@ -1,4 +1,5 @@
-/* tse/output.h - estimates after one row. The members follow from src/tables/output.toml. */
+/* tse/output.h - estimates after one row. The members follow from
+ * src/tables/output.toml. */
 #ifndef TSE_OUTPUT_H
 #define TSE_OUTPUT_H
 
@@ -7,37 +8,27 @@
 #include "tse/real.h"
 
 /* Index of a stiffness in tse_output and everywhere else. */
-enum {
-  TSE_CX_FRONT = 0,
-  TSE_CY_FRONT = 1,
-  TSE_CY_REAR = 2
-};
+enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
 
 /* Regimes: index of the probability of each in tse_output.regime. */
 enum {
-  /* table: regimes */
+  // clang-format off: table regimes
   TSE_REGIME_STEADY,    /* tyres as before */
   TSE_REGIME_CHANGED,   /* all tyres changed within the last 2 s: another road */
   TSE_REGIME_AXLE,      /* the tyres of one axle changed within the last 2 s */
   TSE_REGIME_FAULT,     /* a channel has an offset, is frozen or noisy */
   TSE_REGIME_SLIDING,   /* wheels lock or spin */
   TSE_REGIME_RESTARTED, /* all was started over within the last 2 s */
-  /* end of table */
+  // clang-format on: end of table
   TSE_REGIMES
 };
 
-enum {
-  TSE_CHANGE_NONE,
-  TSE_CHANGE_ROAD,
-  TSE_CHANGE_FRONT,
-  TSE_CHANGE_REAR,
-  TSE_CHANGE_RESTART
-};
+enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
 /* Stiffness is relative to the settings' nominal value, because N/rad exceeds the range of some number
  * formats. tse_stiffness_si() converts. */
 typedef struct tse_output {
-  /* table: output_members */
+  // clang-format off: table output_members
   tse_real stiffness[3];         /* [1] mean stiffness over the settings' nominal one, by TSE_CX_FRONT,
                                   * TSE_CY_FRONT, TSE_CY_REAR: of an axle, force over slip, or over its
                                   * kinematic slip angle, in steady driving at static load and no slip
@@ -94,7 +85,7 @@ typedef struct tse_output {
                                   * or implausible, behind them TSE_OPTIONAL_ */
   int32_t spread_seen[3];        /* 1: the spread is learnt, form 1; 0: the setting, or below what sensors
                                   * and excitation can show */
-  /* end of table */
+  // clang-format on: end of table
 } tse_output;
 
 #endif

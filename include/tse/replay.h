@@ -1,7 +1,9 @@
-/* tse/replay.h - simulate the other channels of a log from its steering angle and wheel speeds.
+/* tse/replay.h - simulate the other channels of a log from its steering angle and wheel
+ * speeds.
  *
- * Deterministic: constant stiffness and biases, no noise, effects of src/tables/effects.toml as the
- * settings switch them on. For fits, which call it thousands of times. Rules as in tse/tse.h. */
+ * Deterministic: constant stiffness and biases, no noise, effects of
+ * src/tables/effects.toml as the settings switch them on. For fits, which call it
+ * thousands of times. Rules as in tse/tse.h. */
 #ifndef TSE_REPLAY_H
 #define TSE_REPLAY_H
 
@@ -16,7 +18,7 @@ extern "C" {
 
 /* Arrays of `rows` values. */
 typedef struct tse_replay_log {
-  /* table: replay_log_members */
+  // clang-format off: table replay_log_members
   const tse_real *dt;                 /* [s] time since the row before, (0, 1]; of the first row not used */
   const tse_real *steer_angle;        /* [rad] mean road-wheel angle as logged, -1.2 .. 1.2 */
   const tse_real *wheel_speed_front;  /* [rad/s] mean rotation rate of the front wheels, -400 .. 400 */
@@ -32,11 +34,11 @@ typedef struct tse_replay_log {
   const tse_real *force_y;            /* [m/s2] or NULL; disturbing force over mass, to the left, seen by
                                        * the accelerometer */
   const tse_real *yaw_accel;          /* [rad/s2] or NULL; disturbing yaw moment over inertia */
-  /* end of table */
+  // clang-format on: end of table
 } tse_replay_log;
 
 typedef struct tse_replay_start {
-  /* table: replay_start_members */
+  // clang-format off: table replay_start_members
   tse_real cx_front;             /* [1] 1; longitudinal stiffness, share of nominal (rear follows as the
                                   * settings say) */
   tse_real cy_front;             /* [1] 1; front cornering stiffness, share of nominal */
@@ -54,11 +56,11 @@ typedef struct tse_replay_start {
                                   * wheel_torque_front */
   tse_real wheel_inertia_rear;   /* [kg m2] 2.4; rotational inertia of both rear wheels, for
                                   * wheel_torque_rear */
-  /* end of table */
+  // clang-format on: end of table
 } tse_replay_start;
 
 typedef struct tse_replay_out {
-  /* table: replay_out_members */
+  // clang-format off: table replay_out_members
   tse_real *accel_x;             /* [m/s2] as the IMU reads it, bias included, no noise */
   tse_real *accel_y;             /* [m/s2] as the IMU reads it, bias included, no noise */
   tse_real *yaw_rate;            /* [rad/s] as the IMU reads it, bias included, no noise */
@@ -68,7 +70,7 @@ typedef struct tse_replay_out {
   tse_real *wheel_torque_front;  /* [Nm] drive less brake torque that the front wheels need: slip force
                                   * times radius, and inertia */
   tse_real *wheel_torque_rear;   /* [Nm] drive less brake torque that the rear wheels need */
-  /* end of table */
+  // clang-format on: end of table
 } tse_replay_out;
 
 /* Fill s with the defaults.   s NULL: no effect. */
@@ -87,7 +89,7 @@ void tse_replay_start_default(tse_replay_start *s);
  *   Cost:      two evaluations of the model a row: 0.1 us without effects
  *   Source:    (1)-(4), (7), src/EQUATIONS.md */
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
-                      const tse_replay_out *out, int32_t *wrong);
+    const tse_replay_out *out, int32_t *wrong);
 
 #ifdef __cplusplus
 }

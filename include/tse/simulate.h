@@ -1,8 +1,9 @@
-/* tse/simulate.h - simulator for studies: the single-track model driven by wheel torques, with wheel
- * dynamics at 1 ms or finer, random stiffness in every row, sensor noise and drifting biases. With
- * `friction` tyre forces saturate, and wheels lock and spin. Effects of src/tables/effects.toml are on
- * if the vehicle's settings switch them on.
- * Rules as in tse/tse.h: the caller owns the memory, no globals, no pointers in the state. */
+/* tse/simulate.h - simulator for studies: the single-track model driven by wheel torques,
+ * with wheel dynamics at 1 ms or finer, random stiffness in every row, sensor noise and
+ * drifting biases. With `friction` tyre forces saturate, and wheels lock and spin.
+ * Effects of src/tables/effects.toml are on if the vehicle's settings switch them on.
+ * Rules as in tse/tse.h: the caller owns the memory, no globals, no pointers in the
+ * state. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
 
@@ -20,7 +21,7 @@ extern "C" {
 
 /* Settings of the simulator: unit, default, least .. most; meaning. */
 typedef struct tse_sim_config {
-  /* table: sim_members */
+  // clang-format off: table sim_members
   tse_setting wheel_inertia_front;              /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
                                                  * front wheels */
   tse_setting wheel_inertia_rear;               /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both
@@ -56,14 +57,14 @@ typedef struct tse_sim_config {
   int32_t hold_inputs;                          /* 0, 0 .. 1; 1: what the driver does at a row is held
                                                  * until the next; 0: it changes linearly between rows */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers */
-  /* end of table */
+  // clang-format on: end of table
 } tse_sim_config;
 
 /* Inputs of the driver at this row. Between rows they are linear, or held with `hold_inputs`. Road
  * level and friction are held until the next row. */
 typedef struct tse_sim_input {
-  tse_real dt;                 /* [s] (0, 1]; time since the previous row; ignored at the first row */
-  /* table: sim_input_members */
+  tse_real dt; /* [s] (0, 1]; time since the previous row; ignored at the first row */
+  // clang-format off: table sim_input_members
   tse_real steer_angle;        /* [rad] 0, -1.2 .. 1.2; road-wheel angle of the front axle, positive left */
   tse_real wheel_torque_front; /* [Nm] 0, -100000 .. 100000; drive torque of the front axle; negative turns
                                 * the wheels backwards */
@@ -80,12 +81,12 @@ typedef struct tse_sim_input {
                                 * setting bank_angle */
   tse_real grade;              /* [rad] 0, -0.35 .. 0.35; slope of the road, uphill > 0, besides the
                                 * setting grade_angle */
-  /* end of table */
+  // clang-format on: end of table
 } tse_sim_input;
 
 typedef struct tse_sim_output {
-  tse_input row;                /* the row that the car logs */
-  /* table: sim_output_members */
+  tse_input row; /* the row that the car logs */
+  // clang-format off: table sim_output_members
   tse_real vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real vel_y;               /* [m/s] lateral velocity of the centre of gravity */
   tse_real yaw_rate;            /* [rad/s] yaw rate */
@@ -98,7 +99,7 @@ typedef struct tse_sim_output {
   tse_real stiffness[3];        /* [1] mean stiffness now, relative to nominal */
   tse_real drawn[3];            /* [1] stiffness drawn for this row, relative to nominal */
   tse_real bias[3];             /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
-  /* end of table */
+  // clang-format on: end of table
 } tse_sim_output;
 
 /* A simulation, allocated by the caller as in tse/state.h. */

@@ -1,20 +1,20 @@
-/* tse/state.h - sizes of the structs that the caller allocates: static, on the stack or in a linker
- * section. Their members are internal (src/model/state.h); the caller sees bytes. They hold no
- * pointers: copying the struct copies the filter. */
+/* tse/state.h - sizes of the structs that the caller allocates: static, on the stack or
+ * in a linker section. Their members are internal (src/model/state.h); the caller sees
+ * bytes. They hold no pointers: copying the struct copies the filter. */
 #ifndef TSE_STATE_H
 #define TSE_STATE_H
 
 #include "tse/limits.h"
 #include "tse/real.h"
 
-/* Paper's filter: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed
- * order, so that bits do not depend on the vector width. Rows are padded to different cache sets:
- * power-of-two strides cost up to 14 %. */
+/* Paper's filter: sums over particles run in TSE_LANES interleaved partial sums, joined
+ * in a fixed order, so that bits do not depend on the vector width. Rows are padded to
+ * different cache sets: power-of-two strides cost up to 14 %. */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* Number of tse_real and tse_short in the structs. A build without measured velocities needs 1.9 kB
- * less RAM in float, and refuses rows that give one. */
+/* Number of tse_real and tse_short in the structs. A build without measured velocities
+ * needs 1.9 kB less RAM in float, and refuses rows that give one. */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
 #define TSE_FILTER_NUMBERS (364 + 7 * TSE_LATENCY_KEPT)
@@ -39,9 +39,9 @@
 #define TSE_EFFECT_NUMBERS 0
 #define TSE_EFFECT_BYTES 0
 #else
-/* table: effect_numbers */
+// clang-format off: table effect_numbers
 #define TSE_EFFECT_NUMBERS 67
-/* end of table */
+// clang-format on: end of table
 #define TSE_EFFECT_BYTES 40
 #endif
 
@@ -66,7 +66,8 @@ typedef struct tse_params_bytes {
 
 typedef struct tse_filter_bytes {
   tse_real first;
-  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + TSE_FILTER_WHOLE + TSE_LATENCY_BYTES + TSE_FILTER_PADDED * TSE_PADDING];
+  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short)
+      + TSE_FILTER_WHOLE + TSE_LATENCY_BYTES + TSE_FILTER_PADDED * TSE_PADDING];
 } tse_filter_bytes;
 
 typedef struct tse_paper_bytes {

@@ -1,4 +1,5 @@
-/* tse/status.h - status of a call, and reason of each stiffness. Codes and texts: src/tables/status.toml.
+/* tse/status.h - status of a call, and reason of each stiffness. Codes and texts:
+ * src/tables/status.toml.
  *
  *   negative  refused; nothing has changed, bit for bit
  *   zero      done
@@ -9,7 +10,7 @@
 #define TSE_STATUS_H
 
 typedef enum tse_status {
-  /* table: status_codes */
+  // clang-format off: table status_codes
   TSE_E_BUILD = -12,            /* this build rounds otherwise than the library is tested for: compile with
                                  * -ffp-contract=off, without -ffast-math */
   TSE_E_FORMAT = -11,           /* a setting leads to numbers that do not fit the fixed-point format of
@@ -45,13 +46,13 @@ typedef enum tse_status {
   TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle, or one
                                  * comes late; fault_channel says which, fault_factor how many times too
                                  * large it is */
-  /* end of table */
+  // clang-format on: end of table
   TSE_STATUS_END_
 } tse_status;
 
 /* Why a stiffness is not valid. An estimate is valid when its reason is TSE_VALID. */
 typedef enum tse_reason {
-  /* table: reason_codes */
+  // clang-format off: table reason_codes
   TSE_VALID = 0,                /* usable */
   TSE_STARTING = 1,             /* too little seen since the start */
   TSE_NOT_EXCITED = 2,          /* the recent inputs do not show this stiffness */
@@ -66,7 +67,7 @@ typedef enum tse_reason {
                                  * what is missing */
   TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle, or one
                                  * comes late (fault_channel, fault_factor) */
-  /* end of table */
+  // clang-format on: end of table
   TSE_REASON_END_
 } tse_reason;
 

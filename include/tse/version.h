@@ -1,4 +1,5 @@
-/* tse/version.h - semantic version; CMakeLists.txt and the Python package read it from here. */
+/* tse/version.h - semantic version; CMakeLists.txt and the Python package read it from
+ * here. */
 #ifndef TSE_VERSION_H
 #define TSE_VERSION_H
 #define TSE_VERSION_MAJOR 0

@@ -107,7 +107,7 @@ text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positi
         f"/* {asked.name}: the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} {asked.unit}. */\n"
         f"static inline {signature}\n{{\n{body}\n}}\n\n"
     )
-    before, mark, after = laws.read_text(encoding="utf-8").partition("/* table: ")
+    before, mark, after = laws.read_text(encoding="utf-8").partition("// clang-format off: table ")
     function, test = signature.split("(")[0].split()[-1], f"test_{asked.name}_does_what_its_equation_says"
     line = f"| {asked.name} | write it | `{function}` in src/model/{laws.name} | `{test}` |\n"
     text = equations.read_text(encoding="utf-8")

@@ -13,20 +13,21 @@ int main(void) /* log.csv in, stiffness of the front tyres at its end out */
   const char *wrong;
   char line[512];
   double before = NAN;
-  tse_config_default(&c);          /* every setting, of an ordinary car: include/tse/config.h */
-  c.mass = 1900;                   /* your car; without a mass no stiffness is valid */
+  tse_config_default(&c); /* every setting, of an ordinary car: include/tse/config.h */
+  c.mass = 1900;          /* your car; without a mass no stiffness is valid */
   c.lf = 1.25;
   c.lr = 1.5;
   c.wheel_radius_front = c.wheel_radius_rear = 0.33;
-  c.driven_axle = 0;               /* 1 front, 2 rear, 0 both or unknown */
+  c.driven_axle = 0; /* 1 front, 2 rear, 0 both or unknown */
   if (tse_prepare(&c, &p, &wrong) < 0) return fprintf(stderr, "%s is outside its range\n", wrong), 2;
-  tse_reset(&p, &f, sizeof f);     /* the caller owns all memory */
+  tse_reset(&p, &f, sizeof f); /* the caller owns all memory */
   tse_input_default(&u);
-  double *const channel[] = { &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear, &u.accel_x, &u.accel_y, &u.yaw_rate };
+  double *const channel[] = { &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear, &u.accel_x,
+    &u.accel_y, &u.yaw_rate };
   while (fgets(line, sizeof line, stdin)) { /* time, then the channels in this order; SI units, ISO 8855 */
     char *end, *cell = line;
     const double time = strtod(cell, &end);
-    if (end == cell) continue;     /* the header */
+    if (end == cell) continue; /* the header */
     for (int i = 0; i < 6; i++) {
       cell = end + (*end == ',');
       *channel[i] = strtod(cell, &end);
@@ -39,5 +40,6 @@ int main(void) /* log.csv in, stiffness of the front tyres at its end out */
   if (isnan(before)) return fputs("no row was used\n", stderr), 2;
   tse_setting mean[3], sd[3];
   tse_stiffness_si(&c, &y, mean, sd, NULL);
-  printf("%.0f +- %.0f N/rad: %s\n", mean[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT], tse_reason_text(y.reason[TSE_CY_FRONT]));
+  printf("%.0f +- %.0f N/rad: %s\n", mean[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT],
+      tse_reason_text(y.reason[TSE_CY_FRONT]));
 }

@@ -10,17 +10,22 @@ int main(void) /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
   tse_setting k[3], sd[3];
   double time;
   int cells, row = 2; /* the first is the header */
-  tse_config_default(&c); /* ordinary: 132 +- 25 kN/rad. Python calibrates it on the log: 114 +- 14; true: 120 */
+  tse_config_default(
+      &c); /* ordinary: 132 +- 25 kN/rad. Python calibrates it on the log: 114 +- 14; true: 120 */
   c.mass = 1900, c.lf = 1.25, c.lr = 1.5, c.wheel_radius_front = c.wheel_radius_rear = 0.33;
   tse_input_default(&u);
-  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0) return 1; /* header */
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0)
+    return 1; /* header */
   while ((cells = scanf("%lf,%lf,%lf,%lf,%lf,%lf,%lf%*[^\n]", &time, &u.steer_angle, &u.wheel_speed_front,
-                        &u.wheel_speed_rear, &u.accel_x, &u.accel_y, &u.yaw_rate)) == 7) {
-    if (tse_step(&p, &f, &u, &y) < 0) return fprintf(stderr, "row %d: %s\n", row, tse_status_text(y.status)), 1;
+              &u.wheel_speed_rear, &u.accel_x, &u.accel_y, &u.yaw_rate))
+      == 7) {
+    if (tse_step(&p, &f, &u, &y) < 0)
+      return fprintf(stderr, "row %d: %s\n", row, tse_status_text(y.status)), 1;
     row++; /* a status above 0 is a caution, and no word on use */
   }
   if (cells != EOF) return fprintf(stderr, "row %d, cell %d: empty, or no number\n", row, cells + 1), 1;
   tse_stiffness_si(&c, &y, k, sd, NULL);
-  printf("front cornering stiffness %.0f +- %.0f N/rad (95 %%), %s%s\n", k[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT],
-         y.reason[TSE_CY_FRONT] == TSE_VALID ? "" : "do not use: ", tse_reason_text(y.reason[TSE_CY_FRONT]));
+  printf("front cornering stiffness %.0f +- %.0f N/rad (95 %%), %s%s\n", k[TSE_CY_FRONT],
+      1.96 * sd[TSE_CY_FRONT],
+      y.reason[TSE_CY_FRONT] == TSE_VALID ? "" : "do not use: ", tse_reason_text(y.reason[TSE_CY_FRONT]));
 }

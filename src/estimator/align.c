@@ -1,14 +1,18 @@
-/* estimator/align.c - channels that are logged at different times become one row of one time (settings ..._latency).
+/* estimator/align.c - channels that are logged at different times become one row of one
+ * time (settings ..._latency).
  *
- * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L; a row is of
- * that time, or of that of the row of accel_x before it (prepare.c). Channel c is then read from the rows kept, latency_age_c
- * before now, by linear interpolation; steps are as long as the rows are apart.
+ * With L the latest channel's latency, 0 if none is late, the newest time at which all
+ * channels are known is now - L; a row is of that time, or of that of the row of accel_x
+ * before it (prepare.c). Channel c is then read from the rows kept, latency_age_c before
+ * now, by linear interpolation; steps are as long as the rows are apart.
  *
- * White noise that is interpolated between two rows, w and 1 - w, has the variance w^2 + (1 - w)^2, and what the rows lose of it,
- * 2 w (1 - w), they have in common with their neighbours: at low frequencies, of which stiffness and biases are learnt, it is as
- * large as before. So the sd of a channel stays what it is without: with the smaller variance a filter that takes rows for
- * independent is too sure, and takes what they have in common for a disturbance. The default form, which finds the noise of a
- * channel from its rows, takes in what they lost. */
+ * White noise that is interpolated between two rows, w and 1 - w, has the variance w^2 +
+ * (1 - w)^2, and what the rows lose of it, 2 w (1 - w), they have in common with their
+ * neighbours: at low frequencies, of which stiffness and biases are learnt, it is as
+ * large as before. So the sd of a channel stays what it is without: with the smaller
+ * variance a filter that takes rows for independent is too sure, and takes what they have
+ * in common for a disturbance. The default form, which finds the noise of a channel from
+ * its rows, takes in what they lost. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -22,7 +26,8 @@
 static int32_t older(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
 static int32_t newer(int32_t at) { return at + 1 < TSE_LATENCY_ROWS ? at + 1 : 0; }
 
-/* Append a row to the ring, `before` seconds after the one kept last. A value out of range is stored as missing. */
+/* Append a row to the ring, `before` seconds after the one kept last. A value out of
+ * range is stored as missing. */
 static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
   const int32_t at = m->count > 0 ? newer(m->newest) : 0;
@@ -53,9 +58,12 @@ static int reaches(const tse_params *p, const tse_alignment *m)
 }
 
 /* Find the value of channel c beside a row that lacks it, away from one that has it.
- *   Given:    at  that row    back  1 towards older rows, 0 newer    rows  that there are on that side
- *   Updated:  apart  [s] how far the row that has it is; then the one found    Returned: 1 and *value, or 0: none within HOLE */
-static int known_beyond(const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
+ *   Given:    at  that row    back  1 towards older rows, 0 newer    rows  that there are
+ *                                   on that side
+ *   Updated:  apart  [s] how far the row that has it is; then the one found    Returned:
+ *                    1 and *value, or 0: none within HOLE */
+static int known_beyond(
+    const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
 {
   for (int32_t n = 0; n < rows; n++) {
     const int32_t next = back ? older(at) : newer(at);
@@ -69,27 +77,32 @@ static int known_beyond(const tse_alignment *m, int c, int32_t at, int back, int
   return 0;
 }
 
-/* Interpolate channel c between row `at`, n - 1 older than the newest, and the one before it. Where one of the two lacks it the nearer one
- * speaks for it: a channel that comes in every second row is known as often, and at its time.
+/* Interpolate channel c between row `at`, n - 1 older than the newest, and the one before
+ * it. Where one of the two lacks it the nearer one speaks for it: a channel that comes in
+ * every second row is known as often, and at its time.
  *   Given: share  of the newer one     Returned: as logged() */
-static int between_rows(const tse_alignment *m, int c, int32_t at, int32_t n, tse_real share, tse_real *value, tse_real *lost)
+static int between_rows(
+    const tse_alignment *m, int c, int32_t at, int32_t n, tse_real share, tse_real *value, tse_real *lost)
 {
-  const int32_t from = older(at), back = share > TSE_R(0.5), here = back ? at : from, there = back ? from : at;
+  const int32_t from = older(at), back = share > TSE_R(0.5), here = back ? at : from,
+                there = back ? from : at;
   const int both = ((m->missing[from] | m->missing[at]) & 1u << c) == 0;
   tse_real a = m->value[from][c], b = m->value[at][c], apart = m->before[at];
   if (!both) {
     if ((m->missing[here] & 1u << c) != 0) return 0;
     share = back ? TSE_R(1) - share : share;
     a = b = m->value[here][c];
-    share = known_beyond(m, c, there, back, back ? m->count - 1 - n : n - 1, &apart, &b) ? r_mul(share, r_div(m->before[at], apart)) : TSE_R(0);
+    share = known_beyond(m, c, there, back, back ? m->count - 1 - n : n - 1, &apart, &b)
+        ? r_mul(share, r_div(m->before[at], apart))
+        : TSE_R(0);
   }
   *lost = r_mul(r_mul(TSE_R(2), share), TSE_R(1) - share);
   *value = r_clamp(a + r_mul(share, b - a), r_min(a, b), r_max(a, b));
   return 1;
 }
 
-/* Interpolate channel c to `age` before the newest row.
- * Returned: 1 known, 0 missing: *value is then 0; *lost: share of the noise variance that interpolation removes */
+/* Interpolate channel c to `age` before the newest row. Returned: 1 known, 0 missing:
+ * *value is then 0; *lost: share of the noise variance that interpolation removes */
 static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, tse_real *lost)
 {
   tse_real later = TSE_R(0);
@@ -97,7 +110,8 @@ static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, 
   *lost = *value = TSE_R(0);
   for (int32_t n = 1; n < m->count && later + SAME_TIME < age; n++) {
     const tse_real next = later + m->before[at];
-    if (age + SAME_TIME < next) return between_rows(m, c, at, n, r_div(next - age, m->before[at]), value, lost);
+    if (age + SAME_TIME < next)
+      return between_rows(m, c, at, n, r_div(next - age, m->before[at]), value, lost);
     later = next;
     at = older(at);
   }
@@ -109,7 +123,8 @@ static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, 
 static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {
   tse_real lost[TSE_CHANNELS];
-  row->dt = m->since > TSE_R(0) ? m->since : p->sample_time; /* the latter in the first row, where it does not count */
+  row->dt = m->since > TSE_R(0) ? m->since
+                                : p->sample_time; /* the latter in the first row, where it does not count */
   row->missing = 0;
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     tse_real x;
@@ -117,7 +132,8 @@ static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, t
     memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
   }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  row->given = u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late), and
+  row->given =
+      u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late), and
                           * a road changes little over 0.2 s */
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);

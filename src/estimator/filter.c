@@ -2,8 +2,10 @@
  *
  * Which form of the filter runs is a setting:
  *   0  the car's Kalman filter          filter/step.c
- *   1  the paper's particle filter      paper/algorithm1.c and the files it calls, one for each stage of Algorithm 1
- * Common to them: align.c (channels that are logged late), input.c (a row becomes a checked sample), start.c. */
+ *   1  the paper's particle filter      paper/algorithm1.c and the files it calls, one
+ *                                       for each stage of Algorithm 1
+ * Common to them: align.c (channels that are logged late), input.c (a row becomes a
+ * checked sample), start.c. */
 #include "filter/filter.h"
 #include "tables/columns.h"
 #include "paper/paper.h"
@@ -51,7 +53,8 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   now->status = (int32_t)TSE_W_WAITING;
 }
 
-/* Keep the row where channels are logged late, and step to the newest time at which all are known, if that is new. */
+/* Keep the row where channels are logged late, and step to the newest time at which all
+ * are known, if that is new. */
 static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   tse_input row;

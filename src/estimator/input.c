@@ -1,4 +1,5 @@
-/* estimator/input.c - a log row becomes a checked sample. Every refusal of a row happens here, before anything changes. */
+/* estimator/input.c - a log row becomes a checked sample. Every refusal of a row happens
+ * here, before anything changes. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -16,7 +17,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
     if (wrong) *wrong = "dt";
     return TSE_E_TIME;
   }
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) { /* what is measured is missing out of its range, not refused */
+  for (int k = 0; k < (int)TSE_CHANNELS;
+      k++) { /* what is measured is missing out of its range, not refused */
     const channel_row *const row = &channel_rows[k];
     const tse_real x = channel_at(u, row);
     if (!row->drives || is_missing(u, 1u << k, x) || channel_holds(row, x)) continue;

@@ -10,15 +10,18 @@
 #include "tables/rows.h"
 #include "tables/config.h"
 
-/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the
- * sample time before any is left out (28 of 30 rows at their most). */
+/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows
+ * that come up to 7 % closer than the sample time before any is left out (28 of 30 rows
+ * at their most). */
 #define ROWS_TO_SPARE 4
 #define NO_LIMIT TSE_R(1000000) /* of a spread, squared */
 #define STANDARD_GRAVITY TSE_S(9.81) /* m/s2: GRAVITY of model/laws.h, in the format of settings */
 #define LEAST_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
 #define SHORTEST_RELAXATION TSE_S(0.05) /* m: numerics; at 10 m/s a shorter one is over within a substep */
-#define LEAST_RADIUS_SD TSE_R(0.002) /* 1: pressure and temperature change radii so much; a quarter of it is half the slip of a steady drive */
-#define ROLLING_USUAL TSE_S(0.01) /* 1: rolling resistance of an axle that rolls freely, where the setting has none */
+#define LEAST_RADIUS_SD TSE_R(0.002) /* 1: pressure and temperature change radii so much; a quarter of it
+                                      * is half the slip of a steady drive */
+#define ROLLING_USUAL TSE_S(0.01) /* 1: rolling resistance of an axle that rolls freely, where the setting
+                                   * has none */
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
@@ -31,22 +34,37 @@ void tse_config_exact(tse_config *c)
 {
   if (!c) return;
   tse_config_default(c);
-  for (size_t i = 0; i < sizeof exact / sizeof exact[0]; i++) memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
+  for (size_t i = 0; i < sizeof exact / sizeof exact[0]; i++)
+    memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
 }
 
 /* Return a stiffness: as it is set, or that of the class under the load of its axle.
- *   Given: share  stiffness over load      other_axle  [m] from the centre of gravity to it */
-static tse_setting stiffness_of(const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
+ *   Given: share  stiffness over load      other_axle  [m] from the centre of gravity to
+ *                                                      it */
+static tse_setting stiffness_of(
+    const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
 {
   const tse_setting mass = c->mass > 0 ? c->mass : TSE_S(CLASS_MASS);
   const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(mass, c->lf + c->lr));
   return as_set > 0 ? as_set : r_mul(share, r_mul(weight, other_axle));
 }
 
-static tse_setting cornering_front(const tse_config *c) { return stiffness_of(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr); }
-static tse_setting cornering_rear(const tse_config *c) { return stiffness_of(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf); }
-static tse_setting longitudinal_front(const tse_config *c) { return stiffness_of(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr); }
-static tse_setting longitudinal_rear(const tse_config *c) { return stiffness_of(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf); }
+static tse_setting cornering_front(const tse_config *c)
+{
+  return stiffness_of(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr);
+}
+static tse_setting cornering_rear(const tse_config *c)
+{
+  return stiffness_of(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf);
+}
+static tse_setting longitudinal_front(const tse_config *c)
+{
+  return stiffness_of(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr);
+}
+static tse_setting longitudinal_rear(const tse_config *c)
+{
+  return stiffness_of(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf);
+}
 
 void tse_config_complete(tse_config *c)
 {
@@ -68,10 +86,10 @@ void tse_config_paper(tse_config *c)
   tse_config_exact(c);
   c->form = 1;
   c->exact_kinematics_share = TSE_S(0); /* of who simulates the paper's car: (1)-(4) */
-  c->initial_spread = TSE_S(0.3); /* one reading of "30 %": of the mean and from sample to sample */
+  c->initial_spread = TSE_S(0.3);       /* one reading of "30 %": of the mean and from sample to sample */
   c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20);   /* as large as it may be: w is free */
+  c->stiffness_max = TSE_S(20); /* as large as it may be: w is free */
 }
 
 void tse_config_robust(tse_config *c)
@@ -119,11 +137,13 @@ static uint64_t effects_on(const tse_config *c)
 /* Unpack the operations of a formula of the user, a byte each. */
 static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 {
-  for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)whole_at(c, &wholes[FIRST_WHOLE_FORMULA + 1 + k / 3]) >> (8 * (k % 3))) & 0xffu);
+  for (int k = 0; k < TSE_FORMULA_OPS; k++)
+    code[k] = (uint8_t)(((uint32_t)whole_at(c, &wholes[FIRST_WHOLE_FORMULA + 1 + k / 3]) >> (8 * (k % 3)))
+        & 0xffu);
 }
 
-/* Return whether a formula that is on ends with one value, and never takes more than there is or holds more than there is room
- * for. */
+/* Return whether a formula that is on ends with one value, and never takes more than
+ * there is or holds more than there is room for. */
 static int formula_fits(const tse_config *c)
 {
 #if defined(TSE_FORMULA) /* compiled in: there is no other */
@@ -162,7 +182,10 @@ static tse_status latencies_fit(const tse_config *c, const char **wrong)
   return TSE_OK;
 }
 
-static void prepare_latencies(const tse_config *c, tse_params *p) { p->velocity_late = real_of(c->velocity_latency); }
+static void prepare_latencies(const tse_config *c, tse_params *p)
+{
+  p->velocity_late = real_of(c->velocity_latency);
+}
 #else
 /* Latency of each channel: of all but the last, the yaw rate, which is the clock. */
 static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
@@ -171,16 +194,18 @@ static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
   latency[TSE_CHANNEL_yaw_rate] = 0;
 }
 
-/* When a row is read: its time is `age` before the newest row, the earliest channel `span` before it. */
+/* When a row is read: its time is `age` before the newest row, the earliest channel
+ * `span` before it. */
 typedef struct reading_time {
   tse_setting age, span;
   int earliest, latest;
 } reading_time;
 
-/* Find when a row is read: not before all channels are known, and then at a row of accel_x, if rows are sample_time apart:
- * interpolated noise is in neighbours, too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and
- * was taken for a disturbance. Noise of accel_y and gyro does neither (tests/lab/test_latency.py). Where all three are one IMU
- * none is interpolated then. */
+/* Find when a row is read: not before all channels are known, and then at a row of
+ * accel_x, if rows are sample_time apart: interpolated noise is in neighbours, too, vel_x
+ * follows it, and half a row of it moved the longitudinal stiffness by 8 % and was taken
+ * for a disturbance. Noise of accel_y and gyro does neither (tests/lab/test_latency.py).
+ * Where all three are one IMU none is interpolated then. */
 static reading_time reading_time_of(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
   reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
@@ -190,15 +215,16 @@ static reading_time reading_time_of(const tse_config *c, const tse_setting laten
   }
   if (r.earliest == r.latest) return r;
   const tse_setting rows = r_div(latency[r.latest] - latency[TSE_CHANNEL_accel_x], c->sample_time);
-  const int32_t whole = r_floor_to_int(rows + TSE_S(0.999)); /* 3.001 are 3: as little as decimals are rounded by */
+  const int32_t whole = r_floor_to_int(
+      rows + TSE_S(0.999)); /* 3.001 are 3: as little as decimals are rounded by */
   r.age = latency[TSE_CHANNEL_accel_x] + r_mul(r_from_int(whole), c->sample_time);
   if (r.age < latency[r.latest]) r.age = latency[r.latest];
   r.span = r.age - latency[r.earliest];
   return r;
 }
 
-/* Return whether the filter keeps enough rows for the channels to wait for each other. *wrong: the one that is furthest from the
- * gyro. */
+/* Return whether the filter keeps enough rows for the channels to wait for each other.
+ * *wrong: the one that is furthest from the gyro. */
 static tse_status latencies_fit(const tse_config *c, const char **wrong)
 {
   const tse_setting most = r_mul(r_from_int(TSE_LATENCY_ROWS - ROWS_TO_SPARE), c->sample_time);
@@ -206,7 +232,8 @@ static tse_status latencies_fit(const tse_config *c, const char **wrong)
   latencies_of(c, latency);
   const reading_time r = reading_time_of(c, latency);
   if (!(r.span > r_mul(most, TSE_S(1.0001)))) return TSE_OK; /* 28 times 0.01 is rounded */
-  if (wrong) *wrong = reals[FIRST_LATENCY + (latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest)].name;
+  if (wrong)
+    *wrong = reals[FIRST_LATENCY + (latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest)].name;
   return TSE_E_CONFIG;
 }
 
@@ -224,7 +251,8 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
 }
 #endif
 
-/* Return the first setting that is not set and whose value of the class is outside its range; NULL: none. */
+/* Return the first setting that is not set and whose value of the class is outside its
+ * range; NULL: none. */
 static const char *class_outside(const tse_config *c)
 {
   tse_config whole = *c;
@@ -254,7 +282,8 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
   return latencies_fit(c, wrong);
 }
 
-/* Mix a word into the FNV-1a fingerprint that detects a filter reset with other parameters. */
+/* Mix a word into the FNV-1a fingerprint that detects a filter reset with other
+ * parameters. */
 static uint32_t mix(uint32_t h, uint32_t word)
 {
   for (int i = 0; i < 4; i++) {
@@ -280,9 +309,10 @@ static uint32_t fingerprint(const tse_config *c)
   return mix(h, TSE_MAX_PARTICLES);
 }
 
-/* Mix a setting that gives relative stiffness its meaning; of an effect one that is on: one that is off leaves the fingerprint as it was
- * before there were effects. Numbers in single precision, so that builds of every format agree; only there both differ in nothing but
- * how a decimal number is rounded. */
+/* Mix a setting that gives relative stiffness its meaning; of an effect one that is on:
+ * one that is off leaves the fingerprint as it was before there were effects. Numbers in
+ * single precision, so that builds of every format agree; only there both differ in
+ * nothing but how a decimal number is rounded. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -294,7 +324,8 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix(h, r_single_bits(real_at(c, &reals[i])));
-  const uint64_t on = effects_on(c) & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* the filter's are, whatever the setting says */
+  const uint64_t on = effects_on(c)
+      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* the filter's are, whatever the setting says */
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
@@ -303,15 +334,18 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
     h = mix_effect(h, counts && (on >> effect_settings[i].effect & 1u), row->name, value);
   }
   const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);
-  for (int i = 0; i < COUNT_FORMULA; i++) h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, &reals[FIRST_FORMULA + i]));
+  for (int i = 0; i < COUNT_FORMULA; i++)
+    h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, &reals[FIRST_FORMULA + i]));
   for (int i = 0; i < COUNT_WHOLE_FORMULA; i++)
-    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name, r_from_int(whole_at(c, &wholes[FIRST_WHOLE_FORMULA + i])));
+    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name,
+        r_from_int(whole_at(c, &wholes[FIRST_WHOLE_FORMULA + i])));
   return h;
 }
 
 static tse_setting square(tse_setting x) { return r_mul(x, x); }
 
-/* Let CONSTANT effects act on the settings of the car that the filter's constants are of. */
+/* Let CONSTANT effects act on the settings of the car that the filter's constants are
+ * of. */
 static void change_car(uint64_t mask, tse_config *car)
 {
 #define CONSTANT_ON(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
@@ -332,23 +366,27 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   }
   e->mass = real_of(c->mass);
   e->formula_gain = real_of(c->formula_gain);
-  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(real_at(c, &reals[FIRST_FORMULA + 1 + k])); /* behind the gain */
+  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++)
+    e->formula[k] = real_of(real_at(c, &reals[FIRST_FORMULA + 1 + k])); /* behind the gain */
   e->formula_place = c->formula_place;
   formula_of(c, e->formula_code);
 #endif
 }
 
 #if defined(TSE_REAL_FIXED)
-/* What follows from the settings must leave the filter room: a covariance in sigma squared holds squares of these, up to
- * FIXED_MOST, 2^27 (1.3e8). Steps of the format are 2e-10: what a row adds must be one at least. */
-#define MOST_GAIN TSE_R(131072)        /* sigma per unit of slip, 230 times the default car's: 10 % of slip and a stiffness off by 30 % */
+/* What follows from the settings must leave the filter room: a covariance in sigma
+ * squared holds squares of these, up to FIXED_MOST, 2^27 (1.3e8). Steps of the format are
+ * 2e-10: what a row adds must be one at least. */
+#define MOST_GAIN TSE_R(131072)        /* sigma per unit of slip, 230 times the default car's: 10 % of slip
+                                        * and a stiffness off by 30 % */
 #define MOST_START TSE_R(4096)         /* sigma that a state may be off by at the start */
 #define MOST_BIAS_VAR TSE_R(16777216)  /* sigma^2, the same */
 #define MOST_NOISE TSE_R(65536)        /* noise_max squared: times FAULT_NOISE it is still a number */
 
 static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
-/* Return whether the constants leave the filter that room. *wrong: the setting that does not. */
+/* Return whether the constants leave the filter that room. *wrong: the setting that does
+ * not. */
 static tse_status fits(const tse_params *p, const tse_config *c, const char **wrong)
 {
   const struct {
@@ -398,24 +436,34 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), span = c->lf + c->lr, balance = c->tyre_saturation_balance;
-  const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span), load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
+  const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span),
+                    load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
   /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
-  const tse_setting friction = c->grip > 0 ? c->grip : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50));
-  const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : ROLLING_USUAL;
+  const tse_setting friction = c->grip > 0
+      ? c->grip
+      : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction)
+                                                           : TSE_S(50));
+  const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient
+                                                                    : ROLLING_USUAL;
   car->load_front = real_of(load_front);
   car->load_rear = real_of(load_rear);
   car->end_front = real_of(r_div(load_front, one + balance));
   car->end_rear = real_of(r_div(load_rear, one - balance));
   car->grip = real_of(friction);
-  car->along_front = real_of(r_mul(c->longitudinal_load_transfer_gain, one + c->longitudinal_load_transfer_balance));
-  car->along_rear = real_of(r_mul(c->longitudinal_load_transfer_gain, one - c->longitudinal_load_transfer_balance));
+  car->along_front = real_of(
+      r_mul(c->longitudinal_load_transfer_gain, one + c->longitudinal_load_transfer_balance));
+  car->along_rear = real_of(
+      r_mul(c->longitudinal_load_transfer_gain, one - c->longitudinal_load_transfer_balance));
   car->side_front = real_of(r_mul(c->lateral_load_transfer_gain, one + c->lateral_load_transfer_balance));
   car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
   car->height_front = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lr)));
   car->height_rear = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lf)));
-  car->relaxation = real_of(c->relaxation_length > SHORTEST_RELAXATION ? c->relaxation_length : SHORTEST_RELAXATION);
-  car->free_front = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lr, span))), c->longitudinal_stiffness_front));
-  car->free_rear = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lf, span))), c->longitudinal_stiffness_rear));
+  car->relaxation = real_of(
+      c->relaxation_length > SHORTEST_RELAXATION ? c->relaxation_length : SHORTEST_RELAXATION);
+  car->free_front = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lr, span))),
+      c->longitudinal_stiffness_front));
+  car->free_rear = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lf, span))),
+      c->longitudinal_stiffness_rear));
   car->driven = c->driven_axle;
 }
 
@@ -431,9 +479,11 @@ static void prepare_body(const tse_config *c, tse_params *p)
   car->rolling = real_of(r_mul(STANDARD_GRAVITY, c->rolling_resistance_coefficient));
   car->pull_front = real_of(r_mul(c->conicity_front, over));
   car->pull_rear = real_of(r_mul(c->conicity_rear, over));
-  car->compliance = real_of(r_mul(r_mul(c->steering_compliance_angle_per_moment, c->steering_compliance_trail), c->mass));
+  car->compliance = real_of(
+      r_mul(r_mul(c->steering_compliance_angle_per_moment, c->steering_compliance_trail), c->mass));
   car->roll_gain = real_of(rolls ? c->body_roll_gain : c->rear_roll_steer_roll);
-  car->roll_omega = real_of(r_mul(TSE_S(6.2831853071795865), rolls ? c->body_roll_frequency : c->rear_roll_steer_frequency));
+  car->roll_omega = real_of(
+      r_mul(TSE_S(6.2831853071795865), rolls ? c->body_roll_frequency : c->rear_roll_steer_frequency));
   car->roll_damping = real_of(rolls ? c->body_roll_damping : c->rear_roll_steer_damping);
   car->roll_leak = real_of(rolls ? STANDARD_GRAVITY : 0);
   car->roll_height = real_of(rolls ? c->body_roll_height : 0);
@@ -442,11 +492,13 @@ static void prepare_body(const tse_config *c, tse_params *p)
   p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
 }
 
-/* Take place, mounting and scales of the IMU from the settings, and the noise of all sensors. */
+/* Take place, mounting and scales of the IMU from the settings, and the noise of all
+ * sensors. */
 static void prepare_readings(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
-  const tse_setting one = TSE_S(1), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front), speed_sd = wheel > LEAST_WHEEL_SD ? wheel : LEAST_WHEEL_SD;
+  const tse_setting one = TSE_S(1), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front),
+                    speed_sd = wheel > LEAST_WHEEL_SD ? wheel : LEAST_WHEEL_SD;
   car->pitch_leak = real_of(r_mul(STANDARD_GRAVITY, c->pitch_leak_gain));
   car->pitch_height = real_of(r_mul(c->pitch_leak_gain, c->pitch_leak_height));
   sin_cos(real_of(c->imu_misalignment_angle), &car->mount_sin, &car->mount_cos);
@@ -478,7 +530,9 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->log_max = logarithm(real_of(c->stiffness_max));
 }
 
-/* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT effects   Updated: p  holds stiffness and geometry */
+/* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT
+ *                                                            effects   Updated: p  holds
+ *                                                            stiffness and geometry */
 static void prepare_car(const tse_config *c, tse_params *p)
 {
   prepare_tyres(c, p);
@@ -500,7 +554,8 @@ static void prepare_vehicle(const tse_config *c, tse_params *p)
   p->mass_var = real_of(square(c->mass_sd));
 }
 
-/* Find sds, biases and their walks of the IMU in units of the sensors' sds.   Given: p  these in SI units */
+/* Find sds, biases and their walks of the IMU in units of the sensors' sds.   Given: p
+ * these in SI units */
 static void prepare_imu(tse_params *p)
 {
   for (int i = 0; i < 3; i++) {
@@ -511,12 +566,14 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Take times and limits of a row from the settings, and the longest step of form 1 by how fast the car damps its motion. */
+/* Take times and limits of a row from the settings, and the longest step of form 1 by how
+ * fast the car damps its motion. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
-  /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the cornering stiffnesses */
+  /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the
+   * cornering stiffnesses */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
   tse_setting damping = r_div(c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear, c->mass);
   const tse_setting lateral = r_div(cy_f + cy_r, c->mass);
@@ -524,13 +581,14 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   damping = lateral > damping ? lateral : damping;
   damping = yaw > damping ? yaw : damping;
   p->damping = real_of(r_mul(TSE_S(4), damping));
-  p->least_step = r_max(real_of(r_div(c->hold_speed, r_mul(TSE_S(4), damping))), r_mul(TSE_R(0.125), p->max_step));
+  p->least_step = r_max(
+      real_of(r_div(c->hold_speed, r_mul(TSE_S(4), damping))), r_mul(TSE_R(0.125), p->max_step));
   p->noise_max_var = real_of(square(c->noise_max));
   p->valid_var = real_of(square(c->valid_sd));
 }
 
-/* Take what form 1 starts from, remembers and is held to from the settings; the persisted state of both forms ages by the same
- * two. */
+/* Take what form 1 starts from, remembers and is held to from the settings; the persisted
+ * state of both forms ages by the same two. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = square(c->initial_spread);
@@ -539,7 +597,8 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
-  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of the mean */
+  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of
+   * the mean */
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
   p->gamma0 = real_of(r_div(square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(square(c->initial_mean_sd));
@@ -601,7 +660,8 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   return TSE_OK;
 }
 
-void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
+void tse_stiffness_si(
+    const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
 {
   if (!c || !y) return;
   const tse_setting nominal[3] = { longitudinal_front(c), cornering_front(c), cornering_rear(c) };

@@ -1,17 +1,19 @@
-/* filter/backwards.c - does the car roll backwards? Many wheel speeds have no sign. Backwards a
- * car turns the other way than it steers, and accel_x is negative while the speed grows. Both are
- * weighed from when the car stood, or was seen first. It rolls backwards where they say so and
- * neither says the contrary: where a channel has the wrong sign, one does. */
+/* filter/backwards.c - does the car roll backwards? Many wheel speeds have no sign.
+ * Backwards a car turns the other way than it steers, and accel_x is negative while the
+ * speed grows. Both are weighed from when the car stood, or was seen first. It rolls
+ * backwards where they say so and neither says the contrary: where a channel has the
+ * wrong sign, one does. */
 #include "filter/filter.h"
 
-/* Return the log odds that two numbers are opposite, not equal, of which one is off by this
- * variance. */
+/* Return the log odds that two numbers are opposite, not equal, of which one is off by
+ * this variance. */
 static tse_real opposite(tse_real x, tse_real y, tse_real var)
 {
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Let a row say which way the car turns for what it steers. The angle may have an offset. */
+/* Let a row say which way the car turns for what it steers. The angle may have an
+ * offset. */
 static void learn_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
   const tse_real wheelbase = p->car.lf + p->car.lr;
@@ -21,8 +23,8 @@ static void learn_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse
   w->by_turn = r_clamp(w->by_turn + r_mul(share, says), -TAIL, TAIL);
 }
 
-/* Let what accel_x has added up to say which way the car gained its speed, on a road that may rise
- * or fall. What it has said most surely counts: a sum is worth less with time. */
+/* Let what accel_x has added up to say which way the car gained its speed, on a road that
+ * may rise or fall. What it has said most surely counts: a sum is worth less with time. */
 static void learn_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MOST_MOVED, MOST_MOVED);

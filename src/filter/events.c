@@ -1,11 +1,15 @@
-/* filter/events.c - what may have happened: another road, an axle's tyres, wheels that slide, a channel at fault.
+/* filter/events.c - what may have happened: another road, an axle's tyres, wheels that
+ * slide, a channel at fault.
  *
- * An event is a hypothesis: it shifts the state by w v, w ~ N(0, 1). v follows the filter's transition and gains, so each innovation has
- * the mean w h v: that gives the likelihood of w exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter.
- * Each kind has slots that are opened in turn. When the posterior of "none" in a group falls below 1 - BELIEVED, accept the most
- * probable hypothesis of the group, even if its own posterior is below BELIEVED: shift the state, and widen what the kind opens. One that is
- * discarded is merged with a weight. After a change the tyres may be back on the road before, behind a patch of ice or water: then the
- * amplitude is known, w = 1, and the stiffness of that road is recalled. */
+ * An event is a hypothesis: it shifts the state by w v, w ~ N(0, 1). v follows the
+ * filter's transition and gains, so each innovation has the mean w h v: that gives the
+ * likelihood of w exactly (Willsky & Jones 1976), for a hundredth of the cost of a second
+ * filter. Each kind has slots that are opened in turn. When the posterior of "none" in a
+ * group falls below 1 - BELIEVED, accept the most probable hypothesis of the group, even
+ * if its own posterior is below BELIEVED: shift the state, and widen what the kind opens.
+ * One that is discarded is merged with a weight. After a change the tyres may be back on
+ * the road before, behind a patch of ice or water: then the amplitude is known, w = 1,
+ * and the stiffness of that road is recalled. */
 #include "filter/filter.h"
 
 /* State, and which sd one amplitude of an event moves it by; state -1: none. */
@@ -14,28 +18,25 @@ typedef struct opens {
 } opens;
 
 /* Sds that states are moved by, SI. */
-enum { BY_CHANGE,
-       BY_MODEL,
-       BY_MINUS_MODEL,
-       BY_ALONG,
-       BY_SLIP,
-       BY_STEER,
-       BY_STEER_OWN };
+enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
 static tse_real sd_of(const opens *o)
 {
-  static const tse_real sds[] = { CHANGE_SD, MODEL_FLOOR, -MODEL_FLOOR, USUAL_MODEL_SD + USUAL_MODEL_SD, SLIP_OPENS, STEER_OPENS, STEER_OWN };
+  static const tse_real sds[] = { CHANGE_SD, MODEL_FLOOR, -MODEL_FLOOR, USUAL_MODEL_SD + USUAL_MODEL_SD,
+    SLIP_OPENS, STEER_OPENS, STEER_OWN };
   return sds[o->by];
 }
 
-/* Slots of another road, the first ones; each has a second amplitude, as many slots behind it. Each kind behind these two has one slot. */
+/* Slots of another road, the first ones; each has a second amplitude, as many slots
+ * behind it. Each kind behind these two has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
-typedef char roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
+typedef char
+    roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
 typedef char kinds_fill_the_slots[2 * ROADS + (EVENT_KINDS - EVENT_ROAD_RETURN) == TSE_EVENTS ? 1 : -1];
 
-/* Events are weighed in two groups: lateral (cornering stiffness, steering angle, accel_y, gyro) and longitudinal (slip, wheel speeds,
- * accel_x); of each group one may have happened. */
-enum { LATERAL,
-       LONGITUDINAL };
+/* Events are weighed in two groups: lateral (cornering stiffness, steering angle,
+ * accel_y, gyro) and longitudinal (slip, wheel speeds, accel_x); of each group one may
+ * have happened. */
+enum { LATERAL, LONGITUDINAL };
 
 /* A kind of event. */
 typedef struct kind {
@@ -47,10 +48,11 @@ typedef struct kind {
   int8_t regime;
 } kind;
 
-/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, rate, least, group,
- * slots, regime. Rows of NONE: what ROAD_RETURN moves is found as it is opened (open_slot()), a faulty
- * channel is what its measurements say (events_learn()). Along the road tyres change as across, by as
- * much more or less as the model lacks before and after. */
+/* One row a kind, in the order of EVENT_NONE ... (filter.h): common, own, every, rate,
+ * least, group, slots, regime. Rows of NONE: what ROAD_RETURN moves is found as it is
+ * opened (open_slot()), a faulty channel is what its measurements say (events_learn()).
+ * Along the road tyres change as across, by as much more or less as the model lacks
+ * before and after. */
 /* clang-format off */
 #define NO { -1, 0 }
 #define NONE { NO, NO, NO, NO }
@@ -107,14 +109,15 @@ static int is_of_tyres(int32_t which) { return which <= EVENT_REAR; }
 
 static int is_of_axle(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
 
-/* Return whether a change of tyres is one of LCX, too: of a road it is, of an axle where that one
- * drives. */
+/* Return whether a change of tyres is one of LCX, too: of a road it is, of an axle where
+ * that one drives. */
 static int is_along(const tse_params *p, int32_t which)
 {
   return !is_of_axle(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
 }
 
-/* Return whether a measurement of a channel speaks of a kind of event.   Given: along  as in scalar */
+/* Return whether a measurement of a channel speaks of a kind of event.   Given: along  as
+ * in scalar */
 static int speaks_of(int32_t which, int channel, int32_t along)
 {
   const int32_t of = group_of_channel(channel);
@@ -124,11 +127,15 @@ static int speaks_of(int32_t which, int channel, int32_t along)
 /* Return whether a slot holds an event that may have happened by itself. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
-/* Integrate the second amplitude out, if there is one. Both are N(0, 1) before the samples.
+/* Integrate the second amplitude out, if there is one. Both are N(0, 1) before the
+ * samples.
  *   Returned: all but mean and variance of the first */
 static event_says integrated(const tse_kalman *k, int n)
 {
-  const tse_event *const a = &k->event[n], *const b = n < ROADS && k->event[n + ROADS].kind == EVENT_ROAD_AXLE_DIFF ? &k->event[n + ROADS] : NULL;
+  const tse_event *const a = &k->event[n],
+                         *const b = n < ROADS && k->event[n + ROADS].kind == EVENT_ROAD_AXLE_DIFF
+      ? &k->event[n + ROADS]
+      : NULL;
   event_says s;
   memset(&s, 0, sizeof s);
   s.info = a->info;
@@ -197,13 +204,17 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
   }
   for (int q = 0; q < TSE_CONSIDERED; q++)
     if (p->uncertain[q] > TSE_R(0)) v[count++] = k->consider[q];
-  for (int b = 0; b < MOVED && count; b++) v[count + b] = v[count - 1]; /* moved from where it was, as often as there are places left */
+  for (int b = 0; b < MOVED && count; b++)
+    v[count + b] = v[count - 1]; /* moved from where it was, as often as there are places left */
   for (int n = 0; n < count; n += MOVED) move_together(&v[n], M);
   for (int q = 0; q < COLUMNS - STATES; q++)
-    for (int i = 0; i < MOTION && p->uncertain[q] > TSE_R(0); i++) k->consider[q][i] = r_short(r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
+    for (int i = 0; i < MOTION && p->uncertain[q] > TSE_R(0); i++)
+      k->consider[q][i] = r_short(
+          r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
 }
 
-/* Let an event have a measurement which it shifts the innovation of by y.   Given: ys  y over the variance   first  y of the road that it is
+/* Let an event have a measurement which it shifts the innovation of by y.   Given: ys  y
+ * over the variance   first  y of the road that it is
  * the second amplitude of */
 static void learn(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
 {
@@ -215,8 +226,10 @@ static void learn(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real fi
 /* Events whose sensitivities are moved together. */
 enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
-/* Find by how much each of these events shifts an innovation, y, and move their sensitivities by -K y. */
-static void correct_together(tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
+/* Find by how much each of these events shifts an innovation, y, and move their
+ * sensitivities by -K y. */
+static void correct_together(
+    tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
 {
   r_dot sum[TOGETHER];
   r_factored back[TOGETHER];
@@ -231,28 +244,35 @@ static void correct_together(tse_event a[TOGETHER], const r_sparse *h, const r_s
     for (int b = 0; b < TOGETHER; b++) a[b].v[i] = r_plus_times(a[b].v[i], back[b], gain->m[i]);
 }
 
-void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain, tse_real e,
-                  tse_real s, tse_real sd)
+void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain,
+    tse_real e, tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s), off = r_mul(r_sqr(TAIL), sd);
   const int all = STATES + k->ud.extras;
   tse_real y[TSE_EVENTS];
-  for (int n = 0; n < TSE_EVENTS; n++) y[n] = channel >= 0 && k->event[n].kind == EVENT_SENSOR + channel ? off : TSE_R(0);
+  for (int n = 0; n < TSE_EVENTS; n++)
+    y[n] = channel >= 0 && k->event[n].kind == EVENT_SENSOR + channel ? off : TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n += TOGETHER)
     if (TOGETHER > 1 || k->event[n].kind != EVENT_NONE) correct_together(&k->event[n], h, gain, all, &y[n]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
-    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along)) learn(a, y[n], r_mul(y[n], over), e, y[n < ROADS ? 0 : n - ROADS]);
+    const tse_real of_road = n >= ROADS && n < 2 * ROADS ? y[n - ROADS] : TSE_R(0);
+    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along))
+      learn(a, y[n], r_mul(y[n], over), e, of_road);
   }
 }
 
-/* Return whether an event may name a channel that is frozen: one at a time is named. None that is frozen is used. */
-static int names_frozen(const tse_kalman *k, int32_t which) { return which >= EVENT_SENSOR && k->fault == NO_FAULT; }
+/* Return whether an event may name a channel that is frozen: one at a time is named. None
+ * that is frozen is used. */
+static int names_frozen(const tse_kalman *k, int32_t which)
+{
+  return which >= EVENT_SENSOR && k->fault == NO_FAULT;
+}
 
-/* Return the log2 penalty for a cornering stiffness that an event raises. Nominal is of a road with
- * grip, and another road lowers it: what is above nominal counts, by the prior. Of one axle all that
- * is raised counts, but for what the last change has taken: else a stiffer rear axle would be as
- * likely as a softer front one, which steers alike. */
+/* Return the log2 penalty for a cornering stiffness that an event raises. Nominal is of a
+ * road with grip, and another road lowers it: what is above nominal counts, by the prior.
+ * Of one axle all that is raised counts, but for what the last change has taken: else a
+ * stiffer rear axle would be as likely as a softer front one, which steers alike. */
 static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
   const int axle = is_of_axle(a->kind);
@@ -263,24 +283,31 @@ static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event
     const tse_real fallen = changed ? r_min(k->x[i] - k->change_from[i - LCX], TSE_R(0)) : TSE_R(0);
     const tse_real from = axle ? fallen : k->x[i];
     if (!(share > TSE_R(0)) || !(from + share > TSE_R(0))) continue;
-    const tse_real at = from + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share)); /* log(1 + share), to second order */
+    const tse_real at = from
+        + r_div(share, TSE_R(1) + r_mul(TSE_R(0.5), share)); /* log(1 + share), to second order */
     const tse_real var = axle ? r_sqr(MODEL_FLOOR) : r_sqr(p->prior_sd[i]) + r_sqr(USUAL_MODEL_SD);
     if (at > TSE_R(0)) most = r_max(most, r_div(r_sqr(at), var));
   }
   return r_mul(HALF_LOG2_OF_E, most);
 }
 
-/* Return log2 of how much likelier the samples are if this happened. A channel that is frozen repeats its reading. */
+/* Return log2 of how much likelier the samples are if this happened. A channel that is
+ * frozen repeats its reading. */
 static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
   if (a->kind == EVENT_ROAD_RETURN) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
   const event_says s = event_of(k, n);
-  tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(s.score, s.amplitude)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.info));
-  if (s.second) ratio += r_mul(HALF_LOG2_OF_E, r_mul(s.second->score, s.beside)) - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.second->info));
+  tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(s.score, s.amplitude))
+      - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.info));
+  if (s.second)
+    ratio += r_mul(HALF_LOG2_OF_E, r_mul(s.second->score, s.beside))
+        - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.second->info));
   if (a->kind < EVENT_STEER) return ratio - beyond(p, k, a, s.amplitude);
-  const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
-  const tse_real likelier = changed ? r_min(ratio, TSE_R(0)) : ratio, frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
+  const int changed = k->change_kind != TSE_CHANGE_NONE
+      && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
+  const tse_real likelier = changed ? r_min(ratio, TSE_R(0)) : ratio,
+                 frozen = names_frozen(k, a->kind) ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
   return frozen > TSE_R(0) ? r_max(likelier, frozen) : likelier;
 }
 
@@ -289,13 +316,15 @@ int event_is_small(const tse_kalman *k, int n)
   const tse_event *const a = &k->event[n];
   if (names_frozen(k, a->kind) && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
-  /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
+  /* root mean square of the amplitude, which is as it was before the samples where they
+   * say nothing */
   const event_says s = integrated(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
 }
 
-/* Weigh the events of each group, and that none has happened, by how likely and how usual they are.
+/* Weigh the events of each group, and that none has happened, by how likely and how usual
+ * they are.
  *   Returned:  ratio  log2_ratio() of each */
 static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS])
 {
@@ -307,7 +336,8 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
       if (!is_event(a)) weight[n] = ratio[n] = TSE_R(0);
       if (!is_event(a) || group_of(a->kind) != group) continue;
       ratio[n] = log2_ratio(p, k, n);
-      weight[n] = r_max(r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every)) + ratio[n], LEAST_LOG2);
+      weight[n] = r_max(
+          r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every)) + ratio[n], LEAST_LOG2);
       most = r_max(most, weight[n]);
     }
     sum = none[group] = r_exp2(-most);
@@ -325,9 +355,13 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
 }
 
 /* Return whether a state is a setting that nothing changes: a grip. */
-static int is_known(const tse_params *p, int32_t state) { return state == LMU && !(p->prior_sd[LMU] > TSE_R(0)); }
+static int is_known(const tse_params *p, int32_t state)
+{
+  return state == LMU && !(p->prior_sd[LMU] > TSE_R(0));
+}
 
-/* Initialise slot n with a hypothesis of this kind; v is the state shift for amplitude 1. */
+/* Initialise slot n with a hypothesis of this kind; v is the state shift for amplitude
+ * 1. */
 static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
@@ -340,7 +374,10 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
     if (at < 0 || is_known(p, at) || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
     a->v[at] = r_short(r_div(sd_of(&what->common[i]), state_unit[at]));
   }
-  for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
+  for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++)
+    a->v[i] = r_short(r_div(
+        r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1),
+        state_unit[i]));
 }
 
 /* Open an event of a kind in slot n, and its second amplitude with it. */
@@ -350,7 +387,8 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
-/* Measure state i to be where it was before the last change, as well as it was known then. */
+/* Measure state i to be where it was before the last change, as well as it was known
+ * then. */
 static void recall(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
@@ -364,23 +402,27 @@ static void recall(tse_kalman *k, int i)
   }
   for (int q = 0; q < TSE_CONSIDERED; q++) {
     const tse_real y = r_long(k->consider[q][i]);
-    for (int j = 0; j < STATES + k->ud.extras; j++) k->consider[q][j] = r_short(r_long(k->consider[q][j]) - r_mul(gain[j], y));
+    for (int j = 0; j < STATES + k->ud.extras; j++)
+      k->consider[q][j] = r_short(r_long(k->consider[q][j]) - r_mul(gain[j], y));
   }
 }
 
 int may_be_back(const tse_kalman *k)
 {
   if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
-  return !(k->change_from_var[1] > ud_variance(&k->ud, LCF)) || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
+  return !(k->change_from_var[1] > ud_variance(&k->ud, LCF))
+      || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind: a free one, else that of the oldest. Of several the
- * likeliest keeps its slot for ROAD_TIME, since a driver who hardly turns shows little in a second:
- * what is still not believed then is a model that does not fit, or drift. That of an axle does, too,
- * while it is likelier than none.
- *   Given:     first  slot of the kind      due  age of the youngest from which another is opened
+/* Find a slot for the next event of a kind: a free one, else that of the oldest. Of
+ * several the likeliest keeps its slot for ROAD_TIME, since a driver who hardly turns
+ * shows little in a second: what is still not believed then is a model that does not fit,
+ * or drift. That of an axle does, too, while it is likelier than none.
+ *   Given:     first  slot of the kind      due  age of the youngest from which another
+ *                                                is opened
  *   Returned:  -1 if none is to be opened now */
-static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
+static int slot_for(
+    const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
 {
   const int slots = kind_of(which)->slots;
   int best = first, oldest = -1;
@@ -399,9 +441,11 @@ static int slot_for(const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32
   return youngest < due ? -1 : oldest;
 }
 
-/* Shift the state by `by`; for stiffness and grip of a road or an axle that is a share of the force.
+/* Shift the state by `by`; for stiffness and grip of a road or an axle that is a share of
+ * the force.
  *   Returned: rescale  derivative of the shifted state with respect to `by` */
-static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
+static void move_state(
+    const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
 {
   for (int i = 0; i < TSE_ALL; i++) rescale[i] = TSE_R(1);
   for (int i = 0; i < STATES + k->ud.extras; i++) {
@@ -416,8 +460,10 @@ static void move_state(const tse_params *p, tse_kalman *k, int32_t which, const 
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
-/* Add var times v v' to the covariance, v the slopes rescaled to the state after move_state(). */
-static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
+/* Add var times v v' to the covariance, v the slopes rescaled to the state after
+ * move_state(). */
+static void add_along(
+    tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
 {
   tse_real v[TSE_ALL];
   if (!(var > TSE_R(0))) return;
@@ -425,7 +471,8 @@ static void add_along(tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_r
   ud_add(&k->ud, v, STATES - 1, var);
 }
 
-/* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
+/* Add what each state of a kind does beside the common amplitude; and the further the
+ * stiffness has moved, the less its slopes
  * held.   Given: weight  1 if it has happened */
 static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
@@ -440,15 +487,19 @@ static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_r
   }
 }
 
-/* Return the weight with which a discarded lateral hypothesis is merged: its posterior squared, because events of small posterior are
- * mostly model errors. 0 if it is below LEAST_WEIGHT, or longitudinal: slip is estimated anew in every row. */
+/* Return the weight with which a discarded lateral hypothesis is merged: its posterior
+ * squared, because events of small posterior are mostly model errors. 0 if it is below
+ * LEAST_WEIGHT, or longitudinal: slip is estimated anew in every row. */
 static tse_real weight_left(const tse_kalman *k, int n)
 {
-  const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == LATERAL ? r_sqr(k->weight[n]) : TSE_R(0);
+  const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == LATERAL
+      ? r_sqr(k->weight[n])
+      : TSE_R(0);
   return weight < LEAST_WEIGHT ? TSE_R(0) : weight;
 }
 
-/* Make mean and variance those of the two that the state may be in: with that weight what event n says, else as it is. */
+/* Make mean and variance those of the two that the state may be in: with that weight what
+ * event n says, else as it is. */
 static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const event_says s = event_of(k, n);
@@ -468,18 +519,19 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
   widen(p, k, which, was, weight);
 }
 
-/* Give event n up. The slip stiffness is as much less known, and stays: it moves with cornering where
- * an event is believed. */
+/* Give event n up. The slip stiffness is as much less known, and stays: it moves with
+ * cornering where an event is believed. */
 static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
   if (HAS_SLIP && is_of_tyres(k->event[n].kind)) k->event[n].v[LCX] = r_short(TSE_R(0));
   mix_in(p, k, n, weight);
-  if (HAS_SLIP) k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
+  if (HAS_SLIP)
+    k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind when it is due, in the slot of one that is given up: of these one a row, which bounds its time.
- * Slots of the kinds lie one after the other. */
+/* Open the next event of each kind when it is due, in the slot of one that is given up:
+ * of these one a row, which bounds its time. Slots of the kinds lie one after the other. */
 static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, given_up = 0;
@@ -498,14 +550,16 @@ static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_E
   }
 }
 
-/* Note what is reported of a change, and where another one may lead back to. One that is believed soon after another is what was
- * found of that. */
-static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
+/* Note what is reported of a change, and where another one may lead back to. One that is
+ * believed soon after another is what was found of that. */
+static void note_change(
+    tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_ROAD_RETURN;
-  k->change_kind = which <= EVENT_ROAD_RETURN ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
-                                                                                       : TSE_CHANGE_REAR;
+  k->change_kind = which <= EVENT_ROAD_RETURN ? TSE_CHANGE_ROAD
+      : which == EVENT_FRONT                  ? TSE_CHANGE_FRONT
+                                              : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */
   if (same) return;
   k->change_age = TSE_R(0);
@@ -527,9 +581,9 @@ static void close_events(tse_kalman *k, int group)
   k->none[group] = TSE_R(1);
 }
 
-/* Find what the slip stiffness itself is on another road, or of other tyres: where LCX is, what the
- * model lacks there is not known; and as much less sure.
- * Tyres that are back are as they were.
+/* Find what the slip stiffness itself is on another road, or of other tyres: where LCX
+ * is, what the model lacks there is not known; and as much less sure. Tyres that are back
+ * are as they were.
  *   Given: own  variance of LCX before [unit2] */
 static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real own)
 {
@@ -555,11 +609,12 @@ static int likeliest_of_kind(const tse_kalman *k, int32_t which, tse_real *weigh
   return best;
 }
 
-/* Mix in event n, which has happened, and with their weights the other changes of tyres that are not
- * excluded with BELIEVED: an axle that has changed may have been the road. */
+/* Mix in event n, which has happened, and with their weights the other changes of tyres
+ * that are not excluded with BELIEVED: an axle that has changed may have been the road. */
 static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
 {
-  static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE, HAS_SLIP ? EVENT_REAR : EVENT_NONE };
+  static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,
+    HAS_SLIP ? EVENT_REAR : EVENT_NONE };
   const int32_t which = k->event[n].kind;
   int at[3] = { -1, -1, -1 }, known = 0;
   tse_real weight[3], sum = TSE_R(0), rest = TSE_R(1);
@@ -578,7 +633,8 @@ static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
   mix_in(p, k, n, rest);
 }
 
-/* Move the filter to what it is if event n has happened, and end the events of its group. */
+/* Move the filter to what it is if event n has happened, and end the events of its
+ * group. */
 static void believe(const tse_params *p, tse_kalman *k, int n)
 {
   tse_real was[4], was_var[4];
@@ -599,14 +655,17 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   close_events(k, group_of(which));
 }
 
-/* Return the likeliest event of a group that calls for something, or -1. Tyres of one axle change
- * slowly, and a road is felt by one axle first: an axle is not believed before SETTLE_TIME. */
+/* Return the likeliest event of a group that calls for something, or -1. Tyres of one
+ * axle change slowly, and a road is felt by one axle first: an axle is not believed
+ * before SETTLE_TIME. */
 static int likeliest(const tse_kalman *k, int group)
 {
   int best = -1;
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t which = k->event[n].kind;
-    if (is_event(&k->event[n]) && group_of(which) == group && !event_is_small(k, n) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
+    if (is_event(&k->event[n]) && group_of(which) == group && !event_is_small(k, n)
+        && (best < 0 || k->weight[n] > k->weight[best]))
+      best = n;
   }
   if (best >= 0 && is_of_axle(k->event[best].kind) && k->event[best].age < SETTLE_TIME) return -1;
   return best;

@@ -27,9 +27,10 @@ static void possible_of(const tse_kalman *k, possible *e)
   }
 }
 
-/* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift:
- * their mean. SI */
-static tse_real variance_of(const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
+/* Return the variance of state i over the posterior, the uncertain quantities and the
+ * events that may have happened; *shift: their mean. SI */
+static tse_real variance_of(
+    const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
   if (i >= STATES) { /* nothing estimates it */
     *shift = TSE_R(0);
@@ -43,13 +44,15 @@ static tse_real variance_of(const tse_params *p, const tse_kalman *k, const poss
     const tse_real by = r_long(k->event[e->at[n]].v[i]) - r_mul(s->part, second);
     const tse_real moved = r_mul(s->amplitude, by) + r_mul(s->beside, second);
     mean += r_mul(e->weight[n], moved);
-    square += r_mul(e->weight[n], r_mul(moved, moved) + r_mul(r_sqr(by), s->var) + r_mul(r_sqr(second), s->beside_var));
+    square += r_mul(
+        e->weight[n], r_mul(moved, moved) + r_mul(r_sqr(by), s->var) + r_mul(r_sqr(second), s->beside_var));
   }
   *shift = r_mul(mean, state_unit[i]);
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* Return the posterior probability of no event, or of one too small to act on; product of both groups. */
+/* Return the posterior probability of no event, or of one too small to act on; product of
+ * both groups. */
 static tse_real probability_none(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the regime when no event is waiting to be believed. */
@@ -62,10 +65,11 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion; of one that is lost no sd beyond what it may be. What the model lacks adds
- * to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2. lr r - v_y
- * is the rear axle's sideways speed, its force over its stiffness, which is as uncertain as
- * that. A measured velocity says more of it, or nothing: it makes no speed less sure. */
+/* Report the motion; of one that is lost no sd beyond what it may be. What the model
+ * lacks adds to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW
+ * v_x)^2. lr r - v_y is the rear axle's sideways speed, its force over its stiffness,
+ * which is as uncertain as that. A measured velocity says more of it, or nothing: it
+ * makes no speed less sure. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -76,12 +80,16 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
-  const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
+  const tse_real model = r_mul(
+      r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
   const tse_real without = r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x));
-  if (k->ud.extras) out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
+  if (k->ud.extras)
+    out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
   out->vel_y_sd = r_sqrt(k->ud.extras ? r_min(velocity_across_var(k), without) : without);
   out->vel_y_sd = r_min(out->vel_y_sd, state_most[VY]);
-  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
+  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE
+      ? TSE_R(0)
+      : r_atan2(out->vel_y, out->vel_x);
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD)), HALF_TURN);
 }
 
@@ -90,26 +98,29 @@ static tse_real lacks_along(const tse_params *p) { return r_sqr(r_max(USUAL_MODE
 
 tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var)
 {
-  const tse_real before = r_max(k->along.var, LEAST_ALONG), left = r_min(r_mul(own, r_sqr(state_unit[LCX])), before), learnt = before - left;
+  const tse_real before = r_max(k->along.var, LEAST_ALONG),
+                 left = r_min(r_mul(own, r_sqr(state_unit[LCX])), before), learnt = before - left;
   const tse_real share = r_div(before, before + r_mul(lacks_along(p), r_div(learnt, before)));
   *var = before - r_mul(share, learnt);
   return share;
 }
 
-/* Return the logarithm of the slip stiffness itself and its variance. Where the model would lack more than it can, the tyres may be
- * others.
+/* Return the logarithm of the slip stiffness itself and its variance. Where the model
+ * would lack more than it can, the tyres may be others.
  *   Given: shift  by what may have happened      Updated: var  of LCX */
 static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
 {
   const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.mean;
   tse_real itself;
   const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
-  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - lacks_along(p), TSE_R(0));
+  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0))
+      + r_max(r_sqr(moved - part) - lacks_along(p), TSE_R(0));
   return k->along.mean + part + shift;
 }
 
-/* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right: with a
- * measured velocity the covariance shrinks faster than the model's error allows, so that the floor is higher. */
+/* Report stiffness, grip and what the model does not explain. No stiffness is known
+ * better than the model is right: with a measured velocity the covariance shrinks faster
+ * than the model's error allows, so that the floor is higher. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -150,7 +161,8 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   }
 }
 
-/* Report the probability of each regime: of events that wait to be believed, and of what is so if none of them has happened. */
+/* Report the probability of each regime: of events that wait to be believed, and of what
+ * is so if none of them has happened. */
 static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real sum = TSE_R(0);
@@ -165,15 +177,18 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   out->regime[regime_now(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
-/* Return the channel of the likeliest fault where one is likelier than not and none is believed yet, as fault_channel numbers it.
- * So each row whose regime is a fault names its channel. */
+/* Return the channel of the likeliest fault where one is likelier than not and none is
+ * believed yet, as fault_channel numbers it. So each row whose regime is a fault names
+ * its channel. */
 static int32_t likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
   tse_real most = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS && out->regime[TSE_REGIME_FAULT] > LIKELY; n++) {
     const int32_t kind = k->event[n].kind;
-    if (kind == EVENT_NONE || event_regime(kind) != TSE_REGIME_FAULT || event_is_small(k, n) || !(k->weight[n] > most)) continue;
+    if (kind == EVENT_NONE || event_regime(kind) != TSE_REGIME_FAULT || event_is_small(k, n)
+        || !(k->weight[n] > most))
+      continue;
     most = k->weight[n];
     channel = kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(kind - EVENT_SENSOR);
   }
@@ -193,10 +208,11 @@ static void report_change(const tse_params *p, const tse_kalman *k, tse_output *
   out->change_age = k->change_age;
   out->change_probability = changed ? probability_none(k) : TSE_R(0);
   const int32_t implausible = plausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
-  out->fault_channel = implausible ? implausible : k->fault             ? k->fault
-                                               : is_frozen(k, STEERING) ? (int32_t)FAULT_STEER
-                                               : velocity               ? velocity
-                                                                        : likely_fault(k, out);
+  out->fault_channel = implausible ? implausible
+      : k->fault                   ? k->fault
+      : is_frozen(k, STEERING)     ? (int32_t)FAULT_STEER
+      : velocity                   ? velocity
+                                   : likely_fault(k, out);
 }
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
@@ -212,16 +228,19 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether slow innovations of a channel are larger than a model that fits leaves them, or than usual: where no event names a channel
- * at fault, they do. */
+/* Return whether slow innovations of a channel are larger than a model that fits leaves
+ * them, or than usual: where no event names a channel at fault, they do. */
 static int misfits(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];
-  return usual > TAIL || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], LEAST_SLOW_VAR));
+  return usual > TAIL
+      || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], LEAST_SLOW_VAR));
 }
 
-/* Return the first reason that applies.   Given: sd, mean  of the quantity, whose state is `at` */
-static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_class *w, const tse_output *out, tse_real sd, tse_real mean, int at)
+/* Return the first reason that applies.   Given: sd, mean  of the quantity, whose state
+ *                                                          is `at` */
+static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_class *w,
+    const tse_output *out, tse_real sd, tse_real mean, int at)
 {
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
   if (k->agreement.apart || k->agreement.off_scale) return TSE_IMPLAUSIBLE;
@@ -230,22 +249,27 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
-  if (probability_none(k) < BELIEVED || (!HAS_SLIP && (misfits(k, ACCEL_Y) || misfits(k, YAW_RATE)))) return TSE_MISFIT;
+  if (probability_none(k) < BELIEVED || (!HAS_SLIP && (misfits(k, ACCEL_Y) || misfits(k, YAW_RATE))))
+    return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real consider_var = p->mass_var;
-  for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_sqr(r_mul(r_long(k->consider[q][at]), state_unit[at]));
-  return r_mul(consider_var, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */ ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    consider_var += r_sqr(r_mul(r_long(k->consider[q][at]), state_unit[at]));
+  return r_mul(consider_var, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */
+      ? TSE_PARAMETERS_UNCERTAIN
+      : TSE_UNCERTAIN;
 }
 
-/* Return whether the wheel radii differ from the settings by more than their prior allows. The stiffness then holds an error
- * from before the radii were found. */
+/* Return whether the wheel radii differ from the settings by more than their prior
+ * allows. The stiffness then holds an error from before the radii were found. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(RADII_APART), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
-/* Return whether the steering angle comes at another time than the settings say, by more than
- * their prior allows. Cornering stiffness then stands for what the angle was not yet. */
+/* Return whether the steering angle comes at another time than the settings say, by more
+ * than their prior allows. Cornering stiffness then stands for what the angle was not
+ * yet. */
 static int has_other_steering(const tse_params *p, const tse_output *out)
 {
   const tse_real var = r_sqr(p->prior_sd[LATE]);
@@ -254,26 +278,30 @@ static int has_other_steering(const tse_params *p, const tse_output *out)
 
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
-  for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
-  /* No slip is seen where there is no second speed, and none where no axle rolls freely and the road may climb: accel_x then says no speed. */
+  for (int a = 0; a < 3; a++)
+    out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
+        a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
+  /* No slip is seen where there is no second speed, and none where no axle rolls freely
+   * and the road may climb: accel_x then says no speed. */
   const int has_speed = p->car.driven != 0 || w->rolls >= ROLLS_FRONT || !(p->prior_sd[GX] > TSE_R(0));
   const int32_t reason = out->reason[TSE_CX_FRONT];
   const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;
   const int shown = !w->no_second && has_speed && HAS_SLIP;
-  if (!shown && (reason == TSE_VALID || (uncertain && w->no_second))) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
-  if (out->reason[TSE_CX_FRONT] == TSE_VALID && has_other_wheels(p, k)) out->reason[TSE_CX_FRONT] = TSE_MISFIT;
+  if (!shown && (reason == TSE_VALID || (uncertain && w->no_second)))
+    out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
+  if (out->reason[TSE_CX_FRONT] == TSE_VALID && has_other_wheels(p, k))
+    out->reason[TSE_CX_FRONT] = TSE_MISFIT;
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
     if (out->reason[a] == TSE_VALID && has_other_steering(p, out)) out->reason[a] = TSE_MISFIT;
   }
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
-  if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
+  if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0)))
+    out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }
 
-/* What an uncertainty is to the filter: the mass, the model error, a consider parameter (CONSIDER_INERTIA ...), a state. */
-enum { OF_MASS,
-       OF_MODEL,
-       OF_CONSIDER,
-       OF_STATE };
+/* What an uncertainty is to the filter: the mass, the model error, a consider parameter
+ * (CONSIDER_INERTIA ...), a state. */
+enum { OF_MASS, OF_MODEL, OF_CONSIDER, OF_STATE };
 typedef struct origin {
   int32_t of, at;
 } origin;
@@ -281,13 +309,15 @@ typedef struct origin {
 /* Return what of the sd of state i, in its units, goes with an uncertainty. */
 static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int i)
 {
-  if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR
-                                                                                   : TSE_R(0);
-  if ((o.of == OF_STATE && o.at >= STATES) || (o.of == OF_CONSIDER && o.at >= TSE_CONSIDERED)) return TSE_R(0);
+  if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR : TSE_R(0);
+  if ((o.of == OF_STATE && o.at >= STATES) || (o.of == OF_CONSIDER && o.at >= TSE_CONSIDERED))
+    return TSE_R(0);
   if (o.of == OF_MASS) return r_div(r_sqrt(p->mass_var), state_unit[i]);
   if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
-  if (o.of == OF_STATE) return r_div(r_abs(ud_covariance(&k->ud, i, o.at)), r_sqrt(ud_variance(&k->ud, o.at)));
-  if ((int)CONSIDER_RELAXATION_REAR < TSE_CONSIDERED && o.at == CONSIDER_RELAXATION_FRONT) /* and that of the rear axle */
+  if (o.of == OF_STATE)
+    return r_div(r_abs(ud_covariance(&k->ud, i, o.at)), r_sqrt(ud_variance(&k->ud, o.at)));
+  if ((int)CONSIDER_RELAXATION_REAR < TSE_CONSIDERED
+      && o.at == CONSIDER_RELAXATION_FRONT) /* and that of the rear axle */
     return r_sqrt(r_sqr(r_long(k->consider[o.at][i])) + r_sqr(r_long(k->consider[o.at + 1][i])));
   return r_abs(r_long(k->consider[o.at][i]));
 }
@@ -310,7 +340,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     { OF_CONSIDER, CONSIDER_TRAIL },
     { OF_CONSIDER, CONSIDER_ROLL_STEER },
     { OF_STATE, RAD },
-    { OF_MODEL, 0 }
+    { OF_MODEL, 0 },
   };
   if (!p || !f || !sd) return TSE_E_NULL;
   if (!belong(p, f) || p->form != 0) return TSE_E_STATE;
@@ -319,7 +349,9 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     const int i = stiffness_at(a);
     const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
     tse_real itself;
-    const tse_real part = HAS_SLIP && i == LCX && origins[k].of >= OF_CONSIDER ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all) : all;
+    const tse_real part = HAS_SLIP && i == LCX && origins[k].of >= OF_CONSIDER
+        ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all)
+        : all;
     sd[a] = r_mul(exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
   }
   return TSE_OK;

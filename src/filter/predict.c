@@ -24,8 +24,8 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
   return u;
 }
 
-/* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row and column of the covariance and its sensitivities by
- * `left`; add (1 - left^2) sd^2. */
+/* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row and
+ * column of the covariance and its sensitivities by `left`; add (1 - left^2) sd^2. */
 static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
@@ -36,13 +36,15 @@ static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 
 static const int gravity[2] = { GX, GY };
 
-/* Return gravity along (i = 0) or across (1) the road about which its state wanders: what is given, else the setting. */
+/* Return gravity along (i = 0) or across (1) the road about which its state wanders: what
+ * is given, else the setting. */
 static tse_real road_mean(const tse_params *p, const tse_kalman *k, int i)
 {
   return k->road_given >> i & 1 ? k->road[i] : p->prior[gravity[i]];
 }
 
-/* Return by how much it wanders, sd. A given road is never less sure than one that is not. */
+/* Return by how much it wanders, sd. A given road is never less sure than one that is
+ * not. */
 static tse_real road_sd(const tse_params *p, const tse_kalman *k, int i)
 {
   const tse_real sd = p->prior_sd[gravity[i]];
@@ -79,12 +81,13 @@ static void wander(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   k->x[at] += mean;
 }
 
-/* Add the process noise of a random-walk state for dt; of a stiffness, what its moves have left to add, too. */
+/* Add the process noise of a random-walk state for dt; of a stiffness, what its moves
+ * have left to add, too. */
 static void walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
 {
-  const int which = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF
-                                                        : -1;
-  const tse_real of_prior = i <= BR ? p->bias_sd_walk[i == BX ? 0 : i - BY + 1] : r_mul(WALK_SHARE, p->prior_sd[i]);
+  const int which = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF : -1;
+  const int bias = i == BX ? 0 : i == BY ? 1 : i == BR ? 2 : -1;
+  const tse_real of_prior = bias >= 0 ? p->bias_sd_walk[bias] : r_mul(WALK_SHARE, p->prior_sd[i]);
   const tse_real sd = r_max(of_prior, which >= 0 ? p->steady_sd_walk : TSE_R(0));
   tse_real more = r_mul(r_sqr(r_div(sd, state_unit[i])), dt);
   if (which >= 0) {
@@ -94,7 +97,8 @@ static void walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (more > TSE_R(0)) ud_add_at(&k->ud, i, more);
 }
 
-/* A rank-one change of the covariance takes long: one slow state a row has its time since the last, in turn, and each that is due. */
+/* A rank-one change of the covariance takes long: one slow state a row has its time since
+ * the last, in turn, and each that is due. */
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
@@ -110,9 +114,11 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
   k->change_age = k->change_kind ? r_min(k->change_age + dt, LONGEST_TIME) : TSE_R(0);
 }
 
-/* Move the state through the row. The given bank of a road is all of it: the share by which roads lean into their curves has no part then.
+/* Move the state through the row. The given bank of a road is all of it: the share by
+ * which roads lean into their curves has no part then.
  *   Updated: x      Returned: M  as car_move() */
-static void move_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u, tse_short M[MOTION][PLACES])
+static void move_row(
+    const tse_params *p, tse_kalman *k, const decoded *z, steering u, tse_short M[MOTION][PLACES])
 {
   const tse_real lean = k->x[LEAN];
   const int has_bank = (z->given & TSE_GIVEN_bank) != 0;
@@ -122,15 +128,18 @@ static void move_row(const tse_params *p, tse_kalman *k, const decoded *z, steer
   for (int i = 0; has_bank && i < MOTION; i++) M[i][LEAN] = r_short(TSE_R(0));
 }
 
-/* Scale the transition to state units. Multiply derivatives with respect to a stiffness by share: slip^2/(slip^2 + var slip), of
- * signal_shares().
- *   Given: z  no_slip: v_x does not depend on the longitudinal stiffness; no_second: nor does any motion on slip
+/* Scale the transition to state units. Multiply derivatives with respect to a stiffness
+ * by share: slip^2/(slip^2 + var slip), of signal_shares().
+ *   Given: z  no_slip: v_x does not depend on the longitudinal stiffness; no_second: nor
+ *             does any motion on slip
  *   Updated: M  from car_move() to ud_move() */
 static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], const decoded *z)
 {
   r_factored unit[STATES];
   for (int i = 0; i < MOTION; i++)
-    for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) M[i][stiffness_at(a)] = r_short_scaled(r_mul(r_long_scaled(M[i][stiffness_at(a)], ROW_UP), share[a]), ROW_UP);
+    for (int a = HAS_SLIP ? 0 : 1; a < 3; a++)
+      M[i][stiffness_at(a)] = r_short_scaled(
+          r_mul(r_long_scaled(M[i][stiffness_at(a)], ROW_UP), share[a]), ROW_UP);
   if (HAS_SLIP && z->no_slip) M[VX][LCX] = r_short(TSE_R(0));
   for (int i = 0; HAS_SLIP && z->no_second && i < MOTION; i++) {
     M[i][SF] = M[i][SR] = M[i][LCX] = r_short(TSE_R(0));
@@ -144,17 +153,19 @@ static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3
   }
 }
 
-/* Set the slip of each axle to that of the force that accel_x reads: of the axle that drives, of both where they brake or which one drives
- * is not known. Where accel_x is missing, none. No wheels slide that nothing shows. */
+/* Set the slip of each axle to that of the force that accel_x reads: of the axle that
+ * drives, of both where they brake or which one drives is not known. Where accel_x is
+ * missing, none. No wheels slide that nothing shows. */
 static void slip_of_force(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
   const tse_real rest = drag_of(c->drag, k->x[VX]) + rolling_of(c->rolling, k->x[VX]);
   const tse_real force = z->use[ACCEL_X] ? tyre_pull(r_div(z->z[ACCEL_X], c->scale_x) + rest) : TSE_R(0);
-  const int32_t free = z->rolls != ROLLS_UNKNOWN ? z->rolls : force < TSE_R(0) ? ROLLS_NONE
-                                                                               : not_driven(c);
-  const tse_real stiff = r_mul(exponential(k->x[LCX]), (free == ROLLS_FRONT ? TSE_R(0) : c->kx_front) + (free == ROLLS_REAR ? TSE_R(0) : c->kx_rear));
-  const tse_real slip = r_clamp(r_div(force, stiff), -p->max_slip, p->max_slip), follow = r_div(z->dt, z->dt + FORCE_TIME);
+  const int32_t free = z->rolls != ROLLS_UNKNOWN ? z->rolls : force < TSE_R(0) ? ROLLS_NONE : not_driven(c);
+  const tse_real stiff = r_mul(exponential(k->x[LCX]),
+      (free == ROLLS_FRONT ? TSE_R(0) : c->kx_front) + (free == ROLLS_REAR ? TSE_R(0) : c->kx_rear));
+  const tse_real slip = r_clamp(r_div(force, stiff), -p->max_slip, p->max_slip),
+                 follow = r_div(z->dt, z->dt + FORCE_TIME);
   k->x[SF] += r_mul(follow, (free == ROLLS_FRONT ? TSE_R(0) : slip) - k->x[SF]);
   k->x[SR] += r_mul(follow, (free == ROLLS_REAR ? TSE_R(0) : slip) - k->x[SR]);
 }
@@ -173,7 +184,8 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
     k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
     noise[i] = r_mul(r_sqr(WALK_SHARE), dt);
   }
-  if (by_force) noise[VX] = r_mul(r_sqr(r_div(p->prior_sd[GX] + p->prior_sd[BX] + LEAST_ACTIVITY, state_unit[VX])), dt);
+  if (by_force)
+    noise[VX] = r_mul(r_sqr(r_div(p->prior_sd[GX] + p->prior_sd[BX] + LEAST_ACTIVITY, state_unit[VX])), dt);
   scale_transition(M, share, z);
   ud_move(&k->ud, M, noise);
   sensitivities_move(p, k, M, dt);

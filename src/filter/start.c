@@ -22,9 +22,7 @@ void start_all(const tse_params *p, tse_filter *f)
   tse_kalman *const k = &f->k;
   tse_real variance[STATES];
   for (int i = 0; i < TSE_VALUES; i++) k->x[i] = p->prior[i];
-  for (int i = 0; i < STATES; i++) {
-    variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
-  }
+  for (int i = 0; i < STATES; i++) { variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i])); }
   for (int c = 0; c <= STEERING; c++) k->repeats[c] = TSE_R(1);
   for (int c = 0; c < TSE_SENSORS; c++) {
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
@@ -48,9 +46,12 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE] && works(k, YAW_RATE);
   /* a front wheel runs the faster, the more it is turned */
   const tse_real ahead = rear ? TSE_R(1) : r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
-  const tse_real v = z->use[axle] ? r_mul(ahead, z->z[axle]) : x[VX], r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
-  const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
-  const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));
+  const tse_real v = z->use[axle] ? r_mul(ahead, z->z[axle]) : x[VX],
+                 r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
+  const tse_real across = r_mul(v, r),
+                 wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
+  const tse_real front = r_div(
+      r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));
   const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, exponential(x[LCR])));
   for (int i = 0; i < PLACED; i++) x[i] = TSE_R(0);
   x[VX] = v;
@@ -60,11 +61,11 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[VY] = r_mul(c->lr, r) - r_mul(r_max(r_abs(v), TSE_R(1)), x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
   const tse_real sd[] = {
-    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                              /* VX: a wheel that slips */
-    TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                          /* VY */
-    (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)),   /* YAW */
-    TSE_R(0.01) + r_abs(x[AF]), TSE_R(0.01) + r_abs(x[AR]),          /* AF AR */
-    TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                      /* PHI DPHI SF SR */
+    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX: a wheel that slips */
+    TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                                  /* VY */
+    (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), /* YAW */
+    TSE_R(0.01) + r_abs(x[AF]), TSE_R(0.01) + r_abs(x[AR]),               /* AF AR */
+    TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                    /* PHI DPHI SF SR */
   };
   for (int i = 0; i < PLACED; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
   ud_forget(&k->ud, variance, PLACED);

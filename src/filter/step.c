@@ -3,7 +3,8 @@
  *   start.c      the prior, and the motion placed from the sensors
  *   row.c        a log row becomes a checked sample
  *   backwards.c  whether the car rolls backwards
- *   predict.c    state and covariance to its time (model/car.c: forces, motion and sensors of the car; ud.c: the covariance)
+ *   predict.c    state and covariance to its time (model/car.c: forces, motion and
+ *                sensors of the car; ud.c: the covariance)
  *   update.c     its measurements, one after the other
  *   velocity.c   ... of them a velocity, where one is measured
  *   events.c     what may have happened: a table of kinds, and how they are weighed
@@ -13,26 +14,31 @@
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether every wheel speed has risen faster than a car can gain it: one that was read as zero, or an outlier. Downwards
- * they may: wheels lock. */
+/* Return whether every wheel speed has risen faster than a car can gain it: one that was
+ * read as zero, or an outlier. Downwards they may: wheels lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real most = p->hold_speed + r_mul(JUMP_RATE, z->dt);
   const tse_real front = z->z[WHEEL_FRONT] - f->v_front, rear = z->z[WHEEL_REAR] - f->v_rear;
-  return f->step > 0 && has_wheel_speed(z) && !(z->use[WHEEL_FRONT] && front < most) && !(z->use[WHEEL_REAR] && rear < most);
+  return f->step > 0 && has_wheel_speed(z) && !(z->use[WHEEL_FRONT] && front < most)
+      && !(z->use[WHEEL_REAR] && rear < most);
 }
 
 /* Return the speed of an axle, where it is missing that of the other. */
-static tse_real axle_speed(const decoded *z, int axle) { return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle]; }
+static tse_real axle_speed(const decoded *z, int axle)
+{
+  return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle];
+}
 
 /* Return the larger absolute axle speed, or |v_x| of the state when both are missing. */
 static tse_real speed_of(const tse_filter *f, const decoded *z)
 {
-  return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR))) : r_abs(f->k.x[VX]);
+  return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR)))
+                            : r_abs(f->k.x[VX]);
 }
 
-/* Keep the wheel speeds for the next row, and what they say of being one signal. A column that
- * agrees, or is alone, may be one again later. */
+/* Keep the wheel speeds for the next row, and what they say of being one signal. A column
+ * that agrees, or is alone, may be one again later. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -56,10 +62,11 @@ static void count_gaps(tse_filter *f, int gap, tse_real dt)
   f->gaps = gap ? r_min(f->gaps + TSE_R(1), MOST_SINCE) : r_mul(f->gaps, left);
 }
 
-/* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for since one had a wheel speed, still_for since
- * the wheels have stood, off_for until wheel speeds that have differed may be one signal again. The motion is lost where the car has
- * rolled, or its angle been held, for too long, or is not known, and is found again by a row that has both. Keep the wheel speeds for the
- * next row. */
+/* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for
+ * since one had a wheel speed, still_for since the wheels have stood, off_for until wheel
+ * speeds that have differed may be one signal again. The motion is lost where the car has
+ * rolled, or its angle been held, for too long, or is not known, and is found again by a
+ * row that has both. Keep the wheel speeds for the next row. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
@@ -70,7 +77,8 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   keep_speeds(p, f, z);
 }
 
-/* Classify the row.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it
+/* Classify the row.   Given: f  with its timers at this row      gap  whether the motion
+ *                               cannot be followed to it
  *                     Updated: f->way */
 static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
@@ -102,17 +110,21 @@ static int agreement_finite(const tse_agreement *a)
 static int all_finite(const tse_kalman *k)
 {
   int fine = 1;
-  for (int i = 0; i < STATES; i++) fine = fine && r_is_finite(k->x[i]) && r_is_finite(k->ud.d[i]) && k->ud.d[i] >= TSE_R(0);
-  for (int i = 0; i < k->ud.extras; i++) fine = fine && r_is_finite(k->x[STATES + i]) && r_is_finite(k->ud.e[i]) && k->ud.e[i] >= TSE_R(0);
+  for (int i = 0; i < STATES; i++)
+    fine = fine && r_is_finite(k->x[i]) && r_is_finite(k->ud.d[i]) && k->ud.d[i] >= TSE_R(0);
+  for (int i = 0; i < k->ud.extras; i++)
+    fine = fine && r_is_finite(k->x[STATES + i]) && r_is_finite(k->ud.e[i]) && k->ud.e[i] >= TSE_R(0);
   return fine;
 }
 
-/* Return whether a number of a row of the filter (number/vector.h) is saturated, or nearly, in fixed point. */
+/* Return whether a number of a row of the filter (number/vector.h) is saturated, or
+ * nearly, in fixed point. */
 static int near_saturation(const tse_kalman *k)
 {
   int near = r_near_end(k->ud.u, STATES * (STATES - 1) / 2);
   for (int e = 0; e < k->ud.extras; e++) near = near || r_near_end(k->ud.w[e], TSE_ALL);
-  for (int n = 0; n < TSE_EVENTS; n++) near = near || (k->event[n].kind != EVENT_NONE && r_near_end(k->event[n].v, TSE_ALL));
+  for (int n = 0; n < TSE_EVENTS; n++)
+    near = near || (k->event[n].kind != EVENT_NONE && r_near_end(k->event[n].v, TSE_ALL));
   for (int q = 0; q < TSE_CONSIDERED; q++) near = near || r_near_end(k->consider[q], TSE_ALL);
   return near;
 }
@@ -124,24 +136,28 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const row_cla
   for (int a = 0; a < 3; a++)
     if (out->reason[a] != TSE_VALID) status = TSE_W_NOT_VALID;
   if (f->k.seen < SETTLE_TIME) status = worse(status, TSE_W_STARTING);
-  if (z->used < IMU_CHANNELS || !(z->use[WHEEL_FRONT] || z->one_speed) || !z->use[WHEEL_REAR] || !z->has_steer) status = worse(status, TSE_W_MISSING_CHANNEL);
+  if (z->used < IMU_CHANNELS || !(z->use[WHEEL_FRONT] || z->one_speed) || !z->use[WHEEL_REAR]
+      || !z->has_steer)
+    status = worse(status, TSE_W_MISSING_CHANNEL);
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
   if (near_saturation(&f->k)) status = worse(status, TSE_W_RANGE);
-  if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0)) status = worse(status, TSE_W_RECOVERED);
+  if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0))
+    status = worse(status, TSE_W_RECOVERED);
   if (f->k.agreement.apart || f->k.agreement.off_scale) status = worse(status, TSE_W_IMPLAUSIBLE);
   return status;
 }
 
-/* Process a row without predicting the motion: clear the innovations, predict only the parameters, reinitialise the motion from wheels
- * and gyro unless it is lost, and update the gyro bias at standstill. Until the filter has started, nothing is predicted and the motion is
- * always reinitialised.
- * Given: z, with steering angle or not */
+/* Process a row without predicting the motion: clear the innovations, predict only the
+ * parameters, reinitialise the motion from wheels and gyro unless it is lost, and update
+ * the gyro bias at standstill. Until the filter has started, nothing is predicted and the
+ * motion is always reinitialised. Given: z, with steering angle or not */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
-  for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = k->nis[a] = TSE_R(0); /* nothing is weighed */
+  for (int a = 0; a < TSE_SENSORS; a++)
+    k->innovation[a] = k->innovation_var[a] = k->nis[a] = TSE_R(0); /* nothing is weighed */
   k->log_likelihood = TSE_R(0);
   velocity_lose(k);
   if (f->started) rest_row(p, k, z->dt);
@@ -150,8 +166,9 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Return whether the motion is known at all. Settings of no car, whose motion swings itself up within a substep,
- * and an unstable one that nothing measures leave it unknown long before a number overflows. No variance is less than its element of D. */
+/* Return whether the motion is known at all. Settings of no car, whose motion swings
+ * itself up within a substep, and an unstable one that nothing measures leave it unknown
+ * long before a number overflows. No variance is less than its element of D. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = 1;
@@ -160,8 +177,8 @@ static int is_motion_known(const tse_kalman *k)
   return known;
 }
 
-/* Predict, measure, and decide on events; count the seconds that are seen. Without a steering angle nothing is measured: a
- * stiffness would make up for it. */
+/* Predict, measure, and decide on events; count the seconds that are seen. Without a
+ * steering angle nothing is measured: a stiffness would make up for it. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
   const steering angle = predict_row(p, k, z);
@@ -186,8 +203,9 @@ static void recover(const tse_params *p, tse_filter *f, const decoded *z)
   }
 }
 
-/* Restart from the prior, or from what was loaded, when the steering angle is found frozen: until then stiffness, steering offset and
- * ratio absorbed its error. Keep what shows that it is frozen. */
+/* Restart from the prior, or from what was loaded, when the steering angle is found
+ * frozen: until then stiffness, steering offset and ratio absorbed its error. Keep what
+ * shows that it is frozen. */
 static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -199,7 +217,8 @@ static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
 }
 
 /* Fill the output of a row, and note which stiffness tse_learnt_save() may call known. */
-static void report_step(const tse_params *p, tse_filter *f, const decoded *z, const row_class *w, tse_output *now)
+static void report_step(
+    const tse_params *p, tse_filter *f, const decoded *z, const row_class *w, tse_output *now)
 {
   memset(now, 0, sizeof *now);
   report_row(p, &f->k, now);
@@ -220,8 +239,10 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) start_over(p, f, &z);
   road_row(p, &f->k, &z);
   const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
-  const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time); /* before this row: the car may have turned otherwise */
-  const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW)) || (z.has_steer && f->lost);
+  const int blind = f->held_for
+      > r_mul(BLIND_ROWS, p->sample_time); /* before this row: the car may have turned otherwise */
+  const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW))
+      || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);
   count_gaps(f, gap && f->started && speed > p->hold_speed, z.dt);
@@ -229,7 +250,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */
+  if (!fine
+      || !all_finite(
+          &f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */
     f->start.loaded = 0;
     recover(p, f, &z);
   }

@@ -10,7 +10,8 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 }
 
 /* Multiply an element of D by share^2, no further down than it may be.
- *   Returned: what elements of its column of U are multiplied by, so that covariances are by share: at
+ *   Returned: what elements of its column of U are multiplied by, so that covariances are
+ *   by share: at
  *             the floor, where D does not follow, not by 1/share, in every row anew */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
@@ -37,7 +38,8 @@ void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS])
 void ud_tie(tse_ud *p, int i, tse_real share)
 {
   p->w[0][i] = r_short(r_long(p->w[0][i]) + share);
-  for (int j = i + 1; j < STATES; j++) p->w[0][j] = r_short(r_long(p->w[0][j]) + r_mul(share, r_long(p->u[ud_column(j) + i])));
+  for (int j = i + 1; j < STATES; j++)
+    p->w[0][j] = r_short(r_long(p->w[0][j]) + r_mul(share, r_long(p->u[ud_column(j) + i])));
 }
 
 void ud_fade_extra(tse_ud *p, int e, tse_real share)
@@ -54,7 +56,8 @@ void ud_renew(tse_ud *p, tse_real variance)
 }
 #endif
 
-/* Add c a a' to the covariance of the extra states alone.   Given: up  what a is scaled by   Updated: a is used up */
+/* Add c a a' to the covariance of the extra states alone.   Given: up  what a is scaled
+ *                                                           by   Updated: a is used up */
 static void extras_add(tse_ud *p, tse_short *a, int up, tse_real c)
 {
   for (int e = EXTRAS_IN_USE(p) - 1; e >= 0; e--) {
@@ -74,14 +77,17 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      tse_real left = cov[i][j], own = cov[i][i]; /* of the covariance, of the variance of i: what columns behind j have not taken */
+      tse_real
+          left = cov[i][j],
+          own = cov[i][i]; /* of the covariance, of the variance of i: what columns behind j have not taken */
       for (int k = j + 1; k < TSE_KEPT; k++) {
         const tse_short *const u = &p->u[ud_column(first + k) + first];
         const tse_real taken = r_mul(p->d[first + k], r_long(u[i]));
         left -= r_mul(taken, r_long(u[j]));
         own -= r_mul(taken, r_long(u[i]));
       }
-      const tse_real most = r_mul(LARGEST_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j]))); /* correlations that contradict each other */
+      const tse_real most = r_mul(LARGEST_CORRELATION,
+          r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j]))); /* correlations that contradict each other */
       if (i == j) p->d[first + j] = r_max(left, LEAST_D);
       else column[i] = r_short(r_div(r_clamp(left, -most, most), p->d[first + j]));
     }
@@ -92,14 +98,16 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 {
   const int low = i < k ? i : k, high = i < k ? k : i;
   tse_real sum = low == high ? p->d[low] : r_mul(r_long(p->u[ud_column(high) + low]), p->d[high]);
-  for (int j = high + 1; j < STATES; j++) sum += r_mul(r_mul_short(p->u[ud_column(j) + low], p->u[ud_column(j) + high]), p->d[j]);
+  for (int j = high + 1; j < STATES; j++)
+    sum += r_mul(r_mul_short(p->u[ud_column(j) + low], p->u[ud_column(j) + high]), p->d[j]);
   return sum;
 }
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
 /* Let D of state j, and the extra states, take their part of c a a'.
- *   Updated:  a  without it, of extra states; c  what is left      Returned: share and pull of column j of U; 0: it has none */
+ *   Updated:  a  without it, of extra states; c  what is left      Returned: share and
+ *                                                pull of column j of U; 0: it has none */
 static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
 {
   const tse_real own = r_long_scaled(a[j], up);
@@ -156,14 +164,15 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], LEAST_D);
 }
 
-/* Rows of the motion before they are triangular again, as sums over independent errors: those of the states in motion, then their
- * noise. */
+/* Rows of the motion before they are triangular again, as sums over independent errors:
+ * those of the states in motion, then their noise. */
 typedef struct sums {
   tse_short row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION];
   tse_real variance[2 * MOTION];
 } sums;
 
-/* Multiply M by U.   Updated: columns of U behind the motion, which may be anything   Returned: s  columns of the motion */
+/* Multiply M by U.   Updated: columns of U behind the motion, which may be anything
+ *                    Returned: s  columns of the motion */
 static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   for (int j = STATES - 1; j >= 0; j--) {
@@ -177,8 +186,8 @@ static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
   }
 }
 
-/* Take state j, which all behind it have been taken from, out of the rows before it and of the extra states: weighted
- * Gram-Schmidt.
+/* Take state j, which all behind it have been taken from, out of the rows before it and
+ * of the extra states: weighted Gram-Schmidt.
  *   Updated: s; column j of U and W, D of state j */
 static void take_out(tse_ud *p, sums *s, int j)
 {
@@ -216,7 +225,8 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
   for (int e = 0; e < EXTRAS_IN_USE(p); e++)
     for (int k = 0; k < 2 * MOTION; k++) s.extra[e][k] = k < MOTION ? p->w[e][k] : r_short(TSE_R(0));
   for (int j = MOTION - 1; j >= 0; j--) take_out(p, &s, j);
-  for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) { /* what the motion as it is now does not explain of them */
+  for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p);
+      k++) { /* what the motion as it is now does not explain of them */
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) a[e] = s.extra[e][k];
     extras_add(p, a, 0, s.variance[k]);
@@ -228,7 +238,8 @@ void ud_fade(tse_ud *p, int i, tse_real share)
   const tse_real over = fade_d(&p->d[i], share);
   for (int k = 0; k < i; k++) p->u[ud_column(i) + k] = r_short(r_mul(r_long(p->u[ud_column(i) + k]), over));
   for (int e = 0; e < EXTRAS_IN_USE(p); e++) p->w[e][i] = r_short(r_mul(r_long(p->w[e][i]), over));
-  for (int j = i + 1; j < STATES; j++) p->u[ud_column(j) + i] = r_short(r_mul(r_long(p->u[ud_column(j) + i]), share));
+  for (int j = i + 1; j < STATES; j++)
+    p->u[ud_column(j) + i] = r_short(r_mul(r_long(p->u[ud_column(j) + i]), share));
 }
 
 tse_real ud_measure_sparse(const tse_ud *p, const tse_real *h, const r_sparse *own, tse_real *f, tse_real *v)
@@ -286,7 +297,8 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
       s += more;
       over = r_divisor(s);
       p->d[j + c] = r_max(r_left(p->d[j + c], before, more, over), LEAST_D);
-      for (int e = 0; e < EXTRAS_IN_USE(p); e++) r_add_both(&p->w[e][j + c], &g[STATES + e], pull[c], push[c], 1);
+      for (int e = 0; e < EXTRAS_IN_USE(p); e++)
+        r_add_both(&p->w[e][j + c], &g[STATES + e], pull[c], push[c], 1);
       g[j + c] = r_short_of(push[c], v[j + c], up);
     }
     if (columns < 2) {

@@ -1,26 +1,27 @@
-/* filter/velocity.c - a measured velocity: of an INS along and across the car, of GNSS speed and course.
+/* filter/velocity.c - a measured velocity: of an INS along and across the car, of GNSS
+ * speed and course.
  *
  * With (vx, vy) = v + r x lever where it is measured, `late` before the row:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
- *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)          heading' = gyro - bias
- * Seven states more: heading, speed across that the model does not explain, scale, turn, late, lever along and across. Nothing of the
- * car depends on them, so they stand before the others in U D U' (ud.h): a row of U each, and to the others it is as if they were not
- * there. They come into use with the first velocity that is given; until then nothing is computed and no bit is another.
+ *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)
+ *                                              heading' = gyro - bias
+ * Seven states more: heading, speed across that the model does not explain, scale, turn,
+ * late, lever along and across. Nothing of the car depends on them, so they stand before
+ * the others in U D U' (ud.h): a row of U each, and to the others it is as if they were
+ * not there. They come into use with the first velocity that is given; until then nothing
+ * is computed and no bit is another.
  *
- * What was true earlier is found by how the state has moved since (past), and the slopes to first order, h - late dh/dt.
- * A difference of courses in place of the heading would need no state, but neighbours would share noise. */
+ * What was true earlier is found by how the state has moved since (past), and the slopes
+ * to first order, h - late dh/dt. A difference of courses in place of the heading would
+ * need no state, but neighbours would share noise. */
 #include "filter/filter.h"
 
 #if !defined(TSE_NO_VELOCITY)
 
 /* Columns of the kept motion: those of the state from VX on, and the heading. */
-enum { KEPT_HEADING = 3,
-       KEPT };
+enum { KEPT_HEADING = 3, KEPT };
 
-enum { INS_X,
-       INS_Y,
-       SPEED,
-       COURSE };
+enum { INS_X, INS_Y, SPEED, COURSE };
 
 /* Return the angle within -pi .. pi. */
 static tse_real wrapped(tse_real angle)
@@ -71,7 +72,8 @@ static void remember(tse_kalman *k, tse_real dt)
   }
 }
 
-/* Find the motion `late` seconds ago less that of now, as far back as it is known.   Returned: how late that is */
+/* Find the motion `late` seconds ago less that of now, as far back as it is known.
+ * Returned: how late that is */
 static tse_real past_of(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
 {
   tse_real newer = TSE_R(0);
@@ -95,8 +97,8 @@ static void grow(tse_kalman *k, int i, tse_real q)
   if (q > TSE_R(0)) ud_add(&k->ud, a, -1, q);
 }
 
-/* Propagate the model discrepancy of the speed across as an Ornstein-Uhlenbeck process of time constant MODEL_TIME, its sd a share of
- * how fast the axles slip sideways. */
+/* Propagate the model discrepancy of the speed across as an Ornstein-Uhlenbeck process of
+ * time constant MODEL_TIME, its sd a share of how fast the axles slip sideways. */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -109,19 +111,25 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
   grow(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
 }
 
-/* Turn the heading by the gyro, not by the yaw rate of the model, which is off by what that does not explain; without a gyro, by
- * that. */
+/* Turn the heading by the gyro, not by the yaw rate of the model, which is off by what
+ * that does not explain; without a gyro, by that. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int measured = z->use[YAW_RATE] && works(k, YAW_RATE), by = measured ? BR : YAW;
-  const tse_real sign = measured ? TSE_R(-1) : TSE_R(1), share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
-  const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW], before = k->velocity.has_gyro == measured ? k->velocity.gyro : rate;
+  const tse_real sign = measured ? TSE_R(-1) : TSE_R(1),
+                 share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
+  const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW],
+                 before = k->velocity.has_gyro == measured ? k->velocity.gyro : rate;
   k->velocity.gyro = rate;
   k->velocity.has_gyro = measured;
   ud_tie(&k->ud, by, share);
-  for (int q = 0; q < TSE_CONSIDERED; q++) k->consider[q][PSI] = r_short(r_long(k->consider[q][PSI]) + r_mul(share, r_long(k->consider[q][by])));
-  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = r_short(r_long(k->event[n].v[PSI]) + r_mul(share, r_long(k->event[n].v[by])));
-  if (measured) k->consider[CONSIDER_GYRO][PSI] = r_short(r_long(k->consider[CONSIDER_GYRO][PSI]) - r_div(r_mul(r_mul(p->uncertain[CONSIDER_GYRO], rate), z->dt), state_unit[PSI]));
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    k->consider[q][PSI] = r_short(r_long(k->consider[q][PSI]) + r_mul(share, r_long(k->consider[q][by])));
+  for (int n = 0; n < TSE_EVENTS; n++)
+    k->event[n].v[PSI] = r_short(r_long(k->event[n].v[PSI]) + r_mul(share, r_long(k->event[n].v[by])));
+  if (measured)
+    k->consider[CONSIDER_GYRO][PSI] = r_short(r_long(k->consider[CONSIDER_GYRO][PSI])
+        - r_div(r_mul(r_mul(p->uncertain[CONSIDER_GYRO], rate), z->dt), state_unit[PSI]));
   k->velocity.turned = r_mul(r_mul(TSE_R(0.5), z->dt), before + rate);
   k->x[PSI] = wrapped(k->x[PSI] + k->velocity.turned);
 }
@@ -134,11 +142,13 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   turn_heading(p, k, z);
   fade_discrepancy(p, k, left_of(dt, MODEL_TIME), dt);
   grow(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
-  for (int e = V_SCALE; e < TSE_ALL; e++) grow(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
+  for (int e = V_SCALE; e < TSE_ALL; e++)
+    grow(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
   for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MOST_SINCE);
 }
 
-/* What a channel reads, and its slopes over the motion at that time (speeds along, across, yaw rate) and the extra states, in SI. */
+/* What a channel reads, and its slopes over the motion at that time (speeds along,
+ * across, yaw rate) and the extra states, in SI. */
 typedef struct velocity_reading {
   tse_real z, by[3], extra[TSE_EXTRAS];
 } velocity_reading;
@@ -147,9 +157,11 @@ typedef struct velocity_reading {
  *   Given: v  speeds along and across [m/s], yaw rate [rad/s] at the time of the value
  *   heading [rad]
  *   extra states */
-static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
+static velocity_reading read_of(
+    int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
 {
-  const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES], turn = extra[V_TURN - STATES], lx = extra[V_LEVER_X - STATES], ly = extra[V_LEVER_Y - STATES];
+  const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES], turn = extra[V_TURN - STATES],
+                 lx = extra[V_LEVER_X - STATES], ly = extra[V_LEVER_Y - STATES];
   const tse_real vx = v[0] - r_mul(v[2], ly), vy = v[1] + extra[V_DISCREPANCY - STATES] + r_mul(v[2], lx);
   tse_real along = TSE_R(0), across = TSE_R(0); /* slopes over vx, vy */
   velocity_reading m;
@@ -162,7 +174,8 @@ static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, co
     m.extra[V_SCALE - STATES] = plain;
     m.extra[V_TURN - STATES] = r_mul(scale, c == INS_X ? vy : -vx);
   } else {
-    const tse_real speed = r_max(r_sqrt(r_sqr(vx) + r_sqr(vy)), LEAST_SPEED), over = r_div(TSE_R(1), speed), cos_b = r_mul(vx, over), sin_b = r_mul(vy, over);
+    const tse_real speed = r_max(r_sqrt(r_sqr(vx) + r_sqr(vy)), LEAST_SPEED), over = r_div(TSE_R(1), speed),
+                   cos_b = r_mul(vx, over), sin_b = r_mul(vy, over);
     m.z = c == SPEED ? r_mul(scale, speed) : heading + r_atan2(vy, vx);
     along = c == SPEED ? r_mul(scale, cos_b) : -r_mul(sin_b, over);
     across = c == SPEED ? r_mul(scale, sin_b) : r_mul(cos_b, over);
@@ -179,9 +192,12 @@ static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, co
 }
 
 /* Predict a channel as it was `late` before the row.
- *   Given:     z   its value      by  slopes of the rates of the motion over state and uncertain quantities, SI
- *   Returned:  m   innovation without what the row has moved the state by, slopes in units; white: variance of what is no witness */
-static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
+ *   Given:     z   its value      by  slopes of the rates of the motion over state and
+ *                                     uncertain quantities, SI
+ *   Returned:  m   innovation without what the row has moved the state by, slopes in
+ *                  units; white: variance of what is no witness */
+static void predict_reading(
+    const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {
   tse_real delta[KEPT], rate[KEPT], h[TSE_ALL], changes = TSE_R(0), late = p->velocity_late + k->x[V_LATE];
   const tse_real *const x = k->x;
@@ -208,7 +224,11 @@ static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse
   h[k->velocity.has_gyro ? BR : YAW] -= r_mul(k->velocity.has_gyro ? -late : late, now.extra[0]);
   h[V_LATE] = -changes - r_mul(now.extra[0], rate[KEPT_HEADING]);
   m->white = TSE_R(0);
-  if (c == INS_X || c == SPEED) { /* slip that is thought wrong looks like a latency: speed along is no witness of it, and suffers from it */
+  if (c == INS_X
+      || c
+          /* slip that is thought wrong looks like a latency: speed along is no witness
+           * of it, and suffers from it */
+          == SPEED) {
     m->white = r_sqr(r_mul(changes, p->extra_sd[V_LATE - STATES]));
     h[V_LATE] = TSE_R(0);
   }
@@ -225,19 +245,23 @@ static void new_heading(tse_kalman *k, tse_real by)
   k->velocity.has_heading = 1;
 }
 
-/* Use a value, or leave it out while values do not fit.   Given: dt  since the last value, s   Updated: s, change */
-static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt, scalar *s, tse_real change[TSE_ALL])
+/* Use a value, or leave it out while values do not fit.   Given: dt  since the last
+ *                                                         value, s   Updated: s, change */
+static void use_velocity(
+    const tse_params *p, tse_kalman *k, int c, tse_real dt, scalar *s, tse_real change[TSE_ALL])
 {
   tse_velocity *const m = &k->velocity;
   tse_real f[TSE_ALL], v[TSE_ALL], state, own = r_sqr(p->velocity_sd[c]);
-  if (c == COURSE && k->x[VX] < LEAST_COURSE) own = r_mul(own, r_sqr(r_div(LEAST_COURSE, r_max(k->x[VX], p->hold_speed))));
+  if (c == COURSE && k->x[VX] < LEAST_COURSE)
+    own = r_mul(own, r_sqr(r_div(LEAST_COURSE, r_max(k->x[VX], p->hold_speed))));
   if (c == COURSE && !m->has_heading) {
     new_heading(k, s->e);
     s->e = change[PSI] = TSE_R(0);
   }
   for (int i = 0; i < TSE_ALL; i++) s->e -= r_mul(s->h[i], change[i]);
   s->dt = dt;
-  s->white += r_mul(own, m->noise[c] + r_mul(r_sqr(LASTING), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))));
+  s->white += r_mul(
+      own, m->noise[c] + r_mul(r_sqr(LASTING), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))));
   s->r = s->white;
   const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->ud, s->h, f, v) + s->r);
   m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, r_sqr(MOST_NIS)) - m->mean_nis[c]);
@@ -251,12 +275,14 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
     return;
   }
   m->rejected_for[c] = TSE_R(0);
-  (void)use_scalar(k, c == INS_Y || c == COURSE ? NO_SENSOR_LATERAL : NO_SENSOR_LONGITUDINAL, s, p->velocity_sd[c], change, &state);
+  (void)use_scalar(k, c == INS_Y || c == COURSE ? NO_SENSOR_LATERAL : NO_SENSOR_LONGITUDINAL, s,
+      p->velocity_sd[c], change, &state);
   learn_noise(p, &m->noise[c], s->e - m->innovation[c], own, r_div(dt, USUAL_TIME));
   m->innovation[c] = s->e;
 }
 
-void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
+void velocity_update(
+    const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   tse_velocity *const m = &k->velocity;
   tse_real rate[3], by[3][COLUMNS];
@@ -275,10 +301,12 @@ void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const
   for (int c = 0; c < TSE_VELOCITIES; c++) {
     const tse_real now = z->optional[c], dt = r_clamp(m->since[c], z->dt, MODEL_TIME);
     scalar s;
-    if (!(z->given >> c & 1u) || (now >= m->last[c] && now <= m->last[c])) continue; /* held from the row before, or frozen */
+    if (!(z->given >> c & 1u) || (now >= m->last[c] && now <= m->last[c]))
+      continue; /* held from the row before, or frozen */
     m->last[c] = now;
     m->since[c] = TSE_R(0);
-    if (z->one_speed && (c == INS_X || c == SPEED)) continue; /* what it differs from one speed of the vehicle by need not be slip */
+    if (z->one_speed && (c == INS_X || c == SPEED))
+      continue; /* what it differs from one speed of the vehicle by need not be slip */
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);
   }
@@ -289,7 +317,9 @@ tse_real velocity_across_var(const tse_kalman *k)
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL];
   for (int i = 0; i < TSE_ALL; i++) h[i] = i == VY || i == V_DISCREPANCY ? state_unit[i] : TSE_R(0);
   tse_real var = ud_measure(&k->ud, h, f, v);
-  for (int q = 0; q < TSE_CONSIDERED; q++) var += r_sqr(r_mul(r_long(k->consider[q][VY]), state_unit[VY]) + r_mul(r_long(k->consider[q][V_DISCREPANCY]), state_unit[V_DISCREPANCY]));
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    var += r_sqr(r_mul(r_long(k->consider[q][VY]), state_unit[VY])
+        + r_mul(r_long(k->consider[q][V_DISCREPANCY]), state_unit[V_DISCREPANCY]));
   return var;
 }
 
@@ -306,7 +336,11 @@ tse_real velocity_discrepancy(const tse_kalman *k) { return k->x[V_DISCREPANCY];
 
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z) { (void)p, (void)k, (void)z; }
 void velocity_lose(tse_kalman *k) { (void)k; }
-void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]) { (void)p, (void)k, (void)z, (void)f, (void)change; }
+void velocity_update(
+    const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
+{
+  (void)p, (void)k, (void)z, (void)f, (void)change;
+}
 int32_t velocity_fault(const tse_kalman *k) { return (void)k, NO_FAULT; }
 tse_real velocity_discrepancy(const tse_kalman *k) { return (void)k, TSE_R(0); }
 tse_real velocity_across_var(const tse_kalman *k) { return (void)k, TSE_R(0); }

@@ -1,4 +1,5 @@
-/* host/learnt.c - save, check, load and age the learnt state. Layout of its bytes: tse/learnt.h. */
+/* host/learnt.c - save, check, load and age the learnt state. Layout of its bytes:
+ * tse/learnt.h. */
 #include "filter/filter.h"
 #include "tse/learnt.h"
 
@@ -26,12 +27,15 @@ static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
 
 enum {
   K_BIAS = 0,
-  K_STIFFNESS = 3
+  K_STIFFNESS = 3,
 };
 
 /* Return the place in the file of state FAST + i, and of the correlation of two. */
 #if defined(TSE_SMALL)
-static int place_of(int i) { return i + (FAST + i < LCF ? 1 : 2); } /* without accel_x, cx_front; lateness and radius are the last */
+static int place_of(int i)
+{
+  return i + (FAST + i < LCF ? 1 : 2);
+} /* without accel_x, cx_front; lateness and radius are the last */
 #else
 static int place_of(int i) { return i; }
 #endif
@@ -43,7 +47,8 @@ static int pair_of(int i, int j)
 
 /* ------------------------------------------------------------------------------------------ bytes */
 
-/* Compute the CRC-32 of IEEE 802.3, bit by bit: a table would not pay for one file a drive. */
+/* Compute the CRC-32 of IEEE 802.3, bit by bit: a table would not pay for one file a
+ * drive. */
 uint32_t crc32_of(const uint8_t *bytes, size_t count)
 {
   uint32_t crc = 0xffffffffu;
@@ -71,7 +76,10 @@ static uint32_t get(const uint8_t *at)
   return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
-static int32_t signed_of(uint32_t word) { return word <= (uint32_t)INT32_MAX ? (int32_t)word : -(int32_t)(UINT32_MAX - word) - 1; }
+static int32_t signed_of(uint32_t word)
+{
+  return word <= (uint32_t)INT32_MAX ? (int32_t)word : -(int32_t)(UINT32_MAX - word) - 1;
+}
 
 static const uint8_t *get_all(const uint8_t *at, int32_t *x, int n)
 {
@@ -109,14 +117,17 @@ static int32_t most_of(int place)
   return INT32_MAX; /* no state here */
 }
 
-/* Check all values against their ranges.   Returned: name of the first wrong one, or NULL */
+/* Check all values against their ranges.   Returned: name of the first wrong one, or
+ * NULL */
 static const char *implausible(const content *c)
 {
-  static const char *const of[PLACES_KEPT] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate", "mean of cx_front", "mean of cy_front", "mean of cy_rear",
-                                               "mean of grip", "steering offset", "steering ratio", "lateness of the steering", "radius" };
-  static const char *const of_sd[PLACES_KEPT] = { "sd of the bias of accel_x", "sd of the bias of accel_y", "sd of the bias of yaw_rate", "sd of cx_front",
-                                                  "sd of cy_front", "sd of cy_rear", "sd of grip", "sd of the steering offset", "sd of the steering ratio",
-                                                  "sd of the lateness of the steering", "sd of the radius" };
+  static const char *const of[PLACES_KEPT] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate",
+    "mean of cx_front", "mean of cy_front", "mean of cy_rear", "mean of grip", "steering offset",
+    "steering ratio", "lateness of the steering", "radius" };
+  static const char *const of_sd[PLACES_KEPT] = { "sd of the bias of accel_x", "sd of the bias of accel_y",
+    "sd of the bias of yaw_rate", "sd of cx_front", "sd of cy_front", "sd of cy_rear", "sd of grip",
+    "sd of the steering offset", "sd of the steering ratio", "sd of the lateness of the steering",
+    "sd of the radius" };
   if (c->known > 7) return "which stiffnesses are learnt";
   if (c->nu > MOST_NU) return "trust in the spread";
   for (int i = 0; i < PLACES_KEPT; i++) {
@@ -148,7 +159,8 @@ static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, cont
   const uint32_t format = get(in + 4) & 0xffffu;
   if (format > TSE_LEARNT_FORMAT) return refuse(TSE_E_VERSION, "its format", wrong);
   if (format >= 1 && format < TSE_LEARNT_FORMAT) return refuse(TSE_E_OLD, "its format", wrong);
-  if (format != TSE_LEARNT_FORMAT || bytes != TSE_LEARNT_BYTES) return refuse(TSE_E_LEARNT, "its format", wrong);
+  if (format != TSE_LEARNT_FORMAT || bytes != TSE_LEARNT_BYTES)
+    return refuse(TSE_E_LEARNT, "its format", wrong);
   c->vehicle = get(in + 8);
   c->known = get(in + 12);
   c->nu = get(in + 16);
@@ -184,7 +196,8 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   tse_real sd[TSE_KEPT], share = TSE_R(1), itself;
   for (int i = 0; i < TSE_KEPT; i++) {
     tse_real var = ud_variance(&k->ud, FAST + i), mean = k->x[FAST + i];
-    for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + i]);
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      var += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + i]);
     const int place = place_of(i);
     if (HAS_SLIP && place == K_STIFFNESS) { /* the slip stiffness itself */
       share = along_share(p, k, var, &itself);
@@ -200,10 +213,12 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++) {
       tse_real both = ud_covariance(&k->ud, FAST + i, FAST + j);
-      for (int q = 0; q < TSE_CONSIDERED; q++) both += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + j]);
+      for (int q = 0; q < TSE_CONSIDERED; q++)
+        both += r_mul_short(k->consider[q][FAST + i], k->consider[q][FAST + j]);
       if (HAS_SLIP && (i == K_STIFFNESS || j == K_STIFFNESS)) both = r_mul(share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
-      c->pair[pair_of(i, j)] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
+      c->pair[pair_of(i, j)] = r_floor_to_int(
+          r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
     }
   for (int i = 0; i < TSE_SENSORS; i++) {
     c->noise[i] = r_to_q24(r_sqrt(k->noise[i]));
@@ -227,11 +242,13 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
     const int32_t log = r_to_q24(logarithm(mean)), bias = r_to_q24(now.bias[a]);
     if (bias == INT32_MIN) return 0; /* NaN */
     c->mean[K_STIFFNESS + a] = code_clamped(log, most_of(K_STIFFNESS + a));
-    c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
+    c->sd[K_STIFFNESS + a] = r_to_q24(
+        r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
     c->mean[K_BIAS + a] = code_clamped(bias, most_of(K_BIAS + a));
     c->sd[K_BIAS + a] = r_to_q24(now.bias_sd[a]);
     c->spread[a] = r_to_q24(now.stiffness_spread[a]);
-    c->correlation[a] = code_clamped(scale > TSE_R(0) ? r_to_q24(r_div(lam[off_diagonal[a]], scale)) : 0, MOST_ONE);
+    c->correlation[a] = code_clamped(
+        scale > TSE_R(0) ? r_to_q24(r_div(lam[off_diagonal[a]], scale)) : 0, MOST_ONE);
     if (c->sd[K_STIFFNESS + a] < 0 || c->sd[K_BIAS + a] < 0 || c->spread[a] < 0) return 0; /* no numbers */
   }
   return 1;
@@ -259,7 +276,8 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
 
 /* ------------------------------------------------------------------------------------------- load */
 
-/* Return rate times n: digit by digit to base 1024, so that factors fit a fixed-point number. */
+/* Return rate times n: digit by digit to base 1024, so that factors fit a fixed-point
+ * number. */
 static tse_real grown(tse_real rate, uint32_t n)
 {
   tse_real sum = TSE_R(0);
@@ -275,11 +293,13 @@ static tse_real grown(tse_real rate, uint32_t n)
 static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real most)
 {
   const tse_real minutes = r_from_int((int32_t)(age_s % DAY / 60u));
-  const tse_real grow = r_add_sat(grown(p->learnt_walk, age_s / DAY), r_mul(p->learnt_walk, r_div(minutes, TSE_R(1440))));
+  const tse_real grow = r_add_sat(
+      grown(p->learnt_walk, age_s / DAY), r_mul(p->learnt_walk, r_div(minutes, TSE_R(1440))));
   return r_min(r_add_sat(r_max(r_mul(sd, sd), p->learnt_floor), grow), most);
 }
 
-/* Age a bias: a stationary process with the settings' variance, whose variance grows by its walk.
+/* Age a bias: a stationary process with the settings' variance, whose variance grows by
+ * its walk.
  *   Updated: mean, var  SI */
 static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real most, uint32_t age_s)
 {
@@ -288,7 +308,8 @@ static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real most
     *var = most;
     return;
   }
-  const tse_real now = r_min(r_add_sat(*var, grown(walk, age_s)), most), kept = r_sqrt(r_div(most - now, most - *var));
+  const tse_real now = r_min(r_add_sat(*var, grown(walk, age_s)), most),
+                 kept = r_sqrt(r_div(most - now, most - *var));
   *mean = r_mul(kept, *mean);
   *var = now;
 }
@@ -317,35 +338,41 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
       const tse_real r = r_div(r_from_int(c->pair[pair_of(i, j)]), TSE_R(ONE_14));
       s->kept_cov[i][j] = s->kept_cov[j][i] = r_mul(r, r_mul(was[i], was[j]));
     }
-  for (int i = 0; i < TSE_SENSORS; i++) s->noise[i] = c->noise[i] > 0 ? r_clamp(r_sqr(r_from_q24(c->noise[i])), LEAST_NOISE, p->noise_max_var) : TSE_R(1);
+  for (int i = 0; i < TSE_SENSORS; i++)
+    s->noise[i] = c->noise[i] > 0 ? r_clamp(r_sqr(r_from_q24(c->noise[i])), LEAST_NOISE, p->noise_max_var)
+                                  : TSE_R(1);
 }
 
 #if !defined(TSE_NO_PARTICLES)
-/* Set the prior of the particles. The variance of a mean is gamma Sigma in each particle, plus the
- * scatter of the particles where one gamma does not fit all three. The spread includes it, with the
- * weight of initial_spread, so that particles can follow a changed road. 10 .. 20 s after a start on a
- * road at 60 %, 8 drives, rms errors of 5.2, 5.2, 10.9 % become 3.3, 4.0, 7.7 %. */
+/* Set the prior of the particles. The variance of a mean is gamma Sigma in each particle,
+ * plus the scatter of the particles where one gamma does not fit all three. The spread
+ * includes it, with the weight of initial_spread, so that particles can follow a changed
+ * road. 10 .. 20 s after a start on a road at 60 %, 8 drives, rms errors of 5.2, 5.2,
+ * 10.9 % become 3.3, 4.0, 7.7 %. */
 static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real spread[3], var[3];
   for (int a = 0; a < 3; a++) {
     const int known = (c->known >> a & 1u) != 0;
-    const tse_real most = r_sqrt(p->spread_max_var), level = exponential(r_from_q24(c->mean[K_STIFFNESS + a]));
-    spread[a] = known && c->spread[a] > 0 ? r_min(r_max(r_from_q24(c->spread[a]), LEAST_SPREAD), most) : r_sqrt(p->spread_var);
+    const tse_real most = r_sqrt(p->spread_max_var),
+                   level = exponential(r_from_q24(c->mean[K_STIFFNESS + a]));
+    spread[a] = known && c->spread[a] > 0 ? r_min(r_max(r_from_q24(c->spread[a]), LEAST_SPREAD), most)
+                                          : r_sqrt(p->spread_var);
     var[a] = r_sqr(spread[a]);
     if (known) {
       s->mu[a] = r_clamp(level - TSE_R(1), p->w_min, p->w_max);
       s->mean_var[a] = aged(p, r_mul(level, r_from_q24(c->sd[K_STIFFNESS + a])), age_s, p->mean_var0);
       var[a] = r_min(var[a] + s->mean_var[a], p->spread_max_var);
     }
-    tse_real mean = r_from_q24(c->mean[K_BIAS + a]), bias_var = r_sqr(r_mul(p->inv_sd[a], r_from_q24(c->sd[K_BIAS + a])));
+    tse_real mean = r_from_q24(c->mean[K_BIAS + a]),
+             bias_var = r_sqr(r_mul(p->inv_sd[a], r_from_q24(c->sd[K_BIAS + a])));
     mean = r_mul(p->inv_sd[a], mean);
     if (c->sd[K_BIAS + a] == 0 || !(bias_var < p->bias_var0[a])) continue; /* no better than the settings */
     age_bias(&mean, &bias_var, p->bias_walk[a], p->bias_var0[a], age_s);
     s->bias[a] = mean;
     s->bias_var[a] = bias_var;
   }
-  if (c->known == 0) return; /* keep the settings' prior, bit for bit */
+  if (c->known == 0) return;                              /* keep the settings' prior, bit for bit */
   const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;
@@ -359,7 +386,8 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
 }
 #endif
 
-tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s)
+tse_status tse_learnt_load(
+    const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s)
 {
   if (!p || !f || !in) return TSE_E_NULL;
   if (!belong(p, f) || f->step > 0 || f->waiting.count > 0) return TSE_E_STATE;
@@ -372,6 +400,7 @@ tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in
 #if !defined(TSE_NO_PARTICLES)
   if (p->form != 0) load_particles(p, &c, age_s, &f->start);
 #endif
-  for (int a = HAS_SLIP || p->form != 0 ? 0 : 1; a < 3; a++) f->known[a] = (c.known >> a & 1u) != 0 ? TSE_KNOWN_BEFORE : TSE_UNKNOWN;
+  for (int a = HAS_SLIP || p->form != 0 ? 0 : 1; a < 3; a++)
+    f->known[a] = (c.known >> a & 1u) != 0 ? TSE_KNOWN_BEFORE : TSE_UNKNOWN;
   return TSE_OK;
 }

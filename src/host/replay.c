@@ -1,10 +1,12 @@
-/* host/replay.c - run a whole log through the deterministic model of integrator.c, for fits. */
+/* host/replay.c - run a whole log through the deterministic model of integrator.c, for
+ * fits. */
 
 #include "model/effects.h"
 #include "tables/input.h"
 #include "tse/replay.h"
 
-#define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with effects knows */
+#define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with
+                                * effects knows */
 
 #define DEFAULT(name, def, unit, text) s->name = TSE_R(def);
 void tse_replay_start_default(tse_replay_start *s)
@@ -33,16 +35,17 @@ static uint64_t mask_of(const tse_params *p, const tse_replay_log *log)
   uint64_t mask = p->effects.mask;
   if (log->grade) mask |= (uint64_t)1 << TSE_EFFECT_grade;
   if (log->bank) mask |= (uint64_t)1 << TSE_EFFECT_bank;
-  if (log->slip_front || log->slip_rear || log->force_x || log->force_y || log->yaw_accel) mask |= (uint64_t)1 << BIT_GIVEN;
+  if (log->slip_front || log->slip_rear || log->force_x || log->force_y || log->yaw_accel)
+    mask |= (uint64_t)1 << BIT_GIVEN;
   return mask;
 }
 
 static tse_status check_row(const tse_replay_log *log, int32_t i)
 {
   if (i > 0 && !(log->dt[i] > TSE_R(0) && log->dt[i] <= TSE_R(1))) return TSE_E_TIME;
-  if (!channel_holds(&channel_rows[TSE_CHANNEL_steer_angle], log->steer_angle[i]) ||
-      !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_front], log->wheel_speed_front[i]) ||
-      !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_rear], log->wheel_speed_rear[i]))
+  if (!channel_holds(&channel_rows[TSE_CHANNEL_steer_angle], log->steer_angle[i])
+      || !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_front], log->wheel_speed_front[i])
+      || !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_rear], log->wheel_speed_rear[i]))
     return TSE_E_INPUT;
   const given g = given_of(log, i);
   const tse_real x[] = { g.grade, g.bank, g.slip_front, g.slip_rear, g.x, g.y, g.yaw };
@@ -76,7 +79,8 @@ static int write_value(tse_real *array, int32_t i, tse_real x)
   return !array || r_is_finite(x);
 }
 
-static int write_row(const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out, int32_t i, int32_t rows, reading z)
+static int write_row(const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out,
+    int32_t i, int32_t rows, reading z)
 {
   const point *const at = z.pt;
   const tse_params *const p = at->p;
@@ -86,13 +90,20 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
   fine = write_value(out->vel_x, i, at->vx) && fine;
   fine = write_value(out->vel_y, i, at->vy) && fine;
   fine = write_value(out->true_yaw_rate, i, at->r) && fine;
-  const tse_real slip_front = r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)), slip_rear = r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear));
-  fine = write_value(out->wheel_torque_front, i, slip_front + r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows))) && fine;
-  return write_value(out->wheel_torque_rear, i, slip_rear + r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows))) && fine;
+  const tse_real slip_front = r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)),
+                 slip_rear = r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear));
+  fine = write_value(out->wheel_torque_front, i,
+             slip_front + r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows)))
+      && fine;
+  return write_value(out->wheel_torque_rear, i,
+             slip_rear + r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows)))
+      && fine;
 }
 
-/* Check all rows before the first one runs.   Updated: wrong  index of the wrong row, if not NULL */
-static tse_status check_rows(const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
+/* Check all rows before the first one runs.   Updated: wrong  index of the wrong row, if
+ *                                             not NULL */
+static tse_status check_rows(
+    const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
 {
   for (int32_t i = 0; i < rows; i++) {
     const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check_row(log, i);
@@ -129,7 +140,7 @@ static point start_point(const tse_replay_start *s, const acting *first)
 }
 
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
-                      const tse_replay_out *out, int32_t *wrong)
+    const tse_replay_out *out, int32_t *wrong)
 {
   if (!p || !log || !s || !out) return TSE_E_NULL;
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
@@ -144,7 +155,8 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   car.effects.mask = mask_of(p, log);
   m.time = s->time;
   m.heading = r_mul(PER_TURN, s->heading);
-  const stiffness k = vehicle_stiffness(&car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
+  const stiffness k = vehicle_stiffness(
+      &car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
   for (int32_t i = 0; i < rows; i++) {
     const tse_real dt = i > 0 ? log->dt[i] : TSE_R(1);
     const acting now = acting_at(&car, &m, log, i);

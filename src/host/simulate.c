@@ -1,4 +1,5 @@
-/* host/simulate.c - simulator: the estimator's vehicle with wheel dynamics and sensor noise. */
+/* host/simulate.c - simulator: the estimator's vehicle with wheel dynamics and sensor
+ * noise. */
 
 #include "model/state.h"
 #include "tse/simulate.h"
@@ -19,16 +20,20 @@
 static const real_row sim_reals[] = { SETTINGS_SIM(SIM_REAL, NO_ROW) };
 static const whole_row sim_wholes[] = { SETTINGS_SIM(NO_ROW, SIM_WHOLE) };
 static const channel_row sim_inputs[] = { DRIVER(SIM_INPUT) };
-enum { SIM_REALS = sizeof sim_reals / sizeof sim_reals[0],
-       SIM_WHOLES = sizeof sim_wholes / sizeof sim_wholes[0],
-       SIM_INPUTS = sizeof sim_inputs / sizeof sim_inputs[0] };
+enum {
+  SIM_REALS = sizeof sim_reals / sizeof sim_reals[0],
+  SIM_WHOLES = sizeof sim_wholes / sizeof sim_wholes[0],
+  SIM_INPUTS = sizeof sim_inputs / sizeof sim_inputs[0]
+};
 
-#define BRAKE_GRIP TSE_R(0.2) /* rad/s: at which brakes hold all that they hold, see `wheels` of model/effects.h */
-/* Bounds of the motion. Beyond them the simulation stops, before numbers overflow. Torques within their
- * range take a real car nowhere near them within a minute. */
+#define BRAKE_GRIP TSE_R(0.2) /* rad/s: at which brakes hold all that they hold, see `wheels` of
+                               * model/effects.h */
+/* Bounds of the motion. Beyond them the simulation stops, before numbers overflow.
+ * Torques within their range take a real car nowhere near them within a minute. */
 #define LOST_SPEED TSE_R(1000)     /* m/s */
 #define LOST_YAW_RATE TSE_R(200)   /* rad/s */
-#define LOST_WHEEL TSE_R(1e7)      /* rad/s: on ice the largest torque spins the lightest wheels up by 2e6 within a second */
+#define LOST_WHEEL TSE_R(1e7)      /* rad/s: on ice the largest torque spins the lightest wheels up by 2e6
+                                    * within a second */
 #define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
 
 void tse_sim_config_default(tse_sim_config *s)
@@ -70,13 +75,16 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   return TSE_OK;
 }
 
-/* Compare member by member, because padding bytes are undefined; the vehicle by its fingerprint. */
+/* Compare member by member, because padding bytes are undefined; the vehicle by its
+ * fingerprint. */
 static int same_settings(const tse_sim *a, const tse_sim *b)
 {
   int same = memcmp(&a->params, &b->params, sizeof a->params) == 0;
   const uint8_t *const x = (const uint8_t *)&a->config, *const y = (const uint8_t *)&b->config;
-  for (int i = 0; i < SIM_REALS; i++) same = same && memcmp(x + sim_reals[i].at, y + sim_reals[i].at, sizeof(tse_setting)) == 0;
-  for (int i = 0; i < SIM_WHOLES; i++) same = same && memcmp(x + sim_wholes[i].at, y + sim_wholes[i].at, sizeof(int32_t)) == 0;
+  for (int i = 0; i < SIM_REALS; i++)
+    same = same && memcmp(x + sim_reals[i].at, y + sim_reals[i].at, sizeof(tse_setting)) == 0;
+  for (int i = 0; i < SIM_WHOLES; i++)
+    same = same && memcmp(x + sim_wholes[i].at, y + sim_wholes[i].at, sizeof(int32_t)) == 0;
   return same;
 }
 
@@ -88,10 +96,14 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   if (status < 0) return status;
   int fine = same_settings(&fresh, sim);
   fine = fine && sound_memory(&sim->effects);
-  fine = fine && sound_reals(sim->x, 5, -MOST_REAL, MOST_REAL) && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(sim->drawn, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(&sim->steer_logged, 1, -MOST_REAL, MOST_REAL) && sound_reals(&sim->last.dt, 1, TSE_R(0), MOST_REAL);
-  for (int i = 0; i < SIM_INPUTS; i++) fine = fine && channel_holds(&sim_inputs[i], channel_at(&sim->last, &sim_inputs[i]));
+  fine = fine && sound_reals(sim->x, 5, -MOST_REAL, MOST_REAL)
+      && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(sim->drawn, 3, -MOST_REAL, MOST_REAL)
+      && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(&sim->steer_logged, 1, -MOST_REAL, MOST_REAL)
+      && sound_reals(&sim->last.dt, 1, TSE_R(0), MOST_REAL);
+  for (int i = 0; i < SIM_INPUTS; i++)
+    fine = fine && channel_holds(&sim_inputs[i], channel_at(&sim->last, &sim_inputs[i]));
   return fine ? TSE_OK : TSE_E_STATE;
 }
 
@@ -100,7 +112,8 @@ static wheels wheels_of(const tse_sim *sim, const tse_sim_input *u)
 {
   const tse_real radius[2] = { sim->params.radius_front, sim->params.radius_rear };
   const tse_setting inertia[2] = { sim->config.wheel_inertia_front, sim->config.wheel_inertia_rear };
-  const tse_real drive[2] = { u->wheel_torque_front, u->wheel_torque_rear }, brake[2] = { u->brake_torque_front, u->brake_torque_rear };
+  const tse_real drive[2] = { u->wheel_torque_front, u->wheel_torque_rear },
+                 brake[2] = { u->brake_torque_front, u->brake_torque_rear };
   wheels w;
   w.turning = 1;
   for (int a = 0; a < 2; a++) {
@@ -143,12 +156,15 @@ static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_r
   random_normal2(u, v, a, b);
 }
 
-/* Draw the stiffness of the next interval: mean times (1 + spread n), at least a tenth of the mean. */
+/* Draw the stiffness of the next interval: mean times (1 + spread n), at least a tenth of
+ * the mean. */
 static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
 {
   const tse_sim_config *const s = &sim->config;
-  const tse_real level[3] = { r_from_setting(s->true_cx_front), r_from_setting(s->true_cy_front), r_from_setting(s->true_cy_rear) };
-  const tse_real spread[3] = { r_from_setting(s->spread_cx_front), r_from_setting(s->spread_cy_front), r_from_setting(s->spread_cy_rear) };
+  const tse_real level[3] = { r_from_setting(s->true_cx_front), r_from_setting(s->true_cy_front),
+    r_from_setting(s->true_cy_rear) };
+  const tse_real spread[3] = { r_from_setting(s->spread_cx_front), r_from_setting(s->spread_cy_front),
+    r_from_setting(s->spread_cy_rear) };
   tse_real n[4];
   two_normals(sim, RANDOM_SIM_STIFFNESS_A, &n[0], &n[1]);
   two_normals(sim, RANDOM_SIM_STIFFNESS_B, &n[2], &n[3]);
@@ -158,7 +174,8 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   }
 }
 
-/* Return the drawn stiffness over mass. The rear follows the front in part, and the road as a whole. */
+/* Return the drawn stiffness over mass. The rear follows the front in part, and the road
+ * as a whole. */
 static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;
@@ -196,14 +213,15 @@ static void walk_biases(tse_sim *sim, tse_real dt)
   for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, sim->params.bias_sd_walk[a]), n[a]);
 }
 
-/* Drive to the next row. Inputs are linear between rows, or held with `hold_inputs`. Held torques lead
- * the logged wheel speeds by half a row, since an estimator interpolates these. An estimator that does
- * not model this loses 2 % of the longitudinal stiffness. */
+/* Drive to the next row. Inputs are linear between rows, or held with `hold_inputs`. Held
+ * torques lead the logged wheel speeds by half a row, since an estimator interpolates
+ * these. An estimator that does not model this loses 2 % of the longitudinal stiffness. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;
   const stiffness k = stiffness_now(sim, sim->last.road_level);
-  const int32_t steps = -r_floor_to_int(-r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4)); /* rounding: 0.01/0.001 is 10 */
+  const int32_t steps = -r_floor_to_int(
+      -r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4)); /* rounding: 0.01/0.001 is 10 */
   const tse_sim_input end = sim->config.hold_inputs ? sim->last : *u;
   acting to;
   jump(sim);
@@ -227,8 +245,8 @@ static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
   walk_biases(sim, u->dt);
 }
 
-/* Compute the sensors without noise and bias. At the first row transients are over: tyres hold the slip
- * of the start, the steering has followed. */
+/* Compute the sensors without noise and bias. At the first row transients are over: tyres
+ * hold the slip of the start, the steering has followed. */
 static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
 {
   const tse_params *const p = &sim->params;
@@ -257,7 +275,8 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   const tse_real noise = r_from_setting(sim->config.noise);
   const tse_real wheel_sd = r_from_setting(sim->config.wheel_speed_sd);
   tse_real measured[3];
-  for (int i = 0; i < 3; i++) measured[i] = clean.y[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
+  for (int i = 0; i < 3; i++)
+    measured[i] = clean.y[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
 
   memset(y, 0, sizeof *y);
   y->row.dt = sim->step > 0 ? u->dt : TSE_R(0);
@@ -282,15 +301,20 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   sim->step++;
 }
 
-/* Return whether the motion is within its bounds (NaN is not), so that tse_sim_check() accepts it. */
+/* Return whether the motion is within its bounds (NaN is not), so that tse_sim_check()
+ * accepts it. */
 static int is_car(const tse_sim *sim, const tse_sim_output *y)
 {
-  int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED) && sound_reals(&sim->x[2], 1, -LOST_YAW_RATE, LOST_YAW_RATE);
+  int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED)
+      && sound_reals(&sim->x[2], 1, -LOST_YAW_RATE, LOST_YAW_RATE);
   fine = fine && sound_reals(&sim->x[3], 2, -LOST_WHEEL, LOST_WHEEL);
-  fine = fine && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL)
+      && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_memory(&sim->effects);
-  fine = fine && sound_reals(&y->row.steer_angle, TSE_CHANNELS, -MOST_REAL, MOST_REAL); /* one behind the other */
-  return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL) && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
+  fine = fine
+      && sound_reals(&y->row.steer_angle, TSE_CHANNELS, -MOST_REAL, MOST_REAL); /* one behind the other */
+  return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL)
+      && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 
 /* Return the effects of this row: those of the settings, and bank or grade if given. */

@@ -1,4 +1,5 @@
-/* host/sound.h - checks of a state of unknown origin, shared by filter and simulator. Internal. */
+/* host/sound.h - checks of a state of unknown origin, shared by filter and simulator.
+ * Internal. */
 #ifndef TSE_SOUND_H
 #define TSE_SOUND_H
 
@@ -6,8 +7,9 @@
 #include "number/vector.h"
 #include "tse/tse.h"
 
-/* Max magnitude of a number in a valid state, small enough for further computations. MOST_SQUARE: of
- * covariances, predictions (in sd of the sensors, down to 1e-5 of the motion) and effects. */
+/* Max magnitude of a number in a valid state, small enough for further computations.
+ * MOST_SQUARE: of covariances, predictions (in sd of the sensors, down to 1e-5 of the
+ * motion) and effects. */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
@@ -15,7 +17,8 @@
 #else
 #define MOST_REAL TSE_R(1e9)
 #define MOST_SQUARE TSE_R(1e18)
-#define MOST_VARIANCE TSE_R(1e13) /* unit^2: a motion that is lost has no more; times the square of MOST_REAL a float holds it */
+#define MOST_VARIANCE TSE_R(1e13) /* unit^2: a motion that is lost has no more; times the square of
+                                   * MOST_REAL a float holds it */
 #endif
 
 static inline int sound_int(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }
@@ -41,7 +44,8 @@ static inline int sound_shorts(const tse_short *x, int n)
 #if !defined(TSE_NO_EFFECTS)
 static inline int sound_delay(const tse_delay *d)
 {
-  int fine = sound_int(d->count, 0, TSE_DELAY_ROWS) && sound_reals(d->age, TSE_DELAY_ROWS, TSE_R(0), MOST_REAL);
+  int fine = sound_int(d->count, 0, TSE_DELAY_ROWS)
+      && sound_reals(d->age, TSE_DELAY_ROWS, TSE_R(0), MOST_REAL);
   for (int i = 1; fine && i < d->count; i++) fine = d->age[i] > d->age[i - 1];
   return fine;
 }
@@ -52,14 +56,17 @@ static inline int sound_memory(const tse_effect_memory *m)
   int fine = sound_int(m->settled, 0, 1);
 #if !defined(TSE_NO_EFFECTS)
   fine = fine && sound_int(m->steered, 0, 1) && sound_delay(&m->steer) && sound_delay(&m->imu);
-  fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL) && sound_reals(m->mode[0], 6, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL)
+      && sound_reals(m->mode[0], 6, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(m->steer_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_SQUARE, MOST_SQUARE);
-  fine = fine && sound_reals(&m->time, 1, -MOST_REAL, MOST_REAL) && sound_reals(&m->heading, 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(&m->time, 1, -MOST_REAL, MOST_REAL)
+      && sound_reals(&m->heading, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->steered_by, 3, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_delay(&m->formula_late) && sound_reals(m->formula_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(m->formula[0], 3 * TSE_FORMULA_MEMORIES, -MOST_REAL, MOST_REAL) &&
-         sound_reals(m->formula_accel, 2, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_delay(&m->formula_late)
+      && sound_reals(m->formula_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->formula[0], 3 * TSE_FORMULA_MEMORIES, -MOST_REAL, MOST_REAL)
+      && sound_reals(m->formula_accel, 2, -MOST_REAL, MOST_REAL);
 #endif
   return fine;
 }

@@ -1,12 +1,14 @@
-/* model/car.c - forces, motion and sensors of the car, and their slopes. Equations: car.h. */
+/* model/car.c - forces, motion and sensors of the car, and their slopes. Equations:
+ * car.h. */
 #include "model/car.h"
 #include "number/vector.h"
 
 #define LONGEST TSE_R(0.011)  /* s, numerics: a substep; a row of 10 ms is one */
-#define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
+#define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20
+                               * mm of deflection, over 0.32 m */
 
-/* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of stiffness and grip; force over slip; force
- * without an end. */
+/* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of
+ * stiffness and grip; force over slip; force without an end. */
 typedef struct tyre {
   tse_real f, by_slip, by_stiffness, by_mu, secant, endless;
 } tyre;
@@ -18,7 +20,8 @@ static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real 
   const tse_real linear = r_mul(stiffness, slip);
   tse_real slope;
   const tse_real secant = tyre_secant(r_div(r_abs(linear), limit), shape, &slope);
-  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope), -r_mul(linear, slope), r_mul(stiffness, secant), linear };
+  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope),
+    -r_mul(linear, slope), r_mul(stiffness, secant), linear };
   return t;
 }
 
@@ -27,16 +30,20 @@ typedef struct tyres {
   tyre x_front, x_rear, y_front, y_rear;
 } tyres;
 
-/* Return all tyre forces at x. Load goes to the rear with the acceleration: slip stiffness and grip with it in proportion,
- * cornering stiffness less; and from wheel to wheel with the lateral acceleration. */
+/* Return all tyre forces at x. Load goes to the rear with the acceleration: slip
+ * stiffness and grip with it in proportion, cornering stiffness less; and from wheel to
+ * wheel with the lateral acceleration. */
 static tyres tyres_of(const tse_car *c, const tse_real x[TSE_VALUES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
   const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])));
-  const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), load_left(-r_mul(c->along_front, drive)));
+  const tse_real front = r_mul(
+      r_mul(c->ky_front, exponential(x[LCF])), load_left(-r_mul(c->along_front, drive)));
   const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(r_mul(c->along_rear, drive)));
-  const tse_real square = lateral_square(r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
-  const tse_real load_front = load_left(-r_mul(c->height_front, drive)), load_rear = load_left(r_mul(c->height_rear, drive));
+  const tse_real square = lateral_square(
+      r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
+  const tse_real load_front = load_left(-r_mul(c->height_front, drive)),
+                 load_rear = load_left(r_mul(c->height_rear, drive));
   const tse_real most_front = r_mul(r_mul(mu, c->end_front), load_front);
   const tse_real most_rear = r_mul(r_mul(mu, c->end_rear), load_rear);
   tyres t;
@@ -55,11 +62,12 @@ void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[
   share[2] = r_div(t.y_rear.secant, r_mul(c->ky_rear, exponential(x[LCR])));
 }
 
-/* Find the slopes of the forces, without those of load transfer and of steering compliance. What saturates along is no sign of
- * the grip.
+/* Find the slopes of the forces, without those of load transfer and of steering
+ * compliance. What saturates along is no sign of the grip.
  *   Given:    ax, ay  of the front axle, in the axes of the car
  *   Updated:  f       its slopes */
-static void slopes_of_forces(const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
+static void slopes_of_forces(
+    const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
   const tse_real none = TSE_R(0), sine = f->sin_d, cosine = f->cos_d;
   const struct {
@@ -85,7 +93,8 @@ static void slopes_of_forces(const tse_car *c, const tse_real x[TSE_VALUES], con
   }
   f->by_x[VX] = -r_mul(TSE_R(2), r_mul(c->drag, r_abs(x[VX])));
   static const int of_d[3] = { STEER_OFFSET, GAIN, LATE };
-  const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate), -r_mul(TSE_R(1) + x[GAIN], f->rate) };
+  const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate),
+    -r_mul(TSE_R(1) + x[GAIN], f->rate) };
   for (int i = 0; i < 3; i++) { /* forces turn with the wheels */
     f->by_x[of_d[i]] = -r_mul(by_d[i], ay);
     f->by_y[of_d[i]] = r_mul(by_d[i], ax);
@@ -102,25 +111,30 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   const tyre *const xf = &t.x_front, *const yf = &t.y_front, *const xr = &t.x_rear, *const yr = &t.y_rear;
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[STEER_OFFSET] - r_mul(c->compliance, yf->f);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[STEER_OFFSET]
+      - r_mul(c->compliance, yf->f);
   sin_cos(d, &f->sin_d, &f->cos_d);
   f->side = yf->f;
   f->endless_x = xf->endless + xr->endless;
   f->endless_y = yf->endless + yr->endless;
   /* written -(a - b): gcc 12 fuses it else, see turn_axes() */
-  const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)), ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
+  const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)),
+                 ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
   f->x = ax + xr->f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
   f->y = ay + yr->f + c->pull_front + c->pull_rear;
-  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr->f + c->pull_rear) - r_mul(c->trail, yf->f + yr->f);
+  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr->f + c->pull_rear)
+      - r_mul(c->trail, yf->f + yr->f);
   slopes_of_forces(c, x, &t, ax, ay, f);
 }
 
-/* Kinematic slip angle of an axle, to which the tyres relax, and its slopes over the speeds across and along. */
+/* Kinematic slip angle of an axle, to which the tyres relax, and its slopes over the
+ * speeds across and along. */
 typedef struct kinematic {
   tse_real a, by_side, by_v;
 } kinematic;
 
-/* Return the kinematic slip angle of an axle.   Given: side  speed across at the axle, m/s */
+/* Return the kinematic slip angle of an axle.   Given: side  speed across at the axle,
+ *                                                            m/s */
 static kinematic kinematic_of(tse_real side, tse_real vx)
 {
   const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
@@ -137,7 +151,8 @@ static tse_real roll_swing(const tse_car *c, const tse_real x[TSE_VALUES], tse_r
   return mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Whether the motion has a slope over it: biases and the front radius are of the sensors. */
+/* Whether the motion has a slope over it: biases and the front radius are of the
+ * sensors. */
 static int moves(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
 /* Add to the slope of a row over column j, if it is one. */
@@ -146,22 +161,35 @@ static void add_to(tse_short *row, int j, tse_real more)
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
 }
 
-/* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order: the yaw rate first, so that speeds
- * turn with that of its middle. What slip angles follow of the velocities until then is not in f, which would make it of first order where
- * they follow within a substep; it is added.
- *   Given: f  forces in its middle      follow  [s/m] how far slip angles follow in half a substep, over the speed */
-static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow, tse_real h, tse_short M[MOTION][PLACES])
+/* Move velocities and roll by a substep of h, and their slopes by the chain rule in the
+ * same order: the yaw rate first, so that speeds turn with that of its middle. What slip
+ * angles follow of the velocities until then is not in f, which would make it of first
+ * order where they follow within a substep; it is added.
+ *   Given: f  forces in its middle      follow  [s/m] how far slip angles follow in half
+ *                                               a substep, over the speed */
+static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
+    tse_real h, tse_short M[MOTION][PLACES])
 {
   const tse_real half = r_mul(TSE_R(0.5), h), level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
-  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
-  const tse_real vx = x[VX], r = x[YAW] + r_mul(half, f->yaw), pull = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
-  const tse_real lag = r_mul(follow, half), front = r_mul(lag, pull + r_mul(c->lf, f->yaw)), rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
-  const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear), vy = x[VY] + r_mul(half, across_rate);
-  tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[HAS_ROLL ? (int)PHI : (int)VX], *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
-  const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]), y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
-  const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx), across = r_coef(vy), turn = r_coef(r);
-  const r_coefficient flat = r_coef(level), stiff = r_coef(w2), damp = r_coef(drag), couple = r_coef(c->roll_coupling);
-  const r_factored roll_follow = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP), half_step = r_factor(half, ROW_UP), step_on = r_factor(h, 0);
+  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
+                 drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
+  const tse_real vx = x[VX], r = x[YAW] + r_mul(half, f->yaw),
+                 pull = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
+  const tse_real lag = r_mul(follow, half), front = r_mul(lag, pull + r_mul(c->lf, f->yaw)),
+                 rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
+  const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear),
+                 vy = x[VY] + r_mul(half, across_rate);
+  tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR],
+                   *const mp = M[HAS_ROLL ? (int)PHI : (int)VX],
+                   *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
+  const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]),
+                      y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
+  const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx),
+                      across = r_coef(vy), turn = r_coef(r);
+  const r_coefficient flat = r_coef(level), stiff = r_coef(w2), damp = r_coef(drag),
+                      couple = r_coef(c->roll_coupling);
+  const r_factored roll_follow = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP),
+                   half_step = r_factor(half, ROW_UP), step_on = r_factor(h, 0);
   const tse_short one = r_short_scaled(TSE_R(1), ROW_UP);
   x[VX] = vx + r_mul(h, f->x + r_mul(vy, r) - x[GX]);
   x[VY] += r_mul(h, across_rate);
@@ -184,7 +212,8 @@ static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const f
     mr[j] = r_plus_times(mr[j], step, spun);
     if (!HAS_ROLL) my[j] = r_plus_times(my[j], step, r_end(r_minus(r_start(side), flat, turned)));
     if (!HAS_ROLL) continue;
-    const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], roll_follow, side)), damp, mq[j]));
+    const tse_short swings = r_end_rate(
+        r_minus(r_product(stiff, r_plus_times(-mp[j], roll_follow, side)), damp, mq[j]));
     my[j] = r_plus_times(my[j], step, r_end(r_plus(r_minus(r_start(side), flat, turned), couple, swings)));
     mq[j] = r_plus_times(mq[j], step, swings);
     mp[j] = r_plus_times(mp[j], step_on, mq[j]);
@@ -194,27 +223,38 @@ static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const f
   add_to(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
-/* Move the slip angles by h, with velocities and roll in its middle, and their slopes; return [1] how far they follow.
- *   Given: side  force of the front axle   from  steering angle at its start, late   rate  of it
- * A ramp of the steering angle moves them as one angle of it does, in the middle, or, the shorter the relaxation, later: within 0.1 of h. */
-static tse_real substep_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from, tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
+/* Move the slip angles by h, with velocities and roll in its middle, and their slopes;
+ * return [1] how far they follow.
+ *   Given: side  force of the front axle   from  steering angle at its start, late   rate
+ *                                                of it
+ * A ramp of the steering angle moves them as one angle of it does, in the middle, or, the
+ * shorter the relaxation, later: within 0.1 of h. */
+static tse_real substep_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from,
+    tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
 {
-  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
-  const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
+  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn),
+                 goes = TSE_R(1) - stays;
+  const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]),
+                  kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
   const tse_real steer = from + r_mul(r_mul(h, rate), r_div(turn + TSE_R(3), turn + TSE_R(6)));
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[STEER_OFFSET] - r_mul(c->compliance, side);
   const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
   const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
-  const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mp = M[HAS_ROLL ? (int)PHI : (int)VX];
+  const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW],
+                         *const mp = M[HAS_ROLL ? (int)PHI : (int)VX];
   tse_short *const mf = M[AF], *const mb = M[AR];
-  const r_coefficient f_side = r_coef(kf.by_side), f_ahead = r_coef(kf.by_v), r_side = r_coef(kr.by_side), r_ahead = r_coef(kr.by_v);
-  const r_coefficient to_axle = r_coef(c->lf), from_axle = r_coef(c->lr), roll = r_coef(c->roll_steer), stay = r_coef(stays), go = r_coef(goes);
+  const r_coefficient f_side = r_coef(kf.by_side), f_ahead = r_coef(kf.by_v), r_side = r_coef(kr.by_side),
+                      r_ahead = r_coef(kr.by_v);
+  const r_coefficient to_axle = r_coef(c->lf), from_axle = r_coef(c->lr), roll = r_coef(c->roll_steer),
+                      stay = r_coef(stays), go = r_coef(goes);
   x[AF] += r_mul(goes, to_front);
   x[AR] += r_mul(goes, to_rear);
   for (int j = 0; j < COLUMNS; j++) {
     if (!moves(j)) continue;
-    const tse_short front = r_end(r_plus(r_product(f_side, r_end(r_plus(r_start(my[j]), to_axle, mr[j]))), f_ahead, mx[j]));
-    const r_total back = r_plus(r_product(r_side, r_end(r_minus(r_start(my[j]), from_axle, mr[j]))), r_ahead, mx[j]);
+    const tse_short front = r_end(
+        r_plus(r_product(f_side, r_end(r_plus(r_start(my[j]), to_axle, mr[j]))), f_ahead, mx[j]));
+    const r_total back = r_plus(
+        r_product(r_side, r_end(r_minus(r_start(my[j]), from_axle, mr[j]))), r_ahead, mx[j]);
     const tse_short rear = r_end(HAS_ROLL ? r_plus(back, roll, mp[j]) : back);
     mf[j] = r_end(r_plus(r_product(stay, mf[j]), go, front));
     mb[j] = r_end(r_plus(r_product(stay, mb[j]), go, rear));
@@ -230,20 +270,24 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], ts
   return goes;
 }
 
-/* Slip angles half a substep ahead, then velocities and slip angles in turn, slip angles half a substep at the end: each is moved about the
- * middle of what moves the other, so that the error is of second order in the substep (Strang, SIAM J. Numer. Anal. 5 (1968) 506). */
+/* Slip angles half a substep ahead, then velocities and slip angles in turn, slip angles
+ * half a substep at the end: each is moved about the middle of what moves the other, so
+ * that the error is of second order in the substep (Strang, SIAM J. Numer. Anal. 5 (1968)
+ * 506). */
 void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
-  steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS
-                                               : steps;
-  const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part), half = r_mul(TSE_R(0.5), h);
+  steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS : steps;
+  const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part),
+                 half = r_mul(TSE_R(0.5), h);
   const tse_real rate = r_div(u.to - u.from, u.dt);
   for (int i = 0; i < MOTION; i++)
     for (int j = 0; j < COLUMNS; j++) M[i][j] = r_short_scaled(i == j ? TSE_R(1) : TSE_R(0), ROW_UP);
-  tse_real steer = u.from - r_mul(x[LATE], rate), side = c->compliance > TSE_R(0) ? tyres_of(c, x).y_front.f : TSE_R(0), follow = TSE_R(0);
+  tse_real steer = u.from - r_mul(x[LATE], rate),
+           side = c->compliance > TSE_R(0) ? tyres_of(c, x).y_front.f : TSE_R(0), follow = TSE_R(0);
   for (int32_t n = 0; n <= steps; n++) {
-    const tse_real length = n > 0 && n < steps ? h : half, follows = substep_slip_angles(c, x, side, steer, rate, length, M);
+    const tse_real length = n > 0 && n < steps ? h : half,
+                   follows = substep_slip_angles(c, x, side, steer, rate, length, M);
     forces f;
     if (n == steps) break;
     if (n == 0) follow = r_div(follows, rolling_speed(x[VX]));
@@ -254,10 +298,12 @@ void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[
   }
 }
 
-void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3], tse_real by[3][PLACES])
+void car_rates(
+    const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3], tse_real by[3][PLACES])
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN];
-  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
+  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
+                 drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real swing = roll_swing(c, x, f->y);
   const tse_real own = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
   rate[0] = f->x + r_mul(vy, r) - x[GX];
@@ -285,23 +331,28 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
   return pitch_read(c, pitch, ax);
 }
 
-/* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks in as body rolls and pitches, and an
- * IMU off the centre of gravity swings.
+/* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks
+ * in as body rolls and pitches, and an IMU off the centre of gravity swings.
  *   Returned: their rows of z and H */
-static void measure_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
+static void measure_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
+    tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
-  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
+  const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
+                 drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const planar there = force_at(f->x, f->y, lx, ly, r, f->yaw);
   const tse_real here_x = there.x + pitch;
-  const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI]) - r_mul(c->roll_height, roll_swing(c, x, f->y));
+  const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI])
+      - r_mul(c->roll_height, roll_swing(c, x, f->y));
   const planar read = turn_axes(here_x, here_y, c->mount_sin, c->mount_cos);
-  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)), own_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
+  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
+                 own_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
   z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
   z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
   z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];
   for (int j = 0; j < COLUMNS; j++) {
-    tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]), hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
+    tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]),
+             hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
     if (j == YAW) {
       hx -= r_mul(TSE_R(2), r_mul(lx, r));
       hy -= r_mul(TSE_R(2), r_mul(ly, r));
@@ -317,16 +368,21 @@ static void measure_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
   H[YAW_RATE][YAW] = c->scale_r;
 }
 
-/* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about
- * the speed, the driven one about its slip.
+/* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and
+ * gives it in front: the free axle lies about the speed, the driven one about its slip.
  *   Returned: their rows of z and H */
-static void measure_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
+static void measure_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f,
+    tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
-  const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
-  const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
+  const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front),
+                 give_rear = r_mul(GIVE, c->height_rear);
+  const planar wheel = turn_axes(
+      x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
   const tse_real along = wheel.x, radius = TSE_R(1) + x[RAD];
-  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x), turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
-  const tse_real forward = r_mul(TSE_R(1) + x[SF], radius), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, wheel.y);
+  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x),
+                 turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
+  const tse_real forward = r_mul(TSE_R(1) + x[SF], radius), sideways = r_mul(forward, f->sin_d),
+                 by_d = r_mul(forward, wheel.y);
   tse_real *const front = H[WHEEL_FRONT], *const rear = H[WHEEL_REAR];
   z[WHEEL_FRONT] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), radius), turns_front);
   z[WHEEL_REAR] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
@@ -348,7 +404,8 @@ static void measure_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const
   rear[SR] += x[VX];
 }
 
-void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
+void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
+    tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   measure_imu(c, x, f, pitch, z, H);
   measure_wheels(c, x, f, z, H);

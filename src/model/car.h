@@ -1,48 +1,62 @@
 /* model/car.h - the car: one model of an ordinary car, with its slopes.
  *
- * Axles are single wheels. Kinematics are exact; the slip angle of each axle relaxes over a length; the slip of each axle is a
- * state, so that wheel speeds are measurements; tyres have a stiffness at no slip and a grip at which the force ends; the body
- * rolls. The steering angle is the only input. Forces are over mass. ISO 8855 axes, slip > 0 when it drives, slip angle > 0 when
- * it pushes left.
+ * Axles are single wheels. Kinematics are exact; the slip angle of each axle relaxes over
+ * a length; the slip of each axle is a state, so that wheel speeds are measurements;
+ * tyres have a stiffness at no slip and a grip at which the force ends; the body rolls.
+ * The steering angle is the only input. Forces are over mass. ISO 8855 axes, slip > 0
+ * when it drives, slip angle > 0 when it pushes left.
  *
- * Equations, in the order of car.c. Names are those of tse_car (state.h) and of the state below; i is an axle, the upper
- * sign that of the front; s, a: slip and slip angle of an axle; c_x, c_i, c_mu: logarithms of stiffness and grip; e^: exponential().
+ * Equations, in the order of car.c. Names are those of tse_car (state.h) and of the state
+ * below; i is an axle, the upper sign that of the front; s, a: slip and slip angle of an
+ * axle; c_x, c_i, c_mu: logarithms of stiffness and grip; e^: exponential().
  *
- * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for itself;
- *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it with (1 + q^2 + q^4)^(-1/4)
+ * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for
+ *            itself;
+ *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it
+ *            with (1 + q^2 + q^4)^(-1/4)
  * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)
- *            limit_i = grip e^c_mu end_i (1 -+ height_i A)      end_i = load_i/(1 +- balance)
- *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness
+ *            limit_i = grip e^c_mu end_i (1 -+ height_i A)      end_i = load_i/(1 +-
+ *            balance)
+ *            B^2: square of the lateral acceleration of tyres that lose (side_front +
+ *            side_rear)/2 B^2 of their stiffness
  * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)
  *            across   C = ky_i e^c_i (1 -+ along_i A) max(1 - side_i B^2, 0.1)
  * Wheels     d = (1 + gain)(steer - late steer') + steer_offset - compliance Y_f
- * Forces     X, Y: of the front axle in the axes of the car      X = X_f cos d - Y_f sin d      Y = Y_f cos d + X_f sin d
+ * Forces     X, Y: of the front axle in the axes of the car      X = X_f cos d - Y_f sin
+ *            d      Y = Y_f cos d + X_f sin d
  *            a_x = X + X_r - drag |v_x| v_x - rolling v_x/max(|v_x|, 0.5)
  *            a_y = Y + Y_r + pull_front + pull_rear
  *            yaw = jf (Y + pull_front) - jr (Y_r + pull_rear) - trail (Y_f + Y_r)
- * Motion     v_x' = a_x + v_y r - g_x      v_y' = a_y - (1 - lean) v_x r + g_y + roll_coupling phi''      r' = yaw
+ * Motion     v_x' = a_x + v_y r - g_x      v_y' = a_y - (1 - lean) v_x r + g_y +
+ *                                          roll_coupling phi''      r' = yaw
  *            phi'' = roll_omega^2 (roll_gain a_y - phi) - 2 roll_damping roll_omega phi'
- * Slip angle relaxation a_f' = v (d - atan((v_y + lf r)/v) - a_f)      v = max(|v_x|, 1 m/s)
+ * Slip angle relaxation a_f' = v (d - atan((v_y + lf r)/v) - a_f)      v = max(|v_x|, 1
+ * m/s)
  *            relaxation a_r' = v (-atan((v_y - lr r)/v) + roll_steer phi - a_r)
- * Pitch      p'' = w^2 (a_x - p) - 2 pitch_damping w p', w = 2 pi pitch_frequency      read: pitch_leak p - pitch_height p''
+ * Pitch      p'' = w^2 (a_x - p) - 2 pitch_damping w p', w = 2 pi pitch_frequency
+ *            read: pitch_leak p - pitch_height p''
  * IMU        x = a_x - lever_x r^2 - lever_y r' + read
  *            y = a_y + lever_x r' - lever_y r^2 + roll_leak phi - roll_height phi''
- *            accel_x = scale_x (x cos m + y sin m) + b_x      accel_y = scale_y (y cos m - x sin m) + b_y      m: mounting angle
+ *            accel_x = scale_x (x cos m + y sin m) + b_x      accel_y = scale_y (y cos m
+ *            - x sin m) + b_y      m: mounting angle
  *            yaw_rate = scale_r r + b_r
- * Speeds     w_f R_f = (v_x cos d + (v_y + lf r) sin d)(1 + s_f)(1 + rad)(1 - give height_front a_x)
+ * Speeds     w_f R_f = (v_x cos d + (v_y + lf r) sin d)(1 + s_f)(1 + rad)(1 - give
+ *            height_front a_x)
  *            w_r R_r = v_x (1 + s_r)(1 + give height_rear a_x)
  *
- * Slopes leave out those of load transfer and compliance, and of what saturates along over the grip. That one direction takes of
- * the other's force is left out: with it the errors of the longitudinal model pulled the grip, and with it the cornering
- * stiffness, by 10 % and more (tests/cars). */
+ * Slopes leave out those of load transfer and compliance, and of what saturates along
+ * over the grip. That one direction takes of the other's force is left out: with it the
+ * errors of the longitudinal model pulled the grip, and with it the cornering stiffness,
+ * by 10 % and more (tests/cars). */
 #ifndef TSE_CAR_H
 #define TSE_CAR_H
 
 #include "model/state.h"
 #include "model/laws.h"
 
-/* The state x: ROW(name, its unit in the covariance, no car goes beyond), SI. The unit makes numbers of one magnitude in every number
- * format. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
+/* The state x: ROW(name, its unit in the covariance, no car goes beyond), SI. The unit
+ * makes numbers of one magnitude in every number format. Motion comes first: its rows are
+ * the only ones of the transition that are not diagonal. */
 /* clang-format off */
 #if defined(TSE_SMALL) /* lateral motion alone: what is no state is a number that nothing estimates. Roll follows the lateral
  * force at once; the slip is that of the force that accel_x reads; all others stay at their prior */
@@ -90,19 +104,21 @@ enum {
   STATE_ROWS(STATE_NAME) STATES,
   MOTION = GY,
   PLACED = GY,
-  FAST = BY
+  FAST = BY,
 };
 #else
 enum {
   STATE_ROWS(STATE_NAME) EXTRA_ROWS(STATE_NAME) STATES = PSI,
   MOTION = SF, /* states before this one: in motion */
   PLACED = GX, /* states before this one: placed from the sensors */
-  FAST = BX    /* states before this one: with noise in every row */
+  FAST = BX,   /* states before this one: with noise in every row */
 };
 #endif
 
-/* Consider parameters: uncertain, and no state. The first, of the car, are columns of the slopes after the state; then those of the sensors.
- * A name is that of TSE_CONSIDER_ (tse/config.h), where states and the model have one, too, and both axles one of relaxation. */
+/* Consider parameters: uncertain, and no state. The first, of the car, are columns of the
+ * slopes after the state; then those of the sensors. A name is that of TSE_CONSIDER_
+ * (tse/config.h), where states and the model have one, too, and both axles one of
+ * relaxation. */
 #if defined(TSE_SMALL)
 #define KNOWN_NAME(name) name,
 enum {
@@ -120,7 +136,7 @@ enum {
   COLUMNS = STATES + CONSIDER_SCALE,
   LATE = STATES + CONSIDER_LATE,
   KNOWN = STATES + TSE_UNCERTAIN_ALL - 1,
-  KNOWN_ROWS(KNOWN_NAME) PLACES
+  KNOWN_ROWS(KNOWN_NAME) PLACES,
 };
 #else
 enum {
@@ -135,27 +151,30 @@ enum {
   CONSIDER_WHEELS_LATE,
   CONSIDER_ACCEL_LATE,
   COLUMNS = STATES + CONSIDER_SCALE,
-  PLACES = COLUMNS /* of slopes: columns, and behind them what is written and not read */
+  PLACES = COLUMNS, /* of slopes: columns, and behind them what is written and not read */
 };
 #endif
 
 /* Known when it is compiled: whether roll, and longitudinal motion, have states. */
-enum { HAS_ROLL = (int)PHI < (int)STATES ? 1 : 0,
-       HAS_SLIP = (int)LCX < (int)STATES ? 1 : 0,
-       STIFFNESS = HAS_SLIP ? (int)LCX : (int)LCF }; /* the first that is a state */
+enum {
+  HAS_ROLL = (int)PHI < (int)STATES ? 1 : 0,
+  HAS_SLIP = (int)LCX < (int)STATES ? 1 : 0,
+  STIFFNESS = HAS_SLIP ? (int)LCX : (int)LCF
+}; /* the first that is a state */
 
 /* Place of a stiffness or the grip (TSE_CX_FRONT .., 3), of a bias. */
 static inline int stiffness_at(int a) { return a == 0 ? LCX : LCF + a - 1; }
 static inline int bias_at(int i) { return i == 0 ? BX : BY + i - 1; }
 
-/* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the IMU's. */
+/* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the
+ * IMU's. */
 enum {
   ACCEL_X,
   ACCEL_Y,
   YAW_RATE,
   WHEEL_FRONT,
   WHEEL_REAR,
-  IMU_CHANNELS = WHEEL_FRONT
+  IMU_CHANNELS = WHEEL_FRONT,
 };
 
 /* The steering angle through a row: from .. to, rad; dt, s. */
@@ -165,23 +184,26 @@ typedef struct steering {
 
 /* Specific forces, yaw acceleration, and their slopes over the state at this time. */
 typedef struct forces {
-  tse_real x, y, yaw;                              /* [m/s2] [m/s2] [rad/s2] */
+  tse_real x, y, yaw; /* [m/s2] [m/s2] [rad/s2] */
   tse_real by_x[PLACES], by_y[PLACES], by_yaw[PLACES];
-  tse_real sin_d, cos_d, steer, rate;              /* of the road-wheel angle d; logged angle [rad] and its rate [rad/s] */
-  tse_real side;                                   /* [m/s2] front axle's lateral force */
-  tse_real endless_x, endless_y;                   /* [m/s2] forces along and across of tyres that had no end */
+  tse_real sin_d, cos_d, steer, rate; /* of the road-wheel angle d; logged angle [rad] and its rate [rad/s] */
+  tse_real side;                      /* [m/s2] front axle's lateral force */
+  tse_real endless_x, endless_y;      /* [m/s2] forces along and across of tyres that had no end */
 } forces;
 
 /* Find the forces at x.   Given: share  of the row's steering, 0 .. 1    O(1) time */
 void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_real share, forces *f);
 
-/* Find what slip and load leave of the stiffness at x: force over slip, or slip angle, over the stiffness at none.
- *   Returned:  share[3]  longitudinal front, cornering front, cornering rear    O(1) time */
+/* Find what slip and load leave of the stiffness at x: force over slip, or slip angle,
+ * over the stiffness at none.
+ *   Returned:  share[3]  longitudinal front, cornering front, cornering rear    O(1)
+ *   time */
 void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[3]);
 
 /* Move x through the row u and find the transition of the motion.
  *   Updated:   x
- *   Returned:  M[MOTION][PLACES]  slopes of the motion at the end over state and uncertain quantities at the start, SI units;
+ *   Returned:  M[MOTION][PLACES]  slopes of the motion at the end over state and
+ *                                 uncertain quantities at the start, SI units;
  *              r_short_scaled(x, ROW_UP)
  *   O(substeps) time, at most TSE_SUBSTEPS. */
 void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES]);
@@ -189,16 +211,21 @@ void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[
 /* Find how fast speeds along and across and the yaw rate change at x.
  *   Given:     f  car_forces() there
  *   Returned:  rate[3]  [m/s2] [m/s2] [rad/s2]     by[3][PLACES]  their slopes */
-void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3], tse_real by[3][PLACES]);
+void car_rates(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real rate[3],
+    tse_real by[3][PLACES]);
 
 /* Move the body's pitch from the row before to a_x = ax, dt later.
- *   Updated:  pitch  the acceleration that it follows, and its rate      Returned: [m/s2] what accel_x reads of it */
+ *   Updated:  pitch  the acceleration that it follows, and its rate      Returned: [m/s2]
+ *                    what accel_x reads of it */
 tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
 
 /* Predict what the sensors read at x.
- *   Given:     f  car_forces() there, at the end of the row      pitch  from car_pitch(), or 0
- *   Returned:  z[TSE_SENSORS]  accel_x, accel_y [m/s2], yaw_rate [rad/s], wheel speeds front, rear times radius [m/s]
+ *   Given:     f  car_forces() there, at the end of the row      pitch  from car_pitch(),
+ *                 or 0
+ *   Returned:  z[TSE_SENSORS]  accel_x, accel_y [m/s2], yaw_rate [rad/s], wheel speeds
+ *                              front, rear times radius [m/s]
  *              H[TSE_SENSORS][PLACES]  their slopes */
-void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES]);
+void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
+    tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES]);
 
 #endif

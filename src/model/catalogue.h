@@ -1,9 +1,11 @@
-/* model/catalogue.h - what the effects of src/tables/effects.toml do that act in the model, in its order: a comment with the equation and
- * the usual size, and the functions that the hook names. They include nothing; `point` and `reading` are of effects.h, which includes
- * this. Those that act on settings (CONSTANT): effects_constant.h. */
+/* model/catalogue.h - what the effects of src/tables/effects.toml do that act in the
+ * model, in its order: a comment with the equation and the usual size, and the functions
+ * that the hook names. They include nothing; `point` and `reading` are of effects.h,
+ * which includes this. Those that act on settings (CONSTANT): effects_constant.h. */
 
 /* steering_ratio: delta (1 + change). Typical 0.02 .. 0.06. */
-static inline tse_real steering_ratio_input(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
+static inline tse_real steering_ratio_input(
+    const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
   (void)m;
   (void)dt;
@@ -11,7 +13,8 @@ static inline tse_real steering_ratio_input(const tse_effects *e, tse_effect_mem
 }
 
 /* steering_offset: delta + angle. Typical 0.1 .. 0.5 degrees. */
-static inline tse_real steering_offset_input(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
+static inline tse_real steering_offset_input(
+    const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
   (void)m;
   (void)dt;
@@ -19,26 +22,34 @@ static inline tse_real steering_offset_input(const tse_effects *e, tse_effect_me
 }
 
 /* steering_delay: delta(t - time), linear between rows. Typical 10 .. 40 ms. */
-static inline tse_real steering_delay_input(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
+static inline tse_real steering_delay_input(
+    const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
   effects_delay_put(&m->steer, m->steer_was, e->steering_delay_time, dt, &steer, 1);
   return effects_delay_get(&m->steer, m->steer_was[0], e->steering_delay_time);
 }
 
-/* steering_lag: two first-order lags in a row, T = time/(1 + second) and second T, which add up to `time`; with
- * second = 0 only one:  T delta_e' = delta - delta_e (lagged in laws.h).   Typical 20 .. 60 ms. */
-static inline tse_real steering_lag_input(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
+/* steering_lag: two first-order lags in a row, T = time/(1 + second) and second T, which
+ * add up to `time`; with
+ * second = 0 only one:  T delta_e' = delta - delta_e (lagged in laws.h).   Typical 20 ..
+ *                       60 ms. */
+static inline tse_real steering_lag_input(
+    const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
-  const tse_real first = r_div(e->steering_lag_time, TSE_R(1) + e->steering_lag_second), second = r_mul(first, e->steering_lag_second);
+  const tse_real first = r_div(e->steering_lag_time, TSE_R(1) + e->steering_lag_second),
+                 second = r_mul(first, e->steering_lag_second);
   if (m->steered) lag_steering(first, second, steer, dt, m->steered_by);
   else m->steered_by[0] = m->steered_by[1] = m->steered_by[2] = steer;
   return m->steered_by[2];
 }
 
-/* exact_kinematics: what (1)-(4) take as small is not: velocity of the front wheel in its own axes
+/* exact_kinematics: what (1)-(4) take as small is not: velocity of the front wheel in its
+ * own axes
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d
- *   slip (R omega - v_x)/max(..), slip angles atan(-v_y/|v_x|), atan((lr r - vy)/|vx|); forces turned by cos d, sin d.
- * share: 0 the plain model, 1 exact, between a mixture, so that a test for it has a slope at 0. */
+ *   slip (R omega - v_x)/max(..), slip angles atan(-v_y/|v_x|), atan((lr r - vy)/|vx|);
+ *   forces turned by cos d, sin d.
+ * share: 0 the plain model, 1 exact, between a mixture, so that a test for it has a slope
+ * at 0. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -46,8 +57,10 @@ static inline void exact_kinematics_slip(point *pt)
   tse_real sine, cosine;
   sin_cos(pt->u.steer, &sine, &cosine);
   const planar wheel = turn_axes(pt->vx, pt->vy + r_mul(p->car.lf, pt->r), sine, cosine);
-  const tse_real s_front = r_div(pt->u.v_front - wheel.x, r_max(rolling_speed(wheel.x), r_abs(pt->u.v_front)));
-  const tse_real a_front = slip_angle(wheel.y, wheel.x), a_rear = slip_angle(pt->vy - r_mul(p->car.lr, pt->r), pt->vx);
+  const tse_real s_front = r_div(
+      pt->u.v_front - wheel.x, r_max(rolling_speed(wheel.x), r_abs(pt->u.v_front)));
+  const tse_real a_front = slip_angle(wheel.y, wheel.x),
+                 a_rear = slip_angle(pt->vy - r_mul(p->car.lr, pt->r), pt->vx);
   pt->s.s_front += r_mul(share, s_front - pt->s.s_front);
   pt->s.a_front += r_mul(share, a_front - pt->s.a_front);
   pt->s.a_rear += r_mul(share, a_rear - pt->s.a_rear);
@@ -55,30 +68,36 @@ static inline void exact_kinematics_slip(point *pt)
   pt->cos_steer += r_mul(share, cosine - pt->cos_steer);
 }
 
-/* steering_compliance: the wheels give way by c n Fy_f: alpha = alpha_0 - c n C alpha, so alpha_0/(1 + c n C).
- * C is the stiffness without STIFFNESS effects: what saturation would take off the moment is left out. Linear, it is the
- * same as a softer tyre. Typical 0.2 .. 0.5 degrees per 100 Nm. */
+/* steering_compliance: the wheels give way by c n Fy_f: alpha = alpha_0 - c n C alpha, so
+ * alpha_0/(1 + c n C). C is the stiffness without STIFFNESS effects: what saturation
+ * would take off the moment is left out. Linear, it is the same as a softer tyre. Typical
+ * 0.2 .. 0.5 degrees per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)
 {
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the rear wheels steer with the roll angle: alpha_r + gain roll x, where x is accel_y
- * through a second-order mode (mode_step in laws.h). Typical gain 0.03 .. 0.1, into the turn. */
+/* rear_roll_steer: the rear wheels steer with the roll angle: alpha_r + gain roll x,
+ * where x is accel_y through a second-order mode (mode_step in laws.h). Typical gain 0.03
+ * .. 0.1, into the turn. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
   const tse_real *const x = pt->m->mode[MODE_ROLL_STEER];
-  pt->s.a_rear += r_mul(r_mul(e->rear_roll_steer_gain, e->rear_roll_steer_roll), x[0] + r_mul(pt->ahead, x[1]));
+  pt->s.a_rear += r_mul(
+      r_mul(e->rear_roll_steer_gain, e->rear_roll_steer_roll), x[0] + r_mul(pt->ahead, x[1]));
 }
 
-static inline void rear_roll_steer_remember(const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
+static inline void rear_roll_steer_remember(
+    const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
 {
-  mode_step(m->mode[MODE_ROLL_STEER], e->rear_roll_steer_frequency, e->rear_roll_steer_damping, a->force.y, b->force.y, h);
+  mode_step(m->mode[MODE_ROLL_STEER], e->rear_roll_steer_frequency, e->rear_roll_steer_damping, a->force.y,
+      b->force.y, h);
 }
 
-/* relaxation: the tyre holds a slip angle a that follows the kinematic one: a' = (v/length)(alpha - a),
- * v = max(|vx|, low). Typical length 0.3 .. 0.7 m. The state is integrated by effects_step(). */
+/* relaxation: the tyre holds a slip angle a that follows the kinematic one: a' =
+ * (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m. The state is
+ * integrated by effects_step(). */
 static inline void relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.a_front = lag[0];
@@ -91,8 +110,9 @@ static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
 }
 
-/* longitudinal_relaxation: as relaxation for the slip of an axle: s' = (v/length)(slip - s), v what slip is
- * taken over. Typical length 0.1 .. 0.4 m; stands for the driveline's lag, too. */
+/* longitudinal_relaxation: as relaxation for the slip of an axle: s' = (v/length)(slip -
+ * s), v what slip is taken over. Typical length 0.1 .. 0.4 m; stands for the driveline's
+ * lag, too. */
 static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.s_front = lag[2];
@@ -105,8 +125,9 @@ static inline tse_real longitudinal_relaxation_rate(const tse_effects *e, tse_re
   return r_div(TSE_R(1), r_mul(e->longitudinal_relaxation_length, inv));
 }
 
-/* stiffness_drift: all stiffness times 1 + change share, share growing from 0 at `start` to 1 `time` later.
- * Typical 5 .. 15 %: temperature, wear, another road. A short time makes a step. */
+/* stiffness_drift: all stiffness times 1 + change share, share growing from 0 at `start`
+ * to 1 `time` later. Typical 5 .. 15 %: temperature, wear, another road. A short time
+ * makes a step. */
 static inline void stiffness_drift_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -119,7 +140,8 @@ static inline void stiffness_drift_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, factor);
 }
 
-/* combined_slip: Fy/sqrt(1 + k slip^2), each axle with its own slip. Typical k 50 .. 100. */
+/* combined_slip: Fy/sqrt(1 + k slip^2), each axle with its own slip. Typical k 50 ..
+ * 100. */
 static inline void combined_slip_stiffness(point *pt)
 {
   const tse_real k = pt->p->effects.combined_slip_factor;
@@ -127,24 +149,26 @@ static inline void combined_slip_stiffness(point *pt)
   pt->k.y_rear = r_div(pt->k.y_rear, r_sqrt(TSE_R(1) + r_mul(k, r_mul(pt->s.s_rear, pt->s.s_rear))));
 }
 
-/* tyre_saturation: the lateral force of an axle ends at friction times load: C tyre_secant(C |alpha|/(friction load)), laws.h,
- * with the stiffness C that load transfer leaves: a tyre that is softer is not less grippy.
- * Front 1/friction (1 + balance), rear 1/friction (1 - balance).
- * Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
+/* tyre_saturation: the lateral force of an axle ends at friction times load: C
+ * tyre_secant(C |alpha|/(friction load)), laws.h, with the stiffness C that load transfer
+ * leaves: a tyre that is softer is not less grippy. Front 1/friction (1 + balance), rear
+ * 1/friction (1 - balance). Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
   const tse_car *const c = &pt->p->car;
   const tse_real inv = e->tyre_saturation_inverse_friction, shape = e->tyre_saturation_shape;
-  const tse_real front = r_abs(r_mul(pt->k.y_front, pt->s.a_front)), rear = r_abs(r_mul(pt->k.y_rear, pt->s.a_rear));
+  const tse_real front = r_abs(r_mul(pt->k.y_front, pt->s.a_front)),
+                 rear = r_abs(r_mul(pt->k.y_rear, pt->s.a_rear));
   tse_real slope;
   pt->k.y_front = r_mul(pt->k.y_front, tyre_secant(r_div(r_mul(inv, front), c->end_front), shape, &slope));
   pt->k.y_rear = r_mul(pt->k.y_rear, tyre_secant(r_div(r_mul(inv, rear), c->end_rear), shape, &slope));
 }
 
-/* longitudinal_load_transfer: cornering stiffness Cf (1 - k (1 + balance) ax), Cr (1 + k (1 - balance) ax), not below a tenth;
- * ax: specific force of drive and brakes. The longitudinal stiffness is left, whose sum would not change.
- * Typical k 0.02 .. 0.04 s2/m. */
+/* longitudinal_load_transfer: cornering stiffness Cf (1 - k (1 + balance) ax), Cr (1 + k
+ * (1 - balance) ax), not below a tenth; ax: specific force of drive and brakes. The
+ * longitudinal stiffness is left, whose sum would not change. Typical k 0.02 .. 0.04
+ * s2/m. */
 static inline void longitudinal_load_transfer_stiffness(point *pt)
 {
   const tse_real ax = tyre_pull(r_mul(pt->k.x_front, pt->s.s_front) + r_mul(pt->k.x_rear, pt->s.s_rear));
@@ -152,9 +176,10 @@ static inline void longitudinal_load_transfer_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, load_left(r_mul(pt->p->car.along_rear, ax)));
 }
 
-/* lateral_load_transfer: cornering stiffness C (1 - k a^2), a: lateral acceleration by the tyres with that very
- * stiffness. With a0 the one before: a = a0 (1 - k a^2), so a = 2 a0/(1 + sqrt(1 + 4 k a0^2)). Front k (1 + balance), rear
- * k (1 - balance); nothing below a tenth. Typical k 0.002 .. 0.005 s4/m2: -8 % at 5 m/s2. */
+/* lateral_load_transfer: cornering stiffness C (1 - k a^2), a: lateral acceleration by
+ * the tyres with that very stiffness. With a0 the one before: a = a0 (1 - k a^2), so a =
+ * 2 a0/(1 + sqrt(1 + 4 k a0^2)). Front k (1 + balance), rear k (1 - balance); nothing
+ * below a tenth. Typical k 0.002 .. 0.005 s4/m2: -8 % at 5 m/s2. */
 static inline void lateral_load_transfer_stiffness(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -169,23 +194,32 @@ static inline void aero_drag_body(point *pt) { pt->force.x = pt->force.x - drag_
 
 /* rolling_resistance: m vx' - f m g against the motion, rising linearly below 0.5 m/s.
  * Typical f 0.008 .. 0.015. */
-static inline void rolling_resistance_body(point *pt) { pt->force.x = pt->force.x - rolling_of(pt->p->car.rolling, pt->vx); }
+static inline void rolling_resistance_body(point *pt)
+{
+  pt->force.x = pt->force.x - rolling_of(pt->p->car.rolling, pt->vx);
+}
 
 /* grade: vx' - g sin(angle + profile): accelerates the car, but no accelerometer.
  * Typical 1 .. 6 %, uphill > 0. */
-static inline void grade_body(point *pt) { pt->gravity_x = -gravity_along(pt->p->effects.grade_angle + pt->g.grade); }
+static inline void grade_body(point *pt)
+{
+  pt->gravity_x = -gravity_along(pt->p->effects.grade_angle + pt->g.grade);
+}
 
-/* bank: vy' - g sin(angle + profile) + superelevation vx r: accelerates the car, but no accelerometer.
- * Roads are built to lean into their curves, and take over a share of what the tyres would have to give.
- * Typical 1.5 .. 3 %, left side high > 0; superelevation 0.05 .. 0.2. */
+/* bank: vy' - g sin(angle + profile) + superelevation vx r: accelerates the car, but no
+ * accelerometer. Roads are built to lean into their curves, and take over a share of what
+ * the tyres would have to give. Typical 1.5 .. 3 %, left side high > 0; superelevation
+ * 0.05 .. 0.2. */
 static inline void bank_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
-  pt->gravity_y = r_mul(e->bank_superelevation, r_mul(pt->vx, pt->r)) - gravity_along(e->bank_angle + pt->g.bank);
+  pt->gravity_y = r_mul(e->bank_superelevation, r_mul(pt->vx, pt->r))
+      - gravity_along(e->bank_angle + pt->g.bank);
 }
 
-/* crosswind: Fy + c w sqrt(vx^2 + w^2) cos(psi), psi: heading since the start, plus the setting's; at `arm`
- * before the centre of gravity. Typical w 3 .. 10 m/s, c 2.8 kg/m, arm 0.45 m. */
+/* crosswind: Fy + c w sqrt(vx^2 + w^2) cos(psi), psi: heading since the start, plus the
+ * setting's; at `arm` before the centre of gravity. Typical w 3 .. 10 m/s, c 2.8 kg/m,
+ * arm 0.45 m. */
 static inline void crosswind_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -204,7 +238,8 @@ static inline void crosswind_remember(tse_effect_memory *m, const point *a, cons
   m->heading = turns - r_from_int(r_floor_to_int(turns));
 }
 
-/* conicity: side forces of the axles without slip: conicity, ply steer. Typical 50 .. 150 N. */
+/* conicity: side forces of the axles without slip: conicity, ply steer. Typical 50 .. 150
+ * N. */
 static inline void conicity_body(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -212,15 +247,15 @@ static inline void conicity_body(point *pt)
   pt->force.yaw += r_mul(c->jf, c->pull_front) - r_mul(c->jr, c->pull_rear);
 }
 
-/* aligning_moment: I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheels' centres.
- * Typical 20 .. 40 mm. */
+/* aligning_moment: I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheels'
+ * centres. Typical 20 .. 40 mm. */
 static inline void aligning_moment_body(point *pt)
 {
   pt->force.yaw = pt->force.yaw - r_mul(pt->p->car.trail, pt->fy_front + pt->fy_rear);
 }
 
-/* imu_lever_arm: accelerations at (x, y) from the centre of gravity: ax - r^2 x - r' y, ay + r' x - r^2 y.
- * Typical 0.2 .. 0.8 m. */
+/* imu_lever_arm: accelerations at (x, y) from the centre of gravity: ax - r^2 x - r' y,
+ * ay + r' x - r^2 y. Typical 0.2 .. 0.8 m. */
 static inline void imu_lever_arm_sensor(reading *z)
 {
   const tse_car *const c = &z->pt->p->car;
@@ -229,11 +264,13 @@ static inline void imu_lever_arm_sensor(reading *z)
   z->y[1] = there.y;
 }
 
-/* body_roll: the car leans out of the turn by phi = gain x, x: lateral acceleration through a second-order mode
- * (mode_step in laws.h). Gravity leaks in, and an IMU off the centre of gravity swings: accel_y + g phi - height phi''. The body's mass
- * swings, too, and pushes the car: m (vy' + vx r) = sum of tyre forces + m coupling phi'', coupling = sprung mass times the height of its
- * centre of gravity above the roll axis, over m; vy is that of the roll axis, so height = IMU above it, less coupling. Typical gain
- * 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+/* body_roll: the car leans out of the turn by phi = gain x, x: lateral acceleration
+ * through a second-order mode (mode_step in laws.h). Gravity leaks in, and an IMU off the
+ * centre of gravity swings: accel_y + g phi - height phi''. The body's mass swings, too,
+ * and pushes the car: m (vy' + vx r) = sum of tyre forces + m coupling phi'', coupling =
+ * sprung mass times the height of its centre of gravity above the roll axis, over m; vy
+ * is that of the roll axis, so height = IMU above it, less coupling. Typical gain 3 .. 6
+ * degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
   return mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
@@ -243,38 +280,44 @@ static inline void body_roll_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
   const tse_real *const x = pt->m->mode[MODE_ROLL], h = pt->ahead;
-  const tse_real then = x[0] + r_mul(h, x[1]), before = body_roll_swing(pt, then, x[1]); /* the mode is that of `ahead` seconds ago: extrapolated */
-  const tse_real swing = body_roll_swing(pt, then + r_mul(r_mul(TSE_R(0.5), r_mul(h, h)), before), x[1] + r_mul(h, before));
+  const tse_real then = x[0] + r_mul(h, x[1]),
+                 before = body_roll_swing(
+                     pt, then, x[1]); /* the mode is that of `ahead` seconds ago: extrapolated */
+  const tse_real swing = body_roll_swing(
+      pt, then + r_mul(r_mul(TSE_R(0.5), r_mul(h, h)), before), x[1] + r_mul(h, before));
   pt->gravity_y += r_mul(r_mul(e->body_roll_coupling, e->body_roll_gain), swing);
 }
 
 static inline void body_roll_sensor(reading *z)
 {
   const tse_effects *const e = &z->pt->p->effects;
-  const tse_real *const x = z->m->mode[MODE_ROLL], swing = r_mul(e->body_roll_height, body_roll_swing(z->pt, x[0], x[1]));
+  const tse_real *const x = z->m->mode[MODE_ROLL],
+                        swing = r_mul(e->body_roll_height, body_roll_swing(z->pt, x[0], x[1]));
   z->y[1] += r_mul(e->body_roll_gain, r_mul(GRAVITY, x[0]) - swing);
 }
 
-static inline void body_roll_remember(const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
+static inline void body_roll_remember(
+    const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
 {
   mode_step(m->mode[MODE_ROLL], e->body_roll_frequency, e->body_roll_damping, a->force.y, b->force.y, h);
 }
 
-/* pitch_leak: accel_x + gain (g x - height x''): the nose lifts by gain x, x: longitudinal acceleration through
- * a second-order mode (mode_step in laws.h); gravity leaks in, and an IMU above the pitch axis swings.
- * Typical gain 1.5 .. 3 degrees per g. */
+/* pitch_leak: accel_x + gain (g x - height x''): the nose lifts by gain x, x:
+ * longitudinal acceleration through a second-order mode (mode_step in laws.h); gravity
+ * leaks in, and an IMU above the pitch axis swings. Typical gain 1.5 .. 3 degrees per g. */
 static inline void pitch_leak_sensor(reading *z)
 {
   z->y[0] += pitch_read(&z->pt->p->car, z->m->mode[MODE_PITCH], z->pt->force.x);
 }
 
-static inline void pitch_leak_remember(const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
+static inline void pitch_leak_remember(
+    const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
 {
   mode_step(m->mode[MODE_PITCH], e->pitch_leak_frequency, e->pitch_leak_damping, a->force.x, b->force.x, h);
 }
 
-/* imu_misalignment: the IMU is turned to the left by `angle`: ax cos + ay sin, ay cos - ax sin.
- * Typical 1 .. 3 degrees. */
+/* imu_misalignment: the IMU is turned to the left by `angle`: ax cos + ay sin, ay cos -
+ * ax sin. Typical 1 .. 3 degrees. */
 static inline void imu_misalignment_sensor(reading *z)
 {
   const planar read = turn_axes(z->y[0], z->y[1], z->pt->p->car.mount_sin, z->pt->p->car.mount_cos);
@@ -299,7 +342,7 @@ static inline void imu_delay_sensor(reading *z)
   for (int i = 0; i < 3; i++) z->y[i] = effects_delay_get(&z->m->imu, z->m->imu_was[i], time);
 }
 
-/* table: acting_effects */
+// clang-format off: table acting_effects
 #define EFFECTS_INPUT(X) X(steering_ratio) X(steering_offset) X(steering_delay) X(steering_lag)
 #define EFFECTS_SLIP(X) X(exact_kinematics) X(steering_compliance) X(rear_roll_steer)
 #define EFFECTS_LAG(X) X(relaxation) X(longitudinal_relaxation)
@@ -310,4 +353,4 @@ static inline void imu_delay_sensor(reading *z)
     X(aligning_moment)
 #define EFFECTS_SENSOR(X) X(imu_lever_arm) X(body_roll) X(pitch_leak) X(imu_misalignment) X(imu_scale_ax) \
     X(imu_scale_ay) X(gyro_scale) X(imu_delay)
-/* end of table */
+// clang-format on: end of table

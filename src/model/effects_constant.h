@@ -1,18 +1,25 @@
-/* model/effects_constant.h - effects on the settings, in the order of effects.toml; only prepare.c includes it, whose numbers are settings. */
+/* model/effects_constant.h - effects on the settings, in the order of effects.toml; only
+ * prepare.c includes it, whose numbers are settings. */
 
 /* mass: the car weighs m (1 + change); yaw inertia and stiffness in N and N/rad stay.
- * Typical 0.1 .. 0.2: passengers, load, fuel. Only m/I is to be seen while all stiffness is free. */
+ * Typical 0.1 .. 0.2: passengers, load, fuel. Only m/I is to be seen while all stiffness
+ * is free. */
 static inline void mass_constant(tse_config *c) { c->mass += r_mul(c->mass, c->mass_change); }
 
 /* yaw_inertia: the yaw inertia is I (1 + change). Typical 0.1 .. 0.2; see mass. */
-static inline void yaw_inertia_constant(tse_config *c) { c->yaw_inertia += r_mul(c->yaw_inertia, c->yaw_inertia_change); }
+static inline void yaw_inertia_constant(tse_config *c)
+{
+  c->yaw_inertia += r_mul(c->yaw_inertia, c->yaw_inertia_change);
+}
 
-/* cg_shift: the centre of gravity lies `distance` further back: lf + d, lr - d. Typical 0.05 .. 0.15 m.
- * No more than 9/10 of lf or lr, so that it stays between the axles. */
+/* cg_shift: the centre of gravity lies `distance` further back: lf + d, lr - d. Typical
+ * 0.05 .. 0.15 m. No more than 9/10 of lf or lr, so that it stays between the axles. */
 static inline void cg_shift_constant(tse_config *c)
 {
   const tse_setting share = TSE_S(0.9), most = r_mul(share, c->lr), least = -r_mul(share, c->lf);
-  const tse_setting d = c->cg_shift_distance > most ? most : (c->cg_shift_distance < least ? least : c->cg_shift_distance);
+  const tse_setting d = c->cg_shift_distance > most
+      ? most
+      : (c->cg_shift_distance < least ? least : c->cg_shift_distance);
   c->lf += d;
   c->lr -= d;
 }
@@ -25,6 +32,6 @@ static inline void wheel_radius_constant(tse_config *c)
   c->wheel_radius_rear += r_mul(c->wheel_radius_rear, c->wheel_radius_change);
 }
 
-/* table: constant_effects */
+// clang-format off: table constant_effects
 #define EFFECTS_CONSTANT(X) X(mass) X(yaw_inertia) X(cg_shift) X(wheel_radius)
-/* end of table */
+// clang-format on: end of table

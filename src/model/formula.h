@@ -1,8 +1,11 @@
-/* model/formula.h - a formula of the user, src/tables/formula.toml: what its program makes of a point, and what it remembers of it.
+/* model/formula.h - a formula of the user, src/tables/formula.toml: what its program
+ * makes of a point, and what it remembers of it.
  *
- * A program is interpreted, or, with TSE_FORMULA, compiled in from tse_formula.h, which tselab wrote; both call the functions below in the
- * same order, so both give the same bits. A point lies `ahead` of the memory: operations with memory say what they will be by then,
- * and formula_remember() keeps it when the step has been made. Includes nothing, as effects/<id>.h. */
+ * A program is interpreted, or, with TSE_FORMULA, compiled in from tse_formula.h, which
+ * tselab wrote; both call the functions below in the same order, so both give the same
+ * bits. A point lies `ahead` of the memory: operations with memory say what they will be
+ * by then, and formula_remember() keeps it when the step has been made. Includes nothing,
+ * as effects/<id>.h. */
 
 #define FORMULA_MOST TSE_R(1e6) /* no value is larger; what is no number is 0 */
 #define FORMULA_STACK 8
@@ -16,9 +19,15 @@ typedef struct formula_run {
 
 static inline int formula_is_on(const tse_effects *e) { return (int)((e->mask >> TSE_BIT_FORMULA) & 1u); }
 
-static inline tse_real formula_kept(tse_real x) { return x > -FORMULA_MOST && x < FORMULA_MOST ? x : TSE_R(0); }
+static inline tse_real formula_kept(tse_real x)
+{
+  return x > -FORMULA_MOST && x < FORMULA_MOST ? x : TSE_R(0);
+}
 
-static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi) { return x < lo ? lo : (x > hi ? hi : x); }
+static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi)
+{
+  return x < lo ? lo : (x > hi ? hi : x);
+}
 
 /* ---- numbers and signals */
 static inline tse_real formula_number(formula_run *f, int slot) { return f->pt->p->effects.formula[slot]; }
@@ -40,7 +49,10 @@ static inline tse_real formula_time(formula_run *f) { return f->pt->m->time + f-
 static inline tse_real formula_add(tse_real x, tse_real y) { return x + y; }
 static inline tse_real formula_sub(tse_real x, tse_real y) { return x - y; }
 static inline tse_real formula_mul(tse_real x, tse_real y) { return r_mul(x, y); }
-static inline tse_real formula_div(tse_real x, tse_real y) { return y < TSE_R(0) || y > TSE_R(0) ? r_div(x, y) : TSE_R(0); }
+static inline tse_real formula_div(tse_real x, tse_real y)
+{
+  return y < TSE_R(0) || y > TSE_R(0) ? r_div(x, y) : TSE_R(0);
+}
 static inline tse_real formula_neg(tse_real x) { return -x; }
 static inline tse_real formula_abs(tse_real x) { return r_abs(x); }
 static inline tse_real formula_max(tse_real x, tse_real y) { return x > y ? x : y; }
@@ -83,7 +95,8 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
     mode[0] = x;
     mode[1] = TSE_R(0);
   } else if (f->pt->ahead > TSE_R(0)) {
-    mode_step(mode, formula_max(frequency, TSE_R(0)), formula_max(damping, TSE_R(0)), was[2], x, f->pt->ahead);
+    mode_step(
+        mode, formula_max(frequency, TSE_R(0)), formula_max(damping, TSE_R(0)), was[2], x, f->pt->ahead);
   }
   return formula_remembers(f, mode[0], mode[1], x);
 }
@@ -140,14 +153,16 @@ static inline int formula_place_of(const tse_effects *e)
 
 static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
 
-/* Write what an operation gives over its operands, which begin at `at`, and return how many values there are then. */
+/* Write what an operation gives over its operands, which begin at `at`, and return how
+ * many values there are then. */
 static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 {
   s[at] = x;
   return at + 1;
 }
 
-/* A case of each kind of operation: its operands are on the stack s, which n values fill, the last written on top. */
+/* A case of each kind of operation: its operands are on the stack s, which n values fill,
+ * the last written on top. */
 #define FORMULA_OPERANDS_0
 #define FORMULA_OPERANDS_1 s[n - 1]
 #define FORMULA_OPERANDS_2 s[n - 2], s[n - 1]
@@ -158,7 +173,8 @@ static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 #define FORMULA_PLAIN(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(FORMULA_OPERANDS_##takes))
 #define FORMULA_MEMORY(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(f, FORMULA_OPERANDS_##takes))
 
-/* Run the program of a formula. tse_config_check() has seen that it fits its stack and its memory. */
+/* Run the program of a formula. tse_config_check() has seen that it fits its stack and
+ * its memory. */
 static inline tse_real formula_program(formula_run *f)
 {
   tse_real s[FORMULA_STACK] = { TSE_R(0) };

@@ -1,11 +1,10 @@
-/* model/integrator.c - the motion of vehicle.h with the effects of effects.h, evaluated at the state of every step. Wheels turn as a log
- * says (replay) or as torques make them (simulator). */
+/* model/integrator.c - the motion of vehicle.h with the effects of effects.h, evaluated
+ * at the state of every step. Wheels turn as a log says (replay) or as torques make them
+ * (simulator). */
 #include "model/effects.h"
 
 /* [vx vy r], R omega of the wheels, the four states of LAG */
-enum { TURNS = 3,
-       LAGS = 5,
-       MOTION = 9 };
+enum { TURNS = 3, LAGS = 5, MOTION = 9 };
 
 static tse_real brake(const wheels *w, int a, tse_real v)
 {
@@ -28,17 +27,21 @@ static void motion_of(const point *pt, const tse_real lag[4], tse_real f[MOTION]
   f[0] = pt->force.x + r_mul(pt->vy, pt->r) + pt->gravity_x;
   f[1] = pt->force.y - r_mul(pt->vx, pt->r) + pt->gravity_y;
   f[2] = pt->force.yaw;
-  for (int a = 0; a < 2; a++) f[TURNS + a] = w->turning ? w->drive[a] - brake(w, a, v[a]) - r_mul(w->load[a], fx[a]) : TSE_R(0);
+  for (int a = 0; a < 2; a++)
+    f[TURNS + a] = w->turning ? w->drive[a] - brake(w, a, v[a]) - r_mul(w->load[a], fx[a]) : TSE_R(0);
   for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
 }
 
-/* 1 - g h J of ROS2, J with what is stiff: the arrow (vx; wheels) and the block (vy, r). Tyres that saturate enter by their secant, which
- * overestimates their damping. The states of LAG are eliminated: such a state a, a' = rate (alpha - a), answers
- * with b = gh rate/(1 + gh rate) of what its slip does, so that is how much of its tyre's damping is left. */
+/* 1 - g h J of ROS2, J with what is stiff: the arrow (vx; wheels) and the block (vy, r).
+ * Tyres that saturate enter by their secant, which overestimates their damping. The
+ * states of LAG are eliminated: such a state a, a' = rate (alpha - a), answers with b =
+ * gh rate/(1 + gh rate) of what its slip does, so that is how much of its tyre's damping
+ * is left. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2], inv_turn[2];    /* gh times a tyre's damping of vx; 1/diagonal of a wheel, 0 where its speed is given */
+  tse_real pull[2],
+      inv_turn[2]; /* gh times a tyre's damping of vx; 1/diagonal of a wheel, 0 where its speed is given */
   lateral_block side;
   tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
   int lags;
@@ -72,7 +75,8 @@ static solver factored(const point *pt, tse_real gh, int secant)
     }
     m.pull[a] = m.inv_turn[a] = TSE_R(0);
     if (!w->turning) continue;
-    const tse_real held = TSE_R(1) + r_mul(gh, brake_slope(w, a, v[a], secant)); /* a wheel that the car turns takes the rest along */
+    const tse_real held = TSE_R(1)
+        + r_mul(gh, brake_slope(w, a, v[a], secant)); /* a wheel that the car turns takes the rest along */
     m.pull[a] = r_mul(gh, x[a]);
     m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));
     x[a] = r_mul(x[a], r_mul(held, m.inv_turn[a]));
@@ -101,19 +105,23 @@ static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
   for (int a = 0; a < 2 && turning; a++) fx += r_mul(r_mul(m->pull[a], m->inv_turn[a]), fw[a]);
   k[0] = r_mul(fx, m->inv_mx);
   vehicle_solve(&m->side, fy, fr, &k[1], &k[2]);
-  for (int a = 0; a < 2; a++) k[TURNS + a] = turning ? r_mul(fw[a] + r_mul(load[a], r_mul(m->pull[a], k[0])), m->inv_turn[a]) : TSE_R(0);
+  for (int a = 0; a < 2; a++)
+    k[TURNS + a] = turning ? r_mul(fw[a] + r_mul(load[a], r_mul(m->pull[a], k[0])), m->inv_turn[a])
+                           : TSE_R(0);
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
-  /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
+  /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d
+   * vx = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* What the inputs alone change of the lags' derivatives until `to`: h df/dt. Added to the first stage of ROS2 and taken from
- * the second, times g, as Rosenbrock methods do with explicit time; without it a lag much shorter than the step, which follows
- * its slip at once, would overshoot by 1/(2 g). */
+/* What the inputs alone change of the lags' derivatives until `to`: h df/dt. Added to the
+ * first stage of ROS2 and taken from the second, times g, as Rosenbrock methods do with
+ * explicit time; without it a lag much shorter than the step, which follows its slip at
+ * once, would overshoot by 1/(2 g). */
 static void input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
   const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);
@@ -135,8 +143,12 @@ static int may_lock(const point *at, const wheels *w, tse_real h)
   return locks;
 }
 
-/* The point h later, dx from `at` and from the lags at it.   Updated: b  all that effects_at() does not evaluate    end  the lags there */
-static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTION], const acting *to, tse_real h, point *b, tse_real end[4])
+/* The point h later, dx from `at` and from the lags at it.   Updated: b  all that
+ *                                                            effects_at() does not
+ *                                                            evaluate    end  the lags
+ *                                                            there */
+static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTION], const acting *to,
+    tse_real h, point *b, tse_real end[4])
 {
   b->vx = at->vx + dx[0];
   b->vy = at->vy + dx[1];
@@ -153,10 +165,12 @@ static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTI
   for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
 }
 
-/* Change of the state within h, by ROS2 of vehicle.h. Its stages would jump over the brake's change of sign where a wheel locks; there it is
- * implicit Euler with what acts at the end: secants keep all terms off the diagonal to the sign with which no wheel is braked into reverse,
- * whatever the torque.   Updated: dx; at, where a wheel locks */
-static void change_within(tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[MOTION])
+/* Change of the state within h, by ROS2 of vehicle.h. Its stages would jump over the
+ * brake's change of sign where a wheel locks; there it is implicit Euler with what acts
+ * at the end: secants keep all terms off the diagonal to the sign with which no wheel is
+ * braked into reverse, whatever the torque.   Updated: dx; at, where a wheel locks */
+static void change_within(
+    tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[MOTION])
 {
   const int locks = may_lock(at, &to->w, h);
   tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
@@ -183,7 +197,8 @@ static void change_within(tse_real h, const tse_effect_memory *m, stiffness k, c
 }
 
 /* One step. The point at the end is the first stage of the next step, too. */
-static void step(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
+static void step(
+    const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
   tse_real dx[MOTION];
@@ -239,7 +254,8 @@ static acting acting_between(const acting *from, const acting *to, int32_t k, in
   return now;
 }
 
-void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt, int32_t steps, point *at)
+void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,
+    int32_t steps, point *at)
 {
   const acting from = { at->u, at->g, at->w };
   const tse_real h = r_div(dt, r_from_int(steps));

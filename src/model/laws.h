@@ -1,5 +1,5 @@
-/* model/laws.h - laws of the car, each once: car.c takes them with their slopes, effects/ for simulator, replay and vehicle FMU.
- * Forces are over mass. */
+/* model/laws.h - laws of the car, each once: car.c takes them with their slopes, effects/
+ * for simulator, replay and vehicle FMU. Forces are over mass. */
 #ifndef TSE_LAWS_H
 #define TSE_LAWS_H
 
@@ -32,7 +32,10 @@ static inline tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_OF_E, 
 static inline tse_real logarithm(tse_real x) { return r_mul(LN_2, r_log2(x)); }
 
 /* exp(-dt/time): what a lag leaves of its start. */
-static inline tse_real left_of(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
+static inline tse_real left_of(tse_real dt, tse_real time)
+{
+  return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time)));
+}
 
 /* First-order lag of a signal that is linear from one row to the next, dt later: exact.
  *   y1 = x1 - s T + (y0 - x0 + s T) exp(-dt/T),  s = (x1 - x0)/dt */
@@ -42,8 +45,11 @@ static inline tse_real lagged(tse_real time, tse_real from, tse_real to, tse_rea
   return to - behind + r_mul(was - from + behind, left_of(dt, time));
 }
 
-/* Two of them in a row, of the angle of the wheels.   Updated: angle[3]  logged, after the first lag, after both   second: 0, none */
-static inline void lag_steering(tse_real first, tse_real second, tse_real steer, tse_real dt, tse_real angle[3])
+/* Two of them in a row, of the angle of the wheels.   Updated: angle[3]  logged, after
+ *                                                     the first lag, after both   second:
+ *                                                     0, none */
+static inline void lag_steering(
+    tse_real first, tse_real second, tse_real steer, tse_real dt, tse_real angle[3])
 {
   const tse_real before = angle[0], half_way = angle[1];
   angle[0] = steer;
@@ -51,9 +57,12 @@ static inline void lag_steering(tse_real first, tse_real second, tse_real steer,
   angle[2] = second > TSE_R(0) ? lagged(second, half_way, angle[1], angle[2], dt) : angle[1];
 }
 
-/* Second-order mode of a(t), linear from a0 to a1 in h:  x'' = w^2 (a - x) - 2 d w x', w = 2 pi f, by the trapezoidal rule,
+/* Second-order mode of a(t), linear from a0 to a1 in h:  x'' = w^2 (a - x) - 2 d w x', w
+ *                                                        = 2 pi f, by the trapezoidal
+ *                                                        rule,
  * which is stable whatever f h. Updated: x[0] = x, x[1] = x'. */
-static inline void mode_step(tse_real x[2], tse_real frequency, tse_real damping, tse_real a0, tse_real a1, tse_real h)
+static inline void mode_step(
+    tse_real x[2], tse_real frequency, tse_real damping, tse_real a0, tse_real a1, tse_real h)
 {
   const tse_real wh = r_mul(TWO_PI, r_mul(frequency, h));
   const tse_real drag = r_mul(damping, wh), spring = r_mul(TSE_R(0.25), r_mul(wh, wh));
@@ -71,14 +80,16 @@ static inline tse_real mode_swing(tse_real x, tse_real speed, tse_real rate, tse
 
 /* ---- kinematics */
 
-/* A vector in axes that are turned to the left, by their sine and cosine: velocities of a steered wheel, an IMU that is mounted askew. */
+/* A vector in axes that are turned to the left, by their sine and cosine: velocities of a
+ * steered wheel, an IMU that is mounted askew. */
 typedef struct planar {
   tse_real x, y;
 } planar;
 
 static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real cosine)
 {
-  /* gcc 12 makes one fused instruction of a sum beside a difference, in spite of -ffp-contract=off, unless one is turned round */
+  /* gcc 12 makes one fused instruction of a sum beside a difference, in spite of
+   * -ffp-contract=off, unless one is turned round */
   const planar t = { r_mul(x, cosine) + r_mul(y, sine), -(r_mul(x, sine) - r_mul(y, cosine)) };
   return t;
 }
@@ -87,14 +98,19 @@ static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real c
 static inline tse_real rolling_speed(tse_real along) { return r_max(r_abs(along), LOW_SPEED); }
 
 /* Slip angle of a wheel with these speeds along and across itself. */
-static inline tse_real slip_angle(tse_real across, tse_real along) { return -r_atan2(across, rolling_speed(along)); }
+static inline tse_real slip_angle(tse_real across, tse_real along)
+{
+  return -r_atan2(across, rolling_speed(along));
+}
 
 /* ---- tyres */
 
-/* Secant of the force over its stiffness at q = stiffness times slip, over grip times load:
+/* Secant of the force over its stiffness at q = stiffness times slip, over grip times
+ * load:
  *   0: brush model with parabolic pressure: 1 - q/3 + q^2/27 up to q = 3, then 1/q
  *   1: (1 + q^2 + q^4)^(-1/4), magic-formula tyres of cars within 0.08 up to q = 1.2
- * Both have slope 1 at 0 and end at the grip; `shape` mixes them.   *slope: q times the derivative */
+ * Both have slope 1 at 0 and end at the grip; `shape` mixes them.   *slope: q times the
+ * derivative */
 static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
 {
   const tse_real z = r_mul(TSE_R(1.0 / 3), q);
@@ -117,11 +133,13 @@ static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-/* What linear tyres give, as far as tyres give it: load goes from wheel to wheel with the acceleration. */
+/* What linear tyres give, as far as tyres give it: load goes from wheel to wheel with the
+ * acceleration. */
 static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MOST_PULL, MOST_PULL); }
 
-/* Square of the lateral acceleration a of tyres that lose k a^2 of their stiffness by it, and would give a0 without:
- * a = a0 (1 - k a^2) to first order, 2 a0/(1 + sqrt(1 + 4 k a0^2)). */
+/* Square of the lateral acceleration a of tyres that lose k a^2 of their stiffness by it,
+ * and would give a0 without: a = a0 (1 - k a^2) to first order, 2 a0/(1 + sqrt(1 + 4 k
+ * a0^2)). */
 static inline tse_real lateral_square(tse_real k, tse_real a0)
 {
   const tse_real inside = r_max(TSE_R(1) + r_mul(r_mul(TSE_R(4), k), r_mul(a0, a0)), TSE_R(0));
@@ -130,7 +148,10 @@ static inline tse_real lateral_square(tse_real k, tse_real a0)
 }
 
 /* Share of the cornering stiffness of an axle that is left. */
-static inline tse_real side_left(tse_real k, tse_real square) { return r_max(TSE_R(1) - r_mul(k, square), LEAST_LEFT); }
+static inline tse_real side_left(tse_real k, tse_real square)
+{
+  return r_max(TSE_R(1) - r_mul(k, square), LEAST_LEFT);
+}
 
 /* Share of the load, or of the stiffness that goes with it, of an axle that is left. */
 static inline tse_real load_left(tse_real more) { return r_max(TSE_R(1) + more, LEAST_LEFT); }
@@ -140,7 +161,10 @@ static inline tse_real load_left(tse_real more) { return r_max(TSE_R(1) + more, 
 static inline tse_real drag_of(tse_real drag, tse_real vx) { return r_mul(r_mul(drag, r_abs(vx)), vx); }
 
 /* Against the motion, rising linearly below 0.5 m/s. */
-static inline tse_real rolling_of(tse_real most, tse_real vx) { return r_mul(most, r_div(vx, r_max(r_abs(vx), TSE_R(0.5)))); }
+static inline tse_real rolling_of(tse_real most, tse_real vx)
+{
+  return r_mul(most, r_div(vx, r_max(r_abs(vx), TSE_R(0.5))));
+}
 
 /* Acceleration along an axis that climbs by this angle. */
 static inline tse_real gravity_along(tse_real angle)
@@ -150,11 +174,14 @@ static inline tse_real gravity_along(tse_real angle)
   return r_mul(GRAVITY, sine);
 }
 
-/* What an accelerometer along reads of gravity as the body pitches, less its own swing above the pitch axis.
- *   Given:  pitch[2]  acceleration along as the body follows it, and its rate; ax  itself */
+/* What an accelerometer along reads of gravity as the body pitches, less its own swing
+ * above the pitch axis.
+ *   Given:  pitch[2]  acceleration along as the body follows it, and its rate; ax
+ *   itself */
 static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse_real ax)
 {
-  const tse_real swing = mode_swing(pitch[0], pitch[1], r_mul(TWO_PI, c->pitch_frequency), c->pitch_damping, ax);
+  const tse_real swing = mode_swing(
+      pitch[0], pitch[1], r_mul(TWO_PI, c->pitch_frequency), c->pitch_damping, ax);
   return r_mul(c->pitch_leak, pitch[0]) - r_mul(c->pitch_height, swing);
 }
 

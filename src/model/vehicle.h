@@ -1,7 +1,9 @@
-/* model/vehicle.h - the single-track model, (1)-(4), and what every integrator of it needs.
+/* model/vehicle.h - the single-track model, (1)-(4), and what every integrator of it
+ * needs.
  *
- * Inline and branch-free, so that the loops over particles (paper/) that call it become vector code.
- * Forces are divided by mass, measurements by the sensor's sd. ISO 8855 axes, driving slip > 0. */
+ * Inline and branch-free, so that the loops over particles (paper/) that call it become
+ * vector code. Forces are divided by mass, measurements by the sensor's sd. ISO 8855
+ * axes, driving slip > 0. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
@@ -18,9 +20,12 @@ typedef struct slips {
   tse_real inv_front, inv_rear, inv_body; /* [s/m] what they were taken over, inverted */
 } slips;
 
-/* (3), (4) with absolute values: also valid in reverse, where a tyre's force still opposes its contact velocity.
- *   s = (R omega - vx)/max(|vx|, |R omega|, low)     alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
- *                                                    alpha_r = (lr r - vy)/max(|vx|, low)              */
+/* (3), (4) with absolute values: also valid in reverse, where a tyre's force still
+ * opposes its contact velocity.
+ *   s = (R omega - vx)/max(|vx|, |R omega|, low)     alpha_f = (delta vx - vy - lf
+ *                                                    r)/max(|vx|, low)
+ *                                                    alpha_r = (lr r - vy)/max(|vx|,
+ *                                                    low) */
 static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy, tse_real r, inputs u)
 {
   slips s;
@@ -35,7 +40,8 @@ static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy,
   return s;
 }
 
-/* Stiffness over mass at the deviation w: C = C_n (1 + w); the rear longitudinal one follows the front's by `follow`. */
+/* Stiffness over mass at the deviation w: C = C_n (1 + w); the rear longitudinal one
+ * follows the front's by `follow`. */
 typedef struct stiffness {
   tse_real x_front, x_rear, y_front, y_rear;
 } stiffness;
@@ -66,18 +72,21 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* 1 - g h J of (vy, r), J: what the tyres' damping yf, yr (over mass and speed) makes of them. */
+/* 1 - g h J of (vy, r), J: what the tyres' damping yf, yr (over mass and speed) makes of
+ * them. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
 
-static inline lateral_block vehicle_block(const tse_params *p, tse_real yf, tse_real yr, tse_real vx, tse_real gh)
+static inline lateral_block vehicle_block(
+    const tse_params *p, tse_real yf, tse_real yr, tse_real vx, tse_real gh)
 {
   lateral_block m;
   m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
   m.m12 = r_mul(gh, r_mul(p->car.lf, yf) - r_mul(p->car.lr, yr) + vx);
   m.m21 = r_mul(gh, r_mul(p->car.jf, yf) - r_mul(p->car.jr, yr));
-  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->car.jf, p->car.lf), yf) + r_mul(r_mul(p->car.jr, p->car.lr), yr));
+  m.m22 = TSE_R(1)
+      + r_mul(gh, r_mul(r_mul(p->car.jf, p->car.lf), yf) + r_mul(r_mul(p->car.jr, p->car.lr), yr));
   m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
   return m;
 }
@@ -88,16 +97,19 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-/* Every step of (7) in this library:
- * Rosenbrock method of order 2, L-stable (ROS2: Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
- *   (1 - g h J) k1 = f(x, u0),   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1,   x+ = x + h (3 k1 + k2)/2,   g = 1 - 1/sqrt(2)
- * Its order does not depend on J, so J holds only what is stiff: the tyres' damping of vx and of (vy, r), whose rates
- * grow like 1/speed to over 100/s at walking pace, where an explicit step would explode. */
+/* Every step of (7) in this library: Rosenbrock method of order 2, L-stable (ROS2:
+ * Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
+ *   (1 - g h J) k1 = f(x, u0),   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1,   x+ = x + h (3
+ *                                k1 + k2)/2,   g = 1 - 1/sqrt(2)
+ * Its order does not depend on J, so J holds only what is stiff: the tyres' damping of vx
+ * and of (vy, r), whose rates grow like 1/speed to over 100/s at walking pace, where an
+ * explicit step would explode. */
 #define ROS2 TSE_R(0.29289321881345254) /* g */
 
-/* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like rails) stays a number. NaN too.
- * Below LEAST it is zero: decaying for minutes of straight driving ends in denormal numbers, which are slow, and which
- * some machines flush and others do not. */
+/* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like
+ * rails) stays a number. NaN too. Below LEAST it is zero: decaying for minutes of
+ * straight driving ends in denormal numbers, which are slow, and which some machines
+ * flush and others do not. */
 #define MOST_SPEED TSE_R(200)   /* m/s */
 #define MOST_YAW_RATE TSE_R(20) /* rad/s */
 #define LEAST TSE_R(1e-12)
@@ -108,12 +120,15 @@ static inline tse_real vehicle_kept(tse_real v, tse_real most)
   return r_abs(inside) < LEAST ? TSE_R(0) : inside;
 }
 
-/* Number of steps that a row of dt seconds takes: of at most max_step, and in which the fastest of the car's own rates, the
- * tyres' damping that grows with 1/speed, turns by at most a quarter: at walking pace one step of a row would cost 3 % of Cx.
- * Below hold_speed nothing is learnt; never more than eight to a max_step. The same for all particles. */
+/* Number of steps that a row of dt seconds takes: of at most max_step, and in which the
+ * fastest of the car's own rates, the tyres' damping that grows with 1/speed, turns by at
+ * most a quarter: at walking pace one step of a row would cost 3 % of Cx. Below
+ * hold_speed nothing is learnt; never more than eight to a max_step. The same for all
+ * particles. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
-  const tse_real speed = r_mul(TSE_R(0.25), r_abs(from.v_front + from.v_rear) + r_abs(to.v_front + to.v_rear));
+  const tse_real speed = r_mul(
+      TSE_R(0.25), r_abs(from.v_front + from.v_rear) + r_abs(to.v_front + to.v_rear));
   const tse_real quarter = r_div(speed, p->damping);
   return -r_floor_to_int(-r_div(dt, r_min(p->max_step, r_max(quarter, p->least_step))));
 }

@@ -1,14 +1,17 @@
-/* number/fixed.h - fixed-point arithmetic: int64_t in units of 2^-TSE_FRACTION_BITS, integers only.
+/* number/fixed.h - fixed-point arithmetic: int64_t in units of 2^-TSE_FRACTION_BITS,
+ * integers only.
  *
- * Room for sums. `+` and `-` are native and do not detect overflow. All other results therefore
- * saturate at FIXED_MOST, a sixteenth of the range of int64_t: fifteen of them can be added. The longest
- * sums, over the states of the filter, have 23 terms, which are kept far smaller (STEEPEST in
- * filter/limits.h, state_most in filter/start.c). A saturated result plays the role of infinity:
- * r_is_finite() returns 0, and the filter restarts.
+ * Room for sums. `+` and `-` are native and do not detect overflow. All other results
+ * therefore saturate at FIXED_MOST, a sixteenth of the range of int64_t: fifteen of them
+ * can be added. The longest sums, over the states of the filter, have 23 terms, which are
+ * kept far smaller (STEEPEST in filter/limits.h, state_most in filter/start.c). A
+ * saturated result plays the role of infinity: r_is_finite() returns 0, and the filter
+ * restarts.
  *
- * Portable C: a product is four products of 32-bit halves. Where the compiler has 128-bit integers,
- * they give the same result faster; a Cortex-M0 uses 16-bit products. Right shifts of negative numbers
- * must be arithmetic, and conversion to a signed type must keep the bits; both are checked. */
+ * Portable C: a product is four products of 32-bit halves. Where the compiler has 128-bit
+ * integers, they give the same result faster; a Cortex-M0 uses 16-bit products. Right
+ * shifts of negative numbers must be arithmetic, and conversion to a signed type must
+ * keep the bits; both are checked. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -19,7 +22,8 @@
 #if defined(TSE_REAL_FIXED)
 
 #define FIXED_BITS TSE_FRACTION_BITS
-#define FIXED_ROOM 4                                        /* bits above a result, for native sums and the sign's own */
+#define FIXED_ROOM 4                                        /* bits above a result, for native sums and the
+                                                             * sign's own */
 #define FIXED_MOST ((int64_t)1 << (63 - FIXED_ROOM))
 #define FIXED_ONE ((int64_t)1 << FIXED_BITS)
 #define FIXED_NAN INT64_MIN                                 /* what is no number: comes from outside only */
@@ -35,10 +39,13 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
   return negative ? -x : x;
 }
 
-static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x); }
+static inline int64_t fixed_saturate(int64_t x)
+{
+  return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x);
+}
 
-/* Processors without 64-bit products and without a divider use 16-bit products: faster than libgcc, same
- * results. -DTSE_FIXED_QUARTERS selects this on any processor. */
+/* Processors without 64-bit products and without a divider use 16-bit products: faster
+ * than libgcc, same results. -DTSE_FIXED_QUARTERS selects this on any processor. */
 #if defined(__ARM_ARCH_6M__) && !defined(TSE_FIXED_QUARTERS)
 #define TSE_FIXED_QUARTERS
 #endif
@@ -63,7 +70,8 @@ static inline int64_t fixed_product(int32_t a, int32_t b)
 {
   int32_t middle;
   const int32_t hi = fixed_upper(a, b, &middle);
-  return (int64_t)(((uint64_t)(uint32_t)hi << 32) | ((uint32_t)middle << 16) | (((uint32_t)a * (uint32_t)b) & 0xffffu));
+  return (int64_t)(((uint64_t)(uint32_t)hi << 32) | ((uint32_t)middle << 16)
+      | (((uint32_t)a * (uint32_t)b) & 0xffffu));
 }
 
 /* Return a b 2^-32, nearest, ties towards +infinity. */
@@ -81,8 +89,8 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
   return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
 }
 
-/* Return 2^31/d less 0 .. 2, d from 2^15 to 2^16: the best line of slope -1 (7.2 % error), then Newton
- * steps. */
+/* Return 2^31/d less 0 .. 2, d from 2^15 to 2^16: the best line of slope -1 (7.2 %
+ * error), then Newton steps. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -90,7 +98,8 @@ static inline uint32_t fixed_over(uint32_t d)
   return over - 1;
 }
 
-/* Return n/d rounded down, n/2^16 up to d: by the upper digits of n, then at most 6 corrections. */
+/* Return n/d rounded down, n/2^16 up to d: by the upper digits of n, then at most 6
+ * corrections. */
 static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over)
 {
   uint32_t q = ((n >> 16) * over) >> 15, rest = n - q * d;
@@ -102,7 +111,10 @@ static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over)
 }
 #else
 static inline int64_t fixed_product(int32_t a, int32_t b) { return (int64_t)a * b; }
-static inline int32_t fixed_product_upper(int32_t a, int32_t b) { return (int32_t)(((int64_t)a * b + ((int64_t)1 << 31)) >> 32); }
+static inline int32_t fixed_product_upper(int32_t a, int32_t b)
+{
+  return (int32_t)(((int64_t)a * b + ((int64_t)1 << 31)) >> 32);
+}
 static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b) { return (uint64_t)a * b; }
 static inline uint32_t fixed_over(uint32_t d) { return d; }
 static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over) { return (void)over, n / d; }
@@ -112,7 +124,8 @@ static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over) { retu
 #define FIXED_APART inline
 #endif
 
-/* Split x into hi 2^32 + lo with a signed lower half, so that all partial products are signed. */
+/* Split x into hi 2^32 + lo with a signed lower half, so that all partial products are
+ * signed. */
 typedef struct fixed_halves {
   int32_t hi, lo;
 } fixed_halves;
@@ -126,7 +139,8 @@ static inline fixed_halves fixed_halves_of(int64_t x)
 /* Return a b from halves, nearest, ties towards +infinity. */
 static FIXED_APART int64_t fixed_mul_any(fixed_halves a, fixed_halves b)
 {
-  const int64_t middle = (int64_t)((uint64_t)(int64_t)fixed_product_upper(a.lo, b.lo) + (uint64_t)fixed_product(a.hi, b.lo) + (uint64_t)fixed_product(a.lo, b.hi));
+  const int64_t middle = (int64_t)((uint64_t)(int64_t)fixed_product_upper(a.lo, b.lo)
+      + (uint64_t)fixed_product(a.hi, b.lo) + (uint64_t)fixed_product(a.lo, b.hi));
   const int64_t hi = fixed_product(a.hi, b.hi) + (middle >> 32), most = (int64_t)1 << (31 - FIXED_ROOM);
   if (hi >= most) return FIXED_MOST;
   if (hi < -most) return -FIXED_MOST;
@@ -145,7 +159,8 @@ static inline int64_t fixed_joint(int32_t hi, uint32_t lo)
 
 static inline int fixed_is_short(int32_t x) { return x > -32768 && x < 32768; }
 
-/* Return the same, with a shortcut: upper halves of 16 bits have 32-bit products and sums. */
+/* Return the same, with a shortcut: upper halves of 16 bits have 32-bit products and
+ * sums. */
 static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
 {
   if (!fixed_is_short(a.hi) || !fixed_is_short(b.hi)) return fixed_mul_any(a, b);
@@ -161,7 +176,10 @@ static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return f
 #endif
 
 /* Return a b.   Given: a, b  sums of at most fifteen results */
-static inline int64_t fixed_mul_halves(int64_t a, int64_t b) { return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b)); }
+static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
+{
+  return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b));
+}
 
 /* Return the number of leading zeros of x > 0. */
 static inline int fixed_zeros(uint64_t x)
@@ -182,8 +200,9 @@ static inline int fixed_zeros(uint64_t x)
 #endif
 }
 
-/* Return (hi 2^32 + lo)/d, hi < d, d from 2^31: two digits to base 2^16, each estimated by the leading
- * digit of d and corrected at most twice (Knuth, The Art of Computer Programming 2, 4.3.1 D). */
+/* Return (hi 2^32 + lo)/d, hi < d, d from 2^31: two digits to base 2^16, each estimated
+ * by the leading digit of d and corrected at most twice (Knuth, The Art of Computer
+ * Programming 2, 4.3.1 D). */
 static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
 {
   const uint32_t base = (uint32_t)1 << 16, d1 = d >> 16, d0 = d & 0xffffu, over = fixed_over(d1);
@@ -201,18 +220,20 @@ static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
   return quotient;
 }
 
-/* Return (hi 2^64 + lo)/d, hi < d: two digits to base 2^32, the same way; n/d1 by the reciprocal of d1
- * (Moeller & Granlund 2011). */
+/* Return (hi 2^64 + lo)/d, hi < d: two digits to base 2^32, the same way; n/d1 by the
+ * reciprocal of d1 (Moeller & Granlund 2011). */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
   const int shift = fixed_zeros(d);
   d <<= shift;
-  const uint32_t d1 = (uint32_t)(d >> 32), d0 = (uint32_t)d, over = fixed_divide_word(~d1, UINT32_MAX, d1); /* (2^64 - 1)/d1 - 2^32 */
+  const uint32_t d1 = (uint32_t)(d >> 32), d0 = (uint32_t)d,
+                 over = fixed_divide_word(~d1, UINT32_MAX, d1); /* (2^64 - 1)/d1 - 2^32 */
   if (shift > 0) hi = (hi << shift) | (lo >> (64 - shift));
   lo <<= shift;
   uint64_t quotient = 0;
   for (int digit = 0; digit < 2; digit++) {
-    const uint32_t next = digit == 0 ? (uint32_t)(lo >> 32) : (uint32_t)lo, n1 = (uint32_t)(hi >> 32), n0 = (uint32_t)hi;
+    const uint32_t next = digit == 0 ? (uint32_t)(lo >> 32) : (uint32_t)lo, n1 = (uint32_t)(hi >> 32),
+                   n0 = (uint32_t)hi;
     if (hi < d1) { /* the digit is 0 */
       hi = (hi << 32) + next;
       quotient <<= 32;
@@ -256,7 +277,8 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
   return fixed_signed(quotient + (rest >= d - rest ? 1u : 0u), negative);
 }
 
-/* Return the square root of 32 bits that begin with 1 or 01: a line, then Newton steps from above. */
+/* Return the square root of 32 bits that begin with 1 or 01: a line, then Newton steps
+ * from above. */
 static inline uint32_t fixed_sqrt_half(uint32_t x)
 {
   uint32_t s = (((x >> 16) * 43691u) >> 16) + 21847u;
@@ -265,18 +287,20 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
   return s * s > x ? s - 1 : s;
 }
 
-/* Return the nearest root of x 2^FIXED_BITS; 0 for x <= 0. The upper half of its digits is a root, the
- * lower half a quotient by twice that root, less 1 if its square is too large (Zimmermann, Karatsuba
- * Square Root, 1999): 16, 32, and all digits. */
+/* Return the nearest root of x 2^FIXED_BITS; 0 for x <= 0. The upper half of its digits
+ * is a root, the lower half a quotient by twice that root, less 1 if its square is too
+ * large (Zimmermann, Karatsuba Square Root, 1999): 16, 32, and all digits. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;
   const int half = FIXED_BITS / 2, zeros = fixed_zeros((uint64_t)x) & ~1;
   const uint64_t n = (uint64_t)x << zeros;
   const uint32_t top = (uint32_t)(n >> 32), low = (uint32_t)n;
-  const uint32_t s16 = fixed_sqrt_half(top), over = ((top - s16 * s16) << 15) + (low >> 17), q16 = fixed_digit(over, s16, fixed_over(s16));
+  const uint32_t s16 = fixed_sqrt_half(top), over = ((top - s16 * s16) << 15) + (low >> 17),
+                 q16 = fixed_digit(over, s16, fixed_over(s16));
   uint64_t root = ((uint64_t)s16 << 16) + q16;
-  int64_t rest = (int64_t)((((uint64_t)(over - q16 * s16) << 1 | (low >> 16 & 1u)) << 16) + (low & 0xffffu)) - (int64_t)fixed_product_unsigned(q16, q16);
+  int64_t rest = (int64_t)((((uint64_t)(over - q16 * s16) << 1 | (low >> 16 & 1u)) << 16) + (low & 0xffffu))
+      - (int64_t)fixed_product_unsigned(q16, q16);
   if (rest < 0) {
     root--;
     rest += (int64_t)(2 * root + 1);
@@ -284,7 +308,8 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   const uint64_t next = (uint64_t)rest << (half - 1);
   const uint32_t s32 = (uint32_t)root, q = fixed_divide_word((uint32_t)(next >> 32), (uint32_t)next, s32);
   root = (root << half) + q;
-  rest = (int64_t)((next - fixed_product_unsigned(q, s32)) << (half + 1)) - (int64_t)fixed_product_unsigned(q, q);
+  rest = (int64_t)((next - fixed_product_unsigned(q, s32)) << (half + 1))
+      - (int64_t)fixed_product_unsigned(q, q);
   if (rest < 0) {
     root--;
     rest += (int64_t)(2 * root + 1);
@@ -293,8 +318,8 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   return (int64_t)((root + ((uint64_t)1 << (zeros / 2 - 1))) >> (zeros / 2));
 }
 
-/* Products are inlined on 64-bit machines and called on others, where one takes 30 .. 60 instructions
- * and the filter contains two thousand. -DTSE_FIXED_CALLS=0 or 1 overrides. */
+/* Products are inlined on 64-bit machines and called on others, where one takes 30 .. 60
+ * instructions and the filter contains two thousand. -DTSE_FIXED_CALLS=0 or 1 overrides. */
 #if !defined(TSE_FIXED_CALLS)
 #if UINTPTR_MAX > 0xffffffffu
 #define TSE_FIXED_CALLS 0

@@ -1,13 +1,15 @@
-/* number/random.h - random numbers as a function of (seed, step, particle, purpose): no state, any order of evaluation.
+/* number/random.h - random numbers as a function of (seed, step, particle, purpose): no
+ * state, any order of evaluation.
  *
- * threefry2x32, 20 rounds: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC11 (2011). */
+ * threefry2x32, 20 rounds: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3",
+ * SC11 (2011). */
 #ifndef TSE_RANDOM_H
 #define TSE_RANDOM_H
 
 #include "number/real_ops.h"
 
-/* Purpose of a number, which separates the streams of one step: upper bits of the counter, above the 16
- * bits of the particle. */
+/* Purpose of a number, which separates the streams of one step: upper bits of the
+ * counter, above the 16 bits of the particle. */
 enum {
   RANDOM_DRAW_A = 0,
   RANDOM_DRAW_B,
@@ -22,14 +24,14 @@ enum {
   RANDOM_SIM_NOISE_C,
   RANDOM_SIM_WALK_A,
   RANDOM_SIM_WALK_B,
-  RANDOM_KERNEL
+  RANDOM_KERNEL,
 };
 
 static inline uint32_t rotate_left(uint32_t x, int n) { return (x << n) | (x >> (32 - n)); }
 
 /* Compute two words from the key (seed) and the counter (step, purpose, particle). */
-static inline void random_words(const uint32_t seed[2], uint32_t step, uint32_t purpose, uint32_t particle,
-                                uint32_t *a, uint32_t *b)
+static inline void random_words(
+    const uint32_t seed[2], uint32_t step, uint32_t purpose, uint32_t particle, uint32_t *a, uint32_t *b)
 {
   const uint32_t k0 = seed[0], k1 = seed[1], k2 = 0x1BD11BDAu ^ k0 ^ k1;
   uint32_t x = step + k0, y = ((purpose << 16) | particle) + k1;
@@ -56,18 +58,22 @@ static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real
   *n2 = r_mul(radius, s);
 }
 
-/* Compute three uncorrelated standard Student-t variates with nu degrees of freedom (jointly spherical:
- * one chi-square for all) from four words, without rejection: Bailey, Math. Comp. 62 (1994) 779.
+/* Compute three uncorrelated standard Student-t variates with nu degrees of freedom
+ * (jointly spherical: one chi-square for all) from four words, without rejection: Bailey,
+ * Math. Comp. 62 (1994) 779.
  *   (t1, t2)  radius^2 = nu (U^(-2/nu) - 1), angle uniform: the bivariate t
  *   t3        given those is t(nu + 2) sqrt((nu + radius^2)/(nu + 2))
- * Given: minus_2_nu = -2/nu, minus_2_nu2 = -2/(nu + 2), inv_nu2 = 1/(nu + 2), common to all particles. */
-static inline void random_student3(const uint32_t u[4], tse_real nu, tse_real minus_2_nu, tse_real minus_2_nu2,
-                                   tse_real inv_nu2, tse_real *t1, tse_real *t2, tse_real *t3)
+ * Given: minus_2_nu = -2/nu, minus_2_nu2 = -2/(nu + 2), inv_nu2 = 1/(nu + 2), common to
+ * all particles. */
+static inline void random_student3(const uint32_t u[4], tse_real nu, tse_real minus_2_nu,
+    tse_real minus_2_nu2, tse_real inv_nu2, tse_real *t1, tse_real *t2, tse_real *t3)
 {
   tse_real s, c, unused;
   const tse_real nu2 = nu + TSE_R(2);
-  const tse_real rr = r_max(TSE_R(0), r_mul(nu, r_exp2(r_mul(minus_2_nu, r_log2(r_uniform(u[0])))) - TSE_R(1)));
-  const tse_real qq = r_max(TSE_R(0), r_mul(nu2, r_exp2(r_mul(minus_2_nu2, r_log2(r_uniform(u[2])))) - TSE_R(1)));
+  const tse_real rr = r_max(
+      TSE_R(0), r_mul(nu, r_exp2(r_mul(minus_2_nu, r_log2(r_uniform(u[0])))) - TSE_R(1)));
+  const tse_real qq = r_max(
+      TSE_R(0), r_mul(nu2, r_exp2(r_mul(minus_2_nu2, r_log2(r_uniform(u[2])))) - TSE_R(1)));
   const tse_real radius = r_sqrt(rr);
   r_sincos_turn(r_uniform(u[1]), &s, &c);
   *t1 = r_mul(radius, c);

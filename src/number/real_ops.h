@@ -1,37 +1,49 @@
-/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div, r_sqrt, r_exp2 ...
+/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div, r_sqrt,
+ * r_exp2 ...
  *
- * `+ - <` and unary minus are native in every format; every other operation has a function here.
+ * `+ - <` and unary minus are native in every format; every other operation has a
+ * function here.
  *
- * double, float   Only + - * /, sqrt and integer operations: the same bits on every IEEE machine. Build
- *                 with -ffp-contract=off and without -ffast-math (adding and subtracting 1.5*2^52 must
- *                 round). Options that the preprocessor sees are errors below; tse_self_test() detects
+ * double, float   Only + - * /, sqrt and integer operations: the same bits on every IEEE
+ *                 machine. Build
+ *                 with -ffp-contract=off and without -ffast-math (adding and subtracting
+ *                 1.5*2^52 must
+ *                 round). Options that the preprocessor sees are errors below;
+ *                 tse_self_test() detects
  *                 the others. Branch-free, so that loops over particles vectorise with
  *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
- * fixed           Integers only, 64 bits, 32 of them fraction: number/fixed.h. Fifteen results fit a
+ * fixed           Integers only, 64 bits, 32 of them fraction: number/fixed.h. Fifteen
+ *                 results fit a
  *                 native sum; r_add_sat saturates.
  *
- * Guarantees and largest measured errors (tested by tests/unit/number/test_real_ops.c; LSB = 2^-32;
- * coefficients: tests/reference/fit_elementary.py):
+ * Guarantees and largest measured errors (tested by tests/unit/number/test_real_ops.c;
+ * LSB = 2^-32; coefficients: tests/reference/fit_elementary.py):
  *
  *                  double            float             fixed
- *   r_mul r_div    IEEE              IEEE              nearest, saturates; x/0 = +-max, 0/0 = 0
+ *   r_mul r_div    IEEE              IEEE              nearest, saturates; x/0 = +-max,
+ *                                                      0/0 = 0
  *   r_sqrt         IEEE              IEEE              nearest; 0 for x < 0
  *   r_log2         2.7e-14 relative  2.3e-7 relative   2.5e-9
  *   r_exp2         1.5e-14 relative  2.0e-7 relative   0.5 LSB + 1.6e-9 relative
  *   r_sincos_turn  8.4e-14           3.4e-7            3.0e-9
  *   r_atan2        2.7e-14 relative  2.0e-7 relative   1.8e-9
  *
- *   r_log2(x)      x > 0, normal. log2(1) = 0 and whole results are exact. Other x: see the function.
- *   r_exp2(x)      any finite x, clamped to +-120 (fixed: 0 below -33, the largest number from 27 on).
+ *   r_log2(x)      x > 0, normal. log2(1) = 0 and whole results are exact. Other x: see
+ *                  the function.
+ *   r_exp2(x)      any finite x, clamped to +-120 (fixed: 0 below -33, the largest number
+ *                  from 27 on).
  *                  Exact for whole x, never infinite. NaN stays NaN.
- *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) = sin(1/2) = sin(1) = 0.
- *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over particles.
+ *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) =
+ *                  sin(1/2) = sin(1) = 0.
+ *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over
+ *                  particles.
  *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
  *   r_share(x, n)  x/n, n > 0; in fixed rounded towards zero.
  *   r_single_bits(x)  a setting as the bits of an IEEE single.
- *   r_to_q24(x)    int32 in units of 2^-24, for files: nearest, saturates at +-127; NaN gives INT32_MIN.
+ *   r_to_q24(x)    int32 in units of 2^-24, for files: nearest, saturates at +-127; NaN
+ *                  gives INT32_MIN.
  *   r_from_q24(n)  back, nearest.
- */
+ * / */
 #ifndef TSE_REAL_OPS_H
 #define TSE_REAL_OPS_H
 
@@ -44,17 +56,21 @@
 #include "tables/names.h"
 
 #if !defined(TSE_REAL_FIXED)
-/* Type in which the compiler computes sums: 0 (16, 32: for narrower types) their own, 1 (64) double, 2
- * and more wider, -1 unknown. */
+/* Type in which the compiler computes sums: 0 (16, 32: for narrower types) their own, 1
+ * (64) double, 2 and more wider, -1 unknown. */
 #if defined(FLT_EVAL_METHOD)
-#if !(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 16 || FLT_EVAL_METHOD == 32 || FLT_EVAL_METHOD == 64)
-#error "sums are wider than double, as x87 makes them, and round differently: compile with -msse2 -mfpmath=sse"
+#if !(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 16 || FLT_EVAL_METHOD == 32 \
+    || FLT_EVAL_METHOD == 64)
+#error \
+    "sums are wider than double, as x87 makes them, and round differently: compile with -msse2 -mfpmath=sse"
 #elif defined(TSE_REAL_FLOAT) && (FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 64)
-#error "sums of float are made in double, as on s390x, and round differently: compile with -fexcess-precision=fast"
+#error \
+    "sums of float are made in double, as on s390x, and round differently: compile with -fexcess-precision=fast"
 #endif
 #endif
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__) || \
-    defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) \
+    || defined(__NO_SIGNED_ZEROS__) || defined(_M_FP_FAST) \
+    || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
 #error "-ffast-math and what belongs to it change results: compile without, with -ffp-contract=off"
 #endif
 #if defined(__clang__)
@@ -86,18 +102,23 @@ static inline uint32_t r_single_bits(tse_setting x)
   return word;
 }
 
-/* Format-specific part: bits, root, and the polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2. */
+/* Format-specific part: bits, root, and the polynomials of r_log2, r_exp2, r_sincos_turn
+ * and r_atan2. */
 #if defined(TSE_REAL_FLOAT)
 typedef uint32_t real_bits;
 #define REAL_FRACTION 23                /* bits of a significand, behind its 1 */
 #define REAL_BIAS 127u                  /* exponent of 1 */
 #define REAL_MAGNITUDE 0x7fffffffu      /* all bits but the sign */
 #define REAL_INFINITY 0x7f800000u
-#define REAL_ROOT_HALF 0x00cafb0du      /* carries into the exponent from sqrt(1/2) on, which is then one more than REAL_BIAS says */
+#define REAL_ROOT_HALF 0x00cafb0du      /* carries into the exponent from sqrt(1/2) on, which is then one
+                                         * more than REAL_BIAS says */
 #define REAL_MOST_INT 2147483520.0f     /* largest below 2^31 */
 #define REAL_UNIFORM 9                  /* bits of a random word that are too many */
 static inline tse_real r_sqrt(tse_real x) { return sqrtf(x); }
-static inline tse_real log2_series(tse_real z) { return 2.88539004f + z * (0.961798847f + z * (0.576714396f + z * 0.431735873f)); }
+static inline tse_real log2_series(tse_real z)
+{
+  return 2.88539004f + z * (0.961798847f + z * (0.576714396f + z * 0.431735873f));
+}
 static inline tse_real exp2_series(tse_real r)
 {
   return 0.693147004f + r * (0.240222424f + r * (0.0555073358f + r * (0.00967149809f + r * 0.00132647553f)));
@@ -134,24 +155,31 @@ static inline tse_real log2_series(tse_real z)
 }
 static inline tse_real exp2_series(tse_real r)
 {
-  const tse_real p6 = 1.5252989702166316e-05 + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* from r^6 on */
-  const tse_real p3 = 0.009618129181074433 + r * (0.0013333557626443204 + r * (0.00015403440941983887 + r * p6));
+  const tse_real p6 = 1.5252989702166316e-05
+      + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* from r^6 on */
+  const tse_real p3 = 0.009618129181074433
+      + r * (0.0013333557626443204 + r * (0.00015403440941983887 + r * p6));
   return 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444 + r * p3));
 }
 static inline tse_real sine_series(tse_real z)
 {
-  const tse_real p4 = 0.0069252258278788455 + z * (0.0004450618605954197 + z * (2.1020491844271662e-05 + z * 6.923677125970025e-07));
-  return 3.1415926535882295 + z * (2.026120126368309 + z * (0.524043911871401 + z * (0.07522060439727324 + z * p4)));
+  const tse_real p4 = 0.0069252258278788455
+      + z * (0.0004450618605954197 + z * (2.1020491844271662e-05 + z * 6.923677125970025e-07));
+  return 3.1415926535882295
+      + z * (2.026120126368309 + z * (0.524043911871401 + z * (0.07522060439727324 + z * p4)));
 }
 static inline tse_real cosine_series(tse_real z)
 {
-  const tse_real q6 = 2.588453671772188e-05 + z * (1.0594002489588727e-06 + z * 3.047553945987138e-08); /* from z^6 on */
-  const tse_real q3 = 0.057249471531854196 + z * (0.006332740904225213 + z * (0.00047591530986587416 + z * q6));
+  const tse_real q6 = 2.588453671772188e-05
+      + z * (1.0594002489588727e-06 + z * 3.047553945987138e-08); /* from z^6 on */
+  const tse_real q3 = 0.057249471531854196
+      + z * (0.006332740904225213 + z * (0.00047591530986587416 + z * q6));
   return 0.9999999999999934 + z * (0.9348022005434381 + z * (0.3195033242022668 + z * q3));
 }
 static inline tse_real atan_series(tse_real z)
 {
-  const tse_real p6 = 0.07564643175915622 + z * (-0.05877867766480258 + z * 0.03071132978538272); /* from z^6 on */
+  const tse_real p6 = 0.07564643175915622
+      + z * (-0.05877867766480258 + z * 0.03071132978538272); /* from z^6 on */
   const tse_real p3 = -0.1428569090793922 + z * (0.1111039608499545 + z * (-0.09078528868272435 + z * p6));
   return 0.9999999999999744 + z * (-0.3333333333088931 + z * (0.19999999615328912 + z * p3));
 }
@@ -191,21 +219,27 @@ static inline int32_t r_floor_to_int(tse_real x)
 /* Take the upper bits and add a half: exact, never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word)
 {
-  return ((tse_real)(int32_t)(word >> REAL_UNIFORM) + (tse_real)0.5) * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
+  return ((tse_real)(int32_t)(word >> REAL_UNIFORM) + (tse_real)0.5)
+      * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
 }
 
 /* x = 2^k m, sqrt(1/2) <= m < sqrt(2);  log2(m) = s P(s^2), s = (m-1)/(m+1).
- * 0 gives -REAL_BIAS, infinity and NaN REAL_BIAS + 1 and more, the sign of x is ignored: a broken argument reads as a huge one.
- * k becomes a number through the low bits of REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
+ * 0 gives -REAL_BIAS, infinity and NaN REAL_BIAS + 1 and more, the sign of x is ignored:
+ * a broken argument reads as a huge one. k becomes a number through the low bits of
+ * REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
 static inline tse_real r_log2(tse_real x)
 {
-  const real_bits u = bits_of(x) & REAL_MAGNITUDE, k = (u + REAL_ROOT_HALF) >> REAL_FRACTION; /* exponent + REAL_BIAS + 1 */
+  const real_bits u = bits_of(x) & REAL_MAGNITUDE,
+                  k = (u + REAL_ROOT_HALF) >> REAL_FRACTION; /* exponent + REAL_BIAS + 1 */
   const tse_real m = from_bits(u - (k << REAL_FRACTION) + (((real_bits)REAL_BIAS + 1u) << REAL_FRACTION));
   const tse_real s = (m - REAL_ONE) / (m + REAL_ONE);
-  return (from_bits(k | ((real_bits)(REAL_BIAS + REAL_FRACTION) << REAL_FRACTION)) - (REAL_WHOLE + (tse_real)(REAL_BIAS + 1u))) + s * log2_series(s * s);
+  return (from_bits(k | ((real_bits)(REAL_BIAS + REAL_FRACTION) << REAL_FRACTION))
+             - (REAL_WHOLE + (tse_real)(REAL_BIAS + 1u)))
+      + s * log2_series(s * s);
 }
 
-/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding one and a half REAL_WHOLE leaves k in the low bits. */
+/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding one and a half REAL_WHOLE leaves k in
+ *                         the low bits. */
 static inline tse_real r_exp2(tse_real x)
 {
   const tse_real low = x < -120 ? -120 : x, y = low > 120 ? 120 : low;
@@ -213,8 +247,10 @@ static inline tse_real r_exp2(tse_real x)
   return (REAL_ONE + r * exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
 }
 
-/* With v = 2t - 1:  sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2). Polynomials of -v^2 have
- * positive coefficients: gcc 12 fuses mixed sums and differences, in spite of -ffp-contract=off. */
+/* With v = 2t - 1:  sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2). Polynomials
+ *                                                of -v^2 have
+ * positive coefficients: gcc 12 fuses mixed sums and differences, in spite of
+ * -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
@@ -240,9 +276,7 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   const tse_real ax = r_abs(x), ay = r_abs(y);
   const tse_real big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
   tse_real a;
-  if (big == 0) {
-    return 0;
-  }
+  if (big == 0) { return 0; }
   if (small > R_TAN_EIGHTH * big) {
     a = R_PI / 4 + atan_eighth((small - big) / (small + big));
   } else {
@@ -283,13 +317,14 @@ static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a
 static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 #endif
 
-/* Round to nearest, ties to even; exact for settings made by TSE_S() of numbers from 2^-8 on. */
+/* Round to nearest, ties to even; exact for settings made by TSE_S() of numbers from 2^-8
+ * on. */
 static inline uint32_t r_single_bits(tse_setting x)
 {
   const uint64_t m = fixed_magnitude(x);
   if (m == 0) return 0;
   const int zeros = fixed_zeros(m);
-  const uint64_t left = m << zeros;                         /* 24 digits above 40 */
+  const uint64_t left = m << zeros; /* 24 digits above 40 */
   const uint32_t digits = (uint32_t)(left >> 40), odd = digits & 1u;
   const uint64_t rest = left & (((uint64_t)1 << 40) - 1), half = (uint64_t)1 << 39;
   const uint32_t up = rest > half || (rest == half && odd) ? 1u : 0u;
@@ -325,10 +360,7 @@ static inline int32_t r_floor_to_int(tse_real x)
 }
 
 /* Return an odd multiple of 2^-32: never 0 or 1. */
-static inline tse_real r_uniform(uint32_t word)
-{
-  return (tse_real)(word | 1u);
-}
+static inline tse_real r_uniform(uint32_t word) { return (tse_real)(word | 1u); }
 
 static inline int32_t r_to_q24(tse_real x)
 {
@@ -339,13 +371,15 @@ static inline int32_t r_to_q24(tse_real x)
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * ((tse_real)1 << (FIXED_BITS - 24)); }
 
-/* x = 2^k (1 + f), sqrt(1/2) <= 1 + f <= sqrt(2);  log2(1 + f) = f P(f).  x <= 0 gives the value of the smallest positive number. */
+/* x = 2^k (1 + f), sqrt(1/2) <= 1 + f <= sqrt(2);  log2(1 + f) = f P(f).  x <= 0 gives
+ *                                                  the value of the smallest positive
+ *                                                  number. */
 static inline tse_real r_log2(tse_real x)
 {
   const uint64_t u = x > 0 ? (uint64_t)x : 1u;
   const int zeros = fixed_zeros(u);
-  const uint32_t m = (uint32_t)((u << zeros) >> 32);        /* Q31 in [1, 2) */
-  const int halve = m > 3037000499u;                        /* sqrt(2) */
+  const uint32_t m = (uint32_t)((u << zeros) >> 32); /* Q31 in [1, 2) */
+  const int halve = m > 3037000499u;                 /* sqrt(2) */
   const int32_t k = 63 - FIXED_BITS - zeros + halve;
   const int32_t f = (int32_t)(m >> (1 + halve)) - 1073741824;
   int32_t p = 104075279;
@@ -367,7 +401,7 @@ static inline tse_real r_exp2(tse_real x)
 {
   const int64_t k = x >> FIXED_BITS, part = x - k * FIXED_ONE;
   const int32_t f = (int32_t)(part >> (FIXED_BITS - 30));
-  const int up = FIXED_BITS - 30;                           /* 1 is 2^30 in y, 2^FIXED_BITS in the result */
+  const int up = FIXED_BITS - 30; /* 1 is 2^30 in y, 2^FIXED_BITS in the result */
   int32_t p = 23011;
   int64_t y;
   if (k >= 63 - FIXED_ROOM - FIXED_BITS) return FIXED_MOST;
@@ -387,7 +421,7 @@ static inline tse_real r_exp2(tse_real x)
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);
-  const int64_t off = turn - quarter * (FIXED_ONE / 4);     /* 1/8 of a turn is 1 */
+  const int64_t off = turn - quarter * (FIXED_ONE / 4); /* 1/8 of a turn is 1 */
   const int32_t x = (int32_t)(2 * off);
   const int32_t w = q30_step(0, x, x);
   int32_t p = 331, q = 3792;
@@ -399,7 +433,8 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   q = q30_step(17023455, q, w);
   q = q30_step(-331168968, q, w);
   const int64_t sine = (fixed_product(p, x) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS);
-  const int64_t cosine = FIXED_ONE + ((fixed_product(q, w) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
+  const int64_t cosine = FIXED_ONE
+      + ((fixed_product(q, w) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
   *s = (quarter & 1) != 0 ? cosine : sine;
   *c = (quarter & 1) != 0 ? sine : cosine;
   if ((quarter & 2) != 0) { *s = -*s; }
@@ -413,12 +448,14 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   uint64_t big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
   if (big == 0) return 0;
   const int zeros = fixed_zeros(big);
-  const int shift = zeros < 32 ? 32 - zeros : 0;            /* 32 digits of the quotient's 30 */
+  const int shift = zeros < 32 ? 32 - zeros : 0; /* 32 digits of the quotient's 30 */
   big >>= shift;
   small >>= shift;
-  const int beyond = (small << 30) > 444758319u * big;      /* tan(pi/8) */
+  const int beyond = (small << 30) > 444758319u * big; /* tan(pi/8) */
   uint64_t rest;
-  const int32_t quotient = (int32_t)fixed_divide(0, (beyond ? big - small : small) << 30, beyond ? big + small : big, &rest), q = beyond ? -quotient : quotient;
+  const int32_t quotient = (int32_t)fixed_divide(
+                    0, (beyond ? big - small : small) << 30, beyond ? big + small : big, &rest),
+                q = beyond ? -quotient : quotient;
   const int32_t w = q30_step(0, q, q);
   int32_t p = 50619838;
   p = q30_step(-90836426, p, w);

@@ -1,20 +1,27 @@
-/* number/vector.h - rows of numbers, and a number that a row is multiplied by: where nearly all products of the filter are made.
+/* number/vector.h - rows of numbers, and a number that a row is multiplied by: where
+ * nearly all products of the filter are made.
  *
- * double, float   A tse_short is a tse_real, a factor one too, and every loop the plain one: sums in the order in which they are written.
- * fixed           A tse_short is an int32_t in units of 2^-SHORT_BITS, up to +-SHORT_MOST, where it stops. What a row is multiplied by
- *                 is a mantissa of 31 bits and a shift, found once a row (r_factor), so that a product is 32 x 32 bits, rounded to nearest
- *                 once. Sums of products are exact in 64 bits and rounded once; one of the two rows has a shift of its own for that
- *                 (r_row, r_sparse). Quotients by one number share its reciprocal (r_divisor): 2^-29 of the quotient off at most.
+ * double, float   A tse_short is a tse_real, a factor one too, and every loop the plain
+ *                 one: sums in the order in which they are written.
+ * fixed           A tse_short is an int32_t in units of 2^-SHORT_BITS, up to
+ *                 +-SHORT_MOST, where it stops. What a row is multiplied by
+ *                 is a mantissa of 31 bits and a shift, found once a row (r_factor), so
+ *                 that a product is 32 x 32 bits, rounded to nearest
+ *                 once. Sums of products are exact in 64 bits and rounded once; one of
+ *                 the two rows has a shift of its own for that
+ *                 (r_row, r_sparse). Quotients by one number share its reciprocal
+ *                 (r_divisor): 2^-29 of the quotient off at most.
  *
  *   r_short r_long      to a tse_short, nearest and stopped; back
  *   r_mul_short(a, b)   r_mul() of two of them
- *   r_factor(x, up)     x 2^up to multiply rows by (2^up: only where rows are scaled, in fixed)
+ *   r_factor(x, up)     x 2^up to multiply rows by (2^up: only where rows are scaled, in
+ *                       fixed)
  *   r_quotient(x, d, up)  x/d 2^up, the same
  *   r_short_of(a, x, up)  r_short_scaled(x, up), where a is r_factor(x, up)
  *   r_by(x, d)          x/d
  *   r_left(x, was, more, d)  x was/d, d = was + more, nothing negative
  *   r_plus_times(y, a, x)  y + a x, of rows
- */
+ * / */
 #ifndef TSE_VECTOR_H
 #define TSE_VECTOR_H
 
@@ -23,8 +30,8 @@
 #include <arm_acle.h>
 #endif
 
-/* Rows that are taken together, one element of each after the other, of `rows`: what they have in common is read once for
- * them, by a core that takes one element at a time. */
+/* Rows that are taken together, one element of each after the other, of `rows`: what they
+ * have in common is read once for them, by a core that takes one element at a time. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
@@ -61,7 +68,10 @@ static inline r_factored r_factor(tse_real x, int up) { return (void)up, x; }
 static inline r_divided r_divisor(tse_real d) { return d; }
 static inline tse_real r_by(tse_real x, r_divided d) { return r_div(x, d); }
 static inline r_factored r_quotient(tse_real x, r_divided d, int up) { return (void)up, r_div(x, d); }
-static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d) { return (void)more, r_mul(x, r_div(was, d)); }
+static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
+{
+  return (void)more, r_mul(x, r_div(was, d));
+}
 
 /* Rows that are scaled by a power of two: none is. */
 static inline int r_scale_of(const tse_real *x, int n, int most) { return (void)x, (void)n, (void)most, 0; }
@@ -74,15 +84,25 @@ static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); 
 /* Return whether a number of a row is above 15/16 of what it may be, where it stops. */
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
-/* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units: x to/over, held within most, of factors that
- * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a row, x/over    r_slope_sums: to + rows of slopes,
+/* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units:
+ * x to/over, held within most, of factors that
+ * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a
+ *                                                         row, x/over    r_slope_sums: to
+ *                                                         + rows of slopes,
  * so far apart, times each of some rows */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
-static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most) { return r_clamp(r_mul(r_mul(x, to), over), -most, most); }
-static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most) { return r_clamp(r_mul(x, over), -most, most); }
-static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most)
+{
+  return r_clamp(r_mul(r_mul(x, to), over), -most, most);
+}
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most)
+{
+  return r_clamp(r_mul(x, over), -most, most);
+}
+static inline void r_slope_sums(
+    tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
   for (int j = 0; j < n; j++) /* one element after the other: the sums stay in registers */
     for (int i = 0; i < rows; i++)
@@ -90,7 +110,10 @@ static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope,
 }
 
 /* Row x as the second of a sum of products; room: for it.   Returned: *right  its shift */
-static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right) { return (void)n, (void)room, *right = 0, x; }
+static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
+{
+  return (void)n, (void)room, *right = 0, x;
+}
 static inline tse_real r_sum(tse_real from, const tse_short *x, const tse_short *row, int32_t right, int n)
 {
   (void)right;
@@ -123,7 +146,10 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
 typedef tse_real r_dot;
 static inline r_dot r_dot_start(tse_real from) { return from; }
 static inline r_dot r_dot_plus(r_dot sum, tse_short a, tse_short x) { return sum + r_mul(a, x); }
-static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right) { return (void)from, (void)right, sum; }
+static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
+{
+  return (void)from, (void)right, sum;
+}
 
 /* Sums of products that are made element by element: see below. */
 typedef tse_real r_coefficient;
@@ -161,7 +187,10 @@ typedef struct r_divided {
 #define FIXED_WITHIN(x, bits) __ssat(x, bits)
 #else
 #define FIXED_WITHIN(x, bits) fixed_within(x, (int32_t)1 << ((bits) - 1))
-static inline int32_t fixed_within(int32_t x, int32_t most) { return x > most - 1 ? most - 1 : (x < -most ? -most : x); }
+static inline int32_t fixed_within(int32_t x, int32_t most)
+{
+  return x > most - 1 ? most - 1 : (x < -most ? -most : x);
+}
 #endif
 
 static inline int32_t short_stop(int32_t x) { return FIXED_WITHIN(x, 31); }
@@ -175,9 +204,16 @@ static inline int64_t fixed_shifted(int64_t x, int right)
   return x > most ? FIXED_MOST : (x < -most ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* x 2^-right, nearest, within so many bits, those of a tse_short; x up to 2^62. Where it stops lower digits remain. */
-static inline uint64_t fixed_half_up(int64_t x, int right) { return (uint64_t)x + ((uint64_t)1 << (right - 1)); }
-static inline int32_t fixed_joined(int32_t high, uint32_t low, int right) { return (int32_t)(((uint32_t)high << (32 - right)) | (low >> right)); }
+/* x 2^-right, nearest, within so many bits, those of a tse_short; x up to 2^62. Where it
+ * stops lower digits remain. */
+static inline uint64_t fixed_half_up(int64_t x, int right)
+{
+  return (uint64_t)x + ((uint64_t)1 << (right - 1));
+}
+static inline int32_t fixed_joined(int32_t high, uint32_t low, int right)
+{
+  return (int32_t)(((uint32_t)high << (32 - right)) | (low >> right));
+}
 #define FIXED_NARROW_TO(x, right, bits) \
   fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)(fixed_half_up(x, right) >> 32), (bits) + (right) - 32), (uint32_t)fixed_half_up(x, right), right)
 #define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
@@ -186,8 +222,12 @@ static inline int32_t fixed_joined(int32_t high, uint32_t low, int right) { retu
 static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
-/* The 31 binary digits of x that follow so many leading zeros (or fewer than it has), with its sign. */
-static inline int32_t fixed_mantissa(int64_t x, int zeros) { return (int32_t)(uint32_t)(((uint64_t)x << (zeros - 1)) >> 32); }
+/* The 31 binary digits of x that follow so many leading zeros (or fewer than it has),
+ * with its sign. */
+static inline int32_t fixed_mantissa(int64_t x, int zeros)
+{
+  return (int32_t)(uint32_t)(((uint64_t)x << (zeros - 1)) >> 32);
+}
 
 static inline tse_short r_short_scaled(tse_real x, int up)
 {
@@ -201,9 +241,18 @@ static inline int r_near_end(const tse_short *x, int n)
   for (int i = 0; i < n; i++) bits |= (uint32_t)(x[i] ^ (x[i] >> 31)) + SHORT_MOST / 16;
   return bits >= (uint32_t)SHORT_MOST;
 }
-static inline tse_real r_long_scaled(tse_short x, int up) { return fixed_shifted(x, SHORT_BITS - FIXED_BITS + up); }
-static inline tse_real r_long(tse_short x) { return (tse_real)x * ((tse_real)1 << (FIXED_BITS - SHORT_BITS)); }
-static inline tse_real r_mul_short(tse_short a, tse_short b) { return (fixed_product(a, b) + (1 << (2 * SHORT_BITS - FIXED_BITS - 1))) >> (2 * SHORT_BITS - FIXED_BITS); }
+static inline tse_real r_long_scaled(tse_short x, int up)
+{
+  return fixed_shifted(x, SHORT_BITS - FIXED_BITS + up);
+}
+static inline tse_real r_long(tse_short x)
+{
+  return (tse_real)x * ((tse_real)1 << (FIXED_BITS - SHORT_BITS));
+}
+static inline tse_real r_mul_short(tse_short a, tse_short b)
+{
+  return (fixed_product(a, b) + (1 << (2 * SHORT_BITS - FIXED_BITS - 1))) >> (2 * SHORT_BITS - FIXED_BITS);
+}
 
 static inline r_factored factor_limited(int32_t m, int right)
 {
@@ -222,7 +271,8 @@ static inline r_divided r_divisor(tse_real d)
   r_divided over = { INT32_MAX, -FIXED_BITS }; /* of nothing: as much as of half a step */
   if (d <= 0) return over;
   const int zeros = fixed_zeros((uint64_t)d);
-  const uint32_t reciprocal = fixed_divide_word((uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62 over 2^31 .. 2^32 */
+  const uint32_t reciprocal = fixed_divide_word(
+      (uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62 over 2^31 .. 2^32 */
   over.m = reciprocal > INT32_MAX ? INT32_MAX : (int32_t)reciprocal;
   over.right = 64 - zeros - FIXED_BITS;
   return over;
@@ -239,20 +289,24 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
 {
   const int zeros = fixed_zeros_of(fixed_bits_of(x));
   const int64_t product = fixed_product(fixed_mantissa(x, zeros), d.m); /* 2^60 .. 2^62 */
-  return factor_limited((int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
+  return factor_limited(
+      (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* As x - x more/d: what is taken is rounded, and nothing where it is nothing. more is no more than d: their quotient has 32 digits, and
- * both halves of x are multiplied by it. */
+/* As x - x more/d: what is taken is rounded, and nothing where it is nothing. more is no
+ * more than d: their quotient has 32 digits, and both halves of x are multiplied by it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */
-  const uint32_t digits = (uint32_t)(((uint64_t)more << (zeros - 1)) >> 32), share = (uint32_t)(fixed_product_unsigned(digits, (uint32_t)d.m) >> 29); /* below 1 */
+  const uint32_t digits = (uint32_t)(((uint64_t)more << (zeros - 1)) >> 32),
+                 share = (uint32_t)(fixed_product_unsigned(digits, (uint32_t)d.m) >> 29); /* below 1 */
   const uint64_t low = fixed_product_unsigned((uint32_t)x, share) + 0x80000000u;
-  return (void)was, x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
+  return (void)was,
+         x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
 }
 
-/* 2^up, which brings numbers of that size to an eighth of what a row holds, and the square root of a variance to a tenth or more. */
+/* 2^up, which brings numbers of that size to an eighth of what a row holds, and the
+ * square root of a variance to a tenth or more. */
 static inline int r_scale_of(const tse_real *x, int n, int most)
 {
   int64_t bits = 0;
@@ -274,7 +328,10 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up)
 }
 
 /* a x, x of a row that is scaled as a says. */
-static inline tse_real r_times(tse_short x, r_factored a) { return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS); }
+static inline tse_real r_times(tse_short x, r_factored a)
+{
+  return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS);
+}
 
 /* Mantissas of `digits` binary digits, with one shift: x = m 2^-(right + FIXED_BITS) */
 static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
@@ -304,7 +361,9 @@ static inline int64_t fixed_sum(const tse_short *a, const tse_short *b, int n)
 {
   int64_t sum = 0;
   int i = 0;
-  for (; i + 4 <= n; i += 4) sum += fixed_product(a[i], b[i]) + fixed_product(a[i + 1], b[i + 1]) + fixed_product(a[i + 2], b[i + 2]) + fixed_product(a[i + 3], b[i + 3]);
+  for (; i + 4 <= n; i += 4)
+    sum += fixed_product(a[i], b[i]) + fixed_product(a[i + 1], b[i + 1]) + fixed_product(a[i + 2], b[i + 2])
+        + fixed_product(a[i + 3], b[i + 3]);
   for (; i < n; i++) sum += fixed_product(a[i], b[i]);
   return sum;
 }
@@ -337,11 +396,17 @@ static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_s
 typedef int64_t r_dot;
 static inline r_dot r_dot_start(tse_real from) { return (void)from, 0; }
 static inline r_dot r_dot_plus(r_dot sum, tse_short a, tse_short x) { return sum + fixed_product(a, x); }
-static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right) { return from + fixed_shifted(sum, SHORT_BITS + right); }
+static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
+{
+  return from + fixed_shifted(sum, SHORT_BITS + right);
+}
 
-/* A factor below a half, as what a row is multiplied by and 2^32 shows: the digits that are shifted out are less than an eighth of a step
- * of the row. */
-static inline int32_t factor_below_half(r_factored a) { return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m; }
+/* A factor below a half, as what a row is multiplied by and 2^32 shows: the digits that
+ * are shifted out are less than an eighth of a step of the row. */
+static inline int32_t factor_below_half(r_factored a)
+{
+  return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m;
+}
 
 /* y + m x/2^32, nearest: y is the upper half of what the product is added to. */
 static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
@@ -353,11 +418,14 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 {
   if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
   const int32_t product = fixed_product_upper(x, a.m), most = SHORT_MOST >> -a.right;
-  const int32_t more = product > most ? SHORT_MOST - 1 : (product < -most ? -SHORT_MOST : (int32_t)((uint32_t)product << -a.right));
+  const int32_t more = product > most
+      ? SHORT_MOST - 1
+      : (product < -most ? -SHORT_MOST : (int32_t)((uint32_t)product << -a.right));
   return short_stop(y + more);
 }
 
-/* Slopes: 2^-SLOPE_BITS, up to 16, so that 32 products with a row are below 2^62. Units: 2^-8 .. 1, of what is divided by one 1 is more. */
+/* Slopes: 2^-SLOPE_BITS, up to 16, so that 32 products with a row are below 2^62. Units:
+ * 2^-8 .. 1, of what is divided by one 1 is more. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* digits, and the sign's */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
@@ -385,18 +453,22 @@ static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most
   return (void)most, FIXED_NARROW(product, ROW_UP + 23);
 }
 
-static inline void r_slope_sums(tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
+static inline void r_slope_sums(
+    tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
   for (int i = 0; i < rows; i++)
     for (int b = 0; b < together; b++) {
-      const int64_t sum = (int64_t)to[i * together + b] * (1 << SHORT_BITS) + fixed_sum(&slope[i * stride], x[b], n);
+      const int64_t sum = (int64_t)to[i * together + b] * (1 << SHORT_BITS)
+          + fixed_sum(&slope[i * stride], x[b], n);
       to[i * together + b] = FIXED_NARROW(sum, SLOPE_BITS);
     }
 }
 
-/* Sums of products that are made element by element, of coefficients and numbers of rows that are scaled: exact in 64 bits, rounded at
- * the end, to such a number, or to one that is not scaled and may be a rate.
- *   coefficient 2^-20, up to 1024      number 2^-(SHORT_BITS + ROW_UP), up to 16; rate 2^-SHORT_BITS, up to 256
+/* Sums of products that are made element by element, of coefficients and numbers of rows
+ * that are scaled: exact in 64 bits, rounded at the end, to such a number, or to one that
+ * is not scaled and may be a rate.
+ *   coefficient 2^-20, up to 1024      number 2^-(SHORT_BITS + ROW_UP), up to 16; rate
+ *                                      2^-SHORT_BITS, up to 256
  * Of 7 products at most, each below 2^60. */
 typedef int32_t r_coefficient;
 typedef int64_t r_total;
@@ -430,7 +502,8 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
 }
 
 /* The same with y[0] and then with y[1]: x is read once for both. */
-static inline void r_add_both_twice(tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
+static inline void r_add_both_twice(
+    tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
   tse_short *const y0 = y[0], *const y1 = y[1];
   const r_factored a0 = a[0], a1 = a[1], b0 = b[0], b1 = b[1];
@@ -452,12 +525,14 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
 }
 
 /* The same with y[0] and then with y[1]. */
-static inline void r_add_in_turn_twice(tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
+static inline void r_add_in_turn_twice(
+    tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
   tse_short *const y0 = y[0], *const y1 = y[1];
   const r_factored a0 = a[0], a1 = a[1], b0 = b[0], b1 = b[1];
   for (int i = 0; i < n; i++) {
-    const tse_short was0 = y0[i], was1 = y1[i], between = r_plus_times(x[i], b0, was0), after = r_plus_times(between, b1, was1);
+    const tse_short was0 = y0[i], was1 = y1[i], between = r_plus_times(x[i], b0, was0),
+                    after = r_plus_times(between, b1, was1);
     y0[i] = r_plus_times(was0, a0, between);
     y1[i] = r_plus_times(was1, a1, after);
     x[i] = after;

@@ -1,7 +1,8 @@
 /* paper/estimate.c - (26), (27): moments of the weighted particles. */
 #include "paper/paper.h"
 
-/* Return the sum of products, as everywhere in lanes: one order of summation. At most 2^16 weights of 1 and less fit every format. */
+/* Return the sum of products, as everywhere in lanes: one order of summation. At most
+ * 2^16 weights of 1 and less fit every format. */
 static tse_real sum_of(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);
@@ -22,9 +23,11 @@ tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f)
   return total;
 }
 
-/* Find weighted mean and variance of n values; variance about the first value, then shifted, so that a spread of millimetres
- * a second on 20 m/s survives in single precision. */
-static void moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total, tse_real *mean, tse_real *var)
+/* Find weighted mean and variance of n values; variance about the first value, then
+ * shifted, so that a spread of millimetres a second on 20 m/s survives in single
+ * precision. */
+static void moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total,
+    tse_real *mean, tse_real *var)
 {
   const tse_real origin = value[0];
   tse_real first[TSE_LANES], second[TSE_LANES], a = TSE_R(0), b = TSE_R(0);
@@ -44,7 +47,8 @@ static void moments(const tse_real *weight, const tse_real *value, int32_t count
   *var = r_max(TSE_R(0), r_div(b, total) - r_mul(shift, shift));
 }
 
-void paper_weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means)
+void paper_weighted_means(
+    const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means)
 {
   const tse_real total = paper_total_weight(p, f);
   for (int k = 0; k < n; k++) means[k] = r_div(sum_of(f->weight, rows[k], padded(p->particles)), total);
@@ -87,10 +91,12 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
   }
 }
 
-void report_particles(const tse_params *p, const tse_filter *filter, tse_output *now, tse_real lam[6], tse_real *nu)
+void report_particles(
+    const tse_params *p, const tse_filter *filter, tse_output *now, tse_real lam[6], tse_real *nu)
 {
   const tse_filter_paper *const f = (const tse_filter_paper *)filter;
-  const tse_real *const rows[6] = { f->p.lam[0], f->p.lam[1], f->p.lam[2], f->p.lam[3], f->p.lam[4], f->p.lam[5] };
+  const tse_real *const rows[6] = { f->p.lam[0], f->p.lam[1], f->p.lam[2], f->p.lam[3], f->p.lam[4],
+    f->p.lam[5] };
   paper_estimate(p, f, now);
   paper_weighted_means(p, f, rows, 6, lam);
   *nu = f->nu;

@@ -1,10 +1,12 @@
-/* paper/learn.c - (25), (16), (17): draw w given the sample, learn the statistics from it, forget. In short runs of particles, so
- * that the random numbers stay in the fastest memory. */
+/* paper/learn.c - (25), (16), (17): draw w given the sample, learn the statistics from
+ * it, forget. In short runs of particles, so that the random numbers stay in the fastest
+ * memory. */
 #include "paper/paper.h"
 #include "number/random.h"
 
 #define RUN 64
-#define NU_LEAST TSE_R(6)        /* A and Sigma need nu > 4; reached only with a short memory and long time steps */
+#define NU_LEAST TSE_R(6)        /* A and Sigma need nu > 4; reached only with a short memory and long time
+                                  * steps */
 #define ALL_FORGOTTEN TSE_R(-20) /* log2 of the share that is left */
 #define TINY TSE_R(1e-6 * 1e-6)  /* smallest pivot: rounding may leave a zero or negative one */
 #if defined(TSE_REAL_FIXED)
@@ -14,11 +16,13 @@
 
 /* Forgetting that follows the innovations, `forgetting_change` below 1: */
 #define SLOW_TIME TSE_R(0.1)     /* s: innovations are smoothed over it */
-#define USUAL TSE_R(3)           /* mean square of smoothed innovations over that of white ones: no less is forgotten up to it */
+#define USUAL TSE_R(3)           /* mean square of smoothed innovations over that of white ones: no less is
+                                  * forgotten up to it */
 #define SLOPE TSE_R(0.05)        /* what the factor falls by for each one above it */
 
 /* Draw Student-t numbers for a run of particles. */
-static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
+static void draw_student(
+    const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
 {
   uint32_t u[4][RUN];
   const tse_real minus_2_nu = r_div(TSE_R(-2), dof);
@@ -34,13 +38,19 @@ static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32
   }
 }
 
-/* Reflect a draw below w_low at it, cut one above w_max. With reflect_draws w_low is stiffness_min - 1, so that stiffness stays positive.
- * As printed it is -w_max, or w_min if that is less, which only bounds w: the stiffness 1 + w may be negative. */
-static inline tse_real into_bounds(const tse_params *p, tse_real w) { return r_min(p->w_low + r_abs(w - p->w_low), p->w_max); }
+/* Reflect a draw below w_low at it, cut one above w_max. With reflect_draws w_low is
+ * stiffness_min - 1, so that stiffness stays positive. As printed it is -w_max, or w_min
+ * if that is less, which only bounds w: the stiffness 1 + w may be negative. */
+static inline tse_real into_bounds(const tse_params *p, tse_real w)
+{
+  return r_min(p->w_low + r_abs(w - p->w_low), p->w_max);
+}
 
-/* Draw w of one particle: mean mu + A d' S^-1 z, scale (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular. */
-TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y, tse_real inv_dof,
-                         tse_real ta, tse_real tb, tse_real tc, int32_t i, tse_particles *TSE_RESTRICT q)
+/* Draw w of one particle: mean mu + A d' S^-1 z, scale (nut + q)/(nut + d_y) (A - A d'
+ * S^-1 d A) = C C', C lower triangular. */
+TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
+    const sample *TSE_RESTRICT y, tse_real inv_dof, tse_real ta, tse_real tb, tse_real tc, int32_t i,
+    tse_particles *TSE_RESTRICT q)
 {
   const innovation e = innovation_of(p, c, y, q, i);
   const tse_real c11 = r_sqrt(r_max(e.a[0], TINY)), inv11 = r_div(TSE_R(1), c11);
@@ -56,8 +66,9 @@ TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RES
 }
 
 /* Draw w of a run of particles. */
-static void draw_run(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y, tse_real inv_dof,
-                     tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
+static void draw_run(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
+    const sample *TSE_RESTRICT y, tse_real inv_dof, tse_real t[3][RUN], int32_t base, int32_t count,
+    tse_particles *TSE_RESTRICT q)
 {
   for (int32_t j = 0; j < count; j++) draw_one(p, c, y, inv_dof, t[0][j], t[1][j], t[2][j], base + j, q);
 }
@@ -74,14 +85,17 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
   }
 }
 
-/* Update the statistics, (16): gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 +
- * gamma), z = w - mu; with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1). Where spread_max is set, lam is
+/* Update the statistics, (16): gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu +
+ * gamma+ z, Lambda+ = Lambda + z z'/(1 +
+ * gamma), z = w - mu; with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu +
+ *                                            1). Where spread_max is set, lam is
  * scaled down to it. */
-static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink, tse_real most,
-                      tse_particles *TSE_RESTRICT q)
+static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
+    tse_real most, tse_particles *TSE_RESTRICT q)
 {
   for (int32_t i = 0; i < padded(p->particles); i++) {
-    const tse_real z0 = q->w[0][i] - q->mu[0][i], z1 = q->w[1][i] - q->mu[1][i], z2 = q->w[2][i] - q->mu[2][i];
+    const tse_real z0 = q->w[0][i] - q->mu[0][i], z1 = q->w[1][i] - q->mu[1][i],
+                   z2 = q->w[2][i] - q->mu[2][i];
     const tse_real l11 = q->lam[0][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z0)) - q->lam[0][i]);
     const tse_real l12 = q->lam[1][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z1)) - q->lam[1][i]);
     const tse_real l13 = q->lam[2][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z2)) - q->lam[2][i]);
@@ -109,8 +123,9 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
   learn_all(p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return how far recent innovations are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME,
- * over what that would be of white noise of variance one. */
+/* Return how far recent innovations are from white ones: the mean over the channels of
+ * their square, smoothed over SLOW_TIME, over what that would be of white noise of
+ * variance one. */
 static tse_real persistence(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const inputs u = y->u;
@@ -122,8 +137,8 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
     b[a] = r_mul(now->bias[a], p->inv_sd[a]);
   }
   const tse_real z[3] = { y->y[0] - o.h1 - r_mul(o.d11, w[0]) - r_mul(o.d12, w[1]) - b[0],
-                          y->y[1] - o.h2 - r_mul(o.d21, w[0]) - r_mul(o.d22, w[1]) - r_mul(o.d23, w[2]) - b[1],
-                          y->y[2] - r_mul(now->yaw_rate, p->inv_sd[2]) - b[2] };
+    y->y[1] - o.h2 - r_mul(o.d21, w[0]) - r_mul(o.d22, w[1]) - r_mul(o.d23, w[2]) - b[1],
+    y->y[2] - r_mul(now->yaw_rate, p->inv_sd[2]) - b[2] };
   const tse_real gain = r_div(y->dt, y->dt + SLOW_TIME);
   for (int a = 0; a < 3; a++) {
     const tse_real inside = r_clamp(z[a], TSE_R(-1000), TSE_R(1000));
@@ -133,16 +148,19 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor
- * of gamma, which forgets the mean, is a setting of its own; it falls where innovations last. However long that takes, no less is
- * known of the mean than gamma = 1 says, or the start: what is forgotten cannot be forgotten further. */
+/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays),
+ * with lambda^(dt/sample_time). The factor of gamma, which forgets the mean, is a setting
+ * of its own; it falls where innovations last. However long that takes, no less is known
+ * of the mean than gamma = 1 says, or the start: what is forgotten cannot be forgotten
+ * further. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);
   tse_real log2_mean = p->log2_forgetting_mean;
   if (p->forgetting_change < p->forgetting_mean) {
     const tse_real beyond = r_max(persistence(p, f, y, now) - USUAL, TSE_R(0));
-    log2_mean = r_log2(r_max(p->forgetting_mean - r_mul(SLOPE, r_min(beyond, TSE_R(20))), p->forgetting_change));
+    log2_mean = r_log2(
+        r_max(p->forgetting_mean - r_mul(SLOPE, r_min(beyond, TSE_R(20))), p->forgetting_change));
   }
   const tse_real lambda = r_exp2(r_max(r_mul(p->log2_forgetting, samples), ALL_FORGOTTEN));
   const tse_real most = r_max(f->gamma, r_max(p->gamma0, TSE_R(1)));

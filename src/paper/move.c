@@ -1,4 +1,5 @@
-/* paper/move.c - (7): every particle from the last row to this one, with the w it drew at the last row. */
+/* paper/move.c - (7): every particle from the last row to this one, with the w it drew at
+ * the last row. */
 #include "paper/paper.h"
 
 #define EULER 0 /* of the setting `integration`; 1: inputs are linear */
@@ -12,14 +13,16 @@ static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, t
   q->x[2][i] = vehicle_kept(r, MOST_YAW_RATE);
 }
 
-/* Move all particles as printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last row. */
+/* Move all particles as printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last
+ * row. */
 static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real h)
 {
   for (int32_t i = 0; i < padded(p->particles); i++) {
     const tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
     const accels a = vehicle_accels(p, k, vehicle_slips(p, vx, vy, r, u), u.steer);
-    keep_motion(q, i, vx + r_mul(h, a.x + r_mul(vy, r)), vy + r_mul(h, a.y - r_mul(vx, r)), r + r_mul(h, a.yaw));
+    keep_motion(
+        q, i, vx + r_mul(h, a.x + r_mul(vy, r)), vy + r_mul(h, a.y - r_mul(vx, r)), r + r_mul(h, a.yaw));
   }
 }
 

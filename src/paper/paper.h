@@ -1,21 +1,25 @@
-/* paper/paper.h - the particle filter of the paper (form 1): the stages of Algorithm 1. Internal.
+/* paper/paper.h - the particle filter of the paper (form 1): the stages of Algorithm 1.
+ * Internal.
  *
- * Symbols as in the paper, in the units of src/EQUATIONS.md: forces over mass, measurements over the sensors' sd. gamma, nu and the
- * covariance P of the biases follow recursions without data, so they are the same for all particles. */
+ * Symbols as in the paper, in the units of src/EQUATIONS.md: forces over mass,
+ * measurements over the sensors' sd. gamma, nu and the covariance P of the biases follow
+ * recursions without data, so they are the same for all particles. */
 #ifndef TSE_PAPER_H
 #define TSE_PAPER_H
 
 #include "estimator/stages.h"
 #include "paper/particle.h"
 
-/* The loops over particles become vector code only if the compiler knows that constants and particles do not overlap. */
+/* The loops over particles become vector code only if the compiler knows that constants
+ * and particles do not overlap. */
 #if defined(__cplusplus) || (defined(_MSC_VER) && !defined(__clang__))
 #define TSE_RESTRICT __restrict
 #else
 #define TSE_RESTRICT restrict
 #endif
 
-/* What stands in two loops must still be inlined in both, or neither becomes vector code. */
+/* What stands in two loops must still be inlined in both, or neither becomes vector
+ * code. */
 #if defined(__GNUC__)
 #define TSE_INLINE static inline __attribute__((always_inline))
 #else
@@ -24,64 +28,75 @@
 
 /* Quantities that are the same for all particles at one row. */
 typedef struct common {
-  observation_gains g;       /* of h and d, (9); 0 where the measurement is missing                */
-  tse_real l[3];             /* (P + R)^-1/2, R = 1: makes innovations unit-free                   */
-  tse_real gain[3];          /* (19): K (P + R)^1/2; a bias moves by gain times the whitened innovation given w */
-  tse_real nut;              /* (22): nu - d_w + 1 = nu - 2                                        */
-  tse_real a;                /* (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu              */
-  tse_real r;                /* (22): (nut - 2)/nut, the scale of the whitened noise               */
+  observation_gains g; /* of h and d, (9); 0 where the measurement is missing                */
+  tse_real l[3];       /* (P + R)^-1/2, R = 1: makes innovations unit-free                   */
+  tse_real gain[3];    /* (19): K (P + R)^1/2; a bias moves by gain times the whitened innovation given w */
+  tse_real nut;        /* (22): nu - d_w + 1 = nu - 2                                        */
+  tse_real a;          /* (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu              */
+  tse_real r;          /* (22): (nut - 2)/nut, the scale of the whitened noise               */
   tse_real half_dof, inv_nut; /* (nut + d_y)/2, 1/nut                                              */
 } common;
 
-/* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and w given it, (25). Whitened by (P + R)^-1/2, so that the
- * noise is the same number in each channel. The channels are taken one after the other, which is what a Cholesky factor of S would
- * do: each is weighed with the covariance of w that those before it leave. The yaw rate does not show w. */
+/* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and w given it,
+ * (25). Whitened by (P + R)^-1/2, so that the noise is the same number in each channel.
+ * The channels are taken one after the other, which is what a Cholesky factor of S would
+ * do: each is weighed with the covariance of w that those before it leave. The yaw rate
+ * does not show w. */
 typedef struct innovation {
-  tse_real z1, z2, z3;          /* whitened innovations, 0 where missing                           */
-  tse_real d1[2], d2[3];        /* whitened rows of d                                              */
-  tse_real s1, s2, s3;          /* scales of the three steps                                       */
-  tse_real m[3];                /* A d' S^-1 z, the shift of w's mean given y, (25)                */
-  tse_real a[6];                /* A - A d' S^-1 d A, upper triangle                               */
-  tse_real q;                   /* z' S^-1 z                                                       */
+  tse_real z1, z2, z3;   /* whitened innovations, 0 where missing                           */
+  tse_real d1[2], d2[3]; /* whitened rows of d                                              */
+  tse_real s1, s2, s3;   /* scales of the three steps                                       */
+  tse_real m[3];         /* A d' S^-1 z, the shift of w's mean given y, (25)                */
+  tse_real a[6];         /* A - A d' S^-1 d A, upper triangle                               */
+  tse_real q;            /* z' S^-1 z                                                       */
 } innovation;
 
-/* Condition mean m and covariance a of w on one channel with row d (d0, d1, d2) and innovation z. */
-TSE_INLINE void condition(innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
+/* Condition mean m and covariance a of w on one channel with row d (d0, d1, d2) and
+ * innovation z. */
+TSE_INLINE void condition(
+    innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
 {
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(TSE_REAL_FIXED) /* a covariance that stopped at the end of the range is none; below r its density would beat all others */
+#if defined(
+  /* a covariance that stopped at the end of the range is none; below r its density
+     * would beat all others */
+    TSE_REAL_FIXED)
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
 #endif
-  const tse_real inv = r_div(TSE_R(1), s);
-  const tse_real left = z - r_mul(d0, e->m[0]) - r_mul(d1, e->m[1]) - r_mul(d2, e->m[2]);
-  const tse_real g = r_mul(inv, left);
-  const tse_real k0 = r_mul(inv, v0), k1 = r_mul(inv, v1), k2 = r_mul(inv, v2);
-  e->q += r_mul(g, left);
-  e->m[0] += r_mul(v0, g);
-  e->m[1] += r_mul(v1, g);
-  e->m[2] += r_mul(v2, g);
-  e->a[0] = e->a[0] - r_mul(k0, v0);
-  e->a[1] = e->a[1] - r_mul(k0, v1);
-  e->a[2] = e->a[2] - r_mul(k0, v2);
-  e->a[3] = e->a[3] - r_mul(k1, v1);
-  e->a[4] = e->a[4] - r_mul(k1, v2);
-  e->a[5] = e->a[5] - r_mul(k2, v2);
-  *scale = s;
+    const tse_real inv = r_div(TSE_R(1), s);
+    const tse_real left = z - r_mul(d0, e->m[0]) - r_mul(d1, e->m[1]) - r_mul(d2, e->m[2]);
+    const tse_real g = r_mul(inv, left);
+    const tse_real k0 = r_mul(inv, v0), k1 = r_mul(inv, v1), k2 = r_mul(inv, v2);
+    e->q += r_mul(g, left);
+    e->m[0] += r_mul(v0, g);
+    e->m[1] += r_mul(v1, g);
+    e->m[2] += r_mul(v2, g);
+    e->a[0] = e->a[0] - r_mul(k0, v0);
+    e->a[1] = e->a[1] - r_mul(k0, v1);
+    e->a[2] = e->a[2] - r_mul(k0, v2);
+    e->a[3] = e->a[3] - r_mul(k1, v1);
+    e->a[4] = e->a[4] - r_mul(k1, v2);
+    e->a[5] = e->a[5] - r_mul(k2, v2);
+    *scale = s;
 }
 
 /* Find the innovation of particle i. */
-TSE_INLINE innovation innovation_of(const tse_params *p, const common *c, const sample *y, const tse_particles *q, int32_t i)
+TSE_INLINE innovation innovation_of(
+    const tse_params *p, const common *c, const sample *y, const tse_particles *q, int32_t i)
 {
   innovation e;
   const tse_real mu0 = q->mu[0][i], mu1 = q->mu[1][i], mu2 = q->mu[2][i];
   const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
   const observation o = particle_observation(c->g, s, y->u.steer);
-  e.z1 = r_mul(c->l[0], r_mul(y->use[0], y->y[0] - o.h1 - r_mul(o.d11, mu0) - r_mul(o.d12, mu1) - q->bias[0][i]));
-  e.z2 = r_mul(c->l[1], r_mul(y->use[1], y->y[1] - o.h2 - r_mul(o.d21, mu0) - r_mul(o.d22, mu1) - r_mul(o.d23, mu2) - q->bias[1][i]));
+  e.z1 = r_mul(
+      c->l[0], r_mul(y->use[0], y->y[0] - o.h1 - r_mul(o.d11, mu0) - r_mul(o.d12, mu1) - q->bias[0][i]));
+  e.z2 = r_mul(c->l[1],
+      r_mul(y->use[1],
+          y->y[1] - o.h2 - r_mul(o.d21, mu0) - r_mul(o.d22, mu1) - r_mul(o.d23, mu2) - q->bias[1][i]));
   e.z3 = r_mul(c->l[2], r_mul(y->use[2], y->y[2] - r_mul(q->x[2][i], p->inv_sd[2]) - q->bias[2][i]));
   e.d1[0] = r_mul(c->l[0], o.d11);
   e.d1[1] = r_mul(c->l[0], o.d12);
@@ -103,16 +118,20 @@ TSE_INLINE innovation innovation_of(const tse_params *p, const common *c, const 
   return e;
 }
 
-/* algorithm1.c  form 1: start here: lines 17, 18 of Algorithm 1, which bring the particles to this row; lines 3 .. 16 for its
+/* algorithm1.c  form 1: start here: lines 17, 18 of Algorithm 1, which bring the
+ *               particles to this row; lines 3 .. 16 for its
  *               sample. now: estimates; log_evidence: of the sample [log2] */
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
-void paper_update(const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);
+void paper_update(
+    const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);
 
-/* start.c       Initialize: all of p0, from the settings or from what was loaded / the states alone, at the wheels and the gyro */
+/* start.c       Initialize: all of p0, from the settings or from what was loaded / the
+ *               states alone, at the wheels and the gyro */
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_place(const tse_params *p, tse_filter_paper *f, const sample *y);
 
-/* bias.c        (18) / what particles have in common at a row, (19) and (22) / (19), given w */
+/* bias.c        (18) / what particles have in common at a row, (19) and (22) / (19),
+ *               given w */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt);
 common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sample *y);
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
@@ -120,21 +139,27 @@ void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y
 /* move.c        (7): all particles from the last row's inputs to those of y */
 void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample *y);
 
-/* weigh.c       (22), (23), normalised. Returned: log2 of the evidence of the sample, in SI units
- *               paper_normalise: logw -= largest, weight = 2^logw, log_total. Returned: log2 of the largest weight */
+/* weigh.c       (22), (23), normalised. Returned: log2 of the evidence of the sample, in
+ *               SI units
+ *               paper_normalise: logw -= largest, weight = 2^logw, log_total. Returned:
+ *               log2 of the largest weight */
 tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 tse_real paper_normalise(const tse_params *p, tse_filter_paper *f);
 
-/* estimate.c    (26), (27) from the weighted set / N_eff / sum of the weights / weighted means of rows */
+/* estimate.c    (26), (27) from the weighted set / N_eff / sum of the weights / weighted
+ *               means of rows */
 void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *now);
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
 tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f);
-void paper_weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
+void paper_weighted_means(
+    const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
 
 /* resample.c    lines 9: copies in proportion to the weights, which are then equal
- *               paper_choose_ancestors: ancestors (ascending) of n particles for weights whose largest is 1; then survivors keep their places */
+ *               paper_choose_ancestors: ancestors (ascending) of n particles for weights
+ *               whose largest is 1; then survivors keep their places */
 void paper_resample(const tse_params *p, tse_filter_paper *f);
-void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor);
+void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
+    uint32_t step, uint16_t *ancestor);
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 void paper_copy_particles(tse_particles *q, const uint16_t *ancestor, int32_t n);
 
@@ -144,7 +169,8 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f);
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now);
 
 /* row.c         which stiffness the recent inputs have excited */
-void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
+void paper_excitation(
+    const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 

@@ -1,4 +1,5 @@
-/* paper/particle.h - the estimation form (6), (7), (9) of the model of vehicle.h, one particle at a time.
+/* paper/particle.h - the estimation form (6), (7), (9) of the model of vehicle.h, one
+ * particle at a time.
  *
  * Inline and branch-free, so that the loops over particles become vector code. */
 #ifndef TSE_PARTICLE_H
@@ -6,18 +7,21 @@
 
 #include "model/vehicle.h"
 
-/* The rows of d and h of (9), in units of the sensors' sd. d's third row (yaw rate) is zero, and so is its element (1,3). */
+/* The rows of d and h of (9), in units of the sensors' sd. d's third row (yaw rate) is
+ * zero, and so is its element (1,3). */
 typedef struct observation {
   tse_real d11, d12, d21, d22, d23; /* d(accel)/dw                          */
   tse_real h1, h2;                  /* accel_x, accel_y at w = 0            */
 } observation;
 
-/* Nominal stiffness over mass and over the sensors' sd: constants of one pass over the particles. */
+/* Nominal stiffness over mass and over the sensors' sd: constants of one pass over the
+ * particles. */
 typedef struct observation_gains {
   tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2;
 } observation_gains;
 
-static inline observation_gains particle_observation_gains(const tse_params *p, tse_real use_x, tse_real use_y)
+static inline observation_gains particle_observation_gains(
+    const tse_params *p, tse_real use_x, tse_real use_y)
 {
   observation_gains g; /* use_ is 1, or 0 where the measurement is missing: its row of d then vanishes */
   const tse_real ix = r_mul(use_x, p->inv_sd[0]), iy = r_mul(use_y, p->inv_sd[1]);
@@ -45,15 +49,18 @@ static inline observation particle_observation(observation_gains g, slips s, tse
   return o;
 }
 
-/* (7): one step of h seconds from inputs u0 to u1 (linear between), with the stiffness k held, by ROS2 of vehicle.h. */
+/* (7): one step of h seconds from inputs u0 to u1 (linear between), with the stiffness k
+ * held, by ROS2 of vehicle.h. */
 static inline void particle_step(const tse_params *p, tse_real *vx, tse_real *vy, tse_real *r, stiffness k,
-                                 inputs u0, inputs u1, tse_real h)
+    inputs u0, inputs u1, tse_real h)
 {
   const tse_real gh = r_mul(ROS2, h);
   const slips s0 = vehicle_slips(p, *vx, *vy, *r, u0);
   const accels a0 = vehicle_accels(p, k, s0, u0.steer);
-  const tse_real inv_mx = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, r_mul(k.x_front, s0.inv_front) + r_mul(k.x_rear, s0.inv_rear)));
-  const lateral_block side = vehicle_block(p, r_mul(k.y_front, s0.inv_body), r_mul(k.y_rear, s0.inv_body), *vx, gh);
+  const tse_real inv_mx = r_div(
+      TSE_R(1), TSE_R(1) + r_mul(gh, r_mul(k.x_front, s0.inv_front) + r_mul(k.x_rear, s0.inv_rear)));
+  const lateral_block side = vehicle_block(
+      p, r_mul(k.y_front, s0.inv_body), r_mul(k.y_rear, s0.inv_body), *vx, gh);
 
   const tse_real k1x = r_mul(a0.x + r_mul(*vy, *r), inv_mx);
   tse_real k1y, k1r, k2y, k2r;

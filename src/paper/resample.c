@@ -1,11 +1,15 @@
-/* paper/resample.c - four ways to choose n ancestors in proportion to their weights, behind one signature.
+/* paper/resample.c - four ways to choose n ancestors in proportion to their weights,
+ * behind one signature.
  *
- * All of them lay n positions along the cumulative weights and take who stands there; they differ in the positions:
+ * All of them lay n positions along the cumulative weights and take who stands there;
+ * they differ in the positions:
  *   systematic    (k + U)/n        one random number
  *   stratified    (k + U_k)/n      one each
  *   multinomial   n sorted uniforms
- *   residual      floor(n q) copies for sure, the rest stratified over what is left of n q
- * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering", ISPA 2005. */
+ *   residual      floor(n q) copies for sure, the rest stratified over what is left of n
+ *                 q
+ * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
+ * ISPA 2005. */
 #include "paper/paper.h"
 #include "number/random.h"
 
@@ -17,9 +21,13 @@ static tse_real uniform(const uint32_t seed[2], uint32_t step, int32_t k)
 }
 
 /* Position k of n on [0, total): (k + u) total/n. */
-static tse_real position(tse_real share, int32_t k, tse_real u) { return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u)); }
+static tse_real position(tse_real share, int32_t k, tse_real u)
+{
+  return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
+}
 
-static void multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+static void multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
+    uint32_t step, uint16_t *ancestor)
 {
   /* Sorted uniforms from the largest down: U_(k) = U_(k+1) U^(1/k), in logs. */
   tse_real log2_u = TSE_R(0);
@@ -36,13 +44,17 @@ static void multinomial(const tse_real *weight, int32_t n, tse_real total, const
   }
 }
 
-static int32_t whole_copies(tse_real weight, int32_t n, tse_real total) { return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total)); }
+static int32_t whole_copies(tse_real weight, int32_t n, tse_real total)
+{
+  return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total));
+}
 
-static void residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+static void residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2], uint32_t step,
+    uint16_t *ancestor)
 {
   int32_t filled = 0, k = 0;
   for (int32_t i = 0; i < n; i++) filled += whole_copies(weight[i], n, total);
-  const int32_t rest = n - filled; /* >= 0: a sum of floors */
+  const int32_t rest = n - filled;          /* >= 0: a sum of floors */
   const tse_real share = r_share(total, n); /* the rest's weights are n q - floor(n q), in units of total/n */
   tse_real sum = TSE_R(0);
   int32_t j = 0;
@@ -55,10 +67,12 @@ static void residual(const tse_real *weight, int32_t n, tse_real total, const ui
     }
     for (; copies > 0 && j < n; copies--) ancestor[j++] = (uint16_t)i;
   }
-  for (; j < n; j++) ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last position uncovered */
+  for (; j < n; j++)
+    ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last position uncovered */
 }
 
-void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
+    uint32_t step, uint16_t *ancestor)
 {
   tse_real total = TSE_R(0), sum = TSE_R(0);
   for (int32_t i = 0; i < n; i++) total = r_add_sat(total, weight[i]);
@@ -77,13 +91,14 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
   int32_t k = 0;
   for (int32_t i = 0; i < n; i++) {
     sum = r_add_sat(sum, weight[i]);
-    while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : one) < sum) ancestor[k++] = (uint16_t)i;
+    while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : one) < sum)
+      ancestor[k++] = (uint16_t)i;
   }
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as above */
 }
 
-/* Rearrange ancestors so that whoever survives keeps its place: then the copy needs no second buffer, because places
- * that are written are never read. */
+/* Rearrange ancestors so that whoever survives keeps its place: then the copy needs no
+ * second buffer, because places that are written are never read. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
@@ -104,7 +119,8 @@ void paper_copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
     for (int32_t i = 0; i < n; i++) row[i] = row[ancestor[i]];
 }
 
-/* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal, whose mean is one: regularised resampling. */
+/* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal, whose mean
+ * is one: regularised resampling. */
 static void scatter(const tse_params *p, tse_filter_paper *f)
 {
   const tse_real k = p->kernel, half = r_mul(TSE_R(0.34657359027997264), r_mul(k, k));

@@ -1,10 +1,12 @@
-/* paper/row.c - a row of tse_step() with particles: what stands around Algorithm 1. The paper has rows that come every Ts, of a
- * car that drives, with all channels. A row that is not so is predicted with the mean stiffness, and nothing is learnt from it. */
+/* paper/row.c - a row of tse_step() with particles: what stands around Algorithm 1. The
+ * paper has rows that come every Ts, of a car that drives, with all channels. A row that
+ * is not so is predicted with the mean stiffness, and nothing is learnt from it. */
 #include "paper/paper.h"
 
 #define REVERSE_SPEED TSE_R(-0.1)   /* m/s, physics: a wheel that turns back by less stands */
 #define EXCITATION_TIME TSE_R(0.1)  /* s: regressors are smoothed over it */
-#define MOST_EXCITED TSE_R(1e6)     /* 1, numerics: of a regressor, in sd of its sensor: squares stay in the range of a float */
+#define MOST_EXCITED TSE_R(1e6)     /* 1, numerics: of a regressor, in sd of its sensor: squares stay in
+                                     * the range of a float */
 
 /* What a row is good for. */
 typedef struct row_kind {
@@ -16,18 +18,22 @@ typedef struct row_kind {
 
 static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)); }
 
-/* Judge whether recent inputs have excited each stiffness. It shows only where its force changes: a constant slip (angle) is
- * explained as well by another velocity and another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is
- * judged by its variance over the recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the
- * variance
+/* Judge whether recent inputs have excited each stiffness. It shows only where its force
+ * changes: a constant slip (angle) is explained as well by another velocity and another
+ * stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by
+ * its variance over the recent past. A mean over `memory` samples, each with noise 1 +
+ * phi^2 spread^2, then has the variance
  *     (1 + E[phi^2] spread^2) / (memory var(phi)),
- * which must be below valid_sd^2 for the stiffness to be valid. It decides on nothing else.
- * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
- * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car. */
-void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
+ * which must be below valid_sd^2 for the stiffness to be valid. It decides on nothing
+ * else. The past is two memories long: velocity, once settled by a change, is remembered
+ * longer than the stiffness is. Regressors are smoothed first: noise of a wheel-speed
+ * sensor looks like slip, but moves no car. */
+void paper_excitation(
+    const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
   const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
-  const observation o = particle_observation(particle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
+  const observation o = particle_observation(
+      particle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
   const tse_real phi[3] = { o.d11, o.d22, o.d23 };
   const tse_real window = r_mul(TSE_R(2), p->memory), seen = f->filter.seen;
   const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);
@@ -51,8 +57,8 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   const int lost = c->held_for > p->max_gap;
   c->held_for = y->has_inputs ? TSE_R(0) : r_add_sat(c->held_for, y->dt);
   k.predicted = !y->has_inputs || y->used == 0;
-  k.held = fastest_wheel(y) < p->hold_speed || y->u.v_front < REVERSE_SPEED || y->u.v_rear < REVERSE_SPEED ||
-           r_abs(y->u.steer) > p->max_steer;
+  k.held = fastest_wheel(y) < p->hold_speed || y->u.v_front < REVERSE_SPEED || y->u.v_rear < REVERSE_SPEED
+      || r_abs(y->u.steer) > p->max_steer;
   if (!c->started) {
     paper_start(p, f, y); /* again with every row until there are inputs to start from */
     c->started = y->has_inputs;
@@ -66,7 +72,8 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   return k;
 }
 
-/* Estimate a row from which nothing is learnt; the next row is reached with the mean stiffness. */
+/* Estimate a row from which nothing is learnt; the next row is reached with the mean
+ * stiffness. */
 static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
   now->n_eff = paper_effective_size(p, f);
@@ -76,7 +83,8 @@ static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
 }
 
 /* Say why each stiffness is, or is not, valid: the first reason that applies. */
-static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *y, const row_kind *k, tse_output *now)
+static tse_status judge(
+    const tse_params *p, tse_filter_paper *f, const sample *y, const row_kind *k, tse_output *now)
 {
   tse_status status = TSE_OK;
   const int starting = f->filter.seen < p->memory + p->memory;
@@ -87,7 +95,8 @@ static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *
     else if (k->held) why = TSE_HELD;
     else if (starting) why = TSE_STARTING;
     else if (!k->excited[a]) why = TSE_NOT_EXCITED;
-    else if (var > p->valid_var) why = p->mass_var > r_mul(TSE_R(0.5), var) ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
+    else if (var > p->valid_var)
+      why = p->mass_var > r_mul(TSE_R(0.5), var) ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
     now->reason[a] = (int32_t)why;
     now->spread_seen[a] = why == TSE_VALID;
     if (why != TSE_VALID) status = worse(status, TSE_W_NOT_VALID);

@@ -1,4 +1,5 @@
-/* paper/start.c - line Initialize: particles from the settings and the first sample; their states alone after a gap. */
+/* paper/start.c - line Initialize: particles from the settings and the first sample;
+ * their states alone after a gap. */
 #include "paper/paper.h"
 #include "number/random.h"
 
@@ -16,8 +17,10 @@ static tse_real stiffness_bounded(const tse_params *p, tse_real w) { return r_cl
 
 static tse_real wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
-/* Place the motion of particle i about vel_x, straight ahead, and the gyro.   Given: n  standard normals */
-static void place(const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
+/* Place the motion of particle i about vel_x, straight ahead, and the gyro.   Given: n
+ * standard normals */
+static void place(
+    const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
 {
   /* gyro less its bias where there is a sample, else straight ahead */
   const tse_real yaw_rate = r_mul(y->use[2], r_mul(p->sd[2], y->y[2] - f->p.bias[2][i]));

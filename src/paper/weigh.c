@@ -3,8 +3,9 @@
 
 #define LOG2_LEAST TSE_R(-120) /* log2, numerics: 2^-120 of the largest weight is no weight */
 
-/* Return Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by g(x) = g(x + 1) x/(x + 1/2).
- * Relative error below 2e-7 times (6/x)^5: the first term left out is 399/(262144 x^5) at x >= 6. */
+/* Return Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by
+ * g(x) = g(x + 1) x/(x + 1/2). Relative error below 2e-7 times (6/x)^5: the first term
+ * left out is 399/(262144 x^5) at x >= 6. */
 static tse_real gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
@@ -13,12 +14,18 @@ static tse_real gamma_ratio(tse_real x)
     x = x + TSE_R(1);
   }
   const tse_real t = r_div(TSE_R(1), x);
-  const tse_real series = TSE_R(1) + r_mul(t, TSE_R(-0.125) + r_mul(t, TSE_R(0.0078125) + r_mul(t, TSE_R(0.0048828125) + r_mul(t, TSE_R(-21.0 / 32768.0)))));
+  const tse_real series = TSE_R(1)
+      + r_mul(t,
+          TSE_R(-0.125)
+              + r_mul(
+                  t, TSE_R(0.0078125) + r_mul(t, TSE_R(0.0048828125) + r_mul(t, TSE_R(-21.0 / 32768.0)))));
   return r_mul(r_mul(r_sqrt(x), series), back);
 }
 
-/* Return log2 of the factor of the Student-t density that all particles share, dimension d = samples used:
- *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |shared scales|^(-1/2), over the sensors' sd for SI units */
+/* Return log2 of the factor of the Student-t density that all particles share, dimension
+ * d = samples used:
+ *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |shared scales|^(-1/2), over the
+ *   sensors' sd for SI units */
 static tse_real log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
@@ -26,7 +33,9 @@ static tse_real log2_common(const tse_params *p, const common *n, const sample *
   if (y->used == 1) c = r_log2(gamma_ratio(half));
   if (y->used == 2) c = r_log2(half);
   if (y->used == 3) c = r_log2(gamma_ratio(half)) + r_log2(half + TSE_R(0.5));
-  c = c - r_mul(r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
+  c = c
+      - r_mul(
+          r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
   /* a missing channel's row of d is zero, so its factor of |S| is n->r: taken out again */
@@ -35,14 +44,15 @@ static tse_real log2_common(const tse_params *p, const common *n, const sample *
 }
 
 /* Add the log-likelihood of the sample to the logarithm of every weight. */
-static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
-                      tse_particles *TSE_RESTRICT q)
+static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
+    const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
   const int32_t count = padded(p->particles);
   for (int32_t i = 0; i < count; i++) {
     const innovation e = innovation_of(p, c, y, q, i);
     /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
-    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3)) - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
+    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
+        - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
   }
 }
 

@@ -12,7 +12,7 @@
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H
 
-/* table: columns */
+// clang-format off: table columns
 #define CHANNELS(ROW) \
   ROW(steer_angle, 1, -1.2, 1.2, "rad", "mean road-wheel angle of the front axle, positive left") \
   ROW(wheel_speed_front, 1, -400.0, 400.0, "rad/s", \
@@ -248,7 +248,7 @@
 #define REASONS \
     "0 valid, 1 starting, 2 not excited, 3 uncertain, 4 sensor fault, 5 held, 6 input invalid, 7 " \
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"
-/* end of table */
+// clang-format on: end of table
 
 #define NO_COLUMN(...) /* for a list of the others */
 

@@ -9,11 +9,11 @@ static const whole_row wholes[] = { SETTINGS(NO_ROW, CONFIG_WHOLE) };
 
 enum { REALS = sizeof reals / sizeof reals[0],
        WHOLES = sizeof wholes / sizeof wholes[0],
-       /* table: config_groups */
+       // clang-format off: table config_groups
        FIRST_VEHICLE = 0, COUNT_VEHICLE = 11, FIRST_LATENCY = 38, COUNT_LATENCY = 5, FIRST_EFFECTS = 56,
        COUNT_EFFECTS = 57, FIRST_FORMULA = 113, COUNT_FORMULA = 9, FIRST_WHOLE_FORMULA = 0,
        COUNT_WHOLE_FORMULA = 12,
-       /* end of table */
+       // clang-format on: end of table
 };
 
 /* Of the settings from FIRST_EFFECTS on: the effect, and whether it is a strength. */
@@ -27,7 +27,7 @@ static const struct {
 static const struct {
   uint16_t to, from;
 } copied[] = {
-  /* table: copies */
+  // clang-format off: table copies
   COPY(car.lf, lf), COPY(car.lr, lr), COPY(radius_front, wheel_radius_front),
   COPY(radius_rear, wheel_radius_rear), COPY(follow, rear_longitudinal_follows_front),
   COPY(uncertain[CONSIDER_INERTIA], yaw_inertia_sd), COPY(uncertain[CONSIDER_CENTRE], cg_sd),
@@ -54,21 +54,21 @@ static const struct {
   COPY(x_sd0[0], initial_vel_x_sd), COPY(x_sd0[1], initial_vel_y_sd), COPY(x_sd0[2], initial_yaw_rate_sd),
   COPY(hold_speed, hold_speed), COPY(max_steer, max_steer), COPY(max_slip, max_slip),
   COPY(max_gap, max_gap), COPY(steady_sd_walk, steady_walk),
-  /* end of table */
+  // clang-format on: end of table
 #if !defined(TSE_NO_VELOCITY)
-  /* table: velocity_copies */
+  // clang-format off: table velocity_copies
   COPY(velocity_sd[0], ins_velocity_sd), COPY(velocity_sd[1], ins_velocity_sd),
   COPY(velocity_sd[2], gnss_speed_sd), COPY(velocity_sd[3], gnss_course_sd),
   COPY(extra_sd[V_LATE - PSI], velocity_latency_sd), COPY(extra[V_LEVER_X - PSI], velocity_lever_x),
   COPY(extra[V_LEVER_Y - PSI], velocity_lever_y), COPY(extra_sd[V_LEVER_X - PSI], velocity_lever_sd),
   COPY(extra_sd[V_LEVER_Y - PSI], velocity_lever_sd), COPY(extra[V_TURN - PSI], velocity_heading),
   COPY(extra_sd[V_TURN - PSI], velocity_heading_sd), COPY(extra_sd[V_SCALE - PSI], velocity_scale_sd),
-  /* end of table */
+  // clang-format on: end of table
 #endif
 };
 
 /* A car of its class, uncalibrated.toml. */
-/* table: car_class */
+// clang-format off: table car_class
 #define CLASS_CORNERING_FRONT 12.5 /* [1/rad] with the compliance of the steering */
 #define CLASS_CORNERING_REAR 16.0 /* [1/rad] cornering stiffness over the load of the axle */
 #define CLASS_LONGITUDINAL 22.0 /* [1] slip stiffness: the same tyres on both axles carry more where the
@@ -76,7 +76,7 @@ static const struct {
 #define CLASS_MASS 1500.0 /* [kg] where nobody has said the mass */
 #define CLASS_MASS_SD 0.3 /* [1] how far cars scatter about it, relative: too far for a stiffness to be
                            * valid */
-/* end of table */
+// clang-format on: end of table
 
 /* A car that is known exactly, where it is not that of the defaults. */
 #define SET(name, value) { (uint16_t)offsetof(tse_config, name), TSE_S(value) }
@@ -84,7 +84,7 @@ static const struct {
   uint16_t at;
   tse_setting value;
 } exact[] = {
-  /* table: exact */
+  // clang-format off: table exact
   SET(mass, 1900.0), SET(yaw_inertia, 3000.0), SET(longitudinal_stiffness_front, 160000.0),
   SET(longitudinal_stiffness_rear, 160000.0), SET(cornering_stiffness_front, 120000.0),
   SET(cornering_stiffness_rear, 140000.0), SET(mass_sd, 0.0), SET(yaw_inertia_sd, 0.0), SET(cg_sd, 0.0),
@@ -100,5 +100,5 @@ static const struct {
   SET(body_roll_gain, 0.0), SET(body_roll_frequency, 1.5), SET(body_roll_coupling, 0.0),
   SET(initial_cy_front_sd, 0.3), SET(initial_cy_rear_sd, 0.3), SET(grip, 0.0), SET(grip_sd, 0.0),
   SET(cg_height, 0.0),
-  /* end of table */
+  // clang-format on: end of table
 };

@@ -4,7 +4,7 @@
 
 #include "tse/real.h"
 
-/* table: constants */
+// clang-format off: table constants
 #define TAIL TSE_R(9.0)                  /* [1] tail of an innovation's distribution: beyond 3 sd its
                                           * weight falls with the distance. Also the share of accel_y's
                                           * noise variance that is road unevenness, and (squared, in sd of
@@ -63,6 +63,6 @@
 #define MOST_NIS TSE_R(6.0)              /* [1] max normalised innovation squared of a velocity, averaged
                                           * over MODEL_TIME, before it is ignored. A single value counts as
                                           * at most the square of it */
-/* end of table */
+// clang-format on: end of table
 
 #endif

@@ -54,7 +54,7 @@ static const tse_field sim_output_fields[] = { CHANNELS(FIELD_ROW) TRUTHS(FIELD_
 #undef FIELD_ROW
 
 static const tse_field replay_log_fields[] = {
-  /* table: replay_log_described */
+  // clang-format off: table replay_log_described
   { "dt", 'p', (int32_t)offsetof(tse_replay_log, dt), 0.0, 1.0, -1.0, "s",
       "time since the row before, (0, 1]; of the first row not used" },
   { "steer_angle", 'p', (int32_t)offsetof(tse_replay_log, steer_angle), 0.0, 1.0, -1.0, "rad",
@@ -77,14 +77,14 @@ static const tse_field replay_log_fields[] = {
       "disturbing force over mass, to the left, seen by the accelerometer" },
   { "yaw_accel", 'o', (int32_t)offsetof(tse_replay_log, yaw_accel), 0.0, 1.0, -1.0, "rad/s2",
       "disturbing yaw moment over inertia" },
-  /* end of table */
+  // clang-format on: end of table
 };
 
 #define FIELD_ROW(name, def, unit, text) { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
 static const tse_field replay_start_fields[] = { REPLAY_START(FIELD_ROW) };
 
 static const tse_field replay_out_fields[] = {
-  /* table: replay_out_described */
+  // clang-format off: table replay_out_described
   { "accel_x", 'o', (int32_t)offsetof(tse_replay_out, accel_x), 0.0, 1.0, -1.0, "m/s2",
       "as the IMU reads it, bias included, no noise" },
   { "accel_y", 'o', (int32_t)offsetof(tse_replay_out, accel_y), 0.0, 1.0, -1.0, "m/s2",
@@ -101,12 +101,12 @@ static const tse_field replay_out_fields[] = {
       "drive less brake torque that the front wheels need: slip force times radius, and inertia" },
   { "wheel_torque_rear", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_rear), 0.0, 1.0, -1.0, "Nm",
       "drive less brake torque that the rear wheels need" },
-  /* end of table */
+  // clang-format on: end of table
 };
 #endif
 
 static const tse_field formula_places[] = {
-  /* table: formula_places_described */
+  // clang-format off: table formula_places_described
   { "front_angle", 'c', 0, 0.0, 1.0, -1.0, "rad",
       "slip angle of the front axle, as if the wheels were steered by it" },
   { "rear_angle", 'c', 1, 0.0, 1.0, -1.0, "rad", "slip angle of the rear axle, into the turn > 0" },
@@ -118,7 +118,7 @@ static const tse_field formula_places[] = {
   { "accel_x", 'c', 7, 0.0, 1.0, -1.0, "m/s2", "reading of the accelerometer, the car does not feel it" },
   { "accel_y", 'c', 8, 0.0, 1.0, -1.0, "m/s2", "reading of the accelerometer, the car does not feel it" },
   { "yaw_rate", 'c', 9, 0.0, 1.0, -1.0, "rad/s", "reading of the gyro, the car does not feel it" },
-  /* end of table */
+  // clang-format on: end of table
 };
 
 #define NUMBER_OP(name, code, takes, unit, text) { #name, 'n', code, takes, 1.0, -1.0, unit, text },
@@ -128,7 +128,7 @@ static const tse_field formula_places[] = {
 static const tse_field formula_ops[] = { FORMULA_OPERATIONS(NUMBER_OP, SIGNAL_OP, PLAIN_OP, MEMORY_OP) };
 
 static const tse_effect_row effect_rows[] = {
-  /* table: effects_described */
+  // clang-format off: table effects_described
   { "mass", "CONSTANT", "mass other than stated, yaw inertia as stated", "yaw dynamics",
       "yaw_rate, accel_y: steering above 1 Hz", "yaw_inertia", "works", TSE_EFFECT_mass },
   { "yaw_inertia", "CONSTANT", "yaw inertia other than stated", "yaw dynamics",
@@ -221,7 +221,7 @@ static const tse_effect_row effect_rows[] = {
       "accel_x against wheel speeds; accel_y, yaw_rate against steering",
       "steering_delay, steering_lag, longitudinal_relaxation, relaxation",
       "works: the prior of the delay that is estimated", TSE_EFFECT_imu_delay },
-  /* end of table */
+  // clang-format on: end of table
 };
 
 #define PARAMETER_ROW(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, sign, from, to, negligible) \

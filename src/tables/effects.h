@@ -7,7 +7,7 @@
 /* Built without effects: a controller that wants the flash (CMake option TSE_EFFECTS). CONSTANT effects remain;
  * the others are refused by tse_config_check(). Then there is no simulator and no replay either. */
 enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
-  /* table: effect_places */
+  // clang-format off: table effect_places
   TSE_EFFECT_mass, TSE_EFFECT_yaw_inertia, TSE_EFFECT_cg_shift, TSE_EFFECT_wheel_radius,
   TSE_EFFECT_steering_ratio, TSE_EFFECT_steering_offset, TSE_EFFECT_steering_delay, TSE_EFFECT_steering_lag,
   TSE_EFFECT_exact_kinematics, TSE_EFFECT_steering_compliance, TSE_EFFECT_rear_roll_steer,
@@ -17,8 +17,8 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
   TSE_EFFECT_bank, TSE_EFFECT_crosswind, TSE_EFFECT_conicity, TSE_EFFECT_aligning_moment,
   TSE_EFFECT_imu_lever_arm, TSE_EFFECT_body_roll, TSE_EFFECT_pitch_leak, TSE_EFFECT_imu_misalignment,
   TSE_EFFECT_imu_scale_ax, TSE_EFFECT_imu_scale_ay, TSE_EFFECT_gyro_scale, TSE_EFFECT_imu_delay,
-  /* end of table */
-  TSE_EFFECTS
+  // clang-format on: end of table
+  TSE_EFFECTS,
 };
 
 #define TSE_BIT_FORMULA 62  /* of the mask: a formula of the user, src/tables/formula.toml */
@@ -31,7 +31,7 @@ typedef struct tse_effects {
   uint64_t mask;
 #if !defined(TSE_NO_EFFECTS)
   tse_real
-  /* table: effect_members */
+  // clang-format off: table effect_members
   mass_change, yaw_inertia_change, cg_shift_distance, wheel_radius_change, steering_ratio_change,
   steering_offset_angle, steering_delay_time, steering_lag_time, steering_lag_second,
   exact_kinematics_share, steering_compliance_angle_per_moment, steering_compliance_trail,
@@ -46,7 +46,7 @@ typedef struct tse_effects {
   body_roll_damping, body_roll_height, body_roll_coupling, pitch_leak_gain, pitch_leak_frequency,
   pitch_leak_damping, pitch_leak_height, imu_misalignment_angle, imu_scale_ax_error, imu_scale_ay_error,
   gyro_scale_error, imu_delay_time,
-  /* end of table */
+  // clang-format on: end of table
   mass; /* [kg] */
   tse_real formula_gain, formula[TSE_FORMULA_NUMBERS];
   int32_t formula_place;

@@ -5,15 +5,15 @@
 #include <stdint.h>
 
 enum {
-  /* table: formula_places */
+  // clang-format off: table formula_places
   PLACE_front_angle = 0, PLACE_rear_angle = 1, PLACE_force_x = 2, PLACE_force_y = 3, PLACE_yaw_moment = 4,
   PLACE_stiffness_front = 5, PLACE_stiffness_rear = 6, PLACE_accel_x = 7, PLACE_accel_y = 8,
   PLACE_yaw_rate = 9,
-  /* end of table */
+  // clang-format on: end of table
 };
 
 /* Operations, by their kind: (name, code, operands that it takes, unit, text). */
-/* table: formula_operations */
+// clang-format off: table formula_operations
 #define FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY) \
   NUMBER(a, 1, 0, "", "formula_a") \
   NUMBER(b, 2, 0, "", "formula_b") \
@@ -52,7 +52,7 @@ enum {
   MEMORY(play, 51, 2, "first", "x through a play of y to either side") \
   MEMORY(limit, 52, 2, "first", "x, which it follows by at most y a second") \
   MEMORY(rate, 53, 1, "rate", "how fast x changes, per s")
-/* end of table */
+// clang-format on: end of table
 
 #define FORMULA_CODE(name, code, takes, unit, text) FORMULA_OP_##name = code,
 enum { FORMULA_OPERATIONS(FORMULA_CODE, FORMULA_CODE, FORMULA_CODE, FORMULA_CODE) };

@@ -5,7 +5,7 @@
 
 #include "tse/real.h"
 
-/* table: internal_names */
+// clang-format off: table internal_names
 /* estimator */
 #define align_row TSE_NAME(tse_align_row)
 #define input_decode TSE_NAME(tse_input_decode)
@@ -102,6 +102,6 @@
 #define paper_weighted_means TSE_NAME(tse_paper_weighted_means)
 #define report_particles TSE_NAME(tse_report_particles)
 #define step_particles TSE_NAME(tse_step_particles)
-/* end of table */
+// clang-format on: end of table
 
 #endif

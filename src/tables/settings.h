@@ -7,7 +7,7 @@
 #ifndef TABLES_SETTINGS_H
 #define TABLES_SETTINGS_H
 
-/* table: effect_parameters */
+// clang-format off: table effect_parameters
 #define EFFECT_PARAMETERS(ROW, REAL) \
   ROW(REAL, mass, change, 0.0, 0.0, -0.5, 1.0, "1", "true mass over the setting's, less one", 1, 0, 0.1, \
       0.2, 0.03) \
@@ -123,12 +123,12 @@
       0.003) \
   ROW(REAL, imu_delay, time, 0.0, 0.0, 0.0, 0.2, "s", "readings are this much older than inputs", 1, 1, \
       0.01, 0.03, 0.002)
-/* end of table */
+// clang-format on: end of table
 #define EFFECT_SETTING(REAL, effect, parameter, def, exact, lo, hi, unit, text, ...) \
   REAL("effects." #effect "." #parameter, effect##_##parameter, def, exact, lo, hi, unit, text)
 #define SETTINGS_EFFECTS(REAL, WHOLE) EFFECT_PARAMETERS(EFFECT_SETTING, REAL)
 
-/* table: settings_lists */
+// clang-format off: table settings_lists
 #define SETTINGS_VEHICLE(REAL, WHOLE) \
   REAL("vehicle.mass", mass, 0.0, 1900.0, 50.0, 50000.0, "kg", \
       "vehicle mass; 0: not known, then no stiffness is valid") \
@@ -409,7 +409,7 @@
   WHOLE("simulation.hold_inputs", hold_inputs, 0, 0, 0, 1, "", \
       "1: what the driver does at a row is held until the next; 0: it changes linearly between rows") \
   WHOLE("simulation.seed", seed, 1, 1, 0, 2147483647, "", "seed of the random numbers")
-/* end of table */
+// clang-format on: end of table
 
 /* tse_config, in the order of its members */
 #define SETTINGS(REAL, WHOLE)                                                                           \

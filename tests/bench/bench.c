@@ -1,9 +1,12 @@
 /* tests/bench/bench.c - time of a row, over the rows of the paper's study (square waves).
- *   bench robust             a line per particle count of the robust form: particles, ns per particle-step (fastest of the repetitions)
+ *   bench robust             a line per particle count of the robust form: particles, ns
+ *                            per particle-step (fastest of the repetitions)
  *   bench default            ns per row of the settings as they come
  *   bench ekf                ns per row of a plain extended Kalman filter (ekf.h)
- *   bench ratio              both, turn by turn, and the ratio: default, ekf, default over ekf
- *   bench PARTICLES ROWS     run the robust form once without a clock, for a tool that counts instructions; so do
+ *   bench ratio              both, turn by turn, and the ratio: default, ekf, default
+ *                            over ekf
+ *   bench PARTICLES ROWS     run the robust form once without a clock, for a tool that
+ *                            counts instructions; so do
  *   bench default ROWS       these
  *   bench ekf ROWS */
 #if !defined(_POSIX_C_SOURCE)
@@ -92,8 +95,9 @@ static double seconds(void)
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Nanoseconds a row over the whole drive: of every chunk the fastest of the repetitions, so that a busy machine, which
- * interrupts the long runs rather than the short ones, does not decide a ratio. */
+/* Nanoseconds a row over the whole drive: of every chunk the fastest of the repetitions,
+ * so that a busy machine, which interrupts the long runs rather than the short ones, does
+ * not decide a ratio. */
 static void time_rows(void (*run_rows)(int from, int to), double best[DRIVE / CHUNK])
 {
   for (int k = 0; k < DRIVE / CHUNK; k++) {
@@ -120,7 +124,8 @@ static void rows_of(const char *which)
     if (strcmp(which, "default") != 0) time_rows(run_ekf, of_ekf);
     if (strcmp(which, "ekf") != 0) time_rows(run_default, of_default);
   }
-  if (strcmp(which, "ratio") == 0) printf("%.0f %.0f %.1f\n", sum(of_default), sum(of_ekf), sum(of_default) / sum(of_ekf));
+  if (strcmp(which, "ratio") == 0)
+    printf("%.0f %.0f %.1f\n", sum(of_default), sum(of_ekf), sum(of_default) / sum(of_ekf));
   else printf("%.0f\n", sum(strcmp(which, "ekf") == 0 ? of_ekf : of_default));
 }
 

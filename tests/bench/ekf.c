@@ -21,16 +21,20 @@ static tse_real slip(tse_real roll, tse_real vx, tse_real *by_vx)
   return (roll - vx) / vx;
 }
 
-/* accel_x, accel_y, yaw acceleration at (x, stiffness), and their derivatives by these six. */
-static void accelerations(const ekf *f, const tse_real x[9], const tse_real u[3], tse_real a[3], tse_real d[3][6])
+/* accel_x, accel_y, yaw acceleration at (x, stiffness), and their derivatives by these
+ * six. */
+static void accelerations(
+    const ekf *f, const tse_real x[9], const tse_real u[3], tse_real a[3], tse_real d[3][6])
 {
   const tse_real inv = TSE_R(1) / x[0];
   tse_real sf_vx, sr_vx;
   const tse_real sf = slip(u[1], x[0], &sf_vx), sr = slip(u[2], x[0], &sr_vx);
-  const tse_real tf = (x[1] + f->lf * x[2]) * inv, tr = (x[1] - f->lr * x[2]) * inv; /* minus the rear slip angle */
+  const tse_real tf = (x[1] + f->lf * x[2]) * inv,
+                 tr = (x[1] - f->lr * x[2]) * inv; /* minus the rear slip angle */
   const tse_real kf = f->kx_front * x[3], kr = f->kx_rear * (TSE_R(1) + f->follows * (x[3] - TSE_R(1)));
   const tse_real cf = f->ky_front * x[4], cr = f->ky_rear * x[5];
-  /* force over mass: front and rear longitudinal, front and rear lateral; and its derivatives */
+  /* force over mass: front and rear longitudinal, front and rear lateral; and its
+   * derivatives */
   const tse_real force[4] = { kf * sf, kr * sr, cf * (u[0] - tf), -cr * tr };
   const tse_real by[4][6] = {
     { kf * sf_vx, 0, 0, f->kx_front * sf, 0, 0 },
@@ -65,7 +69,8 @@ static void rate(const ekf *f, const tse_real x[9], const tse_real u[3], tse_rea
   d[1][2] -= x[0];
 }
 
-/* Midpoint rule, inputs linear between rows; its exact derivative; P <- F P F' + G spread^2 G' + walk. */
+/* Midpoint rule, inputs linear between rows; its exact derivative; P <- F P F' + G
+ * spread^2 G' + walk. */
 static void predict(ekf *f, const tse_real u[3], tse_real dt)
 {
   const tse_real half = TSE_R(0.5) * dt;
@@ -107,7 +112,8 @@ static void predict(ekf *f, const tse_real u[3], tse_real dt)
 static void invert(tse_real s[3][3], tse_real inv[3][3])
 {
   const tse_real a = s[1][1] * s[2][2] - s[1][2] * s[2][1], b = s[1][2] * s[2][0] - s[1][0] * s[2][2];
-  const tse_real c = s[1][0] * s[2][1] - s[1][1] * s[2][0], det = TSE_R(1) / (s[0][0] * a + s[0][1] * b + s[0][2] * c);
+  const tse_real c = s[1][0] * s[2][1] - s[1][1] * s[2][0],
+                 det = TSE_R(1) / (s[0][0] * a + s[0][1] * b + s[0][2] * c);
   inv[0][0] = det * a;
   inv[0][1] = inv[1][0] = det * b;
   inv[0][2] = inv[2][0] = det * c;
@@ -168,11 +174,10 @@ void ekf_start(ekf *f, const tse_config *c, tse_real spread, const tse_input *ro
   f->spread_var = spread * spread;
   const tse_setting noise[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
   const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
-  const tse_setting sd[9] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd, c->initial_mean_sd, c->initial_mean_sd,
-                              c->initial_mean_sd, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
-  for (int i = 0; i < 3; i++) {
-    f->noise_var[i] = squared(noise[i]), f->walk_var[i] = squared(walk[i]);
-  }
+  const tse_setting sd[9] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd,
+    c->initial_mean_sd, c->initial_mean_sd, c->initial_mean_sd, c->accel_x_bias_sd, c->accel_y_bias_sd,
+    c->yaw_rate_bias_sd };
+  for (int i = 0; i < 3; i++) { f->noise_var[i] = squared(noise[i]), f->walk_var[i] = squared(walk[i]); }
   for (int i = 0; i < 9; i++) f->p[i][i] = squared(sd[i]);
   read_inputs(f, row, f->u);
   f->x[0] = TSE_R(0.5) * (f->u[1] + f->u[2]), f->x[3] = (tse_real)c->initial_cx_front;

@@ -1,6 +1,8 @@
-/* tests/dropin/same.c - what the library does, as a few numbers: linked once with its sources and once with the two files of
- * scripts/dev/amalgamate.py, it must print the same.
- *   same DRIVE      tests/replay/drive.csv through every form of the filter; what was learnt; tables; sizes; simulator */
+/* tests/dropin/same.c - what the library does, as a few numbers: linked once with its
+ * sources and once with the two files of scripts/dev/amalgamate.py, it must print the
+ * same.
+ *   same DRIVE      tests/replay/drive.csv through every form of the filter; what was
+ *                   learnt; tables; sizes; simulator */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,7 +25,10 @@ static uint64_t mixed(uint64_t hash, const void *bytes, size_t count)
   return hash;
 }
 
-static void say(const char *what, uint64_t hash) { printf("%s %08lx%08lx\n", what, (unsigned long)(hash >> 32), (unsigned long)(hash & 0xffffffffu)); }
+static void say(const char *what, uint64_t hash)
+{
+  printf("%s %08lx%08lx\n", what, (unsigned long)(hash >> 32), (unsigned long)(hash & 0xffffffffu));
+}
 
 static int rows_of(const char *path, tse_input *rows)
 {
@@ -70,9 +75,7 @@ static void drive(const char *name, void (*settings)(tse_config *c), const tse_i
   settings(&c);
   c.particles = 50;
 #if !defined(TSE_NO_EFFECTS)
-  if (told) {
-    c.body_roll_gain = TSE_S(0.01), c.relaxation_length = TSE_S(0.3);
-  }
+  if (told) { c.body_roll_gain = TSE_S(0.01), c.relaxation_length = TSE_S(0.3); }
 #else
   (void)told;
 #endif
@@ -115,8 +118,8 @@ int main(int argc, char **argv)
   if (n == 0) return 2;
   tse_build b;
   tse_describe_build(&b);
-  printf("%s %s %d, bytes %d %d %d %d\n", b.version, b.format, (int)b.capacity, (int)b.filter_bytes, (int)b.filter_paper_bytes,
-         (int)b.params_bytes, (int)b.sim_bytes);
+  printf("%s %s %d, bytes %d %d %d %d\n", b.version, b.format, (int)b.capacity, (int)b.filter_bytes,
+      (int)b.filter_paper_bytes, (int)b.params_bytes, (int)b.sim_bytes);
   drive("default", tse_config_exact, rows, n, 0);
   drive("told of effects", tse_config_exact, rows, n, 1);
   drive("robust", tse_config_robust, rows, n, 0);

@@ -1,5 +1,6 @@
-/* tests/embedded/budgets.c - instructions that every row of the recorded drive takes, and those of rows which no drive has: the longest
- * that are accepted. And stack. On a port that counts: cortex_m.c.
+/* tests/embedded/budgets.c - instructions that every row of the recorded drive takes, and
+ * those of rows which no drive has: the longest that are accepted. And stack. On a port
+ * that counts: cortex_m.c.
  *
  *   ROWS         of the drive; else all */
 #include <string.h>
@@ -55,9 +56,7 @@ static int step(const tse_input *u, tally *t)
     port_say("\n");
     return 1;
   }
-  if (took > t->longest) {
-    t->longest = took, t->longest_at = t->rows;
-  }
+  if (took > t->longest) { t->longest = took, t->longest_at = t->rows; }
   if (t->rows == 0 || took < t->shortest) t->shortest = took;
   t->sum += took;
   t->rows++;
@@ -84,9 +83,7 @@ static int start_over(int is_late)
   tse_config c;
   tse_config_default(&c);
   c.mass = TSE_S(1900); /* an ordinary car, with the curve of its tyres, roll and relaxation */
-  if (is_late) {
-    c.steer_angle_latency = TSE_S(0.02), c.accel_x_latency = TSE_S(0.015);
-  }
+  if (is_late) { c.steer_angle_latency = TSE_S(0.02), c.accel_x_latency = TSE_S(0.015); }
   return tse_prepare(&c, &params, NULL) < 0 || tse_reset(&params, &filter, sizeof filter) < 0;
 }
 
@@ -103,19 +100,15 @@ static int32_t noise(int32_t n)
 
 static tse_real thousandths(int32_t n) { return (tse_real)(n * TSE_R(0.001)); }
 
-enum { LONG,
-       SLOW,
-       ABSURD,
-       BREAKS,
-       MISSING,
-       KINDS };
+enum { LONG, SLOW, ABSURD, BREAKS, MISSING, KINDS };
 static const char *const kind_names[KINDS] = { "long", "slow", "absurd", "breaks", "missing" };
 enum { OF_EACH = 250 };
 
-/* Walking pace or town, 0.1 s or 0.01 s to a row; what the sensors say fits, but for what the kind of row is about. */
+/* Walking pace or town, 0.1 s or 0.01 s to a row; what the sensors say fits, but for what
+ * the kind of row is about. */
 static void odd_row(int kind, int k, tse_input *u)
 {
-  const int32_t speed = kind == SLOW || (kind == LONG && k % 100 < 50) ? 2200 : 9000;        /* mm/s */
+  const int32_t speed = kind == SLOW || (kind == LONG && k % 100 < 50) ? 2200 : 9000; /* mm/s */
   const int32_t steer = k % 40 < 20 ? 60 : -60, ms = kind == LONG || kind == ABSURD ? 100 : 10;
   memset(u, 0, sizeof *u);
   u->dt = thousandths(ms), u->steer_angle = thousandths(steer);
@@ -125,12 +118,11 @@ static void odd_row(int kind, int k, tse_input *u)
   u->accel_y = thousandths(speed / 1000 * (speed / 1000) * steer / 3 + noise(200));
   u->yaw_rate = thousandths(speed * steer / 3000 + noise(5));
   if (kind == ABSURD) {
-    if (k % 30 > 20) u->steer_angle = thousandths(250);                                   /* faults that leave an input unknown */
+    if (k % 30 > 20) u->steer_angle = thousandths(250); /* faults that leave an input unknown */
     if (k % 50 > 40) u->wheel_speed_front = thousandths(90000);
     if (k % 70 > 60) u->accel_y = thousandths(noise(30000));
   }
-  if (kind == BREAKS) u->dt = k % 9 == 0 ? TSE_R(100) : k % 5 == 0 ? TSE_R(0.11)
-                                                                   : thousandths(100);
+  if (kind == BREAKS) u->dt = k % 9 == 0 ? TSE_R(100) : k % 5 == 0 ? TSE_R(0.11) : thousandths(100);
   if (kind == MISSING) u->missing = (uint32_t)(noise(31) + 31) & 63u;
 }
 

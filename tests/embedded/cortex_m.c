@@ -1,13 +1,13 @@
-/* tests/embedded/cortex_m.c - port.h on a Cortex-M under qemu-system-arm: start, semihosting, SysTick. No board support package, so
- * that all which runs is in this folder. Places: cortex_m.ld. */
+/* tests/embedded/cortex_m.c - port.h on a Cortex-M under qemu-system-arm: start,
+ * semihosting, SysTick. No board support package, so that all which runs is in this
+ * folder. Places: cortex_m.ld. */
 #include <stddef.h>
 
 #include "port.h"
 
 extern uint32_t stack_top[], stack_bottom[], data_from[], data_start[], data_end[], bss_start[], bss_end[];
 
-enum { SYS_WRITE0 = 4,
-       SYS_EXIT = 0x18 }; /* Arm: Semihosting for AArch32 and AArch64 */
+enum { SYS_WRITE0 = 4, SYS_EXIT = 0x18 }; /* Arm: Semihosting for AArch32 and AArch64 */
 #define EXIT_WELL 0x20026u                /* ADP_Stopped_ApplicationExit    */
 #define EXIT_BADLY 0x20024u               /* ADP_Stopped_InternalError      */
 
@@ -20,7 +20,8 @@ static void semihost(uint32_t what, uint32_t with)
 
 void port_say(const char *text) { semihost(SYS_WRITE0, (uint32_t)text); }
 
-/* ---- instructions: with -icount shift=6 each takes 64 ns of the machine's time, which SysTick counts by the processor's clock */
+/* ---- instructions: with -icount shift=6 each takes 64 ns of the machine's time, which
+ * SysTick counts by the processor's clock */
 
 #define SYST_CSR (*(volatile uint32_t *)0xe000e010u)
 #define SYST_RVR (*(volatile uint32_t *)0xe000e014u)
@@ -74,7 +75,8 @@ uint32_t port_stack(void)
   return used;
 }
 
-/* newlib's sqrt says here that its argument was negative; its own place for that would bring 1 kB of other things along. */
+/* newlib's sqrt says here that its argument was negative; its own place for that would
+ * bring 1 kB of other things along. */
 int *__errno(void);
 int *__errno(void)
 {

@@ -1,10 +1,12 @@
-/* tests/embedded/drive.h - the recorded drive of tests/replay as a table, which scripts/dev/machines.py writes: rows.h. */
+/* tests/embedded/drive.h - the recorded drive of tests/replay as a table, which
+ * scripts/dev/machines.py writes: rows.h. */
 #ifndef DRIVE_H
 #define DRIVE_H
 
 #include "tse.h"
 
-/* In fixed point, which the smallest flash is for, in 1e-5, which is exact: no number of the drive has more decimals. */
+/* In fixed point, which the smallest flash is for, in 1e-5, which is exact: no number of
+ * the drive has more decimals. */
 #if defined(TSE_REAL_FIXED)
 typedef int32_t drive_number;
 #define NUMBER(x) ((drive_number)((x) * 1e5 + ((x) < 0 ? -0.5 : 0.5)))

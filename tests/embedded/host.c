@@ -1,5 +1,6 @@
 /* tests/embedded/host.c - port.h on a system with a C library.
- *   FLUSH_DENORMALS   numbers below the least normal one are zero (FTZ, DAZ), as in threads of audio software and some processors */
+ *   FLUSH_DENORMALS   numbers below the least normal one are zero (FTZ, DAZ), as in
+ *                     threads of audio software and some processors */
 #include <stdio.h>
 #if defined(FLUSH_DENORMALS)
 #include <xmmintrin.h>

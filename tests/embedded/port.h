@@ -1,4 +1,5 @@
-/* tests/embedded/port.h - what a machine has to offer so that a program says what it found: host.c, cortex_m.c, wasm.c. */
+/* tests/embedded/port.h - what a machine has to offer so that a program says what it
+ * found: host.c, cortex_m.c, wasm.c. */
 #ifndef PORT_H
 #define PORT_H
 
@@ -10,10 +11,12 @@ void port_say(const char *text);
 /* Instructions executed since the start, modulo 2^32; 0 where they are not counted. */
 uint32_t port_instructions(void);
 
-/* Bytes of stack that have been written since the last call, below the caller; 0 where it cannot be seen. */
+/* Bytes of stack that have been written since the last call, below the caller; 0 where it
+ * cannot be seen. */
 uint32_t port_stack(void);
 
-/* Only cortex_m.c with PERIOD_MS: who is called in the timer's interrupt, and how many instructions there are between two. */
+/* Only cortex_m.c with PERIOD_MS: who is called in the timer's interrupt, and how many
+ * instructions there are between two. */
 void port_period(void);
 uint32_t port_period_instructions(void);
 

@@ -1,7 +1,9 @@
-/* tests/embedded/profile.c - a plugin of qemu (its interface, version 1): how often each block of instructions was executed, for
- * `scripts/dev/budgets.py --profile`. Only between the passes FROM and TO (counted from 0) of the instruction at MARK, which is where a row
- * begins.
- *   -plugin profile.so,mark=ADDRESS,from=N,to=N,out=FILE      FILE: address, instructions of the block, times */
+/* tests/embedded/profile.c - a plugin of qemu (its interface, version 1): how often each
+ * block of instructions was executed, for `scripts/dev/budgets.py --profile`. Only
+ * between the passes FROM and TO (counted from 0) of the instruction at MARK, which is
+ * where a row begins.
+ *   -plugin profile.so,mark=ADDRESS,from=N,to=N,out=FILE      FILE: address, instructions
+ *   of the block, times */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,7 +16,8 @@ typedef void (*on_translation)(plugin_id id, struct qemu_plugin_tb *tb);
 typedef void (*on_execution)(unsigned int processor, void *which);
 typedef void (*at_end)(plugin_id id, void *data);
 extern void qemu_plugin_register_vcpu_tb_trans_cb(plugin_id id, on_translation f);
-extern void qemu_plugin_register_vcpu_tb_exec_cb(struct qemu_plugin_tb *tb, on_execution f, int flags, void *data);
+extern void qemu_plugin_register_vcpu_tb_exec_cb(
+    struct qemu_plugin_tb *tb, on_execution f, int flags, void *data);
 extern void qemu_plugin_register_atexit_cb(plugin_id id, at_end f, void *data);
 extern size_t qemu_plugin_tb_n_insns(const struct qemu_plugin_tb *tb);
 extern uint64_t qemu_plugin_tb_vaddr(const struct qemu_plugin_tb *tb);
@@ -43,9 +46,7 @@ static void translated(plugin_id id, struct qemu_plugin_tb *tb)
   (void)id;
   for (uint64_t k = at * 2654435761u % BLOCKS, n = 0; n < BLOCKS; k = (k + 1) % BLOCKS, n++) {
     block *const b = &blocks[k];
-    if (b->instructions == 0) {
-      b->at = at, b->instructions = count;
-    }
+    if (b->instructions == 0) { b->at = at, b->instructions = count; }
     if (b->at != at || b->instructions != count) continue;
     qemu_plugin_register_vcpu_tb_exec_cb(tb, executed, 0, b);
     return;
@@ -62,11 +63,13 @@ static void write_all(plugin_id id, void *data)
   if (!file) return;
   for (int k = 0; k < BLOCKS; k++)
     if (blocks[k].times)
-      (void)fprintf(file, "%" PRIu64 " %" PRIu64 " %" PRIu64 "\n", blocks[k].at, blocks[k].instructions, blocks[k].times);
+      (void)fprintf(file, "%" PRIu64 " %" PRIu64 " %" PRIu64 "\n", blocks[k].at, blocks[k].instructions,
+          blocks[k].times);
   (void)fclose(file);
 }
 
-__attribute__((visibility("default"))) int qemu_plugin_install(plugin_id id, const void *info, int count, char **options)
+__attribute__((visibility("default"))) int qemu_plugin_install(
+    plugin_id id, const void *info, int count, char **options)
 {
   (void)info;
   for (int i = 0; i < count; i++) {

@@ -1,17 +1,18 @@
-/* tests/embedded/replay.c - the recorded drive of tests/replay through the filter, on any machine: tse.h and tse.c of
- * scripts/dev/amalgamate.py, rows.h of scripts/dev/machines.py, and one port.
+/* tests/embedded/replay.c - the recorded drive of tests/replay through the filter, on any
+ * machine: tse.h and tse.c of scripts/dev/amalgamate.py, rows.h of
+ * scripts/dev/machines.py, and one port.
  *
- * Says what identifies the result: the hash of every bit of every output after each PART rows, so that two machines that differ
- * show where, and that of the whole drive, which is the one of the golden replay.
- *   ALL_FORMS   also a car that nobody has calibrated, and the form with particles, with each way of resampling; else the default form
+ * Says what identifies the result: the hash of every bit of every output after each PART
+ * rows, so that two machines that differ show where, and that of the whole drive, which
+ * is the one of the golden replay.
+ *   ALL_FORMS   also a car that nobody has calibrated, and the form with particles, with
+ *               each way of resampling; else the default form
  *               alone, in a tse_filter, which is what a microcontroller has room for */
 #include "drive.h"
 #include "port.h"
 #include "replay_hash.h"
 
-enum { PART = 200,
-       PARTICLES = 150,
-       SCHEMES = 4 };
+enum { PART = 200, PARTICLES = 150, SCHEMES = 4 };
 
 #if defined(ALL_FORMS)
 static tse_filter_paper memory;

@@ -1,5 +1,6 @@
-/* tests/embedded/smallest.c - what a control unit links: settings, reset, step, and what was learnt kept over a stop. Its size is the
- * flash that the library takes (scripts/dev/budgets.py). */
+/* tests/embedded/smallest.c - what a control unit links: settings, reset, step, and what
+ * was learnt kept over a stop. Its size is the flash that the library takes
+ * (scripts/dev/budgets.py). */
 #include <string.h>
 
 #include "port.h"

@@ -1,20 +1,29 @@
-/* tests/fmu/client.c - a small importer of co-simulation, FMI 2.0 and 3.0, for platforms where nothing else runs (qemu-user, wine).
+/* tests/fmu/client.c - a small importer of co-simulation, FMI 2.0 and 3.0, for platforms
+ * where nothing else runs (qemu-user, wine).
  *
- *   client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60,b61] [--save FILE@ROW] [--restore FILE@ROW]
+ *   client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60,b61]
+ *   [--save FILE@ROW] [--restore FILE@ROW]
  *
- *   BINARY      the shared library inside the FMU: binaries/linux64/X.so, binaries/win64/X.dll ...
+ *   BINARY      the shared library inside the FMU: binaries/linux64/X.so,
+ *               binaries/win64/X.dll ...
  *   GUID        as in modelDescription.xml; of FMI 3.0 the instantiation token
- *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real or Float64, i Integer or Int32, b Boolean, e Enumeration) and value reference of what each
- *               column sets. One row per step: set, fmi2DoStep(time, to the time of the next row; the last step is as long as the one before).
+ *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real or Float64, i Integer or Int32,
+ *                                            b Boolean, e Enumeration) and value
+ *                                            reference of what each
+ *               column sets. One row per step: set, fmi2DoStep(time, to the time of the
+ *               next row; the last step is as long as the one before).
  *               An empty cell of a Real is NaN, of others: not set.
- *   OUTPUT.csv  header: time,status,r50,i60 ...    then per row its time, the fmi2Status of its step, the values after it
+ *   OUTPUT.csv  header: time,status,r50,i60 ...    then per row its time, the fmi2Status
+ *                                                  of its step, the values after it
  *   --set       a parameter, before initialization
- *   --outputs   which variables to write; without it all there are: value references are tried from 0 on until there is none
+ *   --outputs   which variables to write; without it all there are: value references are
+ *               tried from 0 on until there is none
  *   --save      the serialized state as it is before row ROW (0: the first) is set
  *   --restore   go on with row ROW from a saved state; rows before it are not done
  *
- * Reals are read as decimal numbers or as x and the 16 hexadecimal digits of their bits (x3ff0000000000000 is 1), and written in
- * the latter form, so that outputs of all platforms compare byte by byte whatever their printf() does. What the FMU logs goes to
+ * Reals are read as decimal numbers or as x and the 16 hexadecimal digits of their bits
+ * (x3ff0000000000000 is 1), and written in the latter form, so that outputs of all
+ * platforms compare byte by byte whatever their printf() does. What the FMU logs goes to
  * stderr. Exit: 0 done, 1 something was refused, 2 usage. */
 #if !defined(_WIN32)
 #define _POSIX_C_SOURCE 200112L
@@ -103,15 +112,16 @@ static void load(const char *path)
 
 static int quiet; /* while value references are tried */
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text,
-                   ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+    fmi2String category, fmi2String text, ...)
 {
   (void)environment;
   if (!quiet) (void)fprintf(stderr, "%s %d %s: %s\n", name, (int)status, category, text);
 }
 
 #if defined(CLIENT_FMI3)
-static void logger3(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text)
+static void logger3(
+    fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text)
 {
   (void)environment;
   if (!quiet) (void)fprintf(stderr, "client %d %s: %s\n", (int)status, category, text);
@@ -127,7 +137,8 @@ static void *instantiate(const char *guid)
   static const fmi2CallbackFunctions callbacks = { logger, NULL, NULL, NULL, NULL };
 #if defined(CLIENT_FMI3)
   if (is_3)
-    return threeInstantiateCoSimulation("client", guid, NULL, fmi3False, fmi3False, fmi3False, fmi3False, NULL, 0, NULL, logger3, NULL);
+    return threeInstantiateCoSimulation(
+        "client", guid, NULL, fmi3False, fmi3False, fmi3False, fmi3False, NULL, 0, NULL, logger3, NULL);
 #endif
   return twoInstantiate("client", fmi2CoSimulation, guid, NULL, &callbacks, fmi2False, fmi2False);
 }
@@ -146,12 +157,23 @@ static fmi2Status enter(void *c, double start)
 #if defined(CLIENT_FMI3)
   if (is_3) return (fmi2Status)threeEnterInitializationMode(c, fmi3False, 0.0, start, fmi3False, 0.0);
 #endif
-  return twoSetupExperiment(c, fmi2False, 0.0, start, fmi2False, 0.0) > fmi2Warning ? fmi2Error : twoEnterInitializationMode(c);
+  return twoSetupExperiment(c, fmi2False, 0.0, start, fmi2False, 0.0) > fmi2Warning
+      ? fmi2Error
+      : twoEnterInitializationMode(c);
 }
-static fmi2Status leave(void *c) { return BY_VERSION(threeExitInitializationMode(c), twoExitInitializationMode(c)); }
+static fmi2Status leave(void *c)
+{
+  return BY_VERSION(threeExitInitializationMode(c), twoExitInitializationMode(c));
+}
 static fmi2Status terminate(void *c) { return BY_VERSION(threeTerminate(c), twoTerminate(c)); }
-static fmi2Status get_real(void *c, unsigned vr, double *value) { return BY_VERSION(threeGetFloat64(c, &vr, 1, value, 1), twoGetReal(c, &vr, 1, value)); }
-static fmi2Status get_integer(void *c, unsigned vr, int *value) { return BY_VERSION(threeGetInt32(c, &vr, 1, value, 1), twoGetInteger(c, &vr, 1, value)); }
+static fmi2Status get_real(void *c, unsigned vr, double *value)
+{
+  return BY_VERSION(threeGetFloat64(c, &vr, 1, value, 1), twoGetReal(c, &vr, 1, value));
+}
+static fmi2Status get_integer(void *c, unsigned vr, int *value)
+{
+  return BY_VERSION(threeGetInt32(c, &vr, 1, value, 1), twoGetInteger(c, &vr, 1, value));
+}
 static fmi2Status get_enumeration(void *c, unsigned vr, int *value)
 {
 #if defined(CLIENT_FMI3)
@@ -176,8 +198,14 @@ static fmi2Status get_boolean(void *c, unsigned vr, int *value)
 #endif
   return twoGetBoolean(c, &vr, 1, value);
 }
-static fmi2Status set_real(void *c, unsigned vr, double value) { return BY_VERSION(threeSetFloat64(c, &vr, 1, &value, 1), twoSetReal(c, &vr, 1, &value)); }
-static fmi2Status set_integer(void *c, unsigned vr, int value) { return BY_VERSION(threeSetInt32(c, &vr, 1, &value, 1), twoSetInteger(c, &vr, 1, &value)); }
+static fmi2Status set_real(void *c, unsigned vr, double value)
+{
+  return BY_VERSION(threeSetFloat64(c, &vr, 1, &value, 1), twoSetReal(c, &vr, 1, &value));
+}
+static fmi2Status set_integer(void *c, unsigned vr, int value)
+{
+  return BY_VERSION(threeSetInt32(c, &vr, 1, &value, 1), twoSetInteger(c, &vr, 1, &value));
+}
 static fmi2Status set_boolean(void *c, unsigned vr, int value)
 {
 #if defined(CLIENT_FMI3)
@@ -191,22 +219,34 @@ static fmi2Status do_step(void *c, double time, double step)
   fmi3Boolean event, terminated, early;
   double last;
 #endif
-  return BY_VERSION(threeDoStep(c, time, step, fmi3True, &event, &terminated, &early, &last), twoDoStep(c, time, step, fmi2True));
+  return BY_VERSION(threeDoStep(c, time, step, fmi3True, &event, &terminated, &early, &last),
+      twoDoStep(c, time, step, fmi2True));
 }
-static fmi2Status get_state(void *c, void **state) { return BY_VERSION(threeGetFMUState(c, state), twoGetFMUstate(c, state)); }
-static fmi2Status set_state(void *c, void *state) { return BY_VERSION(threeSetFMUState(c, state), twoSetFMUstate(c, state)); }
-static fmi2Status free_state(void *c, void **state) { return BY_VERSION(threeFreeFMUState(c, state), twoFreeFMUstate(c, state)); }
+static fmi2Status get_state(void *c, void **state)
+{
+  return BY_VERSION(threeGetFMUState(c, state), twoGetFMUstate(c, state));
+}
+static fmi2Status set_state(void *c, void *state)
+{
+  return BY_VERSION(threeSetFMUState(c, state), twoSetFMUstate(c, state));
+}
+static fmi2Status free_state(void *c, void **state)
+{
+  return BY_VERSION(threeFreeFMUState(c, state), twoFreeFMUstate(c, state));
+}
 static fmi2Status state_size(void *c, void *state, size_t *size)
 {
   return BY_VERSION(threeSerializedFMUStateSize(c, state, size), twoSerializedFMUstateSize(c, state, size));
 }
 static fmi2Status serialize(void *c, void *state, void *bytes, size_t size)
 {
-  return BY_VERSION(threeSerializeFMUState(c, state, bytes, size), twoSerializeFMUstate(c, state, bytes, size));
+  return BY_VERSION(
+      threeSerializeFMUState(c, state, bytes, size), twoSerializeFMUstate(c, state, bytes, size));
 }
 static fmi2Status deserialize(void *c, const void *bytes, size_t size, void **state)
 {
-  return BY_VERSION(threeDeserializeFMUState(c, bytes, size, state), twoDeSerializeFMUstate(c, bytes, size, state));
+  return BY_VERSION(
+      threeDeserializeFMUState(c, bytes, size, state), twoDeSerializeFMUstate(c, bytes, size, state));
 }
 
 static void need(fmi2Status status, const char *call)
@@ -275,8 +315,9 @@ static const char *number(const char *text, double *value, int *given)
 static fmi2Status put(void *c, column v, double value)
 {
   const int i = v.type == 'r' ? 0 : (int)value;
-  return v.type == 'r' ? set_real(c, v.vr, value) : v.type == 'i' ? set_integer(c, v.vr, i)
-                                                                  : set_boolean(c, v.vr, i != 0);
+  return v.type == 'r' ? set_real(c, v.vr, value)
+      : v.type == 'i'  ? set_integer(c, v.vr, i)
+                       : set_boolean(c, v.vr, i != 0);
 }
 
 static void print_bits(FILE *to, double x)
@@ -295,7 +336,8 @@ static void print(FILE *to, void *c, column v)
     need(get_real(c, v.vr, &r), "a Real");
     print_bits(to, r);
   } else if (v.type == 'i' || v.type == 'e') {
-    need(v.type == 'i' ? get_integer(c, v.vr, &i) : get_enumeration(c, v.vr, &i), v.type == 'i' ? "an Integer" : "an Enumeration");
+    need(v.type == 'i' ? get_integer(c, v.vr, &i) : get_enumeration(c, v.vr, &i),
+        v.type == 'i' ? "an Integer" : "an Enumeration");
     (void)fprintf(to, "%d", i);
   } else {
     need(get_boolean(c, v.vr, &b), "a Boolean");
@@ -310,11 +352,11 @@ static void try_all(void *c)
   for (fmi2ValueReference vr = 0; output_count < MOST; vr++) {
     double r;
     int i, b;
-    const char type = get_real(c, vr, &r) == fmi2OK          ? 'r'
-                      : get_integer(c, vr, &i) == fmi2OK     ? 'i'
-                      : get_boolean(c, vr, &b) == fmi2OK     ? 'b'
-                      : get_enumeration(c, vr, &i) == fmi2OK ? 'e'
-                                                             : 0;
+    const char type = get_real(c, vr, &r) == fmi2OK ? 'r'
+        : get_integer(c, vr, &i) == fmi2OK          ? 'i'
+        : get_boolean(c, vr, &b) == fmi2OK          ? 'b'
+        : get_enumeration(c, vr, &i) == fmi2OK      ? 'e'
+                                                    : 0;
     if (!type) break;
     outputs[output_count].type = type;
     outputs[output_count++].vr = vr;
@@ -370,9 +412,10 @@ int main(int count, char **argument)
   int save_row = -1, first = 0, given;
   double time, next, step = 0.01, value;
   if (count < 5) {
-    (void)fputs("usage: client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60] [--save FILE@ROW] "
+    (void)fputs("usage: client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60] "
+                "[--save FILE@ROW] "
                 "[--restore FILE@ROW]\n",
-                stderr);
+        stderr);
     return 2;
   }
   load(argument[1]);
@@ -406,7 +449,8 @@ int main(int count, char **argument)
   FILE *const out = fopen(argument[4], "wb"); /* b: the same line ends everywhere */
   if (!out) stop("cannot write", argument[4]);
   (void)fputs("time,status", out);
-  for (int k = 0; k < output_count; k++) (void)fprintf(out, ",%c%lu", outputs[k].type, (unsigned long)outputs[k].vr);
+  for (int k = 0; k < output_count; k++)
+    (void)fprintf(out, ",%c%lu", outputs[k].type, (unsigned long)outputs[k].vr);
   (void)fputc('\n', out);
 
   int more = fgets(line[0], sizeof line[0], in) != NULL, started = 0;
@@ -422,7 +466,8 @@ int main(int count, char **argument)
     if (!started && from) restore(c, from);
     if (!started && !from) need(enter(c, time), "initialization");
     if (row == save_row && started) save(c, to);
-    for (int k = 0; k < input_count; k++) { /* the first row's also before initialization ends, as start values */
+    for (int k = 0; k < input_count;
+        k++) { /* the first row's also before initialization ends, as start values */
       cell = number(cell, &value, &given);
       if (inputs[k].type == 'r' || given) need(put(c, inputs[k], value), "an input");
     }

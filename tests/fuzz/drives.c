@@ -1,9 +1,11 @@
-/* tests/fuzz/drives.c - long random drives of the default filter and of the one with particles: any
- * settings, thousands of rows, faults, pauses, optional channels, learnt state. What must be true of
- * every row: the estimates are numbers within their ranges; a stiffness that is valid has an sd within
- * the bound; tse_filter_check() accepts the filter's own state; a refused row changes nothing.
+/* tests/fuzz/drives.c - long random drives of the default filter and of the one with
+ * particles: any settings, thousands of rows, faults, pauses, optional channels, learnt
+ * state. What must be true of every row: the estimates are numbers within their ranges; a
+ * stiffness that is valid has an sd within the bound; tse_filter_check() accepts the
+ * filter's own state; a refused row changes nothing.
  *
- *   drives ROWS [FIRST_DRIVE]   exit code 1 with drive and row of what was found, at most ten of them;
+ *   drives ROWS [FIRST_DRIVE]   exit code 1 with drive and row of what was found, at most
+ *                               ten of them;
  *                               a drive is found again by its number */
 #include "fuzz.h"
 
@@ -33,10 +35,11 @@ static uint32_t below(uint32_t n) { return (uint32_t)(uniform() * n) % n; }
 static void found(const char *what, double value, const tse_input *u)
 {
   d.found++;
-  (void)printf("drive %u, row %u, form %d: %s is %g; dt %g, missing %x, given %x, steer %g, wheels %g %g, ax %g, ay %g, r %g\n",
-               (unsigned)d.drive, (unsigned)d.row, (int)d.c.form, what, value, number(u->dt), (unsigned)u->missing, (unsigned)u->given,
-               number(u->steer_angle), number(u->wheel_speed_front), number(u->wheel_speed_rear), number(u->accel_x), number(u->accel_y),
-               number(u->yaw_rate));
+  (void)printf("drive %u, row %u, form %d: %s is %g; dt %g, missing %x, given %x, steer %g, wheels %g %g, ax "
+               "%g, ay %g, r %g\n",
+      (unsigned)d.drive, (unsigned)d.row, (int)d.c.form, what, value, number(u->dt), (unsigned)u->missing,
+      (unsigned)u->given, number(u->steer_angle), number(u->wheel_speed_front), number(u->wheel_speed_rear),
+      number(u->accel_x), number(u->accel_y), number(u->yaw_rate));
 }
 
 /* ---- settings */
@@ -50,9 +53,9 @@ static void any_settings(void)
   else tse_config_exact(&d.c);
   for (uint32_t left = how < 2 ? 0 : 1 + below(how == 2 ? 4 : 20); left > 0; left--) {
     const setting *const s = &all[below(count)];
-    const double share = uniform(), cube = share * share * share, from = get_setting(&d.c, s), sign = chance(0.5) ? s->hi - from : s->lo - from;
-    put_setting(&d.c, s, chance(0.2) ? s->hi : chance(0.2) ? s->lo
-                                                           : from + sign * cube);
+    const double share = uniform(), cube = share * share * share, from = get_setting(&d.c, s),
+                 sign = chance(0.5) ? s->hi - from : s->lo - from;
+    put_setting(&d.c, s, chance(0.2) ? s->hi : chance(0.2) ? s->lo : from + sign * cube);
   }
   d.c.form = TSE_LAST_FORM && chance(0.1) ? 1 : 0;
   d.c.particles = 16 + (int32_t)below(48);
@@ -70,15 +73,20 @@ static car any_car(void)
   return c;
 }
 
-static double noise(const car *c, double sd) { return c->noise * sd * (uniform() + uniform() + uniform() - 1.5) * 2; }
+static double noise(const car *c, double sd)
+{
+  return c->noise * sd * (uniform() + uniform() + uniform() - 1.5) * 2;
+}
 
 static tse_input car_row(car *c, double dt)
 {
-  const double h = dt < 1 ? dt : 1, steer = c->steer * sin(c->pace * c->t), along = c->along * sin(0.7 * c->t);
+  const double h = dt < 1 ? dt : 1, steer = c->steer * sin(c->pace * c->t),
+               along = c->along * sin(0.7 * c->t);
   tse_input u;
   c->t += h;
   c->v = fmax(-5, fmin(80, c->v + h * along));
-  const double turn = fmax(-9 / fmax(fabs(c->v), 3), fmin(9 / fmax(fabs(c->v), 3), c->v * steer / (2.75 + 0.0025 * c->v * c->v)));
+  const double turn = fmax(
+      -9 / fmax(fabs(c->v), 3), fmin(9 / fmax(fabs(c->v), 3), c->v * steer / (2.75 + 0.0025 * c->v * c->v)));
   c->yaw += (turn - c->yaw) * h / (h + 0.1);
   tse_input_default(&u);
   u.dt = real_of(dt), u.steer_angle = real_of(steer);
@@ -98,27 +106,31 @@ static void give(tse_input *u, const car *c, uint32_t given)
   if (d.c.form) given = 0;
   u->given = given;
   u->ins_vel_x = real_of(c->v + noise(c, 0.1)), u->ins_vel_y = real_of(noise(c, 0.3));
-  u->gnss_speed = real_of(fabs(c->v) + noise(c, 0.1)), u->gnss_course = real_of(6.28 * (uniform() - 0.5) * (chance(0.01) ? 1 : 0.01));
-  u->brake = real_of(c->v < 10), u->wheel_torque_front = real_of(between(-100, 100)), u->wheel_torque_rear = real_of(between(-100, 3000));
+  u->gnss_speed = real_of(fabs(c->v) + noise(c, 0.1)),
+  u->gnss_course = real_of(6.28 * (uniform() - 0.5) * (chance(0.01) ? 1 : 0.01));
+  u->brake = real_of(c->v < 10), u->wheel_torque_front = real_of(between(-100, 100)),
+  u->wheel_torque_rear = real_of(between(-100, 3000));
   u->bank = real_of(0.05 * sin(0.1 * c->t)), u->grade = real_of(0.05 * cos(0.1 * c->t));
 }
 
 /* What happens for a while. */
-enum { NOTHING,
-       STUCK,
-       OFFSET,
-       LOUD,
-       MISSING,
-       OUT_OF_RANGE,
-       JUMPING,
-       WILD,
-       PAUSES,
-       STANDING,
-       NO_STEERING,
-       NO_WHEELS,
-       ONE_SPEED,
-       ODD,
-       EVENTS };
+enum {
+  NOTHING,
+  STUCK,
+  OFFSET,
+  LOUD,
+  MISSING,
+  OUT_OF_RANGE,
+  JUMPING,
+  WILD,
+  PAUSES,
+  STANDING,
+  NO_STEERING,
+  NO_WHEELS,
+  ONE_SPEED,
+  ODD,
+  EVENTS
+};
 
 typedef struct event {
   uint32_t kind, channel, rows, mask;
@@ -127,7 +139,8 @@ typedef struct event {
 
 static event any_event(void)
 {
-  const event e = { chance(0.4) ? (uint32_t)NOTHING : below(EVENTS), below(TSE_CHANNELS), 1 + below(chance(0.2) ? 2000 : 200), below(64), uniform() };
+  const event e = { chance(0.4) ? (uint32_t)NOTHING : below(EVENTS), below(TSE_CHANNELS),
+    1 + below(chance(0.2) ? 2000 : 200), below(64), uniform() };
   return e;
 }
 
@@ -191,11 +204,13 @@ static void expect_within(tse_real x, double lo, double hi, const char *what, co
 
 static void check_estimates(const tse_output *y, int status, const tse_input *u)
 {
-  const double most = 1.001 * tse_double_of_setting(d.c.stiffness_max), start = 0.999 * tse_double_of_setting(d.c.stiffness_min);
+  const double most = 1.001 * tse_double_of_setting(d.c.stiffness_max),
+               start = 0.999 * tse_double_of_setting(d.c.stiffness_min);
   const double least = d.c.form == 1 && !d.c.reflect_draws && 2.0 - most < start ? 2.0 - most : start;
   const double most_ratio = 1.01 * most / (start > 1e-3 ? start : 1e-3); /* from end to end */
   const double valid = tse_double_of_setting(d.c.valid_sd);
-  for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++) expect(is_number(*x), "an estimate", (double)(x - &y->sideslip), u);
+  for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++)
+    expect(is_number(*x), "an estimate", (double)(x - &y->sideslip), u);
   expect_within(y->sideslip, -3.1416, 3.1416, "sideslip", u);
   expect_within(y->sideslip_sd, 0, 1000, "sideslip_sd", u);
   expect_within(y->vel_x, -FASTEST, FASTEST, "vel_x", u);
@@ -223,15 +238,18 @@ static void check_estimates(const tse_output *y, int status, const tse_input *u)
     expect_within(y->change_ratio[a], 0, most_ratio, "change_ratio", u);
     expect(y->reason[a] >= TSE_VALID && y->reason[a] <= TSE_IMPLAUSIBLE, "reason", y->reason[a], u);
     if (d.c.form == 0 && y->reason[a] == TSE_VALID)
-      expect(number(y->stiffness_sd[a]) <= 1.001 * valid * number(y->stiffness[a]), "sd of a valid stiffness", number(y->stiffness_sd[a]), u);
+      expect(number(y->stiffness_sd[a]) <= 1.001 * valid * number(y->stiffness[a]), "sd of a valid stiffness",
+          number(y->stiffness_sd[a]), u);
   }
   for (int k = 0; k < 5; k++) {
     expect_within(y->noise[k], 0, 1e6, "noise", u);
     expect_within(y->innovation[k], -1e6, 1e6, "innovation", u);
   }
   for (int k = 0; k < TSE_REGIMES; k++) expect_within(y->regime[k], 0, 1.00001, "regime", u);
-  expect(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind", y->change_kind, u);
-  expect(y->fault_channel >= 0 && y->fault_channel <= (int)(TSE_CHANNELS + TSE_VELOCITIES), "fault_channel", y->fault_channel, u);
+  expect(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind",
+      y->change_kind, u);
+  expect(y->fault_channel >= 0 && y->fault_channel <= (int)(TSE_CHANNELS + TSE_VELOCITIES), "fault_channel",
+      y->fault_channel, u);
   expect(y->grip_reason >= TSE_VALID && y->grip_reason <= TSE_IMPLAUSIBLE, "grip_reason", y->grip_reason, u);
   expect(y->status == status && status <= TSE_W_IMPLAUSIBLE, "status", status, u);
 }
@@ -261,7 +279,8 @@ static void to_the_next_drive(const tse_input *u)
   expect(saved == TSE_OK || saved == TSE_E_STATE, "saving", saved, u);
   (void)tse_reset(&d.p, &d.f.filter, d.bytes);
   if (saved != TSE_OK) return;
-  const tse_status loaded = tse_learnt_load(&d.p, &d.f.filter, learnt, sizeof learnt, chance(0.3) ? 0xffffffffu : (uint32_t)pow(10, between(0, 8)));
+  const tse_status loaded = tse_learnt_load(
+      &d.p, &d.f.filter, learnt, sizeof learnt, chance(0.3) ? 0xffffffffu : (uint32_t)pow(10, between(0, 8)));
   expect(loaded == TSE_OK, "loading what was saved", loaded, u);
   expect(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "a loaded state, refused", loaded, u);
 }
@@ -284,7 +303,8 @@ static uint32_t drive_once(uint32_t drive)
   event e = any_event();
   uint32_t given = chance(0.5) ? 0 : below(1u << TSE_OPTIONALS);
   tse_input last = car_row(&c, dt);
-  const double wild = chance(0.3) ? between(0, 1) : 0, pauses = chance(0.5) ? 0 : between(0, 0.5); /* shares of the rows of the whole drive */
+  const double wild = chance(0.3) ? between(0, 1) : 0,
+               pauses = chance(0.5) ? 0 : between(0, 0.5); /* shares of the rows of the whole drive */
   for (uint32_t n = 0, left = e.rows; n < rows && d.found == had; n++, left--) {
     if (left == 0) {
       e = any_event();
@@ -310,6 +330,7 @@ int main(int argc, char **argv)
   uint64_t done = 0;
   uint32_t drive = first;
   for (; done < rows && d.found < MOST_FOUND; drive++) done += drive_once(drive);
-  (void)printf("%s: %llu rows of %u drives, found %d\n", TSE_FORMAT_NAME, (unsigned long long)done, (unsigned)(drive - first), d.found);
+  (void)printf("%s: %llu rows of %u drives, found %d\n", TSE_FORMAT_NAME, (unsigned long long)done,
+      (unsigned)(drive - first), d.found);
   return d.found > 0;
 }

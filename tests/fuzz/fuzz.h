@@ -1,7 +1,9 @@
-/* tests/fuzz/fuzz.h - what the fuzz targets share: bytes become settings and rows, and what must be true of every estimate.
+/* tests/fuzz/fuzz.h - what the fuzz targets share: bytes become settings and rows, and
+ * what must be true of every estimate.
  *
- * A target is a function of bytes (LLVMFuzzerTestOneInput). With libFuzzer it looks for bytes that break something; with run.c it
- * goes through those that are kept, in every preset. It stops at the first thing that is not as it must be. */
+ * A target is a function of bytes (LLVMFuzzerTestOneInput). With libFuzzer it looks for
+ * bytes that break something; with run.c it goes through those that are kept, in every
+ * preset. It stops at the first thing that is not as it must be. */
 #ifndef FUZZ_H
 #define FUZZ_H
 
@@ -49,8 +51,9 @@ static inline double take_between(bytes *b, double lo, double hi) { return lo + 
 /* What nobody sends on purpose. */
 static inline double take_odd(bytes *b)
 {
-  const double zero = 0, odd[] = { zero / zero, 1 / zero, -1 / zero, 0.0, -0.0, 1e-320, 1e-30, -1e-30, 1e30, -1e30, 1e300, -1e300,
-                                   1.7976931348623157e308, 3.4028234e38, 2147483648.0, -1.0 };
+  const double zero = 0,
+               odd[] = { zero / zero, 1 / zero, -1 / zero, 0.0, -0.0, 1e-320, 1e-30, -1e-30, 1e30, -1e30,
+                 1e300, -1e300, 1.7976931348623157e308, 3.4028234e38, 2147483648.0, -1.0 };
   return odd[take(b, 1) & 15u];
 }
 
@@ -113,7 +116,10 @@ static inline void take_settings(bytes *b, tse_config *c, int hostile)
       case 1: put_setting(c, s, s->hi); break;
       case 2: put_setting(c, s, s->def); break;
       case 3: put_setting(c, s, hostile ? take_odd(b) : take_between(b, s->lo, s->hi)); break;
-      case 4: put_setting(c, s, hostile ? s->hi + (s->hi - s->lo) * 1e-3 * (1 + take_share(b)) : take_between(b, s->lo, s->hi)); break;
+      case 4:
+        put_setting(c, s,
+            hostile ? s->hi + (s->hi - s->lo) * 1e-3 * (1 + take_share(b)) : take_between(b, s->lo, s->hi));
+        break;
       case 5: {
         const double share = take_share(b), from = get_setting(c, s);
         put_setting(c, s, from + (s->hi - from) * share * share * share);
@@ -161,7 +167,8 @@ static inline tse_input road_row(road *r, double dt)
   tse_input u;
   memset(&u, 0, sizeof u);
   r->time += dt < 1 ? dt : 1;
-  const double steer = r->steer * sin(r->pace * r->time), turn = r->speed * steer / (2.75 + 0.0025 * r->speed * r->speed);
+  const double steer = r->steer * sin(r->pace * r->time),
+               turn = r->speed * steer / (2.75 + 0.0025 * r->speed * r->speed);
   u.dt = real_of(dt), u.steer_angle = real_of(steer);
   u.wheel_speed_front = real_of(r->speed / 0.33 * (1 + r->slip * cos(0.7 * r->time)));
   u.wheel_speed_rear = real_of(r->speed / 0.33);
@@ -171,8 +178,14 @@ static inline tse_input road_row(road *r, double dt)
   return u;
 }
 
-static inline const tse_field *channel_field(uint32_t k) { return tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + k % TSE_CHANNELS; } /* behind dt */
-static inline tse_real *channel_of(tse_input *u, uint32_t k) { return &u->steer_angle + k % TSE_CHANNELS; } /* one behind the other */
+static inline const tse_field *channel_field(uint32_t k)
+{
+  return tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + k % TSE_CHANNELS;
+} /* behind dt */
+static inline tse_real *channel_of(tse_input *u, uint32_t k)
+{
+  return &u->steer_angle + k % TSE_CHANNELS;
+} /* one behind the other */
 
 /* Every channel anywhere in its range, and a little beyond. */
 static inline tse_input wild_row(bytes *b, double beyond)
@@ -181,13 +194,15 @@ static inline tse_input wild_row(bytes *b, double beyond)
   memset(&u, 0, sizeof u);
   u.dt = real_of(0.01);
   for (uint32_t k = 0; k < TSE_CHANNELS; k++)
-    *channel_of(&u, k) = real_of(take_between(b, channel_field(k)->lo * beyond, channel_field(k)->hi * beyond));
+    *channel_of(&u, k) = real_of(
+        take_between(b, channel_field(k)->lo * beyond, channel_field(k)->hi * beyond));
   return u;
 }
 
 /* ---- what must be true */
 
-/* In fixed point a result that has stopped at the end of its range is what an infinity is (src/number/fixed.h). */
+/* In fixed point a result that has stopped at the end of its range is what an infinity is
+ * (src/number/fixed.h). */
 #if defined(TSE_REAL_FIXED)
 #define END_OF_RANGE ((tse_real)1 << 59)
 static inline int is_number(tse_real x) { return x < END_OF_RANGE && x > -END_OF_RANGE; }
@@ -200,27 +215,39 @@ static inline int is_number(tse_real x) { return x - x == 0; }
 
 static inline void must_be_estimates(const tse_config *c, const tse_output *y, int status)
 {
-  const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise, y->discrepancy };
+  const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise,
+    y->discrepancy };
   const double most = 1.001 * tse_double_of_setting(c->stiffness_max);
-  /* draws as printed have no bound below but -w_max, which keeps w a number (src/EQUATIONS.md, reflection); the start has */
+  /* draws as printed have no bound below but -w_max, which keeps w a number
+   * (src/EQUATIONS.md, reflection); the start has */
   const double start = 0.999 * tse_double_of_setting(c->stiffness_min);
   const double least = c->form == 1 && !c->reflect_draws && 2.0 - most < start ? 2.0 - most : start;
   for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++) /* all of one type */
-    MUST(is_number(*x), "real %u of the estimates is %g, status %d", (unsigned)(x - &y->sideslip), number(*x), status);
+    MUST(is_number(*x), "real %u of the estimates is %g, status %d", (unsigned)(x - &y->sideslip), number(*x),
+        status);
   MUST(fabs(number(y->yaw_rate)) <= FASTEST_TURN, "yaw rate %g, status %d", number(y->yaw_rate), status);
-  MUST(fabs(number(y->vel_x)) <= FASTEST && fabs(number(y->vel_y)) <= FASTEST, "speed %g, %g", number(y->vel_x), number(y->vel_y));
-  MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0 && y->estimate_age >= 0, "sd of a state");
+  MUST(fabs(number(y->vel_x)) <= FASTEST && fabs(number(y->vel_y)) <= FASTEST, "speed %g, %g",
+      number(y->vel_x), number(y->vel_y));
+  MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0
+          && y->estimate_age >= 0,
+      "sd of a state");
   for (int a = 0; a < 3; a++) {
-    MUST(number(y->stiffness[a]) >= least && number(y->stiffness[a]) <= most, "stiffness %d is %g, status %d", a, number(y->stiffness[a]), status);
+    MUST(number(y->stiffness[a]) >= least && number(y->stiffness[a]) <= most, "stiffness %d is %g, status %d",
+        a, number(y->stiffness[a]), status);
     for (int k = 0; k < 5; k++) MUST(positive[k][a] >= 0, "sd %d of %d is %g", k, a, number(positive[k][a]));
     MUST(y->reason[a] >= TSE_VALID && y->reason[a] <= TSE_IMPLAUSIBLE, "reason %d", (int)y->reason[a]);
     MUST(y->spread_seen[a] == 0 || y->spread_seen[a] == 1, "spread_seen %d", (int)y->spread_seen[a]);
   }
-  for (int k = 0; k < TSE_REGIMES; k++) MUST(y->regime[k] >= 0 && number(y->regime[k]) <= 1.00001, "regime %d: %g", k, number(y->regime[k]));
-  MUST(y->change_probability >= 0 && number(y->change_probability) <= 1.00001, "p of a change %g", number(y->change_probability));
-  MUST(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind %d", (int)y->change_kind);
-  MUST(y->fault_channel >= 0 && y->fault_channel <= (int)TSE_CHANNELS, "fault_channel %d", (int)y->fault_channel);
-  MUST(y->status == status && status <= TSE_W_IMPLAUSIBLE, "status %d in the estimates, %d returned", (int)y->status, status);
+  for (int k = 0; k < TSE_REGIMES; k++)
+    MUST(y->regime[k] >= 0 && number(y->regime[k]) <= 1.00001, "regime %d: %g", k, number(y->regime[k]));
+  MUST(y->change_probability >= 0 && number(y->change_probability) <= 1.00001, "p of a change %g",
+      number(y->change_probability));
+  MUST(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind %d",
+      (int)y->change_kind);
+  MUST(y->fault_channel >= 0 && y->fault_channel <= (int)TSE_CHANNELS, "fault_channel %d",
+      (int)y->fault_channel);
+  MUST(y->status == status && status <= TSE_W_IMPLAUSIBLE, "status %d in the estimates, %d returned",
+      (int)y->status, status);
 }
 
 /* FNV-1a: two runs with the same rows have the same. */

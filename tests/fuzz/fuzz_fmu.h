@@ -1,4 +1,5 @@
-/* tests/fuzz/fuzz_fmu.h - what the targets of the FMI functions share: an importer that listens. Linked with the glue and one model. */
+/* tests/fuzz/fuzz_fmu.h - what the targets of the FMI functions share: an importer that
+ * listens. Linked with the glue and one model. */
 #ifndef FUZZ_FMU_H
 #define FUZZ_FMU_H
 
@@ -10,7 +11,8 @@
 static int said, odd_lines;
 static char last_text[600];
 
-static inline void listen(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text, ...)
+static inline void listen(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+    fmi2String category, fmi2String text, ...)
 {
   (void)environment;
   (void)name;
@@ -24,27 +26,33 @@ static const fmi2CallbackFunctions callbacks = { listen, NULL, NULL, NULL, NULL 
 
 static inline fmi2Component made(void)
 {
-  fmi2Component const c = fmi2Instantiate("fuzz", fmi2CoSimulation, FMU_GUID, "file:///nowhere", &callbacks, fmi2False, fmi2False);
+  fmi2Component const c = fmi2Instantiate(
+      "fuzz", fmi2CoSimulation, FMU_GUID, "file:///nowhere", &callbacks, fmi2False, fmi2False);
   MUST(c, "no instance");
   return c;
 }
 
-/* All that an instance holds, serialized into a buffer of the caller.   Returned: how many bytes */
+/* All that an instance holds, serialized into a buffer of the caller.   Returned: how
+ * many bytes */
 static inline size_t serialized(fmi2Component c, fmi2Byte *at, size_t most)
 {
   fmi2FMUstate state = NULL;
   size_t count = 0;
-  MUST(fmi2GetFMUstate(c, &state) == fmi2OK && fmi2SerializedFMUstateSize(c, state, &count) == fmi2OK, "no state: %s", last_text);
+  MUST(fmi2GetFMUstate(c, &state) == fmi2OK && fmi2SerializedFMUstateSize(c, state, &count) == fmi2OK,
+      "no state: %s", last_text);
   MUST(count <= most, "%lu bytes", (unsigned long)count);
-  MUST(fmi2SerializeFMUstate(c, state, at, count) == fmi2OK && fmi2FreeFMUstate(c, &state) == fmi2OK, "no bytes: %s", last_text);
+  MUST(fmi2SerializeFMUstate(c, state, at, count) == fmi2OK && fmi2FreeFMUstate(c, &state) == fmi2OK,
+      "no bytes: %s", last_text);
   return count;
 }
-enum { MOST_BYTES = 1 << 18,
-       FRAME = 32,
-       SUM = 24 }; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/glue.c */
+enum {
+  MOST_BYTES = 1 << 18,
+  FRAME = 32,
+  SUM = 24
+}; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/glue.c */
 
-/* The same without frame and checksum, which cost more than all calls together: a saved state holds, a few words behind its beginning,
- * what is serialized. */
+/* The same without frame and checksum, which cost more than all calls together: a saved
+ * state holds, a few words behind its beginning, what is serialized. */
 static inline size_t bytes_of(fmi2Component c, fmi2Byte *at, size_t most)
 {
   static size_t offset, count;
@@ -52,14 +60,16 @@ static inline size_t bytes_of(fmi2Component c, fmi2Byte *at, size_t most)
   fmi2FMUstate state = NULL;
   if (!count) count = serialized(c, once, sizeof once) - FRAME;
   MUST(count <= most && fmi2GetFMUstate(c, &state) == fmi2OK, "no state: %s", last_text);
-  while (once[0] && memcmp((const fmi2Byte *)state + offset, once + FRAME, count) != 0) MUST((offset += 8) <= 64, "the content of a state is nowhere");
+  while (once[0] && memcmp((const fmi2Byte *)state + offset, once + FRAME, count) != 0)
+    MUST((offset += 8) <= 64, "the content of a state is nowhere");
   once[0] = 0; /* found */
   memcpy(at, (const fmi2Byte *)state + offset, count);
   MUST(fmi2FreeFMUstate(c, &state) == fmi2OK, "not freed: %s", last_text);
   return count;
 }
 
-/* Before the first step outputs are computed when they are asked for, and refused while an input is out of range. */
+/* Before the first step outputs are computed when they are asked for, and refused while
+ * an input is out of range. */
 static inline void must_put_out_numbers(fmi2Component c, const char *when)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++) {
@@ -93,8 +103,9 @@ static inline fmi2Status set_one(fmi2Component c, bytes *b, uint32_t which)
   const double x = take_value(b, v);
   const fmi2Integer k = x > -2147483648.0 && x < 2147483647.0 ? (fmi2Integer)x : 0;
   const fmi2Boolean flag = k > 0;
-  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind != 'b' ? fmi2SetInteger(c, &vr, 1, &k)
-                                                                      : fmi2SetBoolean(c, &vr, 1, &flag);
+  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x)
+      : v->kind != 'b'  ? fmi2SetInteger(c, &vr, 1, &k)
+                        : fmi2SetBoolean(c, &vr, 1, &flag);
 }
 
 static inline double clock_of(fmi2Component c)

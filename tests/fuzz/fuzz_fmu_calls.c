@@ -1,5 +1,6 @@
-/* tests/fuzz/fuzz_fmu_calls.c - importers that call anything in any order, with any values, on two instances: every call is done, or
- * refused with one sentence and nothing changed; what is put out are numbers. */
+/* tests/fuzz/fuzz_fmu_calls.c - importers that call anything in any order, with any
+ * values, on two instances: every call is done, or refused with one sentence and nothing
+ * changed; what is put out are numbers. */
 #include "fuzz_fmu.h"
 
 typedef struct slot {
@@ -31,7 +32,9 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
     case 1: return fmi2ExitInitializationMode(c);
     case 2: return what & 32u ? fmi2Terminate(c) : fmi2OK;
     case 3: return what & 32u ? fmi2Reset(c) : fmi2OK;
-    case 4: return fmi2SetupExperiment(c, (what >> 5 & 1) != 0, take_between(b, -1, 1), 10 * take_share(b), (what >> 6 & 1) != 0, 10 * take_share(b));
+    case 4:
+      return fmi2SetupExperiment(c, (what >> 5 & 1) != 0, take_between(b, -1, 1), 10 * take_share(b),
+          (what >> 6 & 1) != 0, 10 * take_share(b));
     case 5: return fmi2SetupExperiment(c, fmi2True, take_odd(b), take_odd(b), fmi2True, take_odd(b));
     case 6: return fmi2GetFMUstate(c, &s->kept);
     case 7: return fmi2SetFMUstate(c, take_state(b, s, other));
@@ -76,7 +79,8 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
       fmi2FMUstate state = NULL;
       if (!kept_count) return fmi2OK;
       for (uint32_t n = what >> 5; n > 0; n--) kept_bytes[take(b, 3) % kept_count] ^= (fmi2Byte)take(b, 1);
-      const fmi2Status status = fmi2DeSerializeFMUstate(c, kept_bytes, kept_count - (take(b, 1) == 7), &state);
+      const fmi2Status status = fmi2DeSerializeFMUstate(
+          c, kept_bytes, kept_count - (take(b, 1) == 7), &state);
       if (status != fmi2OK) return status;
       const fmi2Status set = fmi2SetFMUstate(c, state);
       MUST(fmi2FreeFMUstate(c, &state) == fmi2OK, "a state is not freed: %s", last_text);
@@ -95,7 +99,8 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
     default: { /* inputs, then a step or a few */
       fmi2Status status = fmi2OK;
       for (int32_t i = 0; i < fmu_variable_count; i++)
-        if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r' && (take(b, 1) & 3u) == 0) (void)set_one(c, b, (uint32_t)i);
+        if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r' && (take(b, 1) & 3u) == 0)
+          (void)set_one(c, b, (uint32_t)i);
       for (uint32_t k = 0; k < 1 + (what >> 6) && status <= fmi2Warning; k++) {
         said = 0;
         (void)bytes_of(c, before, sizeof before);
@@ -122,10 +127,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     const size_t count = bytes_of(s->c, before, sizeof before);
     said = 0;
     const fmi2Status status = call(&b, s, other);
-    MUST(status == fmi2OK || status == fmi2Warning || status == fmi2Error || status == fmi2Discard, "status %d", (int)status);
+    MUST(status == fmi2OK || status == fmi2Warning || status == fmi2Error || status == fmi2Discard,
+        "status %d", (int)status);
     if (status == fmi2Error || status == fmi2Discard) {
       MUST(said == 1, "%d sentences for a refusal: %s", said, last_text);
-      MUST(bytes_of(s->c, after, sizeof after) == count && memcmp(before, after, count) == 0, "a refused call changed the instance: %s", last_text);
+      MUST(bytes_of(s->c, after, sizeof after) == count && memcmp(before, after, count) == 0,
+          "a refused call changed the instance: %s", last_text);
     }
     must_put_out_numbers(s->c, last_text);
   }

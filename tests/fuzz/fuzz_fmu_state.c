@@ -1,5 +1,6 @@
-/* tests/fuzz/fuzz_fmu_state.c - a state from a stranger, its checksum in order: refused with one sentence and nothing changed, or an FMU
- * that goes on, whose outputs are numbers. */
+/* tests/fuzz/fuzz_fmu_state.c - a state from a stranger, its checksum in order: refused
+ * with one sentence and nothing changed, or an FMU that goes on, whose outputs are
+ * numbers. */
 #include "fuzz_fmu.h"
 
 static fmi2Byte saved[MOST_BYTES], before[MOST_BYTES], after[MOST_BYTES];
@@ -28,9 +29,7 @@ static void forge(bytes *b, fmi2Byte *at, size_t count)
       case 6:
         for (size_t i = 0; i < 4; i++) where[i] = (fmi2Byte)take(b, 1);
         break;
-      default:
-        x = forged(b, how, x);
-        memcpy(where, &x, sizeof x);
+      default: x = forged(b, how, x); memcpy(where, &x, sizeof x);
     }
   }
 }
@@ -44,7 +43,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   const int started = fmi2EnterInitializationMode(c) == fmi2OK && fmi2ExitInitializationMode(c) == fmi2OK;
   for (uint32_t k = 0; started && k < first >> 3; k++) {
     for (int32_t i = 0; i < fmu_variable_count; i++)
-      if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r' && k % 8 == 0) (void)set_one(c, &b, (uint32_t)i);
+      if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r' && k % 8 == 0)
+        (void)set_one(c, &b, (uint32_t)i);
     (void)fmi2DoStep(c, clock_of(c), 0.01, fmi2True);
   }
   const size_t count = serialized(c, saved, sizeof saved);
@@ -56,13 +56,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   const fmi2Status status = fmi2DeSerializeFMUstate(c, saved, count, &state);
   if (status != fmi2OK) {
     MUST(status == fmi2Error && said == 1 && !state, "%d sentences for a refusal", said);
-    MUST(bytes_of(c, after, sizeof after) == held && memcmp(before, after, held) == 0, "a refused state changed the instance");
+    MUST(bytes_of(c, after, sizeof after) == held && memcmp(before, after, held) == 0,
+        "a refused state changed the instance");
   } else {
     MUST(fmi2SetFMUstate(c, state) == fmi2OK, "what was accepted is not set: %s", last_text);
     (void)fmi2EnterInitializationMode(c);
     (void)fmi2ExitInitializationMode(c);
     for (int k = 0; k < 20; k++)
-      if (fmi2DoStep(c, clock_of(c), 0.01, fmi2True) <= fmi2Warning) must_put_out_numbers(c, "after a forged state");
+      if (fmi2DoStep(c, clock_of(c), 0.01, fmi2True) <= fmi2Warning)
+        must_put_out_numbers(c, "after a forged state");
   }
   fmi2FreeInstance(c);
   return 0;

@@ -1,5 +1,6 @@
-/* tests/fuzz/fuzz_learnt.c - bytes that anybody may have written as a learnt state. Refused: the filter is as before. Accepted: a
- * drive from it gives estimates, and what it taught can be saved and loaded. */
+/* tests/fuzz/fuzz_learnt.c - bytes that anybody may have written as a learnt state.
+ * Refused: the filter is as before. Accepted: a drive from it gives estimates, and what
+ * it taught can be saved and loaded. */
 #include "estimator/stages.h"
 #include "fuzz.h"
 
@@ -26,7 +27,8 @@ static size_t made(bytes *b, uint8_t at[TSE_LEARNT_BYTES])
 /* A state that was saved, with a few numbers in it replaced. */
 static size_t changed(bytes *b, uint8_t at[TSE_LEARNT_BYTES])
 {
-  static const uint32_t odd[] = { 0, 1, 0xffffffffu, 0x7fffffffu, 0x80000000u, 0x01000000u, 0xff000000u, 0x7f };
+  static const uint32_t odd[] = { 0, 1, 0xffffffffu, 0x7fffffffu, 0x80000000u, 0x01000000u, 0xff000000u,
+    0x7f };
   road r = road_of(b);
   for (int k = 0; k < 12; k++) {
     const tse_input u = road_row(&r, 0.01);
@@ -62,7 +64,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   memcpy(&before, &f, sizeof f);
   const tse_status status = tse_learnt_load(&p, &f.filter, in, count, first & 16u ? 0xffffffffu : age);
   if (status < 0) {
-    MUST(status == TSE_E_LEARNT || status == TSE_E_VERSION || status == TSE_E_OLD || status == TSE_E_VEHICLE, "status %d", (int)status);
+    MUST(status == TSE_E_LEARNT || status == TSE_E_VERSION || status == TSE_E_OLD || status == TSE_E_VEHICLE,
+        "status %d", (int)status);
     MUST(memcmp(&f, &before, sizeof f) == 0, "a refused state changed the filter");
     return 0;
   }

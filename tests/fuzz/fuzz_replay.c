@@ -1,5 +1,6 @@
-/* tests/fuzz/fuzz_replay.c - tse_replay() on any log, with any car, start and profiles: refused by a row that there is, or numbers
- * everywhere; nothing behind the arrays is touched; the same bytes give the same bits. */
+/* tests/fuzz/fuzz_replay.c - tse_replay() on any log, with any car, start and profiles:
+ * refused by a row that there is, or numbers everywhere; nothing behind the arrays is
+ * touched; the same bytes give the same bits. */
 #include "fuzz.h"
 #include "tse/replay.h"
 
@@ -22,18 +23,22 @@ static uint64_t run(const uint8_t *data, size_t size)
   tse_replay_start_default(&s);
   for (uint32_t n = first & 3u; n > 0; n--) {
     const uint32_t which = take(&b, 1);
-    (&s.cx_front)[which % (sizeof s / sizeof s.cx_front)] = real_of(which & 128u ? take_odd(&b) : take_between(&b, -100, 100));
+    (&s.cx_front)[which % (sizeof s / sizeof s.cx_front)] = real_of(
+        which & 128u ? take_odd(&b) : take_between(&b, -100, 100));
   }
   road r = road_of(&b);
   const int32_t rows = (int32_t)(take(&b, 1) % (ROWS + 1));
   for (int32_t i = 0; i < ROWS; i++) {
     const uint32_t what = take(&b, 1);
-    const tse_input u = what % 8 == 7 ? wild_row(&b, 1.0) : road_row(&r, what % 8 == 6 ? take_between(&b, 0, 1.1) : tse_double_of_setting(c.sample_time));
+    const tse_input u = what % 8 == 7
+        ? wild_row(&b, 1.0)
+        : road_row(&r, what % 8 == 6 ? take_between(&b, 0, 1.1) : tse_double_of_setting(c.sample_time));
     given[0][i] = u.dt;
     given[1][i] = u.steer_angle;
     given[2][i] = u.wheel_speed_front;
     given[3][i] = u.wheel_speed_rear;
-    for (int k = 4; k < 11; k++) given[k][i] = real_of(what & 64u ? take_odd(&b) : 0.05 * sin(0.3 * i + k) * (what & 32u ? 100 : 1));
+    for (int k = 4; k < 11; k++)
+      given[k][i] = real_of(what & 64u ? take_odd(&b) : 0.05 * sin(0.3 * i + k) * (what & 32u ? 100 : 1));
   }
   for (; arrays < (int32_t)(sizeof log / sizeof log.dt); arrays++) /* the first four are needed */
     if (arrays < 4 || (profiles >> (arrays % 8) & 1u)) (&log.dt)[arrays] = given[arrays];
@@ -49,12 +54,15 @@ static uint64_t run(const uint8_t *data, size_t size)
   for (int k = 0; k < 8; k++) {
     for (int32_t i = 0; i < ROWS + 1; i++) {
       const int untouched = memcmp(&made[k][i], &pattern, sizeof pattern) == 0;
-      if (!(wanted >> k & 1u) || i >= rows) MUST(untouched, "array %d was written at %d of %d", k, (int)i, (int)rows);
-      else if (status == TSE_OK || (i < wrong && !untouched)) MUST(is_number(made[k][i]), "array %d at %d is %g", k, (int)i, number(made[k][i]));
+      if (!(wanted >> k & 1u) || i >= rows)
+        MUST(untouched, "array %d was written at %d of %d", k, (int)i, (int)rows);
+      else if (status == TSE_OK || (i < wrong && !untouched))
+        MUST(is_number(made[k][i]), "array %d at %d is %g", k, (int)i, number(made[k][i]));
       if (status == TSE_E_TIME) MUST(untouched, "a row is refused, and array %d has something", k);
     }
     if (status == TSE_OK && k == 5 && (wanted & 32u))
-      for (int32_t i = 1; i < rows; i++) MUST(fabs(number(made[5][i])) <= FASTEST_TURN, "yaw rate %g", number(made[5][i]));
+      for (int32_t i = 1; i < rows; i++)
+        MUST(fabs(number(made[5][i])) <= FASTEST_TURN, "yaw rate %g", number(made[5][i]));
   }
   return mixed(mixed(FRESH, made, sizeof made), &status, sizeof status);
 }

@@ -1,5 +1,5 @@
-/* tests/fuzz/fuzz_settings.c - any settings: refused with the name of one that is wrong, and nothing is changed; or accepted, and
- * then a drive gives estimates. */
+/* tests/fuzz/fuzz_settings.c - any settings: refused with the name of one that is wrong,
+ * and nothing is changed; or accepted, and then a drive gives estimates. */
 #include "fuzz.h"
 
 static tse_filter_paper f;
@@ -13,14 +13,15 @@ static const setting *named(const char *name)
   return NULL;
 }
 
-/* Is `wrong` a stiffness that is not set, so that its value follows from mass and axles and may be outside its range? */
+/* Is `wrong` a stiffness that is not set, so that its value follows from mass and axles
+ * and may be outside its range? */
 static int of_the_class(const tse_config *c, const char *wrong)
 {
   return strstr(wrong, "_stiffness_") && !(get_setting(c, named(wrong)) > 0);
 }
 
-/* Is it said rightly? The first that is outside its range; else what depends on several: latencies, a formula, a stiffness of
- * the class. */
+/* Is it said rightly? The first that is outside its range; else what depends on several:
+ * latencies, a formula, a stiffness of the class. */
 static void must_be_wrong(const tse_config *c, const char *wrong)
 {
   const setting *const s = named(wrong);
@@ -29,11 +30,14 @@ static void must_be_wrong(const tse_config *c, const char *wrong)
   const setting *const settings = settings_of(&count);
   for (uint32_t i = 0; i < count; i++) {
     const double x = get_setting(c, &settings[i]);
-    if (x >= tse_double_of_setting(tse_setting_of(settings[i].lo)) && x <= tse_double_of_setting(tse_setting_of(settings[i].hi))) continue;
+    if (x >= tse_double_of_setting(tse_setting_of(settings[i].lo))
+        && x <= tse_double_of_setting(tse_setting_of(settings[i].hi)))
+      continue;
     MUST(&settings[i] == s, "%s = %g is outside its range, and %s is named", settings[i].name, x, wrong);
     return;
   }
-  MUST(strstr(wrong, "_latency") || strcmp(wrong, "formula_code_1") == 0 || of_the_class(c, wrong), "%s is inside its range", wrong);
+  MUST(strstr(wrong, "_latency") || strcmp(wrong, "formula_code_1") == 0 || of_the_class(c, wrong),
+      "%s is inside its range", wrong);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -44,7 +48,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   const char *wrong = "";
   const uint32_t first = take(&b, 1);
   take_settings(&b, &c, 1);
-  if (first & 1u) take_settings(&b, &c, 0); /* all inside: the more go on */
+  if (first & 1u) take_settings(&b, &c, 0);                                   /* all inside: the more go on */
   if (c.particles > 64 && c.particles <= TSE_MAX_PARTICLES) c.particles = 64; /* more are the same, slower */
   memset(&p, 0x5a, sizeof p);
   untouched = p;
@@ -54,7 +58,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     MUST(status == TSE_E_CONFIG || status == TSE_E_FORMAT, "status %d", (int)status);
     MUST(memcmp(&p, &untouched, sizeof p) == 0, "refused settings changed the parameters");
     if (status == TSE_E_CONFIG) must_be_wrong(&c, wrong);
-    else MUST(named(wrong) && sizeof(tse_real) == 8 && strcmp(TSE_FORMAT_NAME, "fixed") == 0, "'%s' does not fit", wrong);
+    else
+      MUST(named(wrong) && sizeof(tse_real) == 8 && strcmp(TSE_FORMAT_NAME, "fixed") == 0,
+          "'%s' does not fit", wrong);
     return 0;
   }
   MUST(tse_reset(&p, &f.filter, sizeof f) == TSE_OK, "reset");

@@ -1,5 +1,6 @@
-/* tests/fuzz/fuzz_state.c - a filter that somebody forged: tse_filter_check() refuses it, or tse_step() goes on with it, without a
- * place in memory that is none of its own, and to estimates that are numbers. */
+/* tests/fuzz/fuzz_state.c - a filter that somebody forged: tse_filter_check() refuses it,
+ * or tse_step() goes on with it, without a place in memory that is none of its own, and
+ * to estimates that are numbers. */
 #include "fuzz.h"
 
 static tse_filter_paper f;
@@ -23,9 +24,7 @@ static void forge(bytes *b, uint8_t *at, size_t count)
       case 6:
         for (size_t i = 0; i < sizeof x; i++) where[i] = (uint8_t)take(b, 1);
         break;
-      default:
-        x = real_of(forged(b, how, number(x)));
-        memcpy(where, &x, sizeof x);
+      default: x = real_of(forged(b, how, number(x))); memcpy(where, &x, sizeof x);
     }
   }
 }
@@ -55,7 +54,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (k % 8 == 7) u.missing = take(&b, 1);
     const tse_status status = tse_step(&p, &f.filter, &u, &y);
     if (status >= 0) must_be_estimates(&c, &y, (int)status);
-    (void)tse_filter_check(&p, &f.filter, count); /* it may have become one that is refused, of what was forged */
+    (void)tse_filter_check(
+        &p, &f.filter, count); /* it may have become one that is refused, of what was forged */
   }
   return 0;
 }

@@ -1,6 +1,7 @@
-/* tests/fuzz/fuzz_step.c - drives of any kind through any form of the filter: gaps, nonsense, values that repeat themselves, channels
- * that are missing, restarts, snapshots, learnt states. What is refused changes nothing; the rest is estimates, and a state that
- * tse_filter_check() accepts; the same bytes give the same bits. */
+/* tests/fuzz/fuzz_step.c - drives of any kind through any form of the filter: gaps,
+ * nonsense, values that repeat themselves, channels that are missing, restarts,
+ * snapshots, learnt states. What is refused changes nothing; the rest is estimates, and a
+ * state that tse_filter_check() accepts; the same bytes give the same bits. */
 #include "model/state.h"
 #include "fuzz.h"
 
@@ -31,10 +32,12 @@ static void step(const tse_input *u)
     MUST(memcmp(&untouched, &y, sizeof y) == 0, "a refused row changed the estimates");
     return;
   }
-  MUST(tse_input_check(u, NULL) == TSE_OK || !d.before.filter.started, "a row that is not to be accepted was");
+  MUST(
+      tse_input_check(u, NULL) == TSE_OK || !d.before.filter.started, "a row that is not to be accepted was");
   must_be_estimates(&d.c, &y, (int)status);
   d.digest = mixed(d.digest, &y, offsetof(tse_output, grip_reason));
-  MUST(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state is refused, step %u", (unsigned)d.f.filter.step);
+  MUST(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state is refused, step %u",
+      (unsigned)d.f.filter.step);
 }
 
 /* The filter, its copy, the same row: the same. */
@@ -46,7 +49,8 @@ static void go_on_from_a_copy(const tse_input *u)
   memset(&b, 0, sizeof b);
   memcpy(&copy, &d.f, d.bytes);
   const tse_status first = tse_step(&d.p, &copy.filter, u, &a), second = tse_step(&d.p, &d.f.filter, u, &b);
-  MUST(first == second && memcmp(&a, &b, sizeof a) == 0 && memcmp(&copy, &d.f, d.bytes) == 0, "a copy goes on otherwise");
+  MUST(first == second && memcmp(&a, &b, sizeof a) == 0 && memcmp(&copy, &d.f, d.bytes) == 0,
+      "a copy goes on otherwise");
   memcpy(&d.f, &copy, d.bytes);
 }
 
@@ -125,9 +129,11 @@ static uint64_t run(const uint8_t *data, size_t size)
       case 14: /* a channel that jumps from one end to the other */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 5); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
-          *channel_of(&u, which) = real_of((k & 1u ? -1 : 1) * (which % TSE_CHANNELS == 0 ? 1.2 : which % TSE_CHANNELS < 3 ? 400
-                                                                                              : which % TSE_CHANNELS < 5   ? 50
-                                                                                                                           : 6));
+          *channel_of(&u, which) = real_of((k & 1u ? -1 : 1)
+              * (which % TSE_CHANNELS == 0       ? 1.2
+                      : which % TSE_CHANNELS < 3 ? 400
+                      : which % TSE_CHANNELS < 5 ? 50
+                                                 : 6));
           step(&u);
         }
         break;

@@ -1,4 +1,5 @@
-/* tests/fuzz/run.c - a fuzz target without a fuzzer: through its inputs in a file, a line each: target, name, bytes in hexadecimal. */
+/* tests/fuzz/run.c - a fuzz target without a fuzzer: through its inputs in a file, a line
+ * each: target, name, bytes in hexadecimal. */
 #include "fuzz.h"
 
 enum { MOST_BYTES = 1 << 16 };
@@ -11,7 +12,8 @@ static int digit(char c)
   return at ? (int)(at - digits) : -1;
 }
 
-/* Return 1 if the rest of a line, name and bytes, was an input and the target has gone through it. */
+/* Return 1 if the rest of a line, name and bytes, was an input and the target has gone
+ * through it. */
 static int through(const char *line)
 {
   static uint8_t data[MOST_BYTES];

@@ -1,14 +1,19 @@
-/* tests/fuzz/soak.c - millions of rows of simulated drives through the default filter, with what happens to cars and sensors, and what
- * should not: how often an estimate is no number, and how often the filter says that all was lost when nothing had happened.
+/* tests/fuzz/soak.c - millions of rows of simulated drives through the default filter,
+ * with what happens to cars and sensors, and what should not: how often an estimate is no
+ * number, and how often the filter says that all was lost when nothing had happened.
  *
- *   soak ROWS [FIRST_DRIVE]     prints a Markdown table; exit code 1 when anything is counted that must not be */
+ *   soak ROWS [FIRST_DRIVE]     prints a Markdown table; exit code 1 when anything is
+ *                               counted that must not be */
 #include "fuzz.h"
 #include "tse/simulate.h"
 
-enum { DRIVE_ROWS = 6000 };  /* a minute                                                                              */
+enum {
+  DRIVE_ROWS = 6000
+}; /* a minute                                                                              */
 #define DT 0.01
-#define AFTERMATH 15.0       /* s behind the end of an event in which a recovery is of it: births need samples to show  */
-#define SETTLED 5.0          /* s from the start of a drive: before, stiffness and noise are the settings'              */
+#define AFTERMATH 15.0       /* s behind the end of an event in which a recovery is of it: births need
+                              * samples to show */
+#define SETTLED 5.0          /* s from the start of a drive: before, stiffness and noise are the settings' */
 
 #define EVENTS(X)                                                                         \
   X(calm,       "nothing: 0.6 .. 1.2 of nominal stiffness, up to 6 m/s2 sideways")         \
@@ -30,7 +35,7 @@ enum {
 #define X(name, text) EVENT_##name,
   EVENTS(X)
 #undef X
-      KINDS
+      KINDS,
 };
 static const char *const names[] = {
 #define X(name, text) #name,
@@ -51,7 +56,8 @@ static double uniform(void)
 }
 static double between(double lo, double hi) { return lo + (hi - lo) * uniform(); }
 
-static uint64_t regimes[TSE_REGIMES], out_of_range; /* rows in which each was the likeliest; rows in which a number left its range */
+static uint64_t regimes[TSE_REGIMES],
+    out_of_range; /* rows in which each was the likeliest; rows in which a number left its range */
 
 static void count_regime(const tse_output *y, tse_status status)
 {
@@ -67,7 +73,8 @@ typedef struct tally {
   struct {
     uint64_t rows, holds;
     double error, half; /* sums, relative to the truth: errors, half the 95 % interval */
-  } cornering[2];       /* front, rear: valid rows of the first 0.12 s of each second from the start of the event on */
+  } cornering
+      [2]; /* front, rear: valid rows of the first 0.12 s of each second from the start of the event on */
 } tally;
 static tally all[KINDS];
 
@@ -91,9 +98,7 @@ static event any_event(uint32_t drive)
 /* Share of the rows that come late. */
 static double late_share(int kind)
 {
-  return kind == EVENT_late_1 ? 0.01 : kind == EVENT_late_10 ? 0.1
-                                   : kind == EVENT_late_30   ? 0.3
-                                                             : 0;
+  return kind == EVENT_late_1 ? 0.01 : kind == EVENT_late_10 ? 0.1 : kind == EVENT_late_30 ? 0.3 : 0;
 }
 
 static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
@@ -101,7 +106,8 @@ static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
   const double truth[2] = { tse_double_of_setting(s->true_cy_front), tse_double_of_setting(s->true_cy_rear) };
   for (int a = 0; a < 2; a++) {
     if (y->reason[TSE_CY_FRONT + a] != TSE_VALID) continue;
-    const double off = number(y->stiffness[TSE_CY_FRONT + a]) / truth[a] - 1, half = 1.96 * number(y->stiffness_sd[TSE_CY_FRONT + a]) / truth[a];
+    const double off = number(y->stiffness[TSE_CY_FRONT + a]) / truth[a] - 1,
+                 half = 1.96 * number(y->stiffness_sd[TSE_CY_FRONT + a]) / truth[a];
     n->cornering[a].rows++;
     n->cornering[a].holds += fabs(off) <= half;
     n->cornering[a].error += off;
@@ -110,14 +116,16 @@ static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
 }
 
 /* The driver: a speed to hold, and a sum of sines whose lateral acceleration is bounded. */
-static tse_sim_input drive_on(const event *e, double t, double speed, const double pace[3], double sideways, double now)
+static tse_sim_input drive_on(
+    const event *e, double t, double speed, const double pace[3], double sideways, double now)
 {
   tse_sim_input u = { 0 };
   const int active = t >= e->from && t < e->to, stops = e->kind == EVENT_standstill && active;
   const double wanted = stops ? 0 : speed * (1 + 0.15 * sin(0.2 * t)), torque = 1500 * (wanted - now);
   const double most = sideways * 2.75 / fmax(now * now, 25.0);
   u.dt = real_of(DT);
-  u.steer_angle = real_of(fmin(fmax(most * (sin(pace[0] * t) + 0.5 * sin(pace[1] * t) + 0.3 * sin(pace[2] * t)) / 1.8, -0.25), 0.25));
+  u.steer_angle = real_of(fmin(
+      fmax(most * (sin(pace[0] * t) + 0.5 * sin(pace[1] * t) + 0.3 * sin(pace[2] * t)) / 1.8, -0.25), 0.25));
   if (torque > 0) u.wheel_torque_front = real_of(fmin(torque, 2500));
   else u.brake_torque_front = u.brake_torque_rear = real_of(fmin(-0.5 * torque, 2500));
   u.road_level = real_of(e->kind == EVENT_road && t >= e->from ? 0.4 + e->size : 1);
@@ -135,11 +143,14 @@ static void spoil(const event *e, double t, tse_input *u, const tse_input *hold)
   switch (e->kind) {
     case EVENT_offset: *x += real_of((e->size - 0.5) * ranges[e->channel]); break;
     case EVENT_stuck: *x = *channel_of(&held, e->channel); break;
-    case EVENT_loud: *x += real_of(noise[e->channel] * (3 + 27 * e->size) * (uniform() + uniform() + uniform() - 1.5) * 2); break;
+    case EVENT_loud:
+      *x += real_of(noise[e->channel] * (3 + 27 * e->size) * (uniform() + uniform() + uniform() - 1.5) * 2);
+      break;
     case EVENT_missing: u->missing = (uint32_t)(uniform() * 64) & (uint32_t)(uniform() * 64); break;
     case EVENT_blackout: u->missing = 63; break;
     case EVENT_nonsense:
-      if (uniform() < 0.3) *channel_of(u, (uint32_t)(uniform() * 6)) = real_of(uniform() < 0.5 ? NAN : INFINITY);
+      if (uniform() < 0.3)
+        *channel_of(u, (uint32_t)(uniform() * 6)) = real_of(uniform() < 0.5 ? NAN : INFINITY);
       for (uint32_t k = 0; k < TSE_CHANNELS; k++)
         if (uniform() < 0.3) *channel_of(u, k) = real_of(between(channel_field(k)->lo, channel_field(k)->hi));
       break;
@@ -169,7 +180,8 @@ static void drive_once(uint32_t drive)
   tse_config_exact(&c);
   tse_sim_config_default(&s);
   const event e = any_event(drive);
-  const double speed = between(8, 40), sideways = between(1, 6), pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };
+  const double speed = between(8, 40), sideways = between(1, 6),
+               pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };
   s.speed = tse_setting_of(speed), s.seed = (int32_t)(drive + 1), s.substep = tse_setting_of(0.002);
   s.true_cx_front = tse_setting_of(between(0.6, 1.2));
   s.true_cy_front = tse_setting_of(between(0.6, 1.2));
@@ -216,7 +228,8 @@ static void drive_once(uint32_t drive)
       n->recoveries++;
       if (!of_the_event && t > SETTLED) {
         n->false_recoveries++;
-        (void)fprintf(stderr, "false recovery: drive %u (%s) at %.2f s, event %.2f .. %.2f s\n", (unsigned)drive, names[e.kind], t, e.from, e.to);
+        (void)fprintf(stderr, "false recovery: drive %u (%s) at %.2f s, event %.2f .. %.2f s\n",
+            (unsigned)drive, names[e.kind], t, e.from, e.to);
       }
     }
     was = recovered;
@@ -229,14 +242,16 @@ int main(int argc, char **argv)
   const uint32_t first = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : 0;
   tally sum = { 0 };
   for (uint32_t d = 0; d < (rows + DRIVE_ROWS - 1) / DRIVE_ROWS; d++) drive_once(first + d);
-  (void)printf("| happens | rows | refused | stiffnesses valid | no number | state refused | recoveries | of them false |\n"
+  (void)printf("| happens | rows | refused | stiffnesses valid | no number | state refused | recoveries | of "
+               "them false |\n"
                "|---|---:|---:|---:|---:|---:|---:|---:|\n");
   for (int k = 0; k < KINDS; k++) {
     const tally *const n = &all[k];
-    (void)printf("| %s: %s | %llu | %llu | %.1f %% | %llu | %llu | %llu | %llu |\n", names[k], texts[k], (unsigned long long)n->rows,
-                 (unsigned long long)n->refused, n->rows ? 100.0 * (double)n->valid / (3.0 * (double)n->rows) : 0.0,
-                 (unsigned long long)n->no_number, (unsigned long long)n->unsound, (unsigned long long)n->recoveries,
-                 (unsigned long long)n->false_recoveries);
+    (void)printf("| %s: %s | %llu | %llu | %.1f %% | %llu | %llu | %llu | %llu |\n", names[k], texts[k],
+        (unsigned long long)n->rows, (unsigned long long)n->refused,
+        n->rows ? 100.0 * (double)n->valid / (3.0 * (double)n->rows) : 0.0, (unsigned long long)n->no_number,
+        (unsigned long long)n->unsound, (unsigned long long)n->recoveries,
+        (unsigned long long)n->false_recoveries);
     sum.rows += n->rows;
     sum.refused += n->refused;
     sum.valid += n->valid;
@@ -246,10 +261,11 @@ int main(int argc, char **argv)
     sum.false_recoveries += n->false_recoveries;
   }
   (void)printf("| all | %llu | %llu | %.1f %% | %llu | %llu | %llu | %llu |\n", (unsigned long long)sum.rows,
-               (unsigned long long)sum.refused, 100.0 * (double)sum.valid / (3.0 * (double)(sum.rows ? sum.rows : 1)),
-               (unsigned long long)sum.no_number, (unsigned long long)sum.unsound, (unsigned long long)sum.recoveries,
-               (unsigned long long)sum.false_recoveries);
-  (void)printf("\n| happens | valid, front / rear | mean error [%%] | mean half of the 95 %% interval [%%] | it holds [%%] |\n|---|---:|---:|---:|---:|\n");
+      (unsigned long long)sum.refused, 100.0 * (double)sum.valid / (3.0 * (double)(sum.rows ? sum.rows : 1)),
+      (unsigned long long)sum.no_number, (unsigned long long)sum.unsound, (unsigned long long)sum.recoveries,
+      (unsigned long long)sum.false_recoveries);
+  (void)printf("\n| happens | valid, front / rear | mean error [%%] | mean half of the 95 %% interval [%%] | "
+               "it holds [%%] |\n|---|---:|---:|---:|---:|\n");
   int biased = 0;
   for (int k = 0; k < KINDS; k++) {
     double x[2][4] = { { 0 } };
@@ -259,17 +275,21 @@ int main(int argc, char **argv)
       x[a][1] = 100 * all[k].cornering[a].error / rows_;
       x[a][2] = 100 * all[k].cornering[a].half / rows_;
       x[a][3] = 100 * (double)all[k].cornering[a].holds / rows_;
-      const int ordinary = k == EVENT_calm || late_share(k) > 0; /* nothing but the rows' times; of the others one drive may be far off */
+      const int ordinary = k == EVENT_calm
+          || late_share(k) > 0; /* nothing but the rows' times; of the others one drive may be far off */
       biased = biased || (ordinary && fabs(x[a][1]) > x[a][2]);
     }
     if (x[0][0] + x[1][0] > 0)
-      (void)printf("| %s | %.0f / %.0f | %+.1f / %+.1f | %.1f / %.1f | %.1f / %.1f |\n", names[k], x[0][0], x[1][0], x[0][1], x[1][1], x[0][2], x[1][2], x[0][3],
-                   x[1][3]);
+      (void)printf("| %s | %.0f / %.0f | %+.1f / %+.1f | %.1f / %.1f | %.1f / %.1f |\n", names[k], x[0][0],
+          x[1][0], x[0][1], x[1][1], x[0][2], x[1][2], x[0][3], x[1][3]);
   }
   (void)printf("\n| likeliest | rows | share |\n|---|---:|---:|\n");
-  static const char *const regime_names[TSE_REGIMES] = { "steady", "changed", "axle", "fault", "sliding", "restarted" };
+  static const char *const regime_names[TSE_REGIMES] = { "steady", "changed", "axle", "fault", "sliding",
+    "restarted" };
   for (int r = 0; r < TSE_REGIMES; r++)
-    (void)printf("| %s | %llu | %.3f %% |\n", regime_names[r], (unsigned long long)regimes[r], 100.0 * (double)regimes[r] / (double)(sum.rows ? sum.rows : 1));
-  (void)printf("\nRows whose status says that a number left the range of the format: %llu.\n", (unsigned long long)out_of_range);
+    (void)printf("| %s | %llu | %.3f %% |\n", regime_names[r], (unsigned long long)regimes[r],
+        100.0 * (double)regimes[r] / (double)(sum.rows ? sum.rows : 1));
+  (void)printf("\nRows whose status says that a number left the range of the format: %llu.\n",
+      (unsigned long long)out_of_range);
   return sum.rows == 0 || sum.no_number > 0 || sum.unsound > 0 || sum.false_recoveries > 0 || biased;
 }

@@ -1,6 +1,8 @@
 /* tests/mistakes/rows.c - a log through the library, as a program of C has it.
- *   rows KNOWN MASS LF LR RADIUS_FRONT RADIUS_REAR DRIVEN_AXLE < log.csv     time and six channels, a row each 10 ms, after a line of names
- * Prints of each row its status, the reasons of three stiffnesses, fault_channel and fault_factor. */
+ *   rows KNOWN MASS LF LR RADIUS_FRONT RADIUS_REAR DRIVEN_AXLE < log.csv     time and six
+ *   channels, a row each 10 ms, after a line of names
+ * Prints of each row its status, the reasons of three stiffnesses, fault_channel and
+ * fault_factor. */
 #include <stdio.h>
 #include <stdlib.h>
 #include "tse/tse.h"
@@ -20,9 +22,11 @@ int main(int argc, char **argv)
   tse_input_default(&u);
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0) return 1;
   while (scanf("%*f,%lf,%lf,%lf,%lf,%lf,%lf", &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear,
-               &u.accel_x, &u.accel_y, &u.yaw_rate) == 6) {
+             &u.accel_x, &u.accel_y, &u.yaw_rate)
+      == 6) {
     const tse_status status = tse_step(&p, &f, &u, &y);
-    printf("%d %d %d %d %d %.9g\n", (int)status, (int)y.reason[0], (int)y.reason[1], (int)y.reason[2], (int)y.fault_channel, y.fault_factor);
+    printf("%d %d %d %d %d %.9g\n", (int)status, (int)y.reason[0], (int)y.reason[1], (int)y.reason[2],
+        (int)y.fault_channel, y.fault_factor);
   }
   return 0;
 }

@@ -1,5 +1,6 @@
-/* tests/replay/replay.h - a recorded drive through the filter, and what identifies the result: for
- * tests/unit/estimator/test_replay.c, which compares with the golden estimates, and for update.c, which writes them. */
+/* tests/replay/replay.h - a recorded drive through the filter, and what identifies the
+ * result: for tests/unit/estimator/test_replay.c, which compares with the golden
+ * estimates, and for update.c, which writes them. */
 #ifndef REPLAY_H
 #define REPLAY_H
 
@@ -13,13 +14,16 @@
 #include "tse/tse.h"
 #include "tse/convert.h"
 
-enum { REPLAY_ROWS_MOST = 4000,
-       REPLAY_EVERY = 25,
-       REPLAY_PARTICLES = 150,
-       REPLAY_SCHEMES = 4,
-       REPLAY_COLUMNS = REPLAY_OUTPUTS }; /* of the golden table */
+enum {
+  REPLAY_ROWS_MOST = 4000,
+  REPLAY_EVERY = 25,
+  REPLAY_PARTICLES = 150,
+  REPLAY_SCHEMES = 4,
+  REPLAY_COLUMNS = REPLAY_OUTPUTS
+}; /* of the golden table */
 
-/* Read drive.csv: dt, then the channels of tse_input; an empty field is missing.   Returned: rows, or 0. */
+/* Read drive.csv: dt, then the channels of tse_input; an empty field is missing.
+ * Returned: rows, or 0. */
 static inline int replay_read(const char *path, tse_input *rows)
 {
   char line[256];
@@ -73,17 +77,17 @@ static const replay_form replay_forms[] = {
   { "default", tse_config_exact },
   { "robust", tse_config_robust },
   { "paper", tse_config_paper },
-  { "uncalibrated", replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is uncertain is considered */
+  { "uncalibrated",
+      replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is
+                              * uncertain is considered */
 };
-enum { REPLAY_FORMS = 4,
-       REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES,
-       REPLAY_STATUSES = 8 };
+enum { REPLAY_FORMS = 4, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };
 
-/* A form's settings, but fewer particles than a multiple of eight, so that padding takes part.
- * Returned: hash of every output of every row; table: each REPLAY_EVERY-th row, unless NULL; met: rows by status, unless
- * NULL. 0 if something was refused. */
-static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_t scheme, double table[][REPLAY_COLUMNS],
-                                  int *met)
+/* A form's settings, but fewer particles than a multiple of eight, so that padding takes
+ * part. Returned: hash of every output of every row; table: each REPLAY_EVERY-th row,
+ * unless NULL; met: rows by status, unless NULL. 0 if something was refused. */
+static inline uint64_t replay_run(
+    const tse_input *rows, int n, int form, int32_t scheme, double table[][REPLAY_COLUMNS], int *met)
 {
   static tse_filter_paper memory; /* enough for every form */
   static tse_params p;

@@ -1,5 +1,6 @@
-/* tests/replay/replay_hash.h - one number for every bit of what the filter puts out. No more than the compiler brings along, so that
- * it runs on a machine without files and without a C library, too (tests/embedded). */
+/* tests/replay/replay_hash.h - one number for every bit of what the filter puts out. No
+ * more than the compiler brings along, so that it runs on a machine without files and
+ * without a C library, too (tests/embedded). */
 #ifndef REPLAY_HASH_H
 #define REPLAY_HASH_H
 
@@ -30,13 +31,14 @@ static inline uint64_t replay_mix_real(uint64_t hash, tse_real x)
   return replay_mix(hash, narrow, 4);
 }
 
-/* Of which time the estimates are is none of them: no channel is late in the recorded drive. */
+/* Of which time the estimates are is none of them: no channel is late in the recorded
+ * drive. */
 static const struct {
   const char *name;
   size_t at;
   int whole;
 } replay_outputs[] = {
-  /* table: hashed_outputs */
+  // clang-format off: table hashed_outputs
   { "vel_x", offsetof(tse_output, vel_x), 0 },
   { "vel_x_sd", offsetof(tse_output, vel_x_sd), 0 },
   { "vel_y", offsetof(tse_output, vel_y), 0 },
@@ -109,7 +111,7 @@ static const struct {
   { "cy_front_secant", offsetof(tse_output, stiffness_secant[1]), 0 },
   { "cy_rear_secant", offsetof(tse_output, stiffness_secant[2]), 0 },
   { "fault_factor", offsetof(tse_output, fault_factor), 0 },
-  /* end of table */
+  // clang-format on: end of table
 };
 enum { REPLAY_OUTPUTS = sizeof replay_outputs / sizeof replay_outputs[0] };
 

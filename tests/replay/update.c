@@ -1,12 +1,14 @@
-/* tests/replay/update.c - writes what tests/unit/estimator/test_replay.c compares with; tests/replay/update.py compiles and
- * runs it.
+/* tests/replay/update.c - writes what tests/unit/estimator/test_replay.c compares with;
+ * tests/replay/update.py compiles and runs it.
  *   update drive             a new drive from the simulator, as CSV on stdout
- *   update golden DRIVE      the estimates of that drive in the format this program is compiled for */
+ *   update golden DRIVE      the estimates of that drive in the format this program is
+ *                            compiled for */
 #include "replay.h"
 #include "tse/describe.h"
 #include "tse/simulate.h"
 
-/* 30 s: standstill, acceleration with torque steps, two lane changes, braking to a stop, a little backwards. */
+/* 30 s: standstill, acceleration with torque steps, two lane changes, braking to a stop,
+ * a little backwards. */
 static double torque_at(double t)
 {
   if (t < 1.5) return 0.0;
@@ -15,9 +17,10 @@ static double torque_at(double t)
   return t > 27.5 && t < 28.5 ? -600.0 : 0.0;
 }
 
-static double brake_at(double t) { return t < 1.5 ? 500.0 : t > 21.0 && t < 27.5 ? 2200.0
-                                                        : t > 28.5               ? 800.0
-                                                                                 : 0.0; }
+static double brake_at(double t)
+{
+  return t < 1.5 ? 500.0 : t > 21.0 && t < 27.5 ? 2200.0 : t > 28.5 ? 800.0 : 0.0;
+}
 
 static double steer_at(double t)
 {
@@ -43,7 +46,8 @@ static int write_drive(void)
   if (tse_sim_reset(&sim, &config, &truth, NULL) < 0) return 1;
 
   printf("# recorded from the simulator (update.c); an empty field is missing\ndt");
-  for (int k = 0; k < TSE_CHANNELS; k++) printf(",%s", tse_describe(TSE_STRUCT_INPUT, NULL, NULL)[1 + k].name); /* behind dt */
+  for (int k = 0; k < TSE_CHANNELS; k++)
+    printf(",%s", tse_describe(TSE_STRUCT_INPUT, NULL, NULL)[1 + k].name); /* behind dt */
   printf("\n");
   double gap = 0.0;
   for (int i = 0; i <= 3000; i++) {
@@ -56,9 +60,11 @@ static int write_drive(void)
     u.brake_torque_rear = tse_real_of(0.4 * brake_at(t)), u.road_level = tse_real_of(1);
     if (tse_sim_step(&sim, &u, &y) < 0) return 1;
     gap += 0.01;
-    if (within(t, 13.1, 13.5) || within(t, 16.0, 16.03) || within(t, 18.0, 18.06)) continue; /* rows lost: steps to 0.41 s */
-    const double channel[6] = { tse_double_of(y.row.steer_angle), tse_double_of(y.row.wheel_speed_front), tse_double_of(y.row.wheel_speed_rear),
-                                tse_double_of(y.row.accel_x), tse_double_of(y.row.accel_y), tse_double_of(y.row.yaw_rate) };
+    if (within(t, 13.1, 13.5) || within(t, 16.0, 16.03) || within(t, 18.0, 18.06))
+      continue; /* rows lost: steps to 0.41 s */
+    const double channel[6] = { tse_double_of(y.row.steer_angle), tse_double_of(y.row.wheel_speed_front),
+      tse_double_of(y.row.wheel_speed_rear), tse_double_of(y.row.accel_x), tse_double_of(y.row.accel_y),
+      tse_double_of(y.row.yaw_rate) };
     int lost[6] = { within(t, 7.5, 7.53), within(t, 12.0, 12.05), within(t, 15.0, 15.2), 0, 0, 0 };
     lost[3] = within(t, 10.0, 10.1) || within(t, 17.0, 17.2) || i % 97 == 0;
     lost[4] = within(t, 10.5, 10.6) || within(t, 17.0, 17.2) || i % 89 == 0;
@@ -66,7 +72,7 @@ static int write_drive(void)
     printf("%.2f", gap);
     for (int k = 0; k < 6; k++)
       if (lost[k]) printf(",");
-      else if (k == 4 && within(t, 19.0, 19.01)) printf(",99");              /* out of range: counts as missing */
+      else if (k == 4 && within(t, 19.0, 19.01)) printf(",99"); /* out of range: counts as missing */
       else printf(k == 0 || k == 5 ? ",%.5f" : ",%.3f", channel[k]);
     printf("\n");
     gap = 0.0;
@@ -80,14 +86,15 @@ static int write_golden(const char *drive)
   static double table[REPLAY_ROWS_MOST / REPLAY_EVERY + 1][REPLAY_COLUMNS];
   const int n = replay_read(drive, rows), digits = sizeof(tse_real) == 4 ? 9 : 12;
   if (n == 0) return 1;
-  printf("# written by update.py: hash of all outputs per form and resampling scheme; every %dth row with the first\n",
-         REPLAY_EVERY);
+  printf("# written by update.py: hash of all outputs per form and resampling scheme; every %dth row with "
+         "the first\n",
+      REPLAY_EVERY);
   for (int k = 0; k < REPLAY_HASHES; k++) {
     const int form = k / REPLAY_SCHEMES, scheme = k % REPLAY_SCHEMES;
     const uint64_t hash = replay_run(rows, n, form, scheme, k == 0 ? table : NULL, NULL);
     if (hash == 0) return 1;
-    printf("# hash %08lx%08lx %s, scheme %d\n", (unsigned long)(hash >> 32), (unsigned long)(hash & 0xffffffffu),
-           replay_forms[form].name, scheme);
+    printf("# hash %08lx%08lx %s, scheme %d\n", (unsigned long)(hash >> 32),
+        (unsigned long)(hash & 0xffffffffu), replay_forms[form].name, scheme);
   }
   printf("row");
   for (int k = 0; k < REPLAY_COLUMNS; k++) printf(",%s", replay_outputs[k].name);

@@ -1,5 +1,6 @@
-/* tests/unit/driven.h - a car that the simulator drives as in the paper's Sec. IV-A: a square wave of 4 s in steering, of 5 s in front
- * torque. Included once, after unit_support.h. */
+/* tests/unit/driven.h - a car that the simulator drives as in the paper's Sec. IV-A: a
+ * square wave of 4 s in steering, of 5 s in front torque. Included once, after
+ * unit_support.h. */
 #ifndef DRIVEN_H
 #define DRIVEN_H
 

@@ -1,4 +1,5 @@
-/* tests/unit/effect_support.h - what the tests of effects share. Included once, after unit_support.h. */
+/* tests/unit/effect_support.h - what the tests of effects share. Included once, after
+ * unit_support.h. */
 #ifndef EFFECT_SUPPORT_H
 #define EFFECT_SUPPORT_H
 
@@ -11,7 +12,8 @@ enum { LOG_MOST = 20000 };
 
 /* Rows of a log and what comes of them. */
 static tse_real log_dt[LOG_MOST], log_steer[LOG_MOST], log_front[LOG_MOST], log_rear[LOG_MOST];
-static tse_real got_x[LOG_MOST], got_y[LOG_MOST], got_r[LOG_MOST], got_vx[LOG_MOST], got_vy[LOG_MOST], got_yaw[LOG_MOST];
+static tse_real got_x[LOG_MOST], got_y[LOG_MOST], got_r[LOG_MOST], got_vx[LOG_MOST], got_vy[LOG_MOST],
+    got_yaw[LOG_MOST];
 static tse_real got_tf[LOG_MOST], got_tr[LOG_MOST];
 
 static inline tse_replay_log the_log(void)
@@ -38,7 +40,8 @@ static inline tse_replay_start the_start(void)
 }
 
 /* A replay that must succeed. */
-static inline void replay_with(const tse_config *c, const tse_replay_log *log, int rows, const tse_replay_start *s)
+static inline void replay_with(
+    const tse_config *c, const tse_replay_log *log, int rows, const tse_replay_start *s)
 {
   const tse_params p = prepared(*c);
   const tse_replay_out out = the_out();

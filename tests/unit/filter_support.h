@@ -1,5 +1,6 @@
-/* tests/unit/filter_support.h - what tests of src/filter share: dense matrices in double, and a car of the filter's own model that is
- * driven. Included once, after unit_support.h. */
+/* tests/unit/filter_support.h - what tests of src/filter share: dense matrices in double,
+ * and a car of the filter's own model that is driven. Included once, after
+ * unit_support.h. */
 #ifndef FILTER_SUPPORT_H
 #define FILTER_SUPPORT_H
 
@@ -29,8 +30,7 @@ static inline dense dense_of(const tse_ud *p)
   dense m;
   double u[STATES][STATES];
   for (int i = 0; i < STATES; i++)
-    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number_of(p->u[ud_column(j) + i])
-                                                                  : 0;
+    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number_of(p->u[ud_column(j) + i]) : 0;
   for (int i = 0; i < STATES; i++)
     for (int k = 0; k < STATES; k++) {
       m.p[i][k] = 0;
@@ -39,7 +39,8 @@ static inline dense dense_of(const tse_ud *p)
   return m;
 }
 
-static inline void expect_dense(const dense *expected, const tse_ud *actual, double tolerance, const char *what)
+static inline void expect_dense(
+    const dense *expected, const tse_ud *actual, double tolerance, const char *what)
 {
   const dense m = dense_of(actual);
   for (int i = 0; i < STATES; i++)
@@ -54,7 +55,8 @@ static inline void any_covariance(tse_ud *p, uint32_t *seed)
   p->extras = 0;
 }
 
-/* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no error of the estimate. */
+/* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no
+ * error of the estimate. */
 static inline void weaken(tse_real (*slopes)[PLACES], int rows, const tse_kalman *k)
 {
   const dense m = dense_of(&k->ud);
@@ -65,7 +67,8 @@ static inline void weaken(tse_real (*slopes)[PLACES], int rows, const tse_kalman
       signal += pow(number(k->x[of[a][n]]) / number(state_unit[of[a][n]]), 2);
       error += m.p[of[a][n]][of[a][n]];
     }
-    for (int i = 0; i < rows; i++) slopes[i][stiffness_at(a)] = real(number(slopes[i][stiffness_at(a)]) * signal / (signal + error));
+    for (int i = 0; i < rows; i++)
+      slopes[i][stiffness_at(a)] = real(number(slopes[i][stiffness_at(a)]) * signal / (signal + error));
   }
 }
 
@@ -79,7 +82,8 @@ typedef struct truth {
   uint32_t seed;
 } truth;
 
-/* A car that is in no state known exactly: drawn from the prior, parameters and all. spread: over the prior's sd. */
+/* A car that is in no state known exactly: drawn from the prior, parameters and all.
+ * spread: over the prior's sd. */
 static inline void truth_start(truth *w, tse_config c, double speed, double spread, uint32_t seed)
 {
   memset(w, 0, sizeof *w);

@@ -1,9 +1,11 @@
-/* tests/unit/paper_cases.h - the linear Gaussian part of the paper in dense matrices and SI units: stiffness in N and N/rad,
- * measurements in m/s2 and rad/s. Given the past, (w, y) is jointly Student-t with nut = nu - 2 degrees of freedom and scale
+/* tests/unit/paper_cases.h - the linear Gaussian part of the paper in dense matrices and
+ * SI units: stiffness in N and N/rad, measurements in m/s2 and rad/s. Given the past, (w,
+ * y) is jointly Student-t with nut = nu - 2 degrees of freedom and scale
  *     [ A     A d'                          ]        A = (1 + gamma)/nut Lambda
  *     [ d A   d A d' + (nut-2)/nut (R + P)  ]
- * so w given y is Student-t, too (Kotz and Nadarajah, Multivariate t Distributions, 2004, section 1.11). The program under test
- * whitens, works in log2 and in scalar steps. Numbers have 24 bits: every format starts from the same. After unit_support.h. */
+ * so w given y is Student-t, too (Kotz and Nadarajah, Multivariate t Distributions, 2004,
+ * section 1.11). The program under test whitens, works in log2 and in scalar steps.
+ * Numbers have 24 bits: every format starts from the same. After unit_support.h. */
 #ifndef PAPER_CASES_H
 #define PAPER_CASES_H
 
@@ -29,7 +31,9 @@ static inline double any(uint32_t *seed, double lo, double hi) { return single(n
 
 static inline paper_car any_car(uint32_t *seed)
 {
-  static const double range[13][2] = { { 900, 3000 }, { 1, 1.6 }, { 1, 1.8 }, { 0.28, 0.36 }, { 0.28, 0.36 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 0, 1 }, { 0.05, 0.3 }, { 0.05, 0.3 }, { 0.002, 0.01 } };
+  static const double range[13][2] = { { 900, 3000 }, { 1, 1.6 }, { 1, 1.8 }, { 0.28, 0.36 }, { 0.28, 0.36 },
+    { 8e4, 2e5 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 8e4, 2e5 }, { 0, 1 }, { 0.05, 0.3 }, { 0.05, 0.3 },
+    { 0.002, 0.01 } };
   double at[13];
   paper_car c;
   for (int k = 0; k < 13; k++) at[k] = any(seed, range[k][0], range[k][1]);
@@ -48,10 +52,12 @@ static inline tse_config config_of(const paper_car *car, int32_t particles)
 }
 
 /* Near the speed of the wheels; sds of the stiffness between those given. */
-static inline paper_particle any_particle(uint32_t *seed, const paper_car *car, const double u[3], double low, double high)
+static inline paper_particle any_particle(
+    uint32_t *seed, const paper_car *car, const double u[3], double low, double high)
 {
   paper_particle q;
-  const double v = 0.5 * (car->wheel_radius_front * u[1] + car->wheel_radius_rear * u[2]), sd = next_between(seed, low, high);
+  const double v = 0.5 * (car->wheel_radius_front * u[1] + car->wheel_radius_rear * u[2]),
+               sd = next_between(seed, low, high);
   double g[3][5];
   q.x[0] = single(v + 0.1 * next_normal(seed)), q.x[1] = single(0.2 * next_normal(seed));
   q.x[2] = single(0.1 * next_normal(seed));
@@ -70,27 +76,32 @@ static inline paper_particle any_particle(uint32_t *seed, const paper_car *car, 
 }
 
 /* h and d of (9); u: steering angle, wheel speeds. Where speeds are above 1 m/s. */
-static inline void regressors(const paper_car *c, const double x[3], const double u[3], double h[3], double d[3][3])
+static inline void regressors(
+    const paper_car *c, const double x[3], const double u[3], double h[3], double d[3][3])
 {
   const double vf = c->wheel_radius_front * u[1], vr = c->wheel_radius_rear * u[2];
-  const double fx_f = c->longitudinal_stiffness_front * (vf - x[0]) / fmax(x[0], vf), fx_r = c->longitudinal_stiffness_rear * (vr - x[0]) / fmax(x[0], vr);
-  const double fy_f = c->cornering_stiffness_front * (u[0] - (x[1] + c->lf * x[2]) / x[0]), fy_r = c->cornering_stiffness_rear * (c->lr * x[2] - x[1]) / x[0];
-  const double rows[3][3] = { { (fx_f + c->rear_longitudinal_follows_front * fx_r) / c->mass, -fy_f * u[0] / c->mass, 0 },
-                              { fx_f * u[0] / c->mass, fy_f / c->mass, fy_r / c->mass },
-                              { 0, 0, 0 } };
+  const double fx_f = c->longitudinal_stiffness_front * (vf - x[0]) / fmax(x[0], vf),
+               fx_r = c->longitudinal_stiffness_rear * (vr - x[0]) / fmax(x[0], vr);
+  const double fy_f = c->cornering_stiffness_front * (u[0] - (x[1] + c->lf * x[2]) / x[0]),
+               fy_r = c->cornering_stiffness_rear * (c->lr * x[2] - x[1]) / x[0];
+  const double rows[3][3] = { { (fx_f + c->rear_longitudinal_follows_front * fx_r) / c->mass,
+                                  -fy_f * u[0] / c->mass, 0 },
+    { fx_f * u[0] / c->mass, fy_f / c->mass, fy_r / c->mass }, { 0, 0, 0 } };
   memcpy(d, rows, sizeof rows);
   h[0] = (fx_f + fx_r - fy_f * u[0]) / c->mass;
   h[1] = (fy_f + fy_r + fx_f * u[0]) / c->mass;
   h[2] = x[2];
 }
 
-/* What a sample says of w under one particle: log density of the sample, and the conditional of w: mean, degrees of freedom,
- * inverse of the Cholesky factor of its scale. */
+/* What a sample says of w under one particle: log density of the sample, and the
+ * conditional of w: mean, degrees of freedom, inverse of the Cholesky factor of its
+ * scale. */
 typedef struct conditional {
   double log_density, mean[3], dof, white[3][3];
 } conditional;
 
-static inline conditional conditional_of(const paper_car *c, const paper_prior *prior, const paper_particle *q, const double u[3], const double y[3], int mask)
+static inline conditional conditional_of(const paper_car *c, const paper_prior *prior,
+    const paper_particle *q, const double u[3], const double y[3], int mask)
 {
   static const int upper[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
   const double sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd }, nut = prior->nu - 2;
@@ -144,7 +155,8 @@ static inline conditional conditional_of(const paper_car *c, const paper_prior *
 }
 
 /* Of a sample that its particle could have made, two of its sds off. */
-static inline void any_sample(uint32_t *seed, const paper_car *c, const paper_particle *q, const double u[3], double y[3])
+static inline void any_sample(
+    uint32_t *seed, const paper_car *c, const paper_particle *q, const double u[3], double y[3])
 {
   const double sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
   double h[3], d[3][3];

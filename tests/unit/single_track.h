@@ -1,12 +1,14 @@
-/* tests/unit/single_track.h - the single-track model (1)-(4) in another form than src/model/vehicle.h: forces in newtons, mass and
- * inertia, slip over at least 1 m/s, absolute speeds; integrated by Runge and Kutta in a 200th of the fastest tyre mode; and
+/* tests/unit/single_track.h - the single-track model (1)-(4) in another form than
+ * src/model/vehicle.h: forces in newtons, mass and inertia, slip over at least 1 m/s,
+ * absolute speeds; integrated by Runge and Kutta in a 200th of the fastest tyre mode; and
  * a Kalman filter of it. Included once, after unit_support.h. */
 #ifndef SINGLE_TRACK_H
 #define SINGLE_TRACK_H
 
 #include <math.h>
 
-/* mass, yaw inertia, lf, lr, Cx front, Cx rear, Cy front, Cy rear, share of the front's deviation that the rear takes */
+/* mass, yaw inertia, lf, lr, Cx front, Cx rear, Cy front, Cy rear, share of the front's
+ * deviation that the rear takes */
 static const double car_table[3][9] = {
   { 1900.0, 3000.0, 1.25, 1.5, 160000.0, 160000.0, 120000.0, 140000.0, 1.0 },
   { 1100.0, 1500.0, 1.0, 1.375, 90000.0, 70000.0, 75000.0, 100000.0, 0.0 },
@@ -25,9 +27,11 @@ static inline tse_config config_of_table(int k)
   return c;
 }
 
-/* x: vel_x, vel_y, yaw rate; u: steering angle, R omega front and rear; w: deviations of the stiffness.
- * slip: front, rear, slip angle front, rear; accel: accel_x, accel_y, yaw acceleration. */
-static inline void single_track(const double *car, const double x[3], const double u[3], const double w[3], double slip[4], double accel[3])
+/* x: vel_x, vel_y, yaw rate; u: steering angle, R omega front and rear; w: deviations of
+ * the stiffness. slip: front, rear, slip angle front, rear; accel: accel_x, accel_y, yaw
+ * acceleration. */
+static inline void single_track(const double *car, const double x[3], const double u[3], const double w[3],
+    double slip[4], double accel[3])
 {
   const double speed = fabs(x[0]), over = fmax(speed, 1), lf = car[2], lr = car[3];
   slip[0] = (u[1] - x[0]) / fmax(over, fabs(u[1]));
@@ -35,14 +39,16 @@ static inline void single_track(const double *car, const double x[3], const doub
   slip[2] = (u[0] * x[0] - (x[1] + lf * x[2])) / over;
   slip[3] = (lr * x[2] - x[1]) / over;
   const double fx_front = car[4] * (1 + w[0]) * slip[0], fx_rear = car[5] * (1 + car[8] * w[0]) * slip[1];
-  const double fy_front = car[6] * (1 + w[1]) * slip[2], fy_rear = car[7] * (1 + w[2]) * slip[3], across = fy_front + fx_front * u[0];
+  const double fy_front = car[6] * (1 + w[1]) * slip[2], fy_rear = car[7] * (1 + w[2]) * slip[3],
+               across = fy_front + fx_front * u[0];
   accel[0] = (fx_front + fx_rear - fy_front * u[0]) / car[0];
   accel[1] = (across + fy_rear) / car[0];
   accel[2] = (lf * across - lr * fy_rear) / car[1];
 }
 
 /* x after dt by Runge and Kutta, inputs linear in between. */
-static inline void track_move(const double *car, double x[3], const double w[3], const double u0[3], const double u1[3], double dt, int steps)
+static inline void track_move(const double *car, double x[3], const double w[3], const double u0[3],
+    const double u1[3], double dt, int steps)
 {
   static const double at[4] = { 0, 0.5, 0.5, 1 }, share[4] = { 1, 2, 2, 1 };
   for (int k = 0; k < steps; k++) {
@@ -63,25 +69,28 @@ static inline void track_move(const double *car, double x[3], const double w[3],
 
 enum { DRIVES = 11 };
 
-/* Drive i: car | duration | state at the start (3) | inputs at the start (3), at the end (3), linear between | w (3) |
- * state at the end (3) | time constant of the fastest tyre mode at the start. */
+/* Drive i: car | duration | state at the start (3) | inputs at the start (3), at the end
+ * (3), linear between | w (3) | state at the end (3) | time constant of the fastest tyre
+ * mode at the start. */
 static inline const double *single_track_drive(int i)
 {
-  static const double drives[DRIVES][4] = { /* speed, duration, change of R omega, steering angle at the end */
-                                            { 0.3, 0.4, 0.2, 0.1 },
-                                            { 0.6, 0.4, 0.3, -0.2 },
-                                            { 2.0, 0.5, 0.8, 0.15 },
-                                            { 5.0, 0.8, 1.0, -0.1 },
-                                            { 10.0, 1.0, 1.5, 0.06 },
-                                            { 20.0, 1.0, 2.0, 0.04 },
-                                            { 20.0, 1.0, -2.5, -0.05 },
-                                            { 40.0, 1.0, 1.5, -0.03 },
-                                            { 70.0, 1.0, 1.0, 0.015 },
-                                            { -5.0, 0.8, -1.0, 0.1 },
-                                            { -0.5, 0.4, -0.2, 0.2 }
+  static const double drives[DRIVES][4] = {
+    /* speed, duration, change of R omega, steering angle at the end */
+    { 0.3, 0.4, 0.2, 0.1 },
+    { 0.6, 0.4, 0.3, -0.2 },
+    { 2.0, 0.5, 0.8, 0.15 },
+    { 5.0, 0.8, 1.0, -0.1 },
+    { 10.0, 1.0, 1.5, 0.06 },
+    { 20.0, 1.0, 2.0, 0.04 },
+    { 20.0, 1.0, -2.5, -0.05 },
+    { 40.0, 1.0, 1.5, -0.03 },
+    { 70.0, 1.0, 1.0, 0.015 },
+    { -5.0, 0.8, -1.0, 0.1 },
+    { -0.5, 0.4, -0.2, 0.2 },
   };
   static double table[DRIVES][18];
-  double *const t = table[i], speed = drives[i][0], steer = drives[i][3], change = drives[i][2], way = change > 0 ? 1 : -1;
+  double *const t = table[i], speed = drives[i][0], steer = drives[i][3], change = drives[i][2],
+                way = change > 0 ? 1 : -1;
   const double *const car = car_table[i % 3];
   if (t[1] > 0) return t;
   t[0] = i % 3;
@@ -91,19 +100,19 @@ static inline const double *single_track_drive(int i)
   t[6] = fabs(speed) < 1 ? speed + 0.02 * way : speed + 0.004 * way * fabs(speed);
   t[7] = fabs(speed) < 1 ? speed + 0.02 * way : speed + 0.006 * way * fabs(speed);
   t[8] = steer, t[9] = t[6] + change, t[10] = t[7] + 1.1 * change;
-  for (int a = 0; a < 3; a++) t[11 + a] = (a == 0 ? 0.3 : a == 1 ? -0.25
-                                                                 : 0.2) *
-                                          (i % 2 ? -1 : 1),
-                                     t[14 + a] = t[2 + a];
+  for (int a = 0; a < 3; a++)
+    t[11 + a] = (a == 0 ? 0.3 : a == 1 ? -0.25 : 0.2) * (i % 2 ? -1 : 1), t[14 + a] = t[2 + a];
   t[17] = car[0] * fmax(fabs(speed), 1) / (1 + (i % 2 ? 0.25 : 0.3)) / (car[4] + car[5]);
   track_move(car, t + 14, t + 11, t + 5, t + 8, t[1], (int)ceil(200 * t[1] / t[17]));
   return t;
 }
 
-/* An extended Kalman filter of nine states in dense matrices, for who checks a filter: the model above, differentiated by
- * differences. States: vel_x, vel_y, yaw rate; deviations of the stiffness; biases. The deviations are constant and the tyres
- * scatter about them by `spread`, or they are white noise of that sd, which is estimated with the sample that it disturbs: so the
- * correlation of process and measurement noise is carried. */
+/* An extended Kalman filter of nine states in dense matrices, for who checks a filter:
+ * the model above, differentiated by differences. States: vel_x, vel_y, yaw rate;
+ * deviations of the stiffness; biases. The deviations are constant and the tyres scatter
+ * about them by `spread`, or they are white noise of that sd, which is estimated with the
+ * sample that it disturbs: so the correlation of process and measurement noise is
+ * carried. */
 typedef struct dense_kalman {
   const double *car; /* of car_table */
   double mean[9], cov[9][9], sd[3], walk[3], spread;

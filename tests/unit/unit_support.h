@@ -1,4 +1,5 @@
-/* tests/unit/unit_support.h - what several unit tests need. Each test file includes it once, after the headers of src/. */
+/* tests/unit/unit_support.h - what several unit tests need. Each test file includes it
+ * once, after the headers of src/. */
 #ifndef UNIT_SUPPORT_H
 #define UNIT_SUPPORT_H
 
@@ -23,7 +24,8 @@ void tearDown(void) {}
 #define ROWS(table) ((int)(sizeof(table) / sizeof((table)[0])))
 
 /* A figure for each number format. */
-#if defined(TSE_REAL_FLOAT) || defined(TSE_REAL_FIXED) /* whose absolute resolution is a thousandth of float's at 1 */
+#if defined(TSE_REAL_FLOAT) \
+    || defined(TSE_REAL_FIXED) /* whose absolute resolution is a thousandth of float's at 1 */
 #define BY_FORMAT(in_double, in_float) (in_float)
 #else
 #define BY_FORMAT(in_double, in_float) (in_double)
@@ -41,7 +43,8 @@ static inline double number(tse_real x) { return tse_double_of(x); }
 static inline tse_setting setting(double x) { return tse_setting_of(x); }
 static inline double of_setting(tse_setting x) { return tse_double_of_setting(x); }
 
-/* What a computation that went wrong leaves behind: NaN; in fixed point, which has none, the number at which results stop. */
+/* What a computation that went wrong leaves behind: NaN; in fixed point, which has none,
+ * the number at which results stop. */
 static inline tse_real broken(void) { return BY_NUMBER(real((double)NAN), real((double)NAN), real(1e30)); }
 
 /* The neighbour of x as the format holds it; of a setting. */
@@ -72,12 +75,13 @@ static inline void expect_near(double expected, double actual, double tolerance,
   char text[160];
   const double error = fabs(actual - expected);
   if (error <= tolerance) return; /* false for NaN */
-  (void)snprintf(text, sizeof text, "%s [%d] is %.17g, expected %.17g, error %.3g > %.3g", what, index, actual, expected, error,
-                 tolerance);
+  (void)snprintf(text, sizeof text, "%s [%d] is %.17g, expected %.17g, error %.3g > %.3g", what, index,
+      actual, expected, error, tolerance);
   TEST_FAIL_MESSAGE(text);
 }
 
-/* Moments of n samples, which lie within so many standard errors of those that are asked for: missed by chance with probability 1e-5. */
+/* Moments of n samples, which lie within so many standard errors of those that are asked
+ * for: missed by chance with probability 1e-5. */
 #define SIGMAS 4.42
 
 static inline double mean_of(const double *x, int n)
@@ -103,17 +107,20 @@ static inline void expect_moments(const double *x, int n, double mean, double sd
 
 static inline void expect_uncorrelated(const double *x, const double *y, int n, const char *what)
 {
-  expect_near(0, covariance(x, y, n) / sqrt(covariance(x, x, n) * covariance(y, y, n)), SIGMAS / sqrt(n), what, 0);
+  expect_near(
+      0, covariance(x, y, n) / sqrt(covariance(x, x, n) * covariance(y, y, n)), SIGMAS / sqrt(n), what, 0);
 }
 
-/* Distributions of Student's t and of F. Regularised incomplete beta function I_x(a, b), by its continued fraction (NIST DLMF 8.17.22), evaluated from its end. */
+/* Distributions of Student's t and of F. Regularised incomplete beta function I_x(a, b),
+ * by its continued fraction (NIST DLMF 8.17.22), evaluated from its end. */
 static inline double beta_share(double x, double a, double b)
 {
   if (x > (a + 1) / (a + b + 2)) return 1 - beta_share(1 - x, b, a);
   double fraction = 1;
   for (int m = 200; m > 0; m--) {
     const int k = m / 2;
-    const double d = m % 2 == 0 ? k * (b - k) / ((a + 2 * k - 1) * (a + 2 * k)) : -(a + k) * (a + b + k) / ((a + 2 * k) * (a + 2 * k + 1));
+    const double d = m % 2 == 0 ? k * (b - k) / ((a + 2 * k - 1) * (a + 2 * k))
+                                : -(a + k) * (a + b + k) / ((a + 2 * k) * (a + 2 * k + 1));
     fraction = 1 + d * x / fraction;
   }
   return exp(a * log(x) + b * log1p(-x) + lgamma(a + b) - lgamma(a) - lgamma(b)) / (a * fraction);
@@ -127,7 +134,10 @@ static inline double student_cdf(double x, double nu)
 
 /* The squared radius of n jointly spherical t, over n: F(n, nu). */
 static inline double radius2_cdf(double x, double nu) { return beta_share(2 * x / (2 * x + nu), 1, nu / 2); }
-static inline double radius3_cdf(double x, double nu) { return beta_share(3 * x / (3 * x + nu), 1.5, nu / 2); }
+static inline double radius3_cdf(double x, double nu)
+{
+  return beta_share(3 * x / (3 * x + nu), 1.5, nu / 2);
+}
 
 static inline double quantile_of(double (*cdf)(double, double), double nu, double p)
 {
@@ -136,8 +146,8 @@ static inline double quantile_of(double (*cdf)(double, double), double nu, doubl
   return high;
 }
 
-/* Bit for bit; in fixed point, where a product that lies halfway goes up on both sides, but for the rounding of some hundred steps, whose
- * errors forces make larger. */
+/* Bit for bit; in fixed point, where a product that lies halfway goes up on both sides,
+ * but for the rounding of some hundred steps, whose errors forces make larger. */
 static inline void expect_mirrored(tse_real left, tse_real right, const char *what)
 {
   if (BY_NUMBER(0, 0, 1)) expect_near(number(left), number(right), 4096 * QUANTUM, what, 0);
@@ -156,7 +166,10 @@ static inline double next_uniform(uint32_t *state) /* in (0, 1) */
   return (next_word(state) + 0.5) / 4294967296.0;
 }
 
-static inline double next_between(uint32_t *state, double lo, double hi) { return lo + (hi - lo) * next_uniform(state); }
+static inline double next_between(uint32_t *state, double lo, double hi)
+{
+  return lo + (hi - lo) * next_uniform(state);
+}
 
 static inline double next_normal(uint32_t *seed)
 {
@@ -199,7 +212,8 @@ static inline void conjugate(int n, const double *F, const double *P, double *to
     for (int i = 0; i < n; i++)
       for (int j = 0; j < n; j++) {
         double sum = 0;
-        for (int k = 0; k < n; k++) sum += pass ? half[n * i + k] * F[n * j + k] : F[n * i + k] * P[n * k + j];
+        for (int k = 0; k < n; k++)
+          sum += pass ? half[n * i + k] * F[n * j + k] : F[n * i + k] * P[n * k + j];
         (pass ? to : half)[n * i + j] = sum;
       }
 }
@@ -245,7 +259,10 @@ static inline void put_field(void *to, const tse_field *f, double x)
   else memcpy((char *)to + f->offset, &whole, sizeof whole);
 }
 
-static inline void put_setting(void *to, const tse_field *f, tse_setting x) { memcpy((char *)to + f->offset, &x, sizeof x); }
+static inline void put_setting(void *to, const tse_field *f, tse_setting x)
+{
+  memcpy((char *)to + f->offset, &x, sizeof x);
+}
 
 static inline tse_setting setting_field(const void *from, const tse_field *f)
 {
@@ -271,8 +288,9 @@ static inline tse_real real_field(const void *from, const tse_field *f)
 /* Of whole numbers, one step off; of others, bit for bit. */
 static inline int same_at(const void *a, const void *b, const tse_field *f)
 {
-  const size_t bytes = f->kind == 's' ? sizeof(tse_setting) : f->kind == 'r' ? sizeof(tse_real)
-                                                                             : sizeof(int32_t);
+  const size_t bytes = f->kind == 's' ? sizeof(tse_setting)
+      : f->kind == 'r'                ? sizeof(tse_real)
+                                      : sizeof(int32_t);
   return memcmp((const char *)a + f->offset, (const char *)b + f->offset, bytes) == 0;
 }
 
@@ -289,19 +307,20 @@ static inline int kind_of_effect_setting(const char *name)
   return 0;
 }
 
-/* For settings anywhere in their ranges: latencies as large as the memory of a filter holds of its sample_time. */
+/* For settings anywhere in their ranges: latencies as large as the memory of a filter
+ * holds of its sample_time. */
 static inline void fit_together(tse_config *c)
 {
   const tse_setting most = setting((TSE_LATENCY_ROWS - 5) * of_setting(c->sample_time) / 2.001);
-  tse_setting *const latency[] = { &c->steer_angle_latency, &c->wheel_speed_front_latency, &c->wheel_speed_rear_latency,
-                                   &c->accel_x_latency, &c->accel_y_latency };
+  tse_setting *const latency[] = { &c->steer_angle_latency, &c->wheel_speed_front_latency,
+    &c->wheel_speed_rear_latency, &c->accel_x_latency, &c->accel_y_latency };
   for (int k = 0; k < 5; k++) {
     if (*latency[k] > most) *latency[k] = most;
     if (*latency[k] < -most) *latency[k] = -most;
   }
-  int32_t *const codes[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4, &c->formula_code_5,
-                             &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9, &c->formula_code_10,
-                             &c->formula_code_11 };
+  int32_t *const codes[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4,
+    &c->formula_code_5, &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9,
+    &c->formula_code_10, &c->formula_code_11 };
   for (int k = 0; k < 11; k++) *codes[k] = 0;
   *codes[0] = 1 | 16 << 8 | 34 << 16; /* a steer_angle mul */
 }
@@ -314,7 +333,8 @@ static inline tse_config config_by(void (*make)(tse_config *))
   return c;
 }
 
-/* The default car with the kinematics of (1)-(4), the oracle of most tests, to which a test adds its effects. */
+/* The default car with the kinematics of (1)-(4), the oracle of most tests, to which a
+ * test adds its effects. */
 static inline tse_config default_car(void)
 {
   tse_config c = config_by(tse_config_exact);
@@ -359,7 +379,8 @@ static inline tse_params prepared(tse_config c)
   return p;
 }
 
-/* Parameters, where the number format of the build holds them. Returned: 0 when tse_prepare() says that it does not, and only that. */
+/* Parameters, where the number format of the build holds them. Returned: 0 when
+ * tse_prepare() says that it does not, and only that. */
 static inline int prepared_if_held(const tse_config *c, tse_params *p)
 {
   const char *wrong = NULL;

@@ -16,11 +16,13 @@ tse_status loop_start(control_loop *loop, const tse_config *c, const char **wron
   return status;
 }
 
-/* of / per: the number nearest to what the sensor meant, which a product with 1e-5 is not always. |of| < 2^31. */
+/* of / per: the number nearest to what the sensor meant, which a product with 1e-5 is not
+ * always. |of| < 2^31. */
 static tse_real quotient(int32_t of, int32_t per)
 {
 #if defined(TSE_REAL_FIXED)
-  const int64_t twice = (int64_t)of * ((int64_t)1 << TSE_FRACTION_BITS) / (per / 2), half = twice < 0 ? -1 : 1; /* rounded to nearest */
+  const int64_t twice = (int64_t)of * ((int64_t)1 << TSE_FRACTION_BITS) / (per / 2),
+                half = twice < 0 ? -1 : 1; /* rounded to nearest */
   return (twice + half) / 2;
 #else
   return (tse_real)of / (tse_real)per;
@@ -55,7 +57,8 @@ void loop_received(control_loop *loop, const can_frame *f)
   }
 }
 
-/* A period in which nothing came makes no row: the next one says how long ago the last was. */
+/* A period in which nothing came makes no row: the next one says how long ago the last
+ * was. */
 void loop_period(control_loop *loop)
 {
   loop->periods++;
@@ -77,7 +80,9 @@ int loop_work(control_loop *loop)
   loop->row.dt += loop->lost;
   const tse_status status = tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate);
   if (status < 0) loop->refused++; /* the estimate stays */
-  loop->lost = status == TSE_E_INPUT ? loop->row.dt : TSE_R(0); /* time that the filter has not seen belongs to the next row */
+  loop->lost = status == TSE_E_INPUT
+      ? loop->row.dt
+      : TSE_R(0); /* time that the filter has not seen belongs to the next row */
   loop->rows++;
   loop->is_ready = 0;
   return 1;

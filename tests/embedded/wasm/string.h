@@ -1,4 +1,5 @@
-/* What the library takes of string.h, where there is none; a program has the functions in the file that defines WASM_STRING. */
+/* What the library takes of string.h, where there is none; a program has the functions in
+ * the file that defines WASM_STRING. */
 #include <stddef.h>
 void *memset(void *to, int byte, size_t count);
 void *memcpy(void *restrict to, const void *restrict from, size_t count);
@@ -10,7 +11,8 @@ size_t strlen(const char *text);
 void *memset(void *to, int byte, size_t count)
 {
   unsigned char *const at = to;
-  for (size_t i = 0; i < count; i++) ((volatile unsigned char *)at)[i] = (unsigned char)byte; /* volatile: not a call of itself */
+  for (size_t i = 0; i < count; i++)
+    ((volatile unsigned char *)at)[i] = (unsigned char)byte; /* volatile: not a call of itself */
   return to;
 }
 

@@ -1,5 +1,6 @@
-/* tests/fmu/unit/fmu_case.h - what the tests of the FMI functions share. They are linked with the glue and one model each, and
- * run for every model: what is true of one is true of both. Each test file includes this once. */
+/* tests/fmu/unit/fmu_case.h - what the tests of the FMI functions share. They are linked
+ * with the glue and one model each, and run for every model: what is true of one is true
+ * of both. Each test file includes this once. */
 #ifndef FMU_CASE_H
 #define FMU_CASE_H
 
@@ -48,8 +49,8 @@ static log_line lines[1000];
 static int said;
 static int bad_lines; /* with a character that an importer may take for a format, or of an unknown category */
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text,
-                   ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
+    fmi2String category, fmi2String text, ...)
 {
   log_line *const l = &lines[said < COUNT(lines) ? said : COUNT(lines) - 1];
   l->environment = environment, l->status = status;
@@ -57,7 +58,8 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
   (void)snprintf(l->category, sizeof l->category, "%s", category);
   (void)snprintf(l->text, sizeof l->text, "%s", text);
   if (strpbrk(text, "%#")) bad_lines++;
-  if (strcmp(category, "logStatusError") != 0 && strcmp(category, "logStatusWarning") != 0 && strcmp(category, "logEvents") != 0)
+  if (strcmp(category, "logStatusError") != 0 && strcmp(category, "logStatusWarning") != 0
+      && strcmp(category, "logEvents") != 0)
     bad_lines++;
   said++;
 }
@@ -72,7 +74,8 @@ static int made_count;
 
 static fmi2Component instantiated_as(const char *name)
 {
-  fmi2Component const c = fmi2Instantiate(name, fmi2CoSimulation, FMU_GUID, "file:///nowhere", &callbacks, fmi2False, fmi2False);
+  fmi2Component const c = fmi2Instantiate(
+      name, fmi2CoSimulation, FMU_GUID, "file:///nowhere", &callbacks, fmi2False, fmi2False);
   if (c && made_count < COUNT(made)) made[made_count++] = c;
   return c;
 }
@@ -93,9 +96,13 @@ void tearDown(void)
   TEST_ASSERT_EQUAL_INT_MESSAGE(0, bad_lines, "a log line has a '%' or '#', or an unknown category");
 }
 
-static inline const char *last_line(void) { return said > 0 && said <= COUNT(lines) ? lines[said - 1].text : ""; }
+static inline const char *last_line(void)
+{
+  return said > 0 && said <= COUNT(lines) ? lines[said - 1].text : "";
+}
 
-/* The call was refused with fmi2Error, and one line was said, that holds all these words (up to a NULL). */
+/* The call was refused with fmi2Error, and one line was said, that holds all these words
+ * (up to a NULL). */
 static inline void expect_refused(fmi2Status status, int said_before, const char *word, ...)
 {
   va_list words;
@@ -160,11 +167,7 @@ static inline double value_of(fmi2Component c, const fmu_variable *v)
 
 /* ---- phases, and what a refusal says of each; `fmi`: how the functions' names begin */
 
-enum { BEFORE = 1,
-       INIT = 2,
-       STEPS = 4,
-       ENDED = 8,
-       EVER = 15 };
+enum { BEFORE = 1, INIT = 2, STEPS = 4, ENDED = 8, EVER = 15 };
 typedef struct named_phase {
   int phase;
   const char *words;
@@ -175,7 +178,8 @@ typedef struct named_phase {
     { ENDED, "after " fmi "Terminate" }                                                              \
   }
 
-/* Values by name, of any type; a table that ends with NULL. SET(c, { "vehicle.mass", 1700 }, { "ramp", 0 }) */
+/* Values by name, of any type; a table that ends with NULL. SET(c, { "vehicle.mass", 1700
+ * }, { "ramp", 0 }) */
 typedef struct named {
   const char *name;
   double value;
@@ -184,8 +188,9 @@ static inline void put_all(fmi2Component c, const named *n)
 {
   for (; n->name; n++) {
     const char kind = fmu_variables[ref(n->name)].kind;
-    OK(kind == 'r' ? put_real(c, n->name, n->value) : kind == 'b' ? put_boolean(c, n->name, n->value != 0)
-                                                                  : put_integer(c, n->name, (int)n->value));
+    OK(kind == 'r'        ? put_real(c, n->name, n->value)
+            : kind == 'b' ? put_boolean(c, n->name, n->value != 0)
+                          : put_integer(c, n->name, (int)n->value));
   }
 }
 #define SET(c, ...) put_all(c, (const named[]){ __VA_ARGS__, { NULL, 0 } })
@@ -211,7 +216,8 @@ static inline void set_inputs(fmi2Component c, int k)
   const double speed = 20.0 / 0.33 + 0.4 * sin(0.05 * k);
   SET(c, { "steer_angle", 0.02 * sin(0.13 * k) }, { "wheel_speed_front", speed + 0.2 * sin(0.21 * k) },
       { "wheel_speed_rear", speed }, { "accel_x", 0.7 * cos(0.05 * k) + 0.1 * sin(7.1 * k) },
-      { "accel_y", 1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k) }, { "yaw_rate", 0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k) });
+      { "accel_y", 1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k) },
+      { "yaw_rate", 0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k) });
 #else
   SET(c, { "steer_angle", 0.02 * sin(0.13 * k) }, { "wheel_torque_front", 700.0 * cos(0.09 * k) },
       { "brake_torque_rear", 100.0 + 50.0 * sin(0.2 * k) }, { "road_level", k < 20 ? 1.0 : 0.8 });
@@ -269,9 +275,10 @@ static inline void expect_same_and_free(saved_bytes a, saved_bytes b, const char
   char text[200];
   if (!same && a.count == b.count) {
     size_t i = 0;
-    while (i < a.count && (i < 32 || a.at[i] == b.at[i])) i++; /* 32: behind the frame, whose checksum differs anyway */
+    while (i < a.count && (i < 32 || a.at[i] == b.at[i]))
+      i++; /* 32: behind the frame, whose checksum differs anyway */
     (void)snprintf(text, sizeof text, "%s: states differ from byte %lu of %lu on", what, (unsigned long)i,
-                   (unsigned long)a.count);
+        (unsigned long)a.count);
   } else {
     (void)snprintf(text, sizeof text, "%s: states have other sizes", what);
   }
@@ -280,7 +287,8 @@ static inline void expect_same_and_free(saved_bytes a, saved_bytes b, const char
   if (!same) TEST_FAIL_MESSAGE(text);
 }
 
-/* The state is what it was, bit for bit; `before` is freed where it is not, so that a sanitizer's leak does not hide the failure. */
+/* The state is what it was, bit for bit; `before` is freed where it is not, so that a
+ * sanitizer's leak does not hide the failure. */
 static inline void expect_unchanged(fmi2Component c, saved_bytes *before, const char *what)
 {
   const saved_bytes now = bytes_of(c);

@@ -1,4 +1,5 @@
-/* tests/fmu/unit/test_calls.c - life cycle, call order, arguments, the pool of instances, the log. */
+/* tests/fmu/unit/test_calls.c - life cycle, call order, arguments, the pool of instances,
+ * the log. */
 #include "fmu_case.h"
 
 /* ---- every function in every phase */
@@ -20,7 +21,10 @@ static fmi2Component in_phase(int phase)
   return c;
 }
 
-static fmi2Status call_setup(fmi2Component c) { return fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0); }
+static fmi2Status call_setup(fmi2Component c)
+{
+  return fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0);
+}
 static fmi2Status call_step(fmi2Component c) { return fmi2DoStep(c, 0.0, STEP, fmi2True); }
 static fmi2Status call_set_real(fmi2Component c) { return put_real(c, AN_INPUT, 1.0); }
 static fmi2Status call_set_integer(fmi2Component c) { return put_integer(c, AN_INTEGER, 60); }
@@ -43,8 +47,14 @@ static fmi2Status call_get_boolean(fmi2Component c)
   fmi2Boolean value;
   return fmi2GetBoolean(c, &vr, 1, &value);
 }
-static fmi2Status call_derivatives(fmi2Component c) { return fmi2SetRealInputDerivatives(c, NULL, 0, NULL, NULL); }
-static fmi2Status call_output_derivatives(fmi2Component c) { return fmi2GetRealOutputDerivatives(c, NULL, 0, NULL, NULL); }
+static fmi2Status call_derivatives(fmi2Component c)
+{
+  return fmi2SetRealInputDerivatives(c, NULL, 0, NULL, NULL);
+}
+static fmi2Status call_output_derivatives(fmi2Component c)
+{
+  return fmi2GetRealOutputDerivatives(c, NULL, 0, NULL, NULL);
+}
 static fmi2Status call_state(fmi2Component c)
 {
   saved_bytes b = bytes_of(c);
@@ -61,7 +71,10 @@ static fmi2Status call_real_status(fmi2Component c)
   fmi2Real value;
   return fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &value);
 }
-static fmi2Status call_directional(fmi2Component c) { return fmi2GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, NULL); }
+static fmi2Status call_directional(fmi2Component c)
+{
+  return fmi2GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, NULL);
+}
 
 static const struct {
   const char *name;
@@ -130,7 +143,8 @@ static void test_a_component_that_is_none_is_an_error_and_touches_nothing(void)
     fmi2Byte byte = 0;
     size_t size = 0;
     for (int f = 0; f < COUNT(functions); f++)
-      if (functions[f].call != call_state) TEST_ASSERT_EQUAL_INT_MESSAGE(fmi2Error, functions[f].call(c), functions[f].name);
+      if (functions[f].call != call_state)
+        TEST_ASSERT_EQUAL_INT_MESSAGE(fmi2Error, functions[f].call(c), functions[f].name);
     const fmi2Status results[] = {
       fmi2GetReal(c, &vr, 1, &real),
       fmi2GetString(c, &vr, 1, &string),
@@ -177,7 +191,8 @@ static void test_an_instantiation_that_is_refused_says_why(void)
     { name, "00000000-0000-4000-8000-000000000001", fmi2CoSimulation, FMU_GUID },
   };
   for (int i = 0; i < COUNT(cases); i++) {
-    TEST_ASSERT_NULL(fmi2Instantiate(cases[i].name, cases[i].type, cases[i].guid, NULL, &callbacks, fmi2False, fmi2False));
+    TEST_ASSERT_NULL(
+        fmi2Instantiate(cases[i].name, cases[i].type, cases[i].guid, NULL, &callbacks, fmi2False, fmi2False));
     expect_refused(fmi2Error, i, cases[i].words, NULL);
     TEST_ASSERT_EQUAL_PTR(&here, lines[i].environment);
     TEST_ASSERT_EQUAL_STRING(cases[i].name ? cases[i].name : "", lines[i].name);
@@ -189,7 +204,8 @@ static void test_without_a_logger_nothing_is_said_and_nothing_breaks(void)
 {
   static const fmi2CallbackFunctions silent = { NULL, NULL, NULL, NULL, NULL };
   TEST_ASSERT_NULL(fmi2Instantiate("one", fmi2CoSimulation, "{other}", NULL, &silent, fmi2False, fmi2True));
-  fmi2Component const c = fmi2Instantiate("one", fmi2CoSimulation, FMU_GUID, NULL, &silent, fmi2True, fmi2True);
+  fmi2Component const c = fmi2Instantiate(
+      "one", fmi2CoSimulation, FMU_GUID, NULL, &silent, fmi2True, fmi2True);
   TEST_ASSERT_NOT_NULL(c);
   made[made_count++] = c;
   TEST_ASSERT_EQUAL_INT(fmi2Error, call_step(c));
@@ -304,10 +320,12 @@ static void test_the_experiment_must_have_numbers_in_order(void)
 {
   fmi2Component const c = instantiated();
   const double bad[] = { (double)NAN, (double)INFINITY, -(double)INFINITY };
-  for (int i = 0; i < COUNT(bad); i++) REFUSED(fmi2SetupExperiment(c, fmi2False, 0, bad[i], fmi2False, 0), "startTime");
+  for (int i = 0; i < COUNT(bad); i++)
+    REFUSED(fmi2SetupExperiment(c, fmi2False, 0, bad[i], fmi2False, 0), "startTime");
   REFUSED(fmi2SetupExperiment(c, fmi2False, 0, 1.0, fmi2True, 0.5), "stopTime");
   REFUSED(fmi2SetupExperiment(c, fmi2False, 0, 1.0, fmi2True, (double)NAN), "stopTime");
-  OK(fmi2SetupExperiment(c, fmi2True, 1e-6, 1.0, fmi2False, 0.5)); /* a stop time that is not given does not count */
+  OK(fmi2SetupExperiment(
+      c, fmi2True, 1e-6, 1.0, fmi2False, 0.5)); /* a stop time that is not given does not count */
   OK(fmi2SetupExperiment(c, fmi2False, (double)NAN, -3.0, fmi2True, -3.0));
   begin(c);
   fmi2Real time = 0;
@@ -338,8 +356,8 @@ static void test_the_communication_point_may_be_off_by_what_summing_costs_and_no
   fmi2Component const c = stepping();
   stepped(c, 0, 2);
   saved_bytes before = bytes_of(c);
-  const double bad[] = { 0.0, STEP, 3 * STEP, 2 * STEP + 0.011 * STEP, 2 * STEP - 0.011 * STEP, (double)NAN, (double)INFINITY,
-                         -1e300 };
+  const double bad[] = { 0.0, STEP, 3 * STEP, 2 * STEP + 0.011 * STEP, 2 * STEP - 0.011 * STEP, (double)NAN,
+    (double)INFINITY, -1e300 };
   for (int i = 0; i < COUNT(bad); i++) {
     REFUSED(fmi2DoStep(c, bad[i], STEP, fmi2True), "currentCommunicationPoint", "0.02");
     expect_unchanged(c, &before, "after a refused communication point");
@@ -349,7 +367,8 @@ static void test_the_communication_point_may_be_off_by_what_summing_costs_and_no
   OK(fmi2DoStep(c, 2 * STEP + 0.009 * STEP, STEP, fmi2True));
   fmi2Real time = 0;
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
-  TEST_ASSERT_TRUE(time == 2 * STEP + 0.009 * STEP + STEP); /* the importer's times count, so that nothing adds up */
+  TEST_ASSERT_TRUE(
+      time == 2 * STEP + 0.009 * STEP + STEP); /* the importer's times count, so that nothing adds up */
   set_inputs(c, 3);
   OK(fmi2DoStep(c, 3 * STEP, STEP, fmi2True)); /* 0.009 of a step less than where that one ended */
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
@@ -398,8 +417,8 @@ static void test_what_is_asked_about_steps(void)
   TEST_ASSERT_EQUAL_INT(fmi2Discard, fmi2GetIntegerStatus(c, fmi2DoStepStatus, &integer));
   TEST_ASSERT_EQUAL_INT(fmi2Discard, fmi2GetStringStatus(c, fmi2PendingStatus, &string));
   TEST_ASSERT_EQUAL_INT(5, said);
-  TEST_ASSERT_TRUE(time == 5.02 && integer == 9 && boolean == fmi2False && status == fmi2Fatal &&
-                   strcmp(string, "untouched") == 0);
+  TEST_ASSERT_TRUE(time == 5.02 && integer == 9 && boolean == fmi2False && status == fmi2Fatal
+      && strcmp(string, "untouched") == 0);
   OK(fmi2Terminate(c));
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
   TEST_ASSERT_TRUE(time == 5.02);
@@ -423,7 +442,8 @@ static void test_the_logger_gets_environment_name_status_and_category(void)
   static int other;
   static const fmi2CallbackFunctions its = { logger, NULL, NULL, NULL, &other };
   fmi2Component const a = instantiated_as("first %d"),
-                      b = fmi2Instantiate("second", fmi2CoSimulation, FMU_GUID, "", &its, fmi2False, fmi2True);
+                      b = fmi2Instantiate(
+                          "second", fmi2CoSimulation, FMU_GUID, "", &its, fmi2False, fmi2True);
   TEST_ASSERT_NOT_NULL(b);
   made[made_count++] = b;
   TEST_ASSERT_EQUAL_INT(1, said); /* only b asked for events */
@@ -456,7 +476,8 @@ static int events_of_a_round(fmi2Component c) /* and one error */
 
 static void test_categories_are_switched_on_and_off(void)
 {
-  static const fmi2String event[] = { "logEvents" }, error[] = { "logStatusError" }, both[] = { "logEvents", "logStatusError" };
+  static const fmi2String event[] = { "logEvents" }, error[] = { "logStatusError" },
+                          both[] = { "logEvents", "logStatusError" };
   static const fmi2String wrong[] = { "logEvents", "logNothing" }, none[] = { NULL };
   fmi2Component const c = instantiated();
   TEST_ASSERT_EQUAL_INT(1, events_of_a_round(c));
@@ -470,11 +491,13 @@ static void test_categories_are_switched_on_and_off(void)
   TEST_ASSERT_EQUAL_INT(1, events_of_a_round(c));
   REFUSED(fmi2SetDebugLogging(c, fmi2True, 2, wrong), "unknown log category");
   REFUSED(fmi2SetDebugLogging(c, fmi2True, 1, none), "unknown log category");
-  TEST_ASSERT_EQUAL_INT_MESSAGE(1, events_of_a_round(c), "of several categories none is switched when one is unknown");
+  TEST_ASSERT_EQUAL_INT_MESSAGE(
+      1, events_of_a_round(c), "of several categories none is switched when one is unknown");
   OK(fmi2SetDebugLogging(c, fmi2True, 0, NULL));
   TEST_ASSERT_EQUAL_INT(3, events_of_a_round(c));
   OK(fmi2SetDebugLogging(c, fmi2False, 0, NULL));
-  TEST_ASSERT_EQUAL_INT_MESSAGE(1, events_of_a_round(c), "errors are said unless they are switched off by name");
+  TEST_ASSERT_EQUAL_INT_MESSAGE(
+      1, events_of_a_round(c), "errors are said unless they are switched off by name");
   OK(fmi2SetDebugLogging(c, fmi2False, 2, both));
   TEST_ASSERT_EQUAL_INT(0, events_of_a_round(c));
 }

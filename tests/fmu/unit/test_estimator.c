@@ -1,36 +1,45 @@
-/* tests/fmu/unit/test_estimator.c - TireStiffnessEstimator beside tse_step(), and what it does with sensors that fail. */
+/* tests/fmu/unit/test_estimator.c - TireStiffnessEstimator beside tse_step(), and what it
+ * does with sensors that fail. */
 #include "fmu_case.h"
 #include "replay.h"
 #include "tse/describe.h"
 
-#define CONTENT (32 + 24) /* of a serialized state, before the model: its frame; phase, outputs' age, start time and time */
+#define CONTENT (32 + 24) /* of a serialized state, before the model: its frame; phase, outputs' age, start
+                           * time and time */
 
 static tse_input rows[REPLAY_ROWS_MOST];
 
 static void put_row(fmi2Component c, const tse_input *u)
 {
-  for (int k = 0; k < TSE_CHANNELS; k++) OK(put_real(c, fmu_variables[k].name, (&u->steer_angle)[k])); /* one behind the other */
+  for (int k = 0; k < TSE_CHANNELS; k++)
+    OK(put_real(c, fmu_variables[k].name, (&u->steer_angle)[k])); /* one behind the other */
   OK(put_integer(c, "missing", (int)u->missing));
-  const tse_field *const given = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + TSE_CHANNELS + 2; /* behind dt, channels, missing and given */
+  const tse_field *const given = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + TSE_CHANNELS
+      + 2; /* behind dt, channels, missing and given */
   for (int k = 0; k < TSE_OPTIONALS; k++) {
     char name[40];
-    const char *const group = k < TSE_VELOCITIES ? "velocity" : k < TSE_VELOCITIES + TSE_PEDALS ? "pedals"
-                                                                                                : "road";
+    const char *const group = k < TSE_VELOCITIES ? "velocity"
+        : k < TSE_VELOCITIES + TSE_PEDALS        ? "pedals"
+                                                 : "road";
     (void)snprintf(name, sizeof name, "%s.%s", group, given[k].name);
     OK(put_real(c, name, (&u->ins_vel_x)[k]));
   }
-  SET(c, { "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES) }, { "pedals.given", (int)((u->given & TSE_GIVEN_PEDALS) >> TSE_VELOCITIES) },
+  SET(c, { "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES) },
+      { "pedals.given", (int)((u->given & TSE_GIVEN_PEDALS) >> TSE_VELOCITIES) },
       { "road.given", (int)(u->given >> (TSE_VELOCITIES + TSE_PEDALS)) });
 }
 
-/* A velocity in every tenth row, of the wheels, and the pedals in rows that come and go; what is not given may be anything. */
+/* A velocity in every tenth row, of the wheels, and the pedals in rows that come and go;
+ * what is not given may be anything. */
 static void measure(tse_input *u, int row, const tse_config *config)
 {
   const tse_real v = (tse_real)(config->wheel_radius_rear * u->wheel_speed_rear);
   u->ins_vel_x = u->gnss_speed = v > 0 ? v : 0;
   u->ins_vel_y = (tse_real)0.01 * (tse_real)(row % 7);
   u->gnss_course = (tse_real)0.001 * (tse_real)(row % 6000);
-  u->given = row % 10 == 0 && v > 0 ? TSE_GIVEN_ins_vel_y | TSE_GIVEN_gnss_speed | (row % 20 ? TSE_GIVEN_gnss_course : 0) : 0;
+  u->given = row % 10 == 0 && v > 0
+      ? TSE_GIVEN_ins_vel_y | TSE_GIVEN_gnss_speed | (row % 20 ? TSE_GIVEN_gnss_course : 0)
+      : 0;
   u->brake = (tse_real)(row / 300 % 2), u->wheel_torque_front = (tse_real)(row % 500);
   u->wheel_torque_rear = (tse_real)(row % 90 - 10);
   u->given |= row / 200 % 4 ? TSE_GIVEN_brake : 0;
@@ -44,7 +53,10 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
   char what[80];
   tse_setting mean[3], sd[3], spread[3], secant[3];
   tse_stiffness_si(config, y, mean, sd, spread);
-  for (int a = 0; a < 3; a++) secant[a] = (tse_setting[]){ config->longitudinal_stiffness_front, config->cornering_stiffness_front, config->cornering_stiffness_rear }[a] * y->stiffness_secant[a];
+  for (int a = 0; a < 3; a++)
+    secant[a] = (tse_setting[]){ config->longitudinal_stiffness_front, config->cornering_stiffness_front,
+      config->cornering_stiffness_rear }[a]
+        * y->stiffness_secant[a];
   (void)snprintf(what, sizeof what, "row %d", row);
 #define EXPECT_REAL(name, value)                                                                                                 \
   TEST_ASSERT_EQUAL_HEX64_ARRAY_MESSAGE(&(double[]){ value }, &(double[]){ real_of(c, name) }, 1, what);
@@ -66,9 +78,11 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
         const size_t length = strlen(stiffness[a]);
         if (strncmp(own, stiffness[a], length) != 0) continue;
         share = 1;
-        EXPECT_REAL(name, strcmp(own + length, "_sd") == 0 ? sd[a] : strcmp(own + length, "_spread") == 0 ? spread[a]
-                                                                 : strcmp(own + length, "_secant") == 0   ? secant[a]
-                                                                                                          : mean[a])
+        EXPECT_REAL(name,
+            strcmp(own + length, "_sd") == 0           ? sd[a]
+                : strcmp(own + length, "_spread") == 0 ? spread[a]
+                : strcmp(own + length, "_secant") == 0 ? secant[a]
+                                                       : mean[a])
         EXPECT_REAL(relative, x)
       }
       if (!share) EXPECT_REAL(name, x)
@@ -79,15 +93,17 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
     } else if (strstr(own, "_seen")) TEST_ASSERT_EQUAL_INT_MESSAGE(whole, boolean_of(c, name), what);
     else TEST_ASSERT_EQUAL_INT_MESSAGE(whole, integer_of(c, name), what);
   }
-  TEST_ASSERT_EQUAL_INT_MESSAGE(y->reason[0] == TSE_VALID && y->reason[1] == TSE_VALID && y->reason[2] == TSE_VALID,
-                                boolean_of(c, "estimate.valid"), what);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(
+      y->reason[0] == TSE_VALID && y->reason[1] == TSE_VALID && y->reason[2] == TSE_VALID,
+      boolean_of(c, "estimate.valid"), what);
   EXPECT_REAL("estimate.nominal.cx_front", config->longitudinal_stiffness_front)
   EXPECT_REAL("estimate.nominal.cy_front", config->cornering_stiffness_front)
   EXPECT_REAL("estimate.nominal.cy_rear", config->cornering_stiffness_rear)
 }
 
-/* The recorded drive, with lost channels, lost rows, standstill and reverse, through an instance in which its parameters are set and
- * through a filter of this configuration: every output has the bits of tse_step(). */
+/* The recorded drive, with lost channels, lost rows, standstill and reverse, through an
+ * instance in which its parameters are set and through a filter of this configuration:
+ * every output has the bits of tse_step(). */
 static void drive_measured(fmi2Component c, const tse_config *config, int measured)
 {
   static tse_filter_paper memory;
@@ -118,7 +134,8 @@ static void drive_measured(fmi2Component c, const tse_config *config, int measur
     time = next;
   }
   TEST_ASSERT_TRUE(warned > 100 && warned < n);
-  TEST_ASSERT_TRUE(filter->step > 2000 && y.stiffness[1] != (tse_real)config->initial_cy_front); /* something was estimated */
+  TEST_ASSERT_TRUE(filter->step > 2000
+      && y.stiffness[1] != (tse_real)config->initial_cy_front); /* something was estimated */
   said = 0;
 }
 
@@ -148,7 +165,8 @@ static void test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step(v
   config.driven_axle = 1, config.wheel_torque_least = TSE_S(50);
   fmi2Component const c = instantiated();
   SET(c, { "vehicle.exact", 1 }, { "vehicle.mass", 1800 }, { "velocity.velocity_latency", 0.05 },
-      { "velocity.velocity_lever_x", -0.5 }, { "filter.driven_axle", 1 }, { "pedals.wheel_torque_least", 50 });
+      { "velocity.velocity_lever_x", -0.5 }, { "filter.driven_axle", 1 },
+      { "pedals.wheel_torque_least", 50 });
   drive_measured(c, &config, 1);
 }
 
@@ -157,7 +175,8 @@ static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(
   tse_config config;
   tse_config_default(&config);
   config.particles = 60;
-  config.mass = 1650, config.lf = 1.2, config.cornering_stiffness_rear = 140000, config.cg_sd = 0, config.initial_cy_front = 0.9;
+  config.mass = 1650, config.lf = 1.2, config.cornering_stiffness_rear = 140000, config.cg_sd = 0,
+  config.initial_cy_front = 0.9;
   tse_config_complete(&config); /* for what is said of it */
   fmi2Component const c = instantiated();
   OK(put_real(c, "uncertainty.cg_sd", 0.0)); /* in any order */
@@ -182,7 +201,8 @@ static void expect_config(const tse_config *expected, const tse_config *got)
   int32_t count;
   const tse_field *const f = tse_describe(TSE_STRUCT_CONFIG, &count, NULL);
   for (int32_t i = 0; i < count; i++)
-    TEST_ASSERT_EQUAL_MEMORY_MESSAGE((const char *)expected + f[i].offset, (const char *)got + f[i].offset, f[i].kind == 's' ? sizeof(tse_setting) : sizeof(int32_t), f[i].name);
+    TEST_ASSERT_EQUAL_MEMORY_MESSAGE((const char *)expected + f[i].offset, (const char *)got + f[i].offset,
+        f[i].kind == 's' ? sizeof(tse_setting) : sizeof(int32_t), f[i].name);
 }
 
 static void set_every_parameter_to_its_start(fmi2Component c)
@@ -199,21 +219,24 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
   tse_config_exact(&known);
   tse_config_default(&ordinary);
   tse_config_complete(&ordinary);
-  TEST_ASSERT_TRUE(ordinary.mass_sd > 0.2 && known.mass_sd == 0 && ordinary.cornering_stiffness_front != known.cornering_stiffness_front);
+  TEST_ASSERT_TRUE(ordinary.mass_sd > 0.2 && known.mass_sd == 0
+      && ordinary.cornering_stiffness_front != known.cornering_stiffness_front);
 
   fmi2Component const c = instantiated();
   OK(fmi2EnterInitializationMode(c));
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   expect_config(&ordinary, &got);
-  TEST_ASSERT_TRUE(real_of(c, "vehicle.cornering_stiffness_front") == 0); /* a parameter reads as it was set */
+  TEST_ASSERT_TRUE(
+      real_of(c, "vehicle.cornering_stiffness_front") == 0); /* a parameter reads as it was set */
   TEST_ASSERT_TRUE(real_of(c, "estimate.nominal.cy_front") == (double)ordinary.cornering_stiffness_front);
 
   OK(put_boolean(c, "vehicle.exact", fmi2True)); /* and back: nothing is lost on the way */
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   expect_config(&known, &got);
-  SET(c, { "vehicle.mass", 1650 }, { "vehicle.cornering_stiffness_front", 9e4 }, { "uncertainty.mass_sd", 0.02 });
+  SET(c, { "vehicle.mass", 1650 }, { "vehicle.cornering_stiffness_front", 9e4 },
+      { "uncertainty.mass_sd", 0.02 });
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   known.mass = 1650, known.cornering_stiffness_front = 9e4, known.mass_sd = TSE_S(0.02);
@@ -222,7 +245,8 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   tse_config_default(&ordinary);
-  ordinary.driven_axle = 2, ordinary.mass = 1650, ordinary.cornering_stiffness_front = 9e4, ordinary.mass_sd = TSE_S(0.02);
+  ordinary.driven_axle = 2, ordinary.mass = 1650, ordinary.cornering_stiffness_front = 9e4,
+  ordinary.mass_sd = TSE_S(0.02);
   tse_config_complete(&ordinary);
   expect_config(&ordinary, &got);
 
@@ -258,12 +282,14 @@ static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
   SET(c, { "vehicle.mass", 50.0 }, { "vehicle.lf", 0.1 }, { "vehicle.lr", 10.0 });
   OK(fmi2EnterInitializationMode(c));
   saved_bytes before = bytes_of(c);
-  REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear", "what is 0 follows from vehicle.mass, lf and lr");
+  REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear",
+      "what is 0 follows from vehicle.mass, lf and lr");
   expect_unchanged_and_free(c, &before, "after a refused start");
   OK(put_boolean(c, "vehicle.exact", fmi2True));
   OK(fmi2ExitInitializationMode(c));
   OK(fmi2Reset(c));
-  REFUSED(put_real(c, "vehicle.mass", 1.65), "vehicle.mass", "50 .. 50000 kg"); /* tonnes: 0 is not set, nothing near it */
+  REFUSED(put_real(c, "vehicle.mass", 1.65), "vehicle.mass",
+      "50 .. 50000 kg"); /* tonnes: 0 is not set, nothing near it */
 }
 
 /* The prior: the start of each, as uncertain as it is told at the least. */
@@ -283,8 +309,10 @@ static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
   const double sd = real_of(c, "estimate.relative.cy_rear_sd");
   TEST_ASSERT_TRUE(sd > 0.999 * 1.1 * 0.25 && sd < 1.3 * 1.1 * 0.25);
   TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.9, real_of(c, "estimate.grip"));
-  TEST_ASSERT_TRUE(real_of(c, "estimate.grip_sd") > 0.999 * 0.9 * 0.2 && real_of(c, "estimate.grip_sd") < 1.3 * 0.9 * 0.2);
-  TEST_ASSERT_TRUE(real_of(c, "estimate.noise_accel_y") == 1.0 && real_of(c, "estimate.change_cy_rear") == 1.0);
+  TEST_ASSERT_TRUE(
+      real_of(c, "estimate.grip_sd") > 0.999 * 0.9 * 0.2 && real_of(c, "estimate.grip_sd") < 1.3 * 0.9 * 0.2);
+  TEST_ASSERT_TRUE(
+      real_of(c, "estimate.noise_accel_y") == 1.0 && real_of(c, "estimate.change_cy_rear") == 1.0);
   TEST_ASSERT_TRUE(real_of(c, "estimate.p_steady") > 0.99);
   TEST_ASSERT_EQUAL_INT(TSE_W_STARTING, integer_of(c, "estimate.status"));
   TEST_ASSERT_EQUAL_INT(TSE_STARTING, integer_of(c, "estimate.cy_rear_reason"));
@@ -339,7 +367,8 @@ static void test_a_failing_sensor_is_a_warning_said_once(void)
   }
 }
 
-/* Longer than max_gap nobody knows where the wheels point: nothing is learnt, and that is said. */
+/* Longer than max_gap nobody knows where the wheels point: nothing is learnt, and that is
+ * said. */
 static void test_a_steering_angle_that_is_gone_is_not_guessed(void)
 {
   fmi2Component const c = stepping();
@@ -353,9 +382,11 @@ static void test_a_steering_angle_that_is_gone_is_not_guessed(void)
     TEST_ASSERT_EQUAL_INT(TSE_INPUT_INVALID, integer_of(c, "estimate.cy_front_reason"));
     TEST_ASSERT_EQUAL_INT(0, boolean_of(c, "estimate.valid"));
     TEST_ASSERT_TRUE(integer_of(c, "estimate.status") >= TSE_W_PREDICTED);
-    const double now[3] = { real_of(c, "estimate.cx_front"), real_of(c, "estimate.cy_front"), real_of(c, "estimate.cy_rear") };
+    const double now[3] = { real_of(c, "estimate.cx_front"), real_of(c, "estimate.cy_front"),
+      real_of(c, "estimate.cy_rear") };
     if (k > 330) TEST_ASSERT_EQUAL_INT(0, memcmp(mean + 1, now + 1, 2 * sizeof now[0]));
-    /* tyres wander meanwhile, and the more they may have, the more of what was seen along the car was theirs */
+    /* tyres wander meanwhile, and the more they may have, the more of what was seen along
+     * the car was theirs */
     if (k > 330) TEST_ASSERT_TRUE(fabs(mean[0] - now[0]) < 1e-5 * now[0]);
     memcpy(mean, now, sizeof now);
   }
@@ -376,7 +407,8 @@ static void test_of_several_missing_channels_the_first_is_named(void)
   TEST_ASSERT_NOT_NULL(strstr(last_line(), "accel_y is missing"));
 }
 
-/* Who comes after it, in the same place or after a reset, has not been told yet; at standstill, too. */
+/* Who comes after it, in the same place or after a reset, has not been told yet; at
+ * standstill, too. */
 static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
 {
   fmi2Component c = instantiated();
@@ -422,7 +454,8 @@ static void test_the_mask_of_missing_channels_is_as_good_as_nan(void)
       set_inputs(b, k);
       if (lost) OK(put_real(a, channels[i].name, (double)NAN));
       OK(put_integer(b, "missing", (lost ? 1 << i : 0) | (k % 2 ? 64 << k % 20 : 0)));
-      const fmi2Status x = fmi2DoStep(a, k * STEP, STEP, fmi2True), y = fmi2DoStep(b, k * STEP, STEP, fmi2True);
+      const fmi2Status x = fmi2DoStep(a, k * STEP, STEP, fmi2True),
+                       y = fmi2DoStep(b, k * STEP, STEP, fmi2True);
       TEST_ASSERT_EQUAL_INT(lost ? fmi2Warning : fmi2OK, x);
       TEST_ASSERT_EQUAL_INT(x, y);
       for (int32_t v = 0; v < fmu_variable_count; v++)
@@ -437,7 +470,8 @@ static void test_the_mask_of_missing_channels_is_as_good_as_nan(void)
   }
 }
 
-/* A wheel speed that is missing while the car stops and starts is one fault, not one for every status on the way. */
+/* A wheel speed that is missing while the car stops and starts is one fault, not one for
+ * every status on the way. */
 static void test_a_fault_that_lasts_is_said_once_whatever_the_car_does_meanwhile(void)
 {
   fmi2Component const c = stepping();
@@ -462,7 +496,8 @@ static void test_a_gap_is_bridged_or_restarts_and_a_longer_one_than_an_hour_is_r
   expect_unchanged_and_free(c, &before, "after a refused step");
   OK(fmi2DoStep(c, 3 * STEP, 3599.0, fmi2True)); /* the sample of 0.03 s */
   set_inputs(c, 4);
-  TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 3 * STEP + 3599.0, STEP, fmi2True)); /* the next is not refused for it */
+  TEST_ASSERT_EQUAL_INT(
+      fmi2Warning, fmi2DoStep(c, 3 * STEP + 3599.0, STEP, fmi2True)); /* the next is not refused for it */
 
   fmi2Component const d = stepping();
   stepped(d, 0, 3);

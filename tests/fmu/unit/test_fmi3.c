@@ -1,20 +1,23 @@
-/* tests/fmu/unit/test_fmi3.c - the functions of FMI 3.0, by an importer that does what it may not, and beside those of 2.0, which are
- * linked with the same model: what is set, stepped and read through both has the same bits. */
+/* tests/fmu/unit/test_fmi3.c - the functions of FMI 3.0, by an importer that does what it
+ * may not, and beside those of 2.0, which are linked with the same model: what is set,
+ * stepped and read through both has the same bits. */
 #include "fmi3Functions.h"
 #include "fmu_case.h"
 
 /* ---- an importer */
 
-static void logger3(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text)
+static void logger3(
+    fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text)
 {
   logger(environment, "", (fmi2Status)status, category, text);
 }
 
-/* Tests free what they leave behind by the functions of 2.0 (tearDown): one pool holds the instances of both. */
+/* Tests free what they leave behind by the functions of 2.0 (tearDown): one pool holds
+ * the instances of both. */
 static fmi3Instance instantiated3(void)
 {
-  fmi3Instance const c = fmi3InstantiateCoSimulation("three", FMU_GUID, "/nowhere/resources/", fmi3False, fmi3False, fmi3False, fmi3True, NULL, 0,
-                                                     &here, logger3, NULL);
+  fmi3Instance const c = fmi3InstantiateCoSimulation("three", FMU_GUID, "/nowhere/resources/", fmi3False,
+      fmi3False, fmi3False, fmi3True, NULL, 0, &here, logger3, NULL);
   TEST_ASSERT_NOT_NULL_MESSAGE(c, last_line());
   made[made_count++] = c;
   return c;
@@ -45,10 +48,7 @@ static double number3(fmi3Instance c, fmi3ValueReference vr, char kind)
   else if (kind == 'i') OK3(fmi3GetInt32(c, &vr, 1, &integer, 1));
   else if (kind == 'e') OK3(fmi3GetInt64(c, &vr, 1, &code, 1));
   else OK3(fmi3GetBoolean(c, &vr, 1, &flag, 1));
-  return kind == 'r'   ? real
-         : kind == 'i' ? (double)integer
-         : kind == 'e' ? (double)code
-                       : (double)flag;
+  return kind == 'r' ? real : kind == 'i' ? (double)integer : kind == 'e' ? (double)code : (double)flag;
 }
 
 /* Compares bits: two NaN are the same. */
@@ -86,7 +86,8 @@ static void prepare3(fmi3Instance c)
 static void copy_inputs(fmi2Component from, fmi3Instance to)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r') put3(to, fmu_variables[i].name, value_of(from, &fmu_variables[i]));
+    if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r')
+      put3(to, fmu_variables[i].name, value_of(from, &fmu_variables[i]));
 }
 
 static void enter3(fmi3Instance c)
@@ -191,13 +192,17 @@ static void test_an_array_is_the_outputs_that_it_is_made_of(void)
     else OK3(fmi3GetBoolean(c, &vr, 1, flag, count));
     for (int32_t e = 0; e < a->count; e++) {
       int32_t i = 0;
-      while (i < fmu_variable_count && (fmu_variables[i].role != 'o' || fmu_variables[i].kind != a->of.kind ||
-                                        fmu_variables[i].offset != a->of.offset + e * size)) i++;
+      while (i < fmu_variable_count
+          && (fmu_variables[i].role != 'o' || fmu_variables[i].kind != a->of.kind
+              || fmu_variables[i].offset != a->of.offset + e * size))
+        i++;
       TEST_ASSERT_TRUE_MESSAGE(i < fmu_variable_count, a->of.name);
       TEST_ASSERT_EQUAL_STRING_MESSAGE(a->of.unit, fmu_variables[i].unit, a->of.name);
-      expect_same_number(number3(c, (fmi3ValueReference)i, a->of.kind), a->of.kind == 'r' ? real[e] : a->of.kind == 'e' ? (double)code[e]
-                                                                                                                        : (double)flag[e],
-                         a->of.name);
+      expect_same_number(number3(c, (fmi3ValueReference)i, a->of.kind),
+          a->of.kind == 'r'       ? real[e]
+              : a->of.kind == 'e' ? (double)code[e]
+                                  : (double)flag[e],
+          a->of.name);
     }
   }
 }
@@ -206,7 +211,8 @@ static void test_arrays_and_single_values_come_in_the_order_of_the_call(void)
 {
   fmi3Instance const c = stepping3();
   stepped3(c, 0, 10);
-  const fmi3ValueReference array = (fmi3ValueReference)fmu_variable_count, vr[] = { ref(AN_OUTPUT), array, time_reference(), array };
+  const fmi3ValueReference array = (fmi3ValueReference)fmu_variable_count,
+                           vr[] = { ref(AN_OUTPUT), array, time_reference(), array };
   const size_t n = (size_t)fmu_arrays[0].count;
   double value[40] = { 0 }, alone[16];
   TEST_ASSERT_TRUE(2 + 2 * n < 40);
@@ -223,13 +229,15 @@ static void test_arrays_and_single_values_come_in_the_order_of_the_call(void)
 static void test_values_must_be_as_many_as_the_variables_have(void)
 {
   fmi3Instance const c = stepping3();
-  const fmi3ValueReference array = (fmi3ValueReference)fmu_variable_count, vr[] = { ref(AN_INPUT), array }, in[] = { ref(AN_INPUT), ref(AN_INPUT) };
+  const fmi3ValueReference array = (fmi3ValueReference)fmu_variable_count, vr[] = { ref(AN_INPUT), array },
+                           in[] = { ref(AN_INPUT), ref(AN_INPUT) };
   const size_t n = (size_t)fmu_arrays[0].count;
   double value[40];
   save3(c, &before);
   for (size_t i = 0; i < 40; i++) value[i] = 42.0;
   const size_t wrong[] = { 0, 1, 2, n, n + 2, 39 };
-  for (int i = 0; i < COUNT(wrong); i++) REFUSED3(fmi3GetFloat64(c, vr, 2, value, wrong[i]), "fmi3GetFloat64", "nValues is", "4 values");
+  for (int i = 0; i < COUNT(wrong); i++)
+    REFUSED3(fmi3GetFloat64(c, vr, 2, value, wrong[i]), "fmi3GetFloat64", "nValues is", "4 values");
   REFUSED3(fmi3GetFloat64(c, NULL, 0, NULL, 1), "fmi3GetFloat64", "nValues is 1", "0 values");
   REFUSED3(fmi3SetFloat64(c, in, 2, value, 1), "fmi3SetFloat64", "nValues is 1", "2 values");
   REFUSED3(fmi3SetFloat64(c, in, 2, value, 3), "fmi3SetFloat64", "nValues is 3");
@@ -245,7 +253,8 @@ static void test_values_must_be_as_many_as_the_variables_have(void)
 static void test_arguments_that_are_missing_or_of_another_type_are_named(void)
 {
   fmi3Instance const c = stepping3();
-  const fmi3ValueReference real = ref(AN_INPUT), integer = ref(AN_INTEGER), flag = ref(A_FLAG), none = time_reference() + 1;
+  const fmi3ValueReference real = ref(AN_INPUT), integer = ref(AN_INTEGER), flag = ref(A_FLAG),
+                           none = time_reference() + 1;
   double x = 0;
   fmi3Int32 i = 0;
   fmi3Boolean b = fmi3False;
@@ -302,8 +311,9 @@ static void test_arguments_that_are_missing_or_of_another_type_are_named(void)
 static void test_what_may_not_be_set_is_not_and_neither_is_what_stands_before_it(void)
 {
   fmi3Instance const c = instantiated3();
-  const fmi3ValueReference good = ref(ANOTHER_PARAMETER), bad = ref(A_PARAMETER), out = ref(AN_OUTPUT), array = (fmi3ValueReference)fmu_variable_count,
-                           time = time_reference(), both[] = { good, bad };
+  const fmi3ValueReference good = ref(ANOTHER_PARAMETER), bad = ref(A_PARAMETER), out = ref(AN_OUTPUT),
+                           array = (fmi3ValueReference)fmu_variable_count, time = time_reference(),
+                           both[] = { good, bad };
   const double wrong[] = { -5.0, 1e9, (double)NAN, (double)INFINITY };
   double value[16] = { 1700.0 };
   save3(c, &before);
@@ -312,7 +322,8 @@ static void test_what_may_not_be_set_is_not_and_neither_is_what_stands_before_it
     REFUSED3(fmi3SetFloat64(c, both, 2, value, 2), A_PARAMETER, "outside its range " A_RANGE);
   }
   REFUSED3(fmi3SetFloat64(c, &out, 1, value, 1), AN_OUTPUT, "is an output");
-  REFUSED3(fmi3SetFloat64(c, &array, 1, value, (size_t)fmu_arrays[0].count), fmu_arrays[0].of.name, "is an output");
+  REFUSED3(fmi3SetFloat64(c, &array, 1, value, (size_t)fmu_arrays[0].count), fmu_arrays[0].of.name,
+      "is an output");
   REFUSED3(fmi3SetFloat64(c, &time, 1, value, 1), "time", "set by the steps");
   TEST_ASSERT_TRUE(same_state(c, &before));
   enter3(c);
@@ -339,17 +350,20 @@ static void test_an_instantiation_that_is_refused_says_why(void)
     { "car", FMU_GUID, fmi3False, 1, "requiredIntermediateVariables" },
   };
   for (int i = 0; i < COUNT(cases); i++) {
-    TEST_ASSERT_NULL(fmi3InstantiateCoSimulation(cases[i].name, cases[i].token, NULL, fmi3False, fmi3False, cases[i].events, fmi3False, &vr,
-                                                 cases[i].intermediates, &here, logger3, NULL));
+    TEST_ASSERT_NULL(fmi3InstantiateCoSimulation(cases[i].name, cases[i].token, NULL, fmi3False, fmi3False,
+        cases[i].events, fmi3False, &vr, cases[i].intermediates, &here, logger3, NULL));
     expect_refused(fmi2Error, i, cases[i].words, NULL);
     TEST_ASSERT_EQUAL_PTR(&here, lines[i].environment);
   }
   TEST_ASSERT_NULL(fmi3InstantiateModelExchange("car", FMU_GUID, NULL, fmi3False, fmi3False, &here, logger3));
   expect_refused(fmi2Error, COUNT(cases), "only co-simulation", NULL);
-  TEST_ASSERT_NULL(fmi3InstantiateScheduledExecution("car", FMU_GUID, NULL, fmi3False, fmi3False, &here, logger3, NULL, NULL, NULL));
+  TEST_ASSERT_NULL(fmi3InstantiateScheduledExecution(
+      "car", FMU_GUID, NULL, fmi3False, fmi3False, &here, logger3, NULL, NULL, NULL));
   expect_refused(fmi2Error, COUNT(cases) + 1, "only co-simulation", NULL);
-  TEST_ASSERT_NULL(fmi3InstantiateCoSimulation("car", "{other}", NULL, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, NULL, NULL, NULL));
-  fmi3Instance const silent = fmi3InstantiateCoSimulation("car", FMU_GUID, NULL, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, NULL, NULL, NULL);
+  TEST_ASSERT_NULL(fmi3InstantiateCoSimulation(
+      "car", "{other}", NULL, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, NULL, NULL, NULL));
+  fmi3Instance const silent = fmi3InstantiateCoSimulation(
+      "car", FMU_GUID, NULL, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, NULL, NULL, NULL);
   TEST_ASSERT_NOT_NULL(silent);
   made[made_count++] = silent;
   TEST_ASSERT_EQUAL_INT(fmi3Error, fmi3Terminate(silent));
@@ -370,8 +384,14 @@ static fmi3Instance in_phase(int phase)
   return c;
 }
 
-static fmi3Status call_enter(fmi3Instance c) { return fmi3EnterInitializationMode(c, fmi3False, 0.0, 0.0, fmi3False, 0.0); }
-static fmi3Status call_step(fmi3Instance c) { return fmi3DoStep(c, 0.0, STEP, fmi3True, NULL, NULL, NULL, NULL); }
+static fmi3Status call_enter(fmi3Instance c)
+{
+  return fmi3EnterInitializationMode(c, fmi3False, 0.0, 0.0, fmi3False, 0.0);
+}
+static fmi3Status call_step(fmi3Instance c)
+{
+  return fmi3DoStep(c, 0.0, STEP, fmi3True, NULL, NULL, NULL, NULL);
+}
 static fmi3Status call_set_input(fmi3Instance c)
 {
   const fmi3ValueReference vr = ref(AN_INPUT);
@@ -426,19 +446,12 @@ static const struct {
   const char *name;
   int allowed;
   fmi3Status (*call)(fmi3Instance);
-} functions[] = {
-  { "fmi3EnterInitializationMode", BEFORE, call_enter },
-  { "fmi3ExitInitializationMode", INIT, fmi3ExitInitializationMode },
-  { "fmi3DoStep", STEPS, call_step },
-  { "fmi3Terminate", STEPS, fmi3Terminate },
-  { "fmi3Reset", EVER, fmi3Reset },
+} functions[] = { { "fmi3EnterInitializationMode", BEFORE, call_enter },
+  { "fmi3ExitInitializationMode", INIT, fmi3ExitInitializationMode }, { "fmi3DoStep", STEPS, call_step },
+  { "fmi3Terminate", STEPS, fmi3Terminate }, { "fmi3Reset", EVER, fmi3Reset },
   { "fmi3SetFloat64", BEFORE | INIT | STEPS, call_set_input },
-  { "fmi3SetInt32", BEFORE | INIT, call_set_parameter },
-  { "fmi3GetFloat64", EVER, call_get },
-  { "fmi3SetFMUState", EVER, call_state },
-  { "fmi3SetDebugLogging", EVER, call_logging },
-  NEVER(ROW)
-};
+  { "fmi3SetInt32", BEFORE | INIT, call_set_parameter }, { "fmi3GetFloat64", EVER, call_get },
+  { "fmi3SetFMUState", EVER, call_state }, { "fmi3SetDebugLogging", EVER, call_logging }, NEVER(ROW) };
 
 static void test_a_call_is_done_in_its_phases_and_refused_by_name_in_all_others(void)
 {
@@ -476,7 +489,8 @@ static void test_an_instance_that_is_none_is_an_error_and_nothing_is_said(void)
     fmi3Byte byte = 0;
     size_t size = 0;
     for (int f = 0; f < COUNT(functions); f++)
-      if (functions[f].call != call_state) TEST_ASSERT_EQUAL_INT_MESSAGE(fmi3Error, functions[f].call(c), functions[f].name);
+      if (functions[f].call != call_state)
+        TEST_ASSERT_EQUAL_INT_MESSAGE(fmi3Error, functions[f].call(c), functions[f].name);
     TEST_ASSERT_EQUAL_INT(fmi3Error, fmi3GetFloat64(c, &vr, 1, &x, 1));
     TEST_ASSERT_EQUAL_INT(fmi3Error, fmi3GetFloat64(c, NULL, 0, NULL, 0));
     TEST_ASSERT_EQUAL_INT(fmi3Error, fmi3GetFloat32(c, NULL, 0, NULL, 0));
@@ -502,7 +516,8 @@ static void test_the_experiment_and_the_steps_must_be_numbers_in_order(void)
   fmi3Instance const c = instantiated3();
   const double odd[] = { (double)NAN, (double)INFINITY, -(double)INFINITY };
   save3(c, &before);
-  for (int i = 0; i < COUNT(odd); i++) REFUSED3(fmi3EnterInitializationMode(c, fmi3False, 0, odd[i], fmi3False, 0), "startTime");
+  for (int i = 0; i < COUNT(odd); i++)
+    REFUSED3(fmi3EnterInitializationMode(c, fmi3False, 0, odd[i], fmi3False, 0), "startTime");
   REFUSED3(fmi3EnterInitializationMode(c, fmi3False, 0, 1.0, fmi3True, 0.5), "stopTime");
   REFUSED3(fmi3EnterInitializationMode(c, fmi3False, 0, 1.0, fmi3True, (double)NAN), "stopTime");
   TEST_ASSERT_TRUE(same_state(c, &before));
@@ -576,7 +591,8 @@ static void test_a_serialized_state_goes_on_bit_for_bit_in_another_instance(void
 
 static void test_what_is_logged_has_status_category_and_environment(void)
 {
-  fmi3Instance const c = fmi3InstantiateCoSimulation("three", FMU_GUID, NULL, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, &here, logger3, NULL);
+  fmi3Instance const c = fmi3InstantiateCoSimulation(
+      "three", FMU_GUID, NULL, fmi3False, fmi3True, fmi3False, fmi3False, NULL, 0, &here, logger3, NULL);
   TEST_ASSERT_NOT_NULL(c);
   made[made_count++] = c;
   enter3(c);

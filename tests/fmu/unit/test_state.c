@@ -217,7 +217,8 @@ static void test_truncated_bytes_are_refused_and_not_read_beyond(void)
   const saved_bytes b = bytes_of(c);
   const size_t counts[] = { 0, 1, 7, FRAME - 1, FRAME, FRAME + 1, b.count / 2, b.count - 1 };
   for (int i = 0; i < COUNT(counts); i++) {
-    fmi2Byte *const part = malloc(counts[i] + (counts[i] == 0)); /* exactly: sanitizers see what is read beyond */
+    fmi2Byte *const part = malloc(
+        counts[i] + (counts[i] == 0)); /* exactly: sanitizers see what is read beyond */
     TEST_ASSERT_NOT_NULL(part);
     memcpy(part, b.at, counts[i]);
     expect_bytes_refused(c, part, counts[i], counts[i] < FRAME ? "too short" : "size");
@@ -277,7 +278,8 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
     { FRAME + 8, 8, &none },
     { FRAME + 16, 8, &none },
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1e9 } },
-    { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1234.5 } }, /* in range, but not what the rest was made of */
+    { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8,
+        (const double[]){ 1234.5 } }, /* in range, but not what the rest was made of */
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, &none },
 #if defined(CASE_ESTIMATOR)
     { MODEL + offsetof(model, config.particles), 4, (const int32_t[]){ 100000 } },
@@ -326,7 +328,8 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
   free(before.at);
 }
 
-/* What is accepted is gone on with: under the sanitizers no forged word may do more than make an estimate wrong. */
+/* What is accepted is gone on with: under the sanitizers no forged word may do more than
+ * make an estimate wrong. */
 static void go_on_with_forged_words(int form)
 {
   fmi2Component const c = instantiated();

@@ -6,12 +6,16 @@ static void test_the_table_is_sound(void)
   for (int32_t i = 0; i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const size_t size = v->kind == 'r' ? sizeof(double) : sizeof(int32_t);
-    TEST_ASSERT_TRUE_MESSAGE(v->kind == 'r' || v->kind == 'i' || v->kind == 'b' || (v->kind == 'e' && v->role == 'o'), v->name);
+    TEST_ASSERT_TRUE_MESSAGE(
+        v->kind == 'r' || v->kind == 'i' || v->kind == 'b' || (v->kind == 'e' && v->role == 'o'), v->name);
     TEST_ASSERT_TRUE_MESSAGE(v->role == 'p' || v->role == 'i' || v->role == 'o', v->name);
-    TEST_ASSERT_TRUE_MESSAGE(v->offset >= 0 && (size_t)v->offset + size <= sizeof(model) && (size_t)v->offset % size == 0,
-                             v->name);
+    TEST_ASSERT_TRUE_MESSAGE(
+        v->offset >= 0 && (size_t)v->offset + size <= sizeof(model) && (size_t)v->offset % size == 0,
+        v->name);
     TEST_ASSERT_TRUE_MESSAGE(v->rate == FMU_NO_RATE || (v->role == 'i' && v->kind == 'r'), v->name);
-    if (v->role != 'o' && v->hi >= v->lo) TEST_ASSERT_TRUE_MESSAGE((v->start >= v->lo && v->start <= v->hi) || (v->role == 'p' && v->start == 0), v->name);
+    if (v->role != 'o' && v->hi >= v->lo)
+      TEST_ASSERT_TRUE_MESSAGE(
+          (v->start >= v->lo && v->start <= v->hi) || (v->role == 'p' && v->start == 0), v->name);
     if (v->role == 'p' && v->kind != 'b') TEST_ASSERT_TRUE_MESSAGE(v->hi >= v->lo, v->name);
     for (int32_t k = 0; k < i; k++) {
       TEST_ASSERT_TRUE_MESSAGE(strcmp(v->name, fmu_variables[k].name) != 0, v->name);
@@ -37,7 +41,8 @@ static void test_starts_are_there_from_the_start_and_after_a_reset(void)
   }
 }
 
-/* Every parameter and input takes a value of its own and gives it back; none disturbs another. */
+/* Every parameter and input takes a value of its own and gives it back; none disturbs
+ * another. */
 static void test_every_variable_has_a_place_of_its_own(void)
 {
   fmi2Component const c = instantiated();
@@ -46,8 +51,7 @@ static void test_every_variable_has_a_place_of_its_own(void)
       const fmu_variable *const v = &fmu_variables[i];
       if (v->role == 'o') continue;
       const double within = v->lo + (v->hi - v->lo) * (1 + i % 7) / 9.0;
-      const double own = v->kind == 'r' ? within : v->kind == 'i' ? (int)within
-                                                                  : v->start <= 0;
+      const double own = v->kind == 'r' ? within : v->kind == 'i' ? (int)within : v->start <= 0;
       if (read) TEST_ASSERT_TRUE_MESSAGE(value_of(c, v) == own, v->name);
       else SET(c, { v->name, own });
     }
@@ -61,7 +65,7 @@ static void test_every_parameter_is_refused_beyond_its_range_and_taken_at_its_en
     if (v->role != 'p' || v->kind == 'b') continue;
     if (v->kind == 'r') {
       const double bad[] = { nextafter(v->lo, -1e300), nextafter(v->hi, 1e300), (double)NAN, (double)INFINITY,
-                             -(double)INFINITY };
+        -(double)INFINITY };
       for (int k = 0; k < COUNT(bad); k++) {
         REFUSED(put_real(c, v->name, bad[k]), "fmi2SetReal", v->name, "outside its range");
         TEST_ASSERT_TRUE_MESSAGE(real_of(c, v->name) == v->start, v->name);
@@ -71,7 +75,8 @@ static void test_every_parameter_is_refused_beyond_its_range_and_taken_at_its_en
       OK(put_real(c, v->name, v->start));
     } else {
       REFUSED(put_integer(c, v->name, (int)v->lo - 1), "fmi2SetInteger", v->name, "outside its range");
-      if (v->hi < 2147483647.0) REFUSED(put_integer(c, v->name, (int)v->hi + 1), "fmi2SetInteger", v->name, "outside its range");
+      if (v->hi < 2147483647.0)
+        REFUSED(put_integer(c, v->name, (int)v->hi + 1), "fmi2SetInteger", v->name, "outside its range");
       TEST_ASSERT_TRUE_MESSAGE(integer_of(c, v->name) == (int)v->start, v->name);
       OK(put_integer(c, v->name, (int)v->lo));
       OK(put_integer(c, v->name, (int)v->hi));
@@ -153,11 +158,12 @@ static void test_outputs_cannot_be_set_and_parameters_only_before_the_first_step
       const fmi2Integer k = (fmi2Integer)v->start;
       const fmi2Boolean b = v->start > 0;
       const int n = said;
-      const fmi2Status status = v->kind == 'r'   ? fmi2SetReal(c, &vr, 1, &r)
-                                : v->kind == 'b' ? fmi2SetBoolean(c, &vr, 1, &b)
-                                                 : fmi2SetInteger(c, &vr, 1, &k);
+      const fmi2Status status = v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &r)
+          : v->kind == 'b'                     ? fmi2SetBoolean(c, &vr, 1, &b)
+                                               : fmi2SetInteger(c, &vr, 1, &k);
       if (v->role == 'o') expect_refused(status, n, v->name, "is an output", NULL);
-      else if (v->role == 'p' && phase == 2) expect_refused(status, n, v->name, "fixed parameter", "while stepping", NULL);
+      else if (v->role == 'p' && phase == 2)
+        expect_refused(status, n, v->name, "fixed parameter", "while stepping", NULL);
       else TEST_ASSERT_EQUAL_INT_MESSAGE(fmi2OK, status, v->name);
     }
     said = 0;
@@ -176,7 +182,8 @@ static void test_booleans_are_true_or_false_whatever_number_says_so(void)
   }
 }
 
-/* What derives from settings is there in initialization mode, and follows a setting that is changed there. */
+/* What derives from settings is there in initialization mode, and follows a setting that
+ * is changed there. */
 static void test_outputs_follow_parameters_in_initialization_mode(void)
 {
   fmi2Component const c = instantiated();
@@ -195,7 +202,8 @@ static void test_outputs_follow_parameters_in_initialization_mode(void)
   TEST_ASSERT_TRUE(real_of(c, output) == 8e4);
 }
 
-/* However often outputs were asked for and settings changed back and forth before the start, the run is the same. */
+/* However often outputs were asked for and settings changed back and forth before the
+ * start, the run is the same. */
 static void test_what_was_tried_before_the_start_leaves_no_trace(void)
 {
   fmi2Component const a = instantiated(), b = instantiated();

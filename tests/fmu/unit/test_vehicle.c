@@ -1,4 +1,5 @@
-/* tests/fmu/unit/test_vehicle.c - SingleTrackVehicle beside tse_sim_step(), ramps, derivatives of inputs, wrong inputs. */
+/* tests/fmu/unit/test_vehicle.c - SingleTrackVehicle beside tse_sim_step(), ramps,
+ * derivatives of inputs, wrong inputs. */
 #include "fmu_case.h"
 #include "tse/describe.h"
 
@@ -35,7 +36,7 @@ static void expect_real(fmi2Component c, const char *name, double expected, int 
 static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
 {
   const double nominal[3] = { config.longitudinal_stiffness_front, config.cornering_stiffness_front,
-                              config.cornering_stiffness_rear };
+    config.cornering_stiffness_rear };
 #define mean_si(i) nominal[i] * y->stiffness[i]
 #define drawn_si(i) nominal[i] * y->drawn[i]
   for (int i = 0; i < TSE_CHANNELS; i++) {
@@ -45,10 +46,12 @@ static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
   }
   int32_t count;
   const tse_field *const row = tse_describe(TSE_STRUCT_SIM_OUTPUT, &count, NULL);
-  for (int32_t i = TSE_CHANNELS; i < count; i++) { /* behind what the car logs: true_vel_x, drawn_cx_front ... */
+  for (int32_t i = TSE_CHANNELS; i < count;
+      i++) { /* behind what the car logs: true_vel_x, drawn_cx_front ... */
     const size_t group = strcspn(row[i].name, "_");
     const char *const own = row[i].name + group + 1;
-    const int share = strcmp(own, "cx_front") == 0 || strcmp(own, "cy_front") == 0 || strcmp(own, "cy_rear") == 0;
+    const int share = strcmp(own, "cx_front") == 0 || strcmp(own, "cy_front") == 0
+        || strcmp(own, "cy_rear") == 0;
     char name[60];
     double x;
     memcpy(&x, (const char *)y + row[i].offset, sizeof x);
@@ -74,9 +77,10 @@ static fmi2Component start_both(tse_sim_output *y)
   config.rear_longitudinal_follows_front = 0.4; /* else the road under the rear axle does not show */
   sim_config.seed = 9, sim_config.speed = 15, sim_config.bias_walk = 2, sim_config.true_bias_accel_y = 0.1;
   sim_config.true_cy_rear = 0.9;
-  SET(c, { "vehicle.mass", 1700 }, { "sensors.accel_x_sd", 0.2 }, { "vehicle.rear_longitudinal_follows_front", 0.4 },
-      { "simulation.seed", 9 }, { "simulation.speed", 15 }, { "simulation.bias_walk", 2 },
-      { "simulation.true_bias_accel_y", 0.1 }, { "simulation.true_cy_rear", 0.9 });
+  SET(c, { "vehicle.mass", 1700 }, { "sensors.accel_x_sd", 0.2 },
+      { "vehicle.rear_longitudinal_follows_front", 0.4 }, { "simulation.seed", 9 },
+      { "simulation.speed", 15 }, { "simulation.bias_walk", 2 }, { "simulation.true_bias_accel_y", 0.1 },
+      { "simulation.true_cy_rear", 0.9 });
   put_inputs(c, &u);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &config, &sim_config, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, y));
@@ -89,7 +93,8 @@ static void go(fmi2Component c)
   begin(c);
 }
 
-/* An importer sets the inputs of t, steps to t + h: with ramp those inputs are reached at t + h, from those of before. */
+/* An importer sets the inputs of t, steps to t + h: with ramp those inputs are reached at
+ * t + h, from those of before. */
 static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
 {
   tse_sim_output y;
@@ -108,14 +113,16 @@ static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
   }
 }
 
-/* The driver jumps at the start of a step; the road of a step is that on which its stiffness was drawn. */
+/* The driver jumps at the start of a step; the road of a step is that on which its
+ * stiffness was drawn. */
 static void jump(const tse_sim_input *u)
 {
   const tse_real level = sim.last.road_level;
   sim.last = *u, sim.last.road_level = level;
 }
 
-/* Held inputs: what was set at t acts all through the step, as a simulator shows that is told twice. */
+/* Held inputs: what was set at t acts all through the step, as a simulator shows that is
+ * told twice. */
 static void test_without_ramp_inputs_are_held_during_the_step(void)
 {
   tse_sim_output y;
@@ -133,8 +140,9 @@ static void test_without_ramp_inputs_are_held_during_the_step(void)
   }
 }
 
-/* A car that rolls straight, pushed by a constant torque on wheels of known inertia, gains T/R over its whole mass. Held, a
- * torque set at t acts from t on: after n steps as after n steps; as a ramp from zero the first step has half of it. */
+/* A car that rolls straight, pushed by a constant torque on wheels of known inertia,
+ * gains T/R over its whole mass. Held, a torque set at t acts from t on: after n steps as
+ * after n steps; as a ramp from zero the first step has half of it. */
 static void test_a_held_torque_acts_from_its_communication_point_on(void)
 {
   const double torque = 330.0, radius = 0.33, mass = 1900.0, inertia = 2 * 2.4;
@@ -198,7 +206,8 @@ static void test_derivatives_that_are_none_are_refused_and_none_of_several_is_se
   const fmi2ValueReference vr[] = { ref("wheel_torque_front"), ref("steer_angle") };
   const fmi2Integer orders[] = { 1, 2 }, first[] = { 1, 1 };
   const fmi2Real values[] = { 100.0, 0.2 }, nan_value[] = { 100.0, (double)NAN };
-  REFUSED(fmi2SetRealInputDerivatives(c, vr, 2, orders, values), "steer_angle takes no derivative of order 2");
+  REFUSED(
+      fmi2SetRealInputDerivatives(c, vr, 2, orders, values), "steer_angle takes no derivative of order 2");
   REFUSED(fmi2SetRealInputDerivatives(c, vr, 2, first, nan_value), "steer_angle");
   const fmi2ValueReference output[] = { ref("wheel_torque_front"), ref("true.vel_x") },
                            integer[] = { ref("steer_angle"), ref("simulation.seed") };
@@ -266,7 +275,8 @@ static void test_a_derivative_that_leads_out_of_range_is_an_error_too(void)
 static void test_ends_of_ranges_are_taken_and_steps_up_to_a_second(void)
 {
   fmi2Component const c = stepping();
-  SET(c, { "steer_angle", 1.2 }, { "wheel_torque_front", -1e5 }, { "brake_torque_rear", 1e5 }, { "road_level", 0.02 });
+  SET(c, { "steer_angle", 1.2 }, { "wheel_torque_front", -1e5 }, { "brake_torque_rear", 1e5 },
+      { "road_level", 0.02 });
   OK(fmi2DoStep(c, 0.0, 1.0, fmi2True));
   saved_bytes before = bytes_of(c);
   REFUSED(fmi2DoStep(c, 1.0, nextafter(1.0, 2.0), fmi2True), "communicationStepSize", "longer than 1 s");

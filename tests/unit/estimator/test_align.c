@@ -1,5 +1,6 @@
-/* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and what tse_step() makes of it.
- * Expected rows are read from a whole log with absolute times, in double; expected estimates are those of a log without delays. */
+/* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and what tse_step() makes
+ * of it. Expected rows are read from a whole log with absolute times, in double; expected
+ * estimates are those of a log without delays. */
 #include "model/car.h"
 #include "unit_support.h"
 #include "tables/constants.h"
@@ -32,11 +33,13 @@ static void tell(tse_config *c, const double late[5])
 
 static tse_real *channel(tse_input *u, int k)
 {
-  tse_real *const at[6] = { &u->steer_angle, &u->wheel_speed_front, &u->wheel_speed_rear, &u->accel_x, &u->accel_y, &u->yaw_rate };
+  tse_real *const at[6] = { &u->steer_angle, &u->wheel_speed_front, &u->wheel_speed_rear, &u->accel_x,
+    &u->accel_y, &u->yaw_rate };
   return at[k];
 }
 
-/* What a channel truly is at a time: smooth, so that interpolation can be told from the neighbours. */
+/* What a channel truly is at a time: smooth, so that interpolation can be told from the
+ * neighbours. */
 static double truth(int k, double t)
 {
   switch (k) {
@@ -120,9 +123,11 @@ static int compare_shifted(tse_config c, const int rows[6], double sample_time)
 
 static void test_channels_late_by_whole_rows_give_the_same_bits_later(void)
 {
-  static const int cases[][6] = { { 3, 0, 0, 0, 0, 0 }, { 0, 6, 6, 0, 0, 0 }, { -2, -2, -2, -2, -2, 0 }, { 5, -4, 1, 2, -1, 0 }, { 20, -8, -8, 0, 3, 0 }, { 0, 0, 0, -7, 0, 0 }, { 1, 2, 3, 4, 5, 0 } };
+  static const int cases[][6] = { { 3, 0, 0, 0, 0, 0 }, { 0, 6, 6, 0, 0, 0 }, { -2, -2, -2, -2, -2, 0 },
+    { 5, -4, 1, 2, -1, 0 }, { 20, -8, -8, 0, 3, 0 }, { 0, 0, 0, -7, 0, 0 }, { 1, 2, 3, 4, 5, 0 } };
   for (int i = 0; i < ROWS(cases); i++)
-    for (int32_t form = i < 4 ? MOST_FORM : 0; form >= 0; form--) TEST_ASSERT_TRUE(compare_shifted(settings(form), cases[i], 0.01) > LOG - 40);
+    for (int32_t form = i < 4 ? MOST_FORM : 0; form >= 0; form--)
+      TEST_ASSERT_TRUE(compare_shifted(settings(form), cases[i], 0.01) > LOG - 40);
   TEST_ASSERT_TRUE(compare_shifted(settings(0), cases[3], 0.007) > LOG - 40);
 }
 
@@ -133,8 +138,9 @@ typedef struct book {
   int missing[LOG][6], rows;
 } book; /* what was logged when */
 
-/* A channel at a time, from the whole log, and by how much interpolation lowers the variance of white noise.
- * Returned: 1 known, 0 missing, -1: so near to a row that both are right */
+/* A channel at a time, from the whole log, and by how much interpolation lowers the
+ * variance of white noise. Returned: 1 known, 0 missing, -1: so near to a row that both
+ * are right */
 static int read_book(const book *b, int k, double t, double *value, double *lost)
 {
   const int from = 0;
@@ -145,7 +151,8 @@ static int read_book(const book *b, int k, double t, double *value, double *lost
     *value = b->value[at][k];
     return -1;
   }
-  /* the two rows on both sides; or the nearer one, and the next that has it beyond the other, up to 0.1 s from it */
+  /* the two rows on both sides; or the nearer one, and the next that has it beyond the
+   * other, up to 0.1 s from it */
   int before = i - 1, after = i;
   const int oldest = b->rows - TSE_LATENCY_ROWS > 0 ? b->rows - TSE_LATENCY_ROWS : 0;
   const int is_after = t - b->t[before] > b->t[after] - t, here = is_after ? after : before;
@@ -153,14 +160,17 @@ static int read_book(const book *b, int k, double t, double *value, double *lost
   while (before >= oldest && b->missing[before][k]) before--;
   while (after < b->rows && b->missing[after][k]) after++;
   *value = b->value[here][k];
-  if (before < oldest || after >= b->rows || (i - before > 1 && b->t[after] - b->t[before] > 0.1) || (after > i && b->t[after] - b->t[before] > 0.1)) return 1;
+  if (before < oldest || after >= b->rows || (i - before > 1 && b->t[after] - b->t[before] > 0.1)
+      || (after > i && b->t[after] - b->t[before] > 0.1))
+    return 1;
   const double share = (t - b->t[before]) / (b->t[after] - b->t[before]);
   *lost = 1 - share * share - (1 - share) * (1 - share);
   *value = b->value[before][k] + share * (b->value[after][k] - b->value[before][k]);
   return 1;
 }
 
-/* How old a row is when it is read: the least that is enough for every channel and by whole rows more than accel_x is late. */
+/* How old a row is when it is read: the least that is enough for every channel and by
+ * whole rows more than accel_x is late. */
 static double age_of(const double late[5], double sample_time)
 {
   double least = 0, age = late[3] - 40 * sample_time;
@@ -169,7 +179,8 @@ static double age_of(const double late[5], double sample_time)
   return age;
 }
 
-/* Irregular rows of 0.6 .. 1.6 sample times with these latencies, of which none comes so close that it is left out. */
+/* Irregular rows of 0.6 .. 1.6 sample times with these latencies, of which none comes so
+ * close that it is left out. */
 static void compare_interpolated(const double late[5], uint32_t seed)
 {
   static book b;
@@ -194,15 +205,19 @@ static void compare_interpolated(const double late[5], uint32_t seed)
     const tse_status got = align_row(&p, &late_one.filter, &u, &row);
     TEST_ASSERT_TRUE(got == TSE_OK || (got == TSE_W_WAITING && steps == 0));
     if (got != TSE_OK) continue;
-    if (steps++ > 0) expect_near(t - latest - tau_before, number(row.dt), BY_FORMAT(1e-12, 1e-6), "dt of step", n);
+    if (steps++ > 0)
+      expect_near(t - latest - tau_before, number(row.dt), BY_FORMAT(1e-12, 1e-6), "dt of step", n);
     tau_before = t - latest;
     for (int k = 0; k < 6; k++) {
       double expected, lost = 0;
       const int known = read_book(&b, k, tau_before + (k < 5 ? late[k] : 0), &expected, &lost);
       const int has = (row.missing >> k & 1u) == 0;
       if (known >= 0) TEST_ASSERT_EQUAL_INT(known, has);
-      if (known > 0 && k >= 3) expect_near(lost, number(late_one.filter.waiting.lost[k - 3]), BY_FORMAT(1e-9, 5e-4), "lost", k);
-      if (known && has) expect_near(expected, number(*channel(&row, k)), known < 0 ? 6e-4 : BY_FORMAT(1e-11, 2e-4), "channel", k);
+      if (known > 0 && k >= 3)
+        expect_near(lost, number(late_one.filter.waiting.lost[k - 3]), BY_FORMAT(1e-9, 5e-4), "lost", k);
+      if (known && has)
+        expect_near(
+            expected, number(*channel(&row, k)), known < 0 ? 6e-4 : BY_FORMAT(1e-11, 2e-4), "channel", k);
     }
   }
   TEST_ASSERT_TRUE(steps > 340);
@@ -211,7 +226,8 @@ static void compare_interpolated(const double late[5], uint32_t seed)
 /* Whatever the latencies, where rows are sample_time apart accel_x is as it was logged. */
 static void test_accel_x_is_not_interpolated_in_even_rows(void)
 {
-  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 }, { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
+  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 },
+    { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
   for (int i = 0; i < ROWS(cases); i++) {
     const double age = age_of(cases[i], 0.01);
     const int back = (int)floor((age - cases[i][3]) / 0.01 + 0.5);
@@ -221,7 +237,8 @@ static void test_accel_x_is_not_interpolated_in_even_rows(void)
       tse_input row, u = noisy_row(k), was = noisy_row(k - back);
       if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
       TEST_ASSERT_EQUAL_INT(was.missing & TSE_MISSING_accel_x, row.missing & TSE_MISSING_accel_x);
-      if (!(row.missing & TSE_MISSING_accel_x)) TEST_ASSERT_EQUAL_MEMORY(&was.accel_x, &row.accel_x, sizeof was.accel_x);
+      if (!(row.missing & TSE_MISSING_accel_x))
+        TEST_ASSERT_EQUAL_MEMORY(&was.accel_x, &row.accel_x, sizeof was.accel_x);
       expect_near(0, number(late_one.filter.waiting.lost[0]), 0, "lost", k);
     }
   }
@@ -249,14 +266,16 @@ static void test_a_value_is_missing_where_the_nearer_row_lacks_it(void)
       u.yaw_rate = k == 10 ? real(7) : real(0.1); /* out of range */
       u.missing = k == 15 ? TSE_MISSING_wheel_speed_rear : 0;
       if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
-      const int gyro = (row.missing & TSE_MISSING_yaw_rate) == 0, wheel = (row.missing & TSE_MISSING_wheel_speed_rear) == 0;
-      TEST_ASSERT_EQUAL_INT(k != 11, gyro); /* 6 ms late: the row before is nearer */
+      const int gyro = (row.missing & TSE_MISSING_yaw_rate) == 0,
+                wheel = (row.missing & TSE_MISSING_wheel_speed_rear) == 0;
+      TEST_ASSERT_EQUAL_INT(k != 11, gyro);  /* 6 ms late: the row before is nearer */
       TEST_ASSERT_EQUAL_INT(k != 15, wheel); /* the latest is read as it comes */
     }
   }
 }
 
-/* A slow message: its channel is known as often as it comes, at its time, whatever its latency. */
+/* A slow message: its channel is known as often as it comes, at its time, whatever its
+ * latency. */
 static void test_a_channel_in_every_second_or_fifth_row_is_known_as_often(void)
 {
   for (int every = 2; every <= 5; every += 3)
@@ -271,8 +290,10 @@ static void test_a_channel_in_every_second_or_fifth_row_is_known_as_often(void)
         if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
         rows++;
         if (row.missing & TSE_MISSING_wheel_speed_front) continue;
-        known++; /* half a row off at most, where the memory does not reach the value before: 2 m/s at 0.9 rad/s */
-        expect_near(truth(1, 0.01 * k - age_of(late, 0.01) + late[1]), number(row.wheel_speed_front), 0.01, "wheel speed", k);
+        known++; /* half a row off at most, where the memory does not reach the value before: 2 m/s at 0.9
+                  * rad/s */
+        expect_near(truth(1, 0.01 * k - age_of(late, 0.01) + late[1]), number(row.wheel_speed_front), 0.01,
+            "wheel speed", k);
       }
       TEST_ASSERT_TRUE(known > rows / every - 2 && known < rows / every + 2);
     }
@@ -294,19 +315,22 @@ static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
 
 /* ------------------------------------------------------------------------------------------- odd rows */
 
-/* An initial stiffness outside of what the filter may find is reported where it starts: at the bound. */
+/* An initial stiffness outside of what the filter may find is reported where it starts:
+ * at the bound. */
 static void test_a_start_beyond_a_bound_is_reported_at_it(void)
 {
   static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
   for (int32_t form = 0; form <= MOST_FORM; form++) {
     tse_config c = settings(form);
     tse_output y;
-    c.initial_cy_front = setting(1.5), c.initial_cy_rear = setting(0.5), c.stiffness_min = setting(0.75), c.stiffness_max = setting(1.25);
+    c.initial_cy_front = setting(1.5), c.initial_cy_rear = setting(0.5), c.stiffness_min = setting(0.75),
+    c.stiffness_max = setting(1.25);
     start_late(c, late);
     for (int k = 0; k < 6; k++) {
       const tse_input u = noisy_row(k);
       TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, tse_step(&p, &late_one.filter, &u, &y));
-      expect_near(1.25, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "at the upper bound", k); /* the exponential of a logarithm, in float */
+      expect_near(1.25, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "at the upper bound",
+          k); /* the exponential of a logarithm, in float */
       expect_near(0.75, number(y.stiffness[TSE_CY_REAR]), 1e-6, "at the lower bound", k);
     }
   }
@@ -327,16 +351,21 @@ static void test_until_all_channels_are_known_the_start_is_reported(void)
       TEST_ASSERT_EQUAL_INT(y.status, got);
       expect_near(0.04, number(y.estimate_age), 1e-6, "age", k);
       TEST_ASSERT_EQUAL_INT(k < 6, got == TSE_W_WAITING);
-      for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] == TSE_STARTING || y.reason[a] == TSE_INPUT_INVALID);
+      for (int a = 0; a < 3; a++)
+        TEST_ASSERT_TRUE(y.reason[a] == TSE_STARTING || y.reason[a] == TSE_INPUT_INVALID);
       if (k >= 6) continue;
       expect_near(0.8, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "stiffness", k);
-      const double floor = number(MODEL_FLOOR), own = number(p.prior_sd[LCF]), sd = form ? number(c.initial_mean_sd) : 0.8 * sqrt(own * own + floor * floor);
+      const double floor = number(MODEL_FLOOR), own = number(p.prior_sd[LCF]),
+                   sd = form ? number(c.initial_mean_sd) : 0.8 * sqrt(own * own + floor * floor);
       expect_near(sd, number(y.stiffness_sd[TSE_CY_FRONT]), 1e-6, "its sd", k);
-      if (form) expect_near(number(c.initial_spread), number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
+      if (form)
+        expect_near(
+            number(c.initial_spread), number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
       expect_near(number(c.accel_y_bias_sd), number(y.bias_sd[1]), 1e-6, "sd of a bias", k);
       expect_near(form == 0, number(y.regime[TSE_REGIME_STEADY]), 0, "steady", k);
       TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &late_one.filter, bytes));
-      TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_load(&p, &late_one.filter, bytes, sizeof bytes, 0)); /* after the first row */
+      TEST_ASSERT_EQUAL_INT(TSE_E_STATE,
+          tse_learnt_load(&p, &late_one.filter, bytes, sizeof bytes, 0)); /* after the first row */
     }
   }
 }
@@ -366,7 +395,8 @@ static void test_nothing_is_read_across_a_gap(void)
         expect_near(waited, number(y.estimate_age), 1e-5, "age", k - GAP);
         expect_near(number(last), number(y.stiffness[1]), 0.02, "stiffness", k - GAP);
       } else {
-        /* fixed: an event of a channel that is noise stops at the end of its row, which is said first */
+        /* fixed: an event of a channel that is noise stops at the end of its row, which
+         * is said first */
         const int stops = BY_NUMBER(0, 0, 1) && got == TSE_W_RANGE;
         if (!stops) TEST_ASSERT_EQUAL_INT(k == GAP + 5, got == TSE_W_GAP);
         TEST_ASSERT_TRUE(got != TSE_W_WAITING);
@@ -446,7 +476,8 @@ static void test_a_channel_that_is_no_number_is_missing(void)
     by_value.missing = 0;
     memset(&y, 0, sizeof y);
     memset(&z, 0, sizeof z);
-    TEST_ASSERT_EQUAL_INT(tse_step(&p, &late_one.filter, &by_bit, &y), tse_step(&p, &plain_one.filter, &by_value, &z));
+    TEST_ASSERT_EQUAL_INT(
+        tse_step(&p, &late_one.filter, &by_bit, &y), tse_step(&p, &plain_one.filter, &by_value, &z));
     TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
   }
 }
@@ -466,14 +497,16 @@ static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
     tse_output y, z;
     memset(&y, 0, sizeof y);
     memset(&z, 0, sizeof z);
-    TEST_ASSERT_EQUAL_INT(tse_step(&plain, &plain_one.filter, &u, &z), tse_step(&p, &late_one.filter, &u, &y));
+    TEST_ASSERT_EQUAL_INT(
+        tse_step(&plain, &plain_one.filter, &u, &z), tse_step(&p, &late_one.filter, &u, &y));
     expect_near(1e-6, number(y.estimate_age), 1e-9, "age", k);
     y.estimate_age = z.estimate_age;
     TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
   }
 }
 
-/* Later than accel_x by less than a thousandth of a row is by no row: read when the later one is known. */
+/* Later than accel_x by less than a thousandth of a row is by no row: read when the later
+ * one is known. */
 static void test_a_row_is_read_when_its_latest_channel_is_known(void)
 {
   static const double late[5] = { 5e-6, 0, 0, 0, 0 };
@@ -483,7 +516,8 @@ static void test_a_row_is_read_when_its_latest_channel_is_known(void)
   expect_near(5e-6, number(q.latency), 1e-10, "latency", 0);
 }
 
-/* A state that was loaded may hold as many rows as there are places, which no rows of its own fill. */
+/* A state that was loaded may hold as many rows as there are places, which no rows of its
+ * own fill. */
 static void test_a_full_memory_goes_on(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
@@ -526,7 +560,8 @@ static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
   TEST_ASSERT_EQUAL_STRING("wheel_speed_rear_latency", wrong);
 }
 
-/* Seven rows where the settings say one, with all the span that fits: some are left out, and the time is right. */
+/* Seven rows where the settings say one, with all the span that fits: some are left out,
+ * and the time is right. */
 static void test_rows_that_come_faster_than_set_are_left_out(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
@@ -548,8 +583,10 @@ static void test_rows_that_come_faster_than_set_are_left_out(void)
     if (steps++ > 0) taken += number(row.dt);
     else tau = t - 0.2;
     expect_near(t - 0.2, tau + taken, BY_FORMAT(1e-9, 1e-3), "time", k);
-    for (int i = 0; i < 6; i++) /* curved between rows that are 0.01 s apart: h^2/8 of the second derivative */
-      expect_near(truth(i, t - 0.2 + (i < 5 ? late[i] : 0)), number(*channel(&row, i)), BY_FORMAT(1e-3, 3e-3), "channel", i);
+    for (int i = 0; i < 6;
+        i++) /* curved between rows that are 0.01 s apart: h^2/8 of the second derivative */
+      expect_near(truth(i, t - 0.2 + (i < 5 ? late[i] : 0)), number(*channel(&row, i)), BY_FORMAT(1e-3, 3e-3),
+          "channel", i);
   }
   TEST_ASSERT_TRUE(steps > 450);
   TEST_ASSERT_EQUAL_INT(7, longest);
@@ -572,8 +609,9 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
       tse_input u = noisy_row(k);
       tse_output y;
       const double dt = next_between(&seed, 0.5, 1.5) * number(c.sample_time);
-      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02)
-                                                                            : dt);
+      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600)
+              : kind < 0.3    ? next_between(&seed, 1e-6, 0.02)
+                              : dt);
       if (kind > 0.95) *channel(&u, (int)(6 * next_uniform(&seed))) = real(next_between(&seed, -60, 60));
       const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &late_one.filter, bytes_of_form(form)));
@@ -593,8 +631,9 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
   TEST_ASSERT_TRUE(compare_shifted(c, rows, 0.01) > LOG - 40);
 }
 
-/* A row that makes no step reports the estimates of the step before it, number by number, and before the first one those of the start. The
- * paper's form, whose step reports what it was before it learnt from the row, finds no noise and no change: both are 1. */
+/* A row that makes no step reports the estimates of the step before it, number by number,
+ * and before the first one those of the start. The paper's form, whose step reports what
+ * it was before it learnt from the row, finds no noise and no change: both are 1. */
 static void test_a_row_that_waits_reports_what_the_step_before_it_did(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
@@ -611,7 +650,8 @@ static void test_a_row_that_waits_reports_what_the_step_before_it_did(void)
       for (int a = 0; a < 3 && (form > 0 || steps == 0); a++) {
         expect_near(1, number(y.noise[a]), 0, "noise", a);
         expect_near(1, number(y.change_ratio[a]), 0, "change", a);
-        if (got == TSE_W_WAITING && steps > 0) TEST_ASSERT_EQUAL_MEMORY(&step.stiffness[a], &y.stiffness[a], sizeof y.stiffness[a]);
+        if (got == TSE_W_WAITING && steps > 0)
+          TEST_ASSERT_EQUAL_MEMORY(&step.stiffness[a], &y.stiffness[a], sizeof y.stiffness[a]);
       }
       if (got == TSE_W_WAITING && steps > 0) TEST_ASSERT_EQUAL_MEMORY(step.noise, y.noise, sizeof y.noise);
       waited += got == TSE_W_WAITING;

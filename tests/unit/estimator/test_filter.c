@@ -1,5 +1,6 @@
-/* tests/unit/estimator/test_filter.c <-> src/estimator/filter.c: what a caller of tse_reset() and tse_step() may rely on in every
- * form. What the paper's form promises beside: paper/test_row.c. */
+/* tests/unit/estimator/test_filter.c <-> src/estimator/filter.c: what a caller of
+ * tse_reset() and tse_step() may rely on in every form. What the paper's form promises
+ * beside: paper/test_row.c. */
 #include "driven.h"
 #include "tse/describe.h"
 
@@ -18,7 +19,8 @@ static int form;
 
 static int again(void) { return ++form < ROWS(forms) && printf("%s:\n", forms[form].name); }
 
-/* The shortest that a format knows: what a row of it has taught each second is no number, and is not kept. */
+/* The shortest that a format knows: what a row of it has taught each second is no number,
+ * and is not kept. */
 static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
 {
   tse_config c = config_by(tse_config_exact);
@@ -89,15 +91,15 @@ static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
   expect_refused(TSE_E_NULL, &p, NULL);
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_step(&p, NULL, &good, NULL));
 
-  tse_params wrong = p;                       /* parameters that were never prepared */
+  tse_params wrong = p; /* parameters that were never prepared */
   wrong.magic ^= 1u;
   expect_refused(TSE_E_STATE, &wrong, &good);
-  c.mass = setting(1901);                              /* parameters of another car */
+  c.mass = setting(1901); /* parameters of another car */
   wrong = prepared(c);
   expect_refused(TSE_E_STATE, &wrong, &good);
-  f.filter.magic ^= 1u;                              /* not a filter */
+  f.filter.magic ^= 1u; /* not a filter */
   expect_refused(TSE_E_STATE, &p, &good);
-  memset(&f, 0, sizeof f);                    /* not reset */
+  memset(&f, 0, sizeof f); /* not reset */
   expect_refused(TSE_E_STATE, &p, &good);
 }
 
@@ -155,7 +157,8 @@ static void test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(voi
     if (k == 1) TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
   }
   TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
-  TEST_ASSERT_EQUAL_INT(c.form != 0, y[2].stiffness[1] < y[0].stiffness[1] || y[2].stiffness[1] > y[0].stiffness[1]); /* none is drawn */
+  TEST_ASSERT_EQUAL_INT(c.form != 0,
+      y[2].stiffness[1] < y[0].stiffness[1] || y[2].stiffness[1] > y[0].stiffness[1]); /* none is drawn */
 }
 
 static void test_the_time_step_of_the_first_row_does_not_count(void)

@@ -26,9 +26,15 @@ static tse_input good_row(void)
   return u;
 }
 
-static void set_channel(tse_input *u, const channel_row *row, tse_real x) { memcpy((char *)u + row->at, &x, sizeof x); }
+static void set_channel(tse_input *u, const channel_row *row, tse_real x)
+{
+  memcpy((char *)u + row->at, &x, sizeof x);
+}
 
-static void expect_real(double expected, tse_real actual, const char *what) { expect_near(expected, number(actual), 0, what, 0); }
+static void expect_real(double expected, tse_real actual, const char *what)
+{
+  expect_near(expected, number(actual), 0, what, 0);
+}
 
 static void expect_row_refused(const tse_input *u, tse_status status, const char *name)
 {
@@ -61,7 +67,8 @@ static sample expect_row_accepted(const tse_input *u, const char *name)
   return y;
 }
 
-/* What a driving channel gives when it is held, and otherwise: from start_filter(), good_row() and params(). */
+/* What a driving channel gives when it is held, and otherwise: from start_filter(),
+ * good_row() and params(). */
 static void expect_drives(const sample *y, int steer_held, int front_held, int rear_held)
 {
   expect_real(steer_held ? -0.375 : 0.125, y->u.steer, "steering angle");
@@ -85,10 +92,10 @@ static int is_channel(int channel, int which) { return channel == which; }
 
 static void expect_missing(const sample *y, int channel)
 {
-  expect_drives(y, is_channel(channel, TSE_CHANNEL_steer_angle), is_channel(channel, TSE_CHANNEL_wheel_speed_front),
-                is_channel(channel, TSE_CHANNEL_wheel_speed_rear));
+  expect_drives(y, is_channel(channel, TSE_CHANNEL_steer_angle),
+      is_channel(channel, TSE_CHANNEL_wheel_speed_front), is_channel(channel, TSE_CHANNEL_wheel_speed_rear));
   expect_measurements(y, is_channel(channel, TSE_CHANNEL_accel_x), is_channel(channel, TSE_CHANNEL_accel_y),
-                      is_channel(channel, TSE_CHANNEL_yaw_rate));
+      is_channel(channel, TSE_CHANNEL_yaw_rate));
 }
 
 /* ----------------------------------------------------------------------------------------- good rows */
@@ -123,8 +130,8 @@ static void test_channel_that_is_no_number_is_missing_and_one_out_of_range_refus
   int driving = 0;
   start_filter();
   for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
-    const tse_real bad[5] = { neighbour(number(row->hi), INFINITY), neighbour(number(row->lo), -INFINITY), real((double)INFINITY),
-                              real((double)-INFINITY), real((double)NAN) };
+    const tse_real bad[5] = { neighbour(number(row->hi), INFINITY), neighbour(number(row->lo), -INFINITY),
+      real((double)INFINITY), real((double)-INFINITY), real((double)NAN) };
     for (int i = 0; i < 5; i++) {
       tse_input u = good_row();
       set_channel(&u, row, bad[i]);

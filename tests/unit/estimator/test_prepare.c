@@ -18,18 +18,22 @@ static tse_config other_car(void)
   c.wheel_radius_front = setting(0.29), c.wheel_radius_rear = setting(0.31);
   c.longitudinal_stiffness_front = setting(110000), c.longitudinal_stiffness_rear = setting(95000);
   c.cornering_stiffness_front = setting(70000), c.cornering_stiffness_rear = setting(85000);
-  c.rear_longitudinal_follows_front = setting(0.25), c.accel_x_sd = setting(0.11), c.accel_y_sd = setting(0.23);
+  c.rear_longitudinal_follows_front = setting(0.25), c.accel_x_sd = setting(0.11),
+  c.accel_y_sd = setting(0.23);
   c.yaw_rate_sd = setting(0.007), c.wheel_noise_sd = setting(0.06), c.steer_lag_sd = setting(0.05);
   c.mass_sd = setting(0.03), c.grade_sd = setting(0.025), c.model_sd = setting(0.04);
   int considered = 0;
   const tse_field *const first = field_of(TSE_STRUCT_CONFIG, "yaw_inertia_sd");
-  for (; considered < TSE_CONSIDER_MODEL - TSE_CONSIDER_INERTIA; considered++) put_field(&c, first + considered, first[considered].hi / (4 + considered));
+  for (; considered < TSE_CONSIDER_MODEL - TSE_CONSIDER_INERTIA; considered++)
+    put_field(&c, first + considered, first[considered].hi / (4 + considered));
   c.steer_angle_latency = setting(0.006), c.wheel_speed_front_latency = setting(0.012);
   c.wheel_speed_rear_latency = setting(0.015), c.accel_x_latency = setting(-0.003);
   c.accel_y_latency = setting(-0.009), c.ins_velocity_sd = setting(0.06), c.gnss_speed_sd = setting(0.14);
-  c.gnss_course_sd = setting(0.013), c.wheel_torque_least = setting(45), c.road_sd = setting(0.007), c.velocity_latency = setting(0.017);
+  c.gnss_course_sd = setting(0.013), c.wheel_torque_least = setting(45), c.road_sd = setting(0.007),
+  c.velocity_latency = setting(0.017);
   c.velocity_latency_sd = setting(0.019), c.velocity_lever_x = setting(0.55);
-  c.velocity_lever_y = setting(-0.45), c.velocity_lever_sd = setting(0.16), c.velocity_heading = setting(0.021);
+  c.velocity_lever_y = setting(-0.45), c.velocity_lever_sd = setting(0.16),
+  c.velocity_heading = setting(0.021);
   c.velocity_heading_sd = setting(0.024), c.velocity_scale_sd = setting(0.026);
   c.accel_x_bias_sd = setting(0.02), c.accel_y_bias_sd = setting(0.04), c.yaw_rate_bias_sd = setting(0.003);
   c.accel_x_bias_walk = setting(0.005), c.accel_y_bias_walk = setting(0.006);
@@ -44,7 +48,8 @@ static tse_config other_car(void)
   c.stiffness_max = setting(3), c.hold_speed = setting(4), c.max_steer = setting(0.6);
   c.max_slip = setting(0.08), c.noise_max = setting(12), c.max_gap = setting(0.2), c.valid_sd = setting(0.05);
   c.forgetting_mean = setting(0.97), c.forgetting_change = setting(0.8), c.spread_kernel = setting(0.03);
-  c.integration = 2, c.reflect_draws = 1, c.particles = 120, c.form = MOST_FORM > 0, c.driven_axle = 2, c.wheel_signals = 1;
+  c.integration = 2, c.reflect_draws = 1, c.particles = 120, c.form = MOST_FORM > 0, c.driven_axle = 2,
+  c.wheel_signals = 1;
   c.steady_walk = setting(0.002), c.resampling = 2, c.initial_vel_x_from_wheels = 0, c.seed = 12345;
   return c;
 }
@@ -57,8 +62,8 @@ static tse_config other_config(void)
   EACH_PARAMETER(e)
   put_parameter(&c, e, 0.9 * e->def + 0.1 * (e->def < e->hi ? e->hi : e->lo));
   EACH_SETTING(row)
-  if (strncmp(row->name, "formula_", 8) == 0) put_field(&c, row, row->kind == 's' ? 0.25 : row->hi < 10 ? 4
-                                                                                                        : 0x242424 /* neg */);
+  if (strncmp(row->name, "formula_", 8) == 0)
+    put_field(&c, row, row->kind == 's' ? 0.25 : row->hi < 10 ? 4 : 0x242424 /* neg */);
   c.formula_code_1 = 0x242401; /* of a */
   return c;
 }
@@ -109,13 +114,15 @@ static void expect_same_settings(const tse_config *expected, const tse_config *a
   expect_config_accepted(actual, "other defaults");
   EACH_SETTING(row)
   {
-    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_field(actual, row) != setting_field(expected, row)), row->name);
+    if (row->kind == 's')
+      TEST_ASSERT_TRUE_MESSAGE(!(setting_field(actual, row) != setting_field(expected, row)), row->name);
     else TEST_ASSERT_EQUAL_INT32_MESSAGE(whole_field(expected, row), whole_field(actual, row), row->name);
   }
 }
 
 #if !defined(TSE_SMALL)
-/* Nothing but these settings tells the paper's filter, as printed and robust, from the defaults. */
+/* Nothing but these settings tells the paper's filter, as printed and robust, from the
+ * defaults. */
 static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 {
   tse_config c, expected = defaults();
@@ -202,9 +209,11 @@ static void test_a_car_known_exactly_differs_from_an_ordinary_one_as_the_table_s
   }
   const tse_config known = defaults();
   expect_same_settings(&known, &c);
-  TEST_ASSERT_TRUE(known.mass == setting(1900) && known.cornering_stiffness_front == setting(120000) && known.form == 0);
+  TEST_ASSERT_TRUE(
+      known.mass == setting(1900) && known.cornering_stiffness_front == setting(120000) && known.form == 0);
   EACH_SETTING(row)
-  if (strlen(row->name) > 3 && strcmp(row->name + strlen(row->name) - 3, "_sd") == 0 && row->offset <= (int32_t)offsetof(tse_config, grade_sd))
+  if (strlen(row->name) > 3 && strcmp(row->name + strlen(row->name) - 3, "_sd") == 0
+      && row->offset <= (int32_t)offsetof(tse_config, grade_sd))
     TEST_ASSERT_TRUE_MESSAGE(setting_field(&known, row) == 0, row->name);
   tse_config_exact(NULL);
 }
@@ -214,13 +223,16 @@ static void test_what_is_not_set_is_of_the_class_under_the_mass_and_axles_that_a
 {
   const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
   const double front = g * 1234 * 1.375 / 2.5, rear = g * 1234 * 1.125 / 2.5; /* loads of the axles */
-  const double of_class[5] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * front, CLASS_CORNERING_REAR * rear, CLASS_LONGITUDINAL * front, CLASS_LONGITUDINAL * rear };
+  const double of_class[5] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * front,
+    CLASS_CORNERING_REAR * rear, CLASS_LONGITUDINAL * front, CLASS_LONGITUDINAL * rear };
   tse_config c = config_by(tse_config_default);
   c.mass = setting(1234), c.lf = setting(1.125), c.lr = setting(1.375);
   tse_config whole = c;
   tse_config_complete(&whole);
-  const tse_setting actual[5] = { whole.yaw_inertia, whole.cornering_stiffness_front, whole.cornering_stiffness_rear, whole.longitudinal_stiffness_front, whole.longitudinal_stiffness_rear };
-  for (int i = 0; i < 5; i++) expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
+  const tse_setting actual[5] = { whole.yaw_inertia, whole.cornering_stiffness_front,
+    whole.cornering_stiffness_rear, whole.longitudinal_stiffness_front, whole.longitudinal_stiffness_rear };
+  for (int i = 0; i < 5; i++)
+    expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
   TEST_ASSERT_TRUE(whole.mass_sd == c.mass_sd && c.mass_sd == setting(0.05)); /* a mass that is known */
   tse_params as_set = prepared(c);
   const tse_params written_down = prepared(whole);
@@ -233,7 +245,8 @@ static void test_what_is_not_set_is_of_the_class_under_the_mass_and_axles_that_a
   expect_near(150000.0 / 2468, number(as_set.car.ky_rear), BY_FORMAT(1e-9, 1e-4), "as set", 0);
   tse_config_complete(&c);
   expect_near(150000, of_setting(c.cornering_stiffness_rear), 0, "as set", 1);
-  expect_near(2 * of_class[1], of_setting(c.cornering_stiffness_front), 2 * one * of_class[1], "twice the load", 0);
+  expect_near(
+      2 * of_class[1], of_setting(c.cornering_stiffness_front), 2 * one * of_class[1], "twice the load", 0);
   tse_config_complete(NULL);
 }
 
@@ -242,7 +255,8 @@ static void test_a_mass_that_is_not_known_is_the_class_s_and_as_uncertain(void)
   tse_config c = config_by(tse_config_default);
   expect_config_accepted(&c, "no mass");
   const tse_params p = prepared(c);
-  expect_near(CLASS_MASS_SD * CLASS_MASS_SD, number(p.mass_var), BY_FORMAT(1e-12, 1e-6), "sd of the class", 0);
+  expect_near(
+      CLASS_MASS_SD * CLASS_MASS_SD, number(p.mass_var), BY_FORMAT(1e-12, 1e-6), "sd of the class", 0);
   TEST_ASSERT_TRUE(CLASS_MASS_SD > 2 * of_setting(c.valid_sd));
   tse_config same = c;
   same.mass = setting(CLASS_MASS);
@@ -278,19 +292,22 @@ static void test_null_arguments_are_refused_and_change_nothing(void)
 /* ------------------------------------------------------------------------------------------ constants */
 
 #if !defined(TSE_SMALL) /* no form 1 */
-/* A constant that were made of a default, or a setting that these tests forgot, would pass unseen. */
+/* A constant that were made of a default, or a setting that these tests forgot, would
+ * pass unseen. */
 static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
   const tse_config c = other_config(), usual[2] = { defaults(), config_by(tse_config_default) };
-  for (int k = 0; k < 2; k++)
-    EACH_SETTING(row)
-  TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting_field(&usual[k], row) : whole_field(&c, row) != whole_field(&usual[k], row), row->name);
+  for (int k = 0; k < 2; k++) EACH_SETTING(row)
+  TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting_field(&usual[k], row)
+                                            : whole_field(&c, row) != whole_field(&usual[k], row),
+      row->name);
 }
 #endif
 
 static void expect_relative(double expected, tse_real actual, const char *what)
 {
-  expect_near(expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected) + QUANTUM, what, 0); /* a few roundings */
+  expect_near(expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected) + QUANTUM, what,
+      0); /* a few roundings */
 }
 
 static void test_vehicle_constants_are_normalised_by_mass(void)
@@ -312,11 +329,12 @@ static void test_vehicle_constants_are_normalised_by_mass(void)
 /* The centre of gravity stays between the axles, nine tenths of the way at most. */
 static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles(void)
 {
-  static const double row[][5] = { /* lf, lr, shift; lf, lr then */
-                                   { 1.1, 0.4, 0.6, 1.46, 0.04 },
-                                   { 0.4, 1.1, -0.6, 0.04, 1.46 },
-                                   { 1.1, 0.4, 0.3, 1.4, 0.1 },
-                                   { 0.4, 1.1, -0.3, 0.1, 1.4 }
+  static const double row[][5] = {
+    /* lf, lr, shift; lf, lr then */
+    { 1.1, 0.4, 0.6, 1.46, 0.04 },
+    { 0.4, 1.1, -0.6, 0.04, 1.46 },
+    { 1.1, 0.4, 0.3, 1.4, 0.1 },
+    { 0.4, 1.1, -0.3, 0.1, 1.4 },
   };
   for (int k = 0; k < ROWS(row); k++) {
     tse_config c = defaults();
@@ -330,7 +348,8 @@ static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axle
 static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 {
   const tse_params p = prepared(other_car());
-  const double sd[3] = { 0.11, 0.23, 0.007 }, bias[3] = { 0.02, 0.04, 0.003 }, walk[3] = { 0.005, 0.006, 0.0007 };
+  const double sd[3] = { 0.11, 0.23, 0.007 }, bias[3] = { 0.02, 0.04, 0.003 },
+               walk[3] = { 0.005, 0.006, 0.0007 };
   for (int i = 0; i < 3; i++) {
     expect_relative(sd[i], p.sd[i], "sd");
     expect_relative(1 / sd[i], p.inv_sd[i], "inv_sd");
@@ -393,8 +412,10 @@ static void test_friction_of_each_axle_is_that_of_both_and_a_balance(void)
     TEST_ASSERT_EQUAL_MEMORY(&even.load_rear, &even.end_rear, sizeof even.load_rear);
     c.tyre_saturation_balance = setting(0.25);
     const tse_car unlike = prepared(c).car;
-    expect_relative(9.81 * 1.6 / 2.7 * 0.64, r_mul(unlike.grip, unlike.end_front), "front: friction 0.8/1.25");
-    expect_relative(9.81 * 1.1 / 2.7 * 0.8 / 0.75, r_mul(unlike.grip, unlike.end_rear), "rear: friction 0.8/0.75");
+    expect_relative(
+        9.81 * 1.6 / 2.7 * 0.64, r_mul(unlike.grip, unlike.end_front), "front: friction 0.8/1.25");
+    expect_relative(
+        9.81 * 1.1 / 2.7 * 0.8 / 0.75, r_mul(unlike.grip, unlike.end_rear), "rear: friction 0.8/0.75");
     /* the axle carries the same */
     TEST_ASSERT_EQUAL_MEMORY(&even.load_front, &unlike.load_front, sizeof even.load_front);
   }
@@ -406,11 +427,13 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   c.steering_offset_angle = setting(0.004), c.grade_angle = setting(0.02), c.bank_angle = setting(0.01);
   const tse_params p = prepared(c);
   static const int at[] = { BX, BY, BR, LCX, LCF, LCR, LMU, STEER_OFFSET, GAIN, LATE, RAD, LEAN };
-  const double sd[] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.22, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
-                        of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
-  for (int i = 0; i < (int)(sizeof at / sizeof at[0]); i++) expect_near(sd[i], number(p.prior_sd[at[i]]), 1e-7, "prior_sd", i);
+  const double sd[] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.22, 0.2, of_setting(c.steer_offset_sd),
+    of_setting(c.steer_ratio_sd), 0.05, of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
+  for (int i = 0; i < (int)(sizeof at / sizeof at[0]); i++)
+    expect_near(sd[i], number(p.prior_sd[at[i]]), 1e-7, "prior_sd", i);
   const double mean[3] = { log(0.7), log(0.8), log(1.3) };
-  for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[stiffness_at(i)]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
+  for (int i = 0; i < 3; i++)
+    expect_near(mean[i], number(p.prior[stiffness_at(i)]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
   expect_near(0.004, number(p.prior[STEER_OFFSET]), 1e-9, "offset", 0);
   expect_near(9.81 * sin(0.02), number(p.prior[GX]), 1e-6, "along the road", 0);
   expect_near(-9.81 * sin(0.01), number(p.prior[GY]), 1e-6, "across the road", 0);
@@ -420,16 +443,19 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   c.wheel_radius_sd = setting(0); /* of a car that is known exactly: no radius is */
   expect_near(0.002, number(prepared(c).prior_sd[RAD]), 1e-7, "no radius is known exactly", 0);
   expect_relative(0.04, p.model_sd, "model_sd");
-  static const int of[] = { CONSIDER_INERTIA, CONSIDER_CENTRE, CONSIDER_TRAIL, CONSIDER_RELAXATION_FRONT, CONSIDER_RELAXATION_REAR, CONSIDER_ROLL_STEER,
-                            CONSIDER_SCALE, CONSIDER_GYRO, CONSIDER_WHEELS_LATE, CONSIDER_ACCEL_LATE };
-  const tse_setting told[] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd, c.roll_steer_sd, c.accel_y_scale_sd,
-                               c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
-  for (int q = 0; q < (int)(sizeof of / sizeof of[0]); q++) expect_near(of_setting(told[q]), number(p.uncertain[of[q]]), 1e-9, "uncertain", q);
+  static const int of[] = { CONSIDER_INERTIA, CONSIDER_CENTRE, CONSIDER_TRAIL, CONSIDER_RELAXATION_FRONT,
+    CONSIDER_RELAXATION_REAR, CONSIDER_ROLL_STEER, CONSIDER_SCALE, CONSIDER_GYRO, CONSIDER_WHEELS_LATE,
+    CONSIDER_ACCEL_LATE };
+  const tse_setting told[] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd,
+    c.roll_steer_sd, c.accel_y_scale_sd, c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
+  for (int q = 0; q < (int)(sizeof of / sizeof of[0]); q++)
+    expect_near(of_setting(told[q]), number(p.uncertain[of[q]]), 1e-9, "uncertain", q);
 }
 
 static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)
 {
-  static const double age[6] = { 0.017 - 0.006, 0.017 - 0.012, 0.002, 0.02, 0.017 + 0.009, 0.017 }; /* in the order of a row */
+  static const double age[6] = { 0.017 - 0.006, 0.017 - 0.012, 0.002, 0.02, 0.017 + 0.009,
+    0.017 }; /* in the order of a row */
   const tse_params p = prepared(other_car());
   expect_relative(0.017, p.latency, "latency");
   expect_relative(0.017 + 0.009, p.latency_span, "latency_span");
@@ -463,7 +489,8 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(4, p.hold_speed, "hold_speed");
   expect_relative(0.6, p.max_steer, "max_steer");
   expect_near(log(0.995) / log(2.0), number(p.log2_forgetting), BY_FORMAT(1e-14, 1e-7), "log2 lambda", 0);
-  expect_near(200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* 1 - lambda cancels */
+  expect_near(
+      200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* 1 - lambda cancels */
   expect_relative(90, p.resample_at, "resample_at");
   expect_near(-0.3, number(p.mu0[0]), BY_FORMAT(1e-15, 1e-7), "mu0", 0);
   expect_near(-0.2, number(p.mu0[1]), BY_FORMAT(1e-15, 1e-7), "mu0", 1);
@@ -481,12 +508,14 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_near(-0.8, number(p.w_min), BY_FORMAT(1e-15, 1e-7), "w_min", 0);
   expect_relative(2, p.w_max, "w_max");
   expect_relative(0.0025, p.valid_var, "valid_var");
-  expect_near(log(0.97) / log(2.0), number(p.log2_forgetting_mean), BY_FORMAT(1e-14, 1e-7), "log2 lambda of the mean", 0);
+  expect_near(log(0.97) / log(2.0), number(p.log2_forgetting_mean), BY_FORMAT(1e-14, 1e-7),
+      "log2 lambda of the mean", 0);
   expect_relative(0.97, p.forgetting_mean, "forgetting_mean");
   expect_relative(0.8, p.forgetting_change, "forgetting_change");
   expect_relative(0.03 / log(2.0), p.kernel, "spread_kernel in log2");
   TEST_ASSERT_EQUAL_INT32(2, p.integration);
-  expect_near(-0.8, number(p.w_low), BY_FORMAT(1e-15, 1e-7), "w_low: draws are reflected at stiffness_min", 0);
+  expect_near(
+      -0.8, number(p.w_low), BY_FORMAT(1e-15, 1e-7), "w_low: draws are reflected at stiffness_min", 0);
 }
 #endif
 
@@ -500,7 +529,8 @@ static void test_off_is_off(void)
   TEST_ASSERT_TRUE(number(p.spread_max_var) > 1e5); /* sd 300: none */
 }
 
-/* The fastest of the three dampings times speed; the least step is no less than an eighth of the largest. */
+/* The fastest of the three dampings times speed; the least step is no less than an eighth
+ * of the largest. */
 static void test_damping_is_that_of_the_stiffest_direction(void)
 {
   tse_config c = other_car();
@@ -512,7 +542,8 @@ static void test_damping_is_that_of_the_stiffest_direction(void)
   expect_relative(0.03 / 8, prepared(c).least_step, "least_step");
 }
 
-/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma Sigma the variance of the mean. */
+/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma
+ * Sigma the variance of the mean. */
 static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void)
 {
   const tse_params p = prepared(other_car());
@@ -524,7 +555,8 @@ static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void
 /* Returned: 1; 0 where the format of the build refuses these settings. */
 static int expect_finite_constants(const tse_config *settings, const char *name)
 {
-  const size_t first = offsetof(tse_params, follow), end = offsetof(tse_params, car) + offsetof(tse_car, driven);
+  const size_t first = offsetof(tse_params, follow),
+               end = offsetof(tse_params, car) + offsetof(tse_car, driven);
   tse_config c = *settings;
   fit_together(&c);
   tse_params p;
@@ -538,13 +570,13 @@ static int expect_finite_constants(const tse_config *settings, const char *name)
   return 1;
 }
 
-/* One setting after the other goes to the end of its range, and stays there if the format holds the car that it makes. */
+/* One setting after the other goes to the end of its range, and stays there if the format
+ * holds the car that it makes. */
 static void test_constants_are_finite_at_both_ends_of_every_range(void)
 {
   tse_config c = defaults();
   int held = 0, all = 0;
-  for (int end = 0; end < 2; end++)
-    EACH_SETTING(row)
+  for (int end = 0; end < 2; end++) EACH_SETTING(row)
     {
       const tse_config was = c;
       put_field(&c, row, end ? row->hi : row->lo);
@@ -589,7 +621,8 @@ static void test_fingerprint_changes_with_every_setting(void)
       tse_params p;
       if (prepared_if_held(&c, &p)) TEST_ASSERT_TRUE_MESSAGE(p.fingerprint != before, row->name);
     } else {
-      put_field(&c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
+      put_field(
+          &c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
       TEST_ASSERT_TRUE_MESSAGE(prepared(c).fingerprint != before, row->name);
     }
   }
@@ -618,7 +651,8 @@ static void test_fingerprint_tells_settings_that_were_exchanged(void)
   TEST_ASSERT_TRUE(prepared(a).fingerprint != prepared(b).fingerprint);
 }
 
-/* A strength that is not zero makes another vehicle; a shape, once its effect is on. Kinematics are exact in the filter in any case. */
+/* A strength that is not zero makes another vehicle; a shape, once its effect is on.
+ * Kinematics are exact in the filter in any case. */
 static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on(void)
 {
   tse_config c = other_config();
@@ -627,13 +661,14 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
   {
     c = other_config();
     put_parameter(&c, e, 0.8 * e->def + 0.2 * (e->def < e->hi ? e->hi : e->lo));
-    TEST_ASSERT_EQUAL_INT_MESSAGE(is_kinematics(e->setting), prepared(c).vehicle == before, e->setting); /* the filter's are exact */
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        is_kinematics(e->setting), prepared(c).vehicle == before, e->setting); /* the filter's are exact */
   }
 }
 
-/* A state that was learnt before tyre_saturation had a balance stays that of the vehicle: with 0
- * only the effect's other numbers are in the fingerprint, by their names, FNV-1a over single
- * precision. */
+/* A state that was learnt before tyre_saturation had a balance stays that of the vehicle:
+ * with 0 only the effect's other numbers are in the fingerprint, by their names, FNV-1a
+ * over single precision. */
 static void test_fingerprint_of_the_vehicle_has_a_balance_of_the_friction_only_where_there_is_one(void)
 {
   static const char *const names[2] = { "tyre_saturation_inverse_friction", "tyre_saturation_shape" };
@@ -653,7 +688,8 @@ static void test_fingerprint_of_the_vehicle_has_a_balance_of_the_friction_only_w
   TEST_ASSERT_TRUE(prepared(c).vehicle != hash);
 }
 
-/* The same value of another effect makes another vehicle: of all strengths of one number, no two agree. */
+/* The same value of another effect makes another vehicle: of all strengths of one number,
+ * no two agree. */
 static void test_fingerprint_of_the_vehicle_tells_which_effect_a_value_is_of(void)
 {
   enum { MOST = 64 };
@@ -665,7 +701,8 @@ static void test_fingerprint_of_the_vehicle_tells_which_effect_a_value_is_of(voi
   {
     tse_config c = defaults();
     tse_params p;
-    if (e->strength != 1 || is_kinematics(e->setting) || e->lo > value || e->hi < value || count == MOST) continue;
+    if (e->strength != 1 || is_kinematics(e->setting) || e->lo > value || e->hi < value || count == MOST)
+      continue;
     put_parameter(&c, e, value);
     if (!prepared_if_held(&c, &p)) continue;
     for (int k = 0; k < count; k++)
@@ -677,8 +714,9 @@ static void test_fingerprint_of_the_vehicle_tells_which_effect_a_value_is_of(voi
 }
 
 #if !defined(TSE_SMALL) /* no form 1 */
-/* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds. It is
- * FNV-1a over the settings of vehicle.toml in single precision: another one when a default of these changes. */
+/* A learnt state of the same vehicle must fit whatever else is set, in every number
+ * format: one value for all builds. It is FNV-1a over the settings of vehicle.toml in
+ * single precision: another one when a default of these changes. */
 static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
 {
   const tse_config base = defaults();
@@ -704,7 +742,8 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
       const int vehicle = (size_t)row->offset < offsetof(tse_config, mass_sd) || acts;
       TEST_ASSERT_EQUAL_INT_MESSAGE(!vehicle, same, row->name);
     } else {
-      put_field(&c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
+      put_field(
+          &c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
       TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(c).vehicle, row->name);
     }
   }
@@ -770,7 +809,8 @@ static void test_what_does_not_fit_is_refused_by_name(void)
 #undef TRY
 }
 
-/* A state whose numbers stand at the end of the range goes on as numbers, and comes back. */
+/* A state whose numbers stand at the end of the range goes on as numbers, and comes
+ * back. */
 static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
 {
   static tse_filter one;

@@ -1,5 +1,6 @@
-/* tests/unit/estimator/test_replay.c - a recorded drive gives the golden estimates, bit for bit, whatever the compiler, its
- * options and the width of its vectors. What to do when a change moves them on purpose: tests/replay/update.py. */
+/* tests/unit/estimator/test_replay.c - a recorded drive gives the golden estimates, bit
+ * for bit, whatever the compiler, its options and the width of its vectors. What to do
+ * when a change moves them on purpose: tests/replay/update.py. */
 #include "unit_support.h"
 #include "replay.h"
 
@@ -27,7 +28,8 @@ static void read_golden(void)
     if (strncmp(line, "# hash ", 7) == 0 && hashes < REPLAY_HASHES) {
       char high[9] = { 0 };
       memcpy(high, line + 7, 8);
-      golden_hash[hashes++] = (uint64_t)strtoul(high, NULL, 16) << 32 | (uint64_t)strtoul(line + 15, NULL, 16);
+      golden_hash[hashes++] = (uint64_t)strtoul(high, NULL, 16) << 32
+          | (uint64_t)strtoul(line + 15, NULL, 16);
     } else if (line[0] >= '0' && line[0] <= '9' && golden_rows < ROWS(golden)) {
       char *at = strchr(line, ',');
       for (int k = 0; at && k < REPLAY_COLUMNS; k++) golden[golden_rows][k] = strtod(at + 1, &at);
@@ -43,8 +45,8 @@ static void test_the_drive_holds_what_it_should(void)
   int lost[TSE_CHANNELS] = { 0 };
   for (int i = 0; i < row_count; i++) {
     const tse_input *const u = &rows[i];
-    const double channel[TSE_CHANNELS] = { number(u->steer_angle), number(u->wheel_speed_front), number(u->wheel_speed_rear),
-                                           number(u->accel_x), number(u->accel_y), number(u->yaw_rate) };
+    const double channel[TSE_CHANNELS] = { number(u->steer_angle), number(u->wheel_speed_front),
+      number(u->wheel_speed_rear), number(u->accel_x), number(u->accel_y), number(u->yaw_rate) };
     seconds += number(u->dt);
     longest = fmax(longest, number(u->dt));
     for (int k = 0; k < TSE_CHANNELS; k++) lost[k] += isnan(channel[k]) != 0;
@@ -59,7 +61,8 @@ static void test_estimates_are_the_golden_ones_in_all_printed_digits(void)
   TEST_ASSERT_EQUAL_INT((row_count + REPLAY_EVERY - 1) / REPLAY_EVERY, golden_rows);
   for (int i = 0; i < golden_rows; i++)
     for (int k = 0; k < REPLAY_COLUMNS; k++)
-      expect_near(golden[i][k], table[i][k], BY_FORMAT(1e-11, 1e-8) * fabs(golden[i][k]), replay_outputs[k].name, i * REPLAY_EVERY);
+      expect_near(golden[i][k], table[i][k], BY_FORMAT(1e-11, 1e-8) * fabs(golden[i][k]),
+          replay_outputs[k].name, i * REPLAY_EVERY);
 }
 
 static void test_all_outputs_have_the_golden_bits_with_every_resampling_scheme(void)
@@ -67,18 +70,21 @@ static void test_all_outputs_have_the_golden_bits_with_every_resampling_scheme(v
   TEST_ASSERT_EQUAL_INT(REPLAY_HASHES, hashes);
   for (int k = 0; k < REPLAY_HASHES; k++) {
     const int form = k / REPLAY_SCHEMES, scheme = k % REPLAY_SCHEMES;
-    TEST_ASSERT_EQUAL_HEX64_MESSAGE(golden_hash[k], replay_run(rows, row_count, form, scheme, NULL, NULL), replay_forms[form].name);
+    TEST_ASSERT_EQUAL_HEX64_MESSAGE(
+        golden_hash[k], replay_run(rows, row_count, form, scheme, NULL, NULL), replay_forms[form].name);
   }
 }
 
-/* So that the golden bits stand for every path through the step; none of this drive is a divergence. */
+/* So that the golden bits stand for every path through the step; none of this drive is a
+ * divergence. */
 static void test_every_warning_but_recovery_is_met_on_the_way(void)
 {
   int of_any[REPLAY_STATUSES] = { 0 };
   for (int form = 0; form < REPLAY_FORMS; form++) {
     int met[REPLAY_STATUSES] = { 0 };
     TEST_ASSERT_TRUE(replay_run(rows, row_count, form, 0, NULL, met) != 0);
-    for (int status = TSE_W_STARTING; status <= TSE_W_GAP; status++) TEST_ASSERT_TRUE_MESSAGE(met[status] > 0, tse_status_text(status));
+    for (int status = TSE_W_STARTING; status <= TSE_W_GAP; status++)
+      TEST_ASSERT_TRUE_MESSAGE(met[status] > 0, tse_status_text(status));
     for (int status = 0; status < REPLAY_STATUSES; status++) of_any[status] += met[status];
     TEST_ASSERT_EQUAL_INT(0, met[TSE_W_RECOVERED]);
   }
@@ -86,7 +92,8 @@ static void test_every_warning_but_recovery_is_met_on_the_way(void)
   TEST_ASSERT_TRUE(of_any[TSE_OK] > 0 && of_any[TSE_W_NOT_VALID] > 0);
 }
 
-/* ... and what stands in a field whose bit says that it is missing is nothing: the value before it, as a bus leaves it. */
+/* ... and what stands in a field whose bit says that it is missing is nothing: the value
+ * before it, as a bus leaves it. */
 static void test_a_bit_says_missing_as_well_as_nan(void)
 {
   static tse_input told[REPLAY_ROWS_MOST];
@@ -102,8 +109,8 @@ static void test_a_bit_says_missing_as_well_as_nan(void)
     last = told[i];
   }
   for (int form = 0; form < REPLAY_FORMS; form++)
-    TEST_ASSERT_EQUAL_HEX64_MESSAGE(golden_hash[form * REPLAY_SCHEMES], replay_run(told, row_count, form, 0, NULL, NULL),
-                                    replay_forms[form].name);
+    TEST_ASSERT_EQUAL_HEX64_MESSAGE(golden_hash[form * REPLAY_SCHEMES],
+        replay_run(told, row_count, form, 0, NULL, NULL), replay_forms[form].name);
 }
 
 void suiteSetUp(void)

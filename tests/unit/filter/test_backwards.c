@@ -1,6 +1,6 @@
-/* tests/unit/filter/test_backwards.c <-> src/filter/backwards.c, step.c: a car that goes out of a
- * parking place, and wheel speeds without a sign. Textbook kinematics: yaw rate is speed times angle
- * over wheelbase, accel_x the change of the speed. */
+/* tests/unit/filter/test_backwards.c <-> src/filter/backwards.c, step.c: a car that goes
+ * out of a parking place, and wheel speeds without a sign. Textbook kinematics: yaw rate
+ * is speed times angle over wheelbase, accel_x the change of the speed. */
 #include "filter_support.h"
 
 typedef struct leg {
@@ -18,7 +18,8 @@ typedef struct way {
 static tse_filter f;
 static tse_params p;
 
-/* Drive: stand, gain the speed, keep it for 3 s.   Returned: rows above hold_speed; *held of them */
+/* Drive: stand, gain the speed, keep it for 3 s.   Returned: rows above hold_speed; *held
+ * of them */
 static int rolled(const way *w, int *held)
 {
   const double wheelbase = number(p.car.lf) + number(p.car.lr), target = w->last.speed, dt = 0.01;
@@ -28,8 +29,9 @@ static int rolled(const way *w, int *held)
   *held = 0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   for (int n = 0; n < 1500; n++) {
-    const double ax = n < 300 || fabs(v) >= fabs(target) ? 0 : target < 0 ? -1
-                                                                          : 1,
+    const double ax = n < 300 || fabs(v) >= fabs(target) ? 0
+        : target < 0                                     ? -1
+                                                         : 1,
                  r = v * w->last.steer / wheelbase;
     tse_input u;
     tse_output y;
@@ -71,14 +73,16 @@ static void test_a_car_that_rolls_backwards_is_held(void)
     { "forward, steering to the right", { -1, 1, 1, 1, 1, 1 }, 0, 0, { 4, 0.2 }, 0 },
     { "forward, yaw rate to the right", { 1, 1, 1, 1, 1, -1 }, 0, 0, { 4, -0.2 }, 0 },
     { "backwards, wheel speeds with their sign", { 1, -1, -1, 1, 1, 1 }, 0, 0, { -4, 0.2 }, 1 },
-    { "forward, faster than any car backwards, accel_x to the rear", { 1, 1, 1, -1, 1, 1 }, 0, 0, { 9, 0 }, 0 },
+    { "forward, faster than any car backwards, accel_x to the rear", { 1, 1, 1, -1, 1, 1 }, 0, 0, { 9, 0 },
+        0 },
   };
   p = prepared(config_by(tse_config_default));
   for (int i = 0; i < ROWS(ways); i++) {
     int held;
     const int rows = rolled(&ways[i], &held);
     TEST_ASSERT_GREATER_THAN_INT(90, rows);
-    if (ways[i].last.speed > 8) TEST_ASSERT_LESS_THAN_INT_MESSAGE(rows * 3 / 4, held, ways[i].what); /* until then it might */
+    if (ways[i].last.speed > 8)
+      TEST_ASSERT_LESS_THAN_INT_MESSAGE(rows * 3 / 4, held, ways[i].what); /* until then it might */
     else TEST_ASSERT_EQUAL_INT_MESSAGE(ways[i].held ? rows : 0, held, ways[i].what);
   }
 }

@@ -1,10 +1,11 @@
-/* tests/unit/filter/test_events.c <-> src/filter/events.c: what an event's amplitude makes of the likelihood, against two dense Kalman
- * filters, of which one knows that its state may have moved. Linear, so that both are exact. */
+/* tests/unit/filter/test_events.c <-> src/filter/events.c: what an event's amplitude
+ * makes of the likelihood, against two dense Kalman filters, of which one knows that its
+ * state may have moved. Linear, so that both are exact. */
 #include "filter_support.h"
 
-/* A dense Kalman filter, its state in units; the last member is an offset of the channel. */
-enum { ALL = STATES + 1,
-       OFFSET = STATES };
+/* A dense Kalman filter, its state in units; the last member is an offset of the
+ * channel. */
+enum { ALL = STATES + 1, OFFSET = STATES };
 
 typedef struct plain {
   double x[ALL], p[ALL][ALL], log_likelihood;
@@ -51,7 +52,8 @@ typedef struct trio {
   int n; /* place of the event */
 } trio;
 
-static void learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], double e, double s, double sd)
+static void learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], double e,
+    double s, double sd)
 {
   tse_short room[STATES];
   r_sparse slopes;
@@ -60,7 +62,8 @@ static void learn(tse_kalman *k, int channel, const tse_real h[STATES], const ts
   events_learn(k, channel, 0, &slopes, &scaled, real(e), real(s), real(sd));
 }
 
-static void start(trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
+static void start(
+    trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
 {
   memset(t, 0, sizeof *t);
   t->n = 7; /* of sliding front wheels */
@@ -70,12 +73,13 @@ static void start(trio *t, int32_t kind, double amplitude_of_state, double ampli
     for (int j = 0; j < STATES; j++) t->without.p[i][j] = t->with.p[i][j] = m.p[i][j];
   t->with.p[SF][SF] += amplitude_of_state * amplitude_of_state;
   t->with.p[OFFSET][OFFSET] = amplitude_of_channel * amplitude_of_channel;
-  t->k.event[t->n].kind = kind, t->k.event[t->n].v[SF] = short_of(amplitude_of_state), t->p.log_min = real(-10);
+  t->k.event[t->n].kind = kind, t->k.event[t->n].v[SF] = short_of(amplitude_of_state),
+  t->p.log_min = real(-10);
   t->p.log_max = real(10);
 }
 
-/* Rows of one channel, whose state has moved and which is off by as much; every other one of them after some time.
- * amplitude: sd of the offset in the channel, over its sd */
+/* Rows of one channel, whose state has moved and which is off by as much; every other one
+ * of them after some time. amplitude: sd of the offset in the channel, over its sd */
 static void rows(trio *t, int count, int channel, double moved, double off, double sd, uint32_t *seed)
 {
   for (int row = 0; row < count; row++) {
@@ -90,7 +94,8 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
       for (int i = 0; i < MOTION; i++) {
         noise[i] = real(0.01);
         q[i] = number(noise[i]);
-        for (int j = 0; j < COLUMNS; j++) M[i][j] = slope_of((i == j) * 0.9 + next_between(seed, -0.05, 0.05));
+        for (int j = 0; j < COLUMNS; j++)
+          M[i][j] = slope_of((i == j) * 0.9 + next_between(seed, -0.05, 0.05));
         for (int j = 0; j < STATES; j++) F[i][j] = number_of_slope(M[i][j]);
       }
       for (int i = 0; i < STATES; i++) {
@@ -154,7 +159,8 @@ static void test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows
   }
 }
 
-/* The offset's amplitude is that of the kind: read off what one row of it makes of the score. */
+/* The offset's amplitude is that of the kind: read off what one row of it makes of the
+ * score. */
 static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it(void)
 {
   static trio t;
@@ -177,8 +183,9 @@ static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_i
   }
 }
 
-/* Another road is not the same for both axles: beside the amplitude of both there is a second one; in a forged state it may lack, or
- * stand where none belongs, where it is no part of the road. */
+/* Another road is not the same for both axles: beside the amplitude of both there is a
+ * second one; in a forged state it may lack, or stand where none belongs, where it is no
+ * part of the road. */
 static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
 {
   static trio t;
@@ -188,8 +195,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
   uint32_t seed = 10;
   double apart = 0;
   for (int n = 0; n < 42; n++) {
-    const int lacks = n >= 40, slot = !lacks ? BEHIND : n == 40 ? 8
-                                                                : 1;
+    const int lacks = n >= 40, slot = !lacks ? BEHIND : n == 40 ? 8 : 1;
     start(&t, EVENT_NONE, 2, 0, &seed);
     t.n = 0;
     t.with.p[SF][SF] -= 4;
@@ -197,7 +203,8 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     t.k.event[0].kind = EVENT_ROAD, t.k.event[slot].kind = EVENT_ROAD_AXLE_DIFF;
     for (int i = 0; i < 3; i++) {
       t.k.event[0].v[at[i]] = short_of(first[i]), t.k.event[slot].v[at[i]] = short_of(second[i]);
-      for (int j = 0; j < 3; j++) t.with.p[at[i]][at[j]] += first[i] * first[j] + (lacks ? 0 : second[i] * second[j]);
+      for (int j = 0; j < 3; j++)
+        t.with.p[at[i]][at[j]] += first[i] * first[j] + (lacks ? 0 : second[i] * second[j]);
     }
     const double before = odds(&t);
     rows(&t, 12, YAW_RATE, n % 2 ? 1.5 : 0, 0, 1, &seed);
@@ -207,11 +214,15 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     const double close = BY_NUMBER(1e-9, 0.02, 1e-3);
     apart = fmax(apart, fabs(number(s.beside)));
     for (int i = 0; i < STATES; i++) {
-      const double wi = number_of(t.k.event[BEHIND].v[i]), vi = number_of(t.k.event[0].v[i]) - number(s.part) * wi;
-      expect_near(t.with.x[i] - t.without.x[i], number(s.amplitude) * vi + number(s.beside) * wi, close, "state", i);
+      const double wi = number_of(t.k.event[BEHIND].v[i]),
+                   vi = number_of(t.k.event[0].v[i]) - number(s.part) * wi;
+      expect_near(
+          t.with.x[i] - t.without.x[i], number(s.amplitude) * vi + number(s.beside) * wi, close, "state", i);
       for (int j = 0; j < STATES; j++) {
-        const double wj = number_of(t.k.event[BEHIND].v[j]), vj = number_of(t.k.event[0].v[j]) - number(s.part) * wj;
-        expect_near(t.with.p[i][j] - t.without.p[i][j], number(s.var) * vi * vj + number(s.beside_var) * wi * wj, close, "covariance", 100 * i + j);
+        const double wj = number_of(t.k.event[BEHIND].v[j]),
+                     vj = number_of(t.k.event[0].v[j]) - number(s.part) * wj;
+        expect_near(t.with.p[i][j] - t.without.p[i][j],
+            number(s.var) * vi * vj + number(s.beside_var) * wi * wj, close, "covariance", 100 * i + j);
       }
     }
   }
@@ -233,7 +244,8 @@ static void test_an_event_alone_has_no_second_amplitude(void)
   TEST_ASSERT_TRUE(s.var > TSE_R(0));
 }
 
-/* What has happened is believed: the state is then that of the filter that knows it, but for what it opens beside. */
+/* What has happened is believed: the state is then that of the filter that knows it, but
+ * for what it opens beside. */
 static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it(void)
 {
   static trio t;
@@ -244,8 +256,10 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
     for (int i = 0; i < STATES; i++) t.k.x[i] = real(t.x[i] * number(state_unit[i]));
     events_decide(&t.p, &t.k, TSE_R(0));
     /* free, or opened anew */
-    TEST_ASSERT_EQUAL_INT(EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind);
-    const double close = BY_NUMBER(1e-7, 0.05, 1e-3); /* float: differences of 25 that a gain of 5 makes of 6e-8 */
+    TEST_ASSERT_EQUAL_INT(
+        EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind);
+    const double close = BY_NUMBER(
+        1e-7, 0.05, 1e-3); /* float: differences of 25 that a gain of 5 makes of 6e-8 */
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
       expect_near(t.with.x[i], number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
@@ -256,7 +270,8 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
   }
 }
 
-/* An event that is given up leaves mean and variance of a mixture of the two filters, with the square of its probability. */
+/* An event that is given up leaves mean and variance of a mixture of the two filters,
+ * with the square of its probability. */
 static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
 {
   static trio t;
@@ -269,7 +284,8 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     t.k.event[t.n].kind = EVENT_STEER, t.k.event[t.n].v[SF] = short_of(6);
     for (int row = 0; row < 60 && !(weight > 0.2); row++) {
       rows(&t, 2, ACCEL_Y, n % 2 ? 5 : -5, 0, 1, &seed);
-      const double over = number(RATE_FAULT) * number(OPEN_TIME) * exp(t.with.log_likelihood - t.without.log_likelihood);
+      const double over = number(RATE_FAULT) * number(OPEN_TIME)
+          * exp(t.with.log_likelihood - t.without.log_likelihood);
       weight = over / (1 + over);
     }
     if (weight > 0.9) continue; /* believed */
@@ -279,15 +295,22 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(EVENT_STEER, t.k.event[t.n].kind);
     TEST_ASSERT_TRUE(number(t.k.event[t.n].age) == 0);
-    const double w = weight * weight < number(LEAST_WEIGHT) ? 0 : weight * weight, close = BY_NUMBER(1e-6, 0.02, 2e-3);
+    const double w = weight * weight < number(LEAST_WEIGHT) ? 0 : weight * weight,
+                 close = BY_NUMBER(1e-6, 0.02, 2e-3);
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
       const double di = t.with.x[i] - t.without.x[i];
       expect_near(t.without.x[i] + w * di, number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
       for (int j = 0; j < STATES; j++)
         if (i != STEER_OFFSET || j != STEER_OFFSET) /* whose own part is opened by as much */
-          expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j] + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]), m.p[i][j], close, "covariance", 100 * i + j);
-      expect_near(w * pow(number(STEER_OWN) / number(state_unit[STEER_OFFSET]), 2), m.p[STEER_OFFSET][STEER_OFFSET] - (1 - w) * t.without.p[STEER_OFFSET][STEER_OFFSET] - w * t.with.p[STEER_OFFSET][STEER_OFFSET] - w * (1 - w) * pow(t.with.x[STEER_OFFSET] - t.without.x[STEER_OFFSET], 2), close, "own", i);
+          expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j]
+                  + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]),
+              m.p[i][j], close, "covariance", 100 * i + j);
+      expect_near(w * pow(number(STEER_OWN) / number(state_unit[STEER_OFFSET]), 2),
+          m.p[STEER_OFFSET][STEER_OFFSET] - (1 - w) * t.without.p[STEER_OFFSET][STEER_OFFSET]
+              - w * t.with.p[STEER_OFFSET][STEER_OFFSET]
+              - w * (1 - w) * pow(t.with.x[STEER_OFFSET] - t.without.x[STEER_OFFSET], 2),
+          close, "own", i);
     }
   }
   TEST_ASSERT_TRUE(weighty >= 3);
@@ -307,7 +330,8 @@ static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there
   }
 }
 
-/* A change that another one follows back: each stiffness is then what it was, measured as well as it was known. */
+/* A change that another one follows back: each stiffness is then what it was, measured as
+ * well as it was known. */
 static void test_tyres_that_are_back_are_known_as_before(void)
 {
   static trio t;
@@ -319,20 +343,27 @@ static void test_tyres_that_are_back_are_known_as_before(void)
     for (int i = LCX; i <= LMU; i++) {
       t.k.x[i] = real(next_between(&seed, -0.5, 0.5));
       t.k.change_from[i - LCX] = real(next_between(&seed, -0.5, 0.5));
-      t.k.change_from_var[i - LCX] = n % 2 ? TSE_R(0) : real(next_between(&seed, 0.1, 1)); /* 0: as well as anything is recalled */
+      t.k.change_from_var[i - LCX] = n % 2
+          ? TSE_R(0)
+          : real(next_between(&seed, 0.1, 1)); /* 0: as well as anything is recalled */
     }
     for (int i = 0; i < STATES; i++) {
       was[i] = number(t.k.x[i]);
       t.k.event[t.n].v[i] = short_of(next_between(&seed, 0, 2));
-      t.without.x[i] = (was[i] + number_of(t.k.event[t.n].v[i]) * number(state_unit[i])) / number(state_unit[i]);
-      if (i >= LCX && i <= LMU) t.without.x[i] = (was[i] + log(1 + number_of(t.k.event[t.n].v[i]) * number(state_unit[i]))) / number(state_unit[i]);
+      t.without.x[i] = (was[i] + number_of(t.k.event[t.n].v[i]) * number(state_unit[i]))
+          / number(state_unit[i]);
+      if (i >= LCX && i <= LMU)
+        t.without.x[i] = (was[i] + log(1 + number_of(t.k.event[t.n].v[i]) * number(state_unit[i])))
+            / number(state_unit[i]);
     }
     t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(60);
-    t.k.along.mean = real(0.2), t.k.along.var = real(0.03), t.k.along_from.mean = real(-0.1), t.k.along_from.var = real(0.01);
+    t.k.along.mean = real(0.2), t.k.along.var = real(0.03), t.k.along_from.mean = real(-0.1),
+    t.k.along_from.var = real(0.01);
     for (int i = LCX; i <= LMU; i++) {
       memset(h, 0, sizeof h);
       h[i] = 1;
-      plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]), n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
+      plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]),
+          n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
     }
     const dense p_was = dense_of(&t.k.ud);
     t.k.slow[ACCEL_X] = real(0.25);
@@ -340,8 +371,10 @@ static void test_tyres_that_are_back_are_known_as_before(void)
     const double close = BY_NUMBER(1e-9, 1e-4, 1e-4);
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
-      expect_near(t.without.x[i], number(t.k.x[i]) / number(state_unit[i]), close * (1 + fabs(t.without.x[i])), "state", i);
-      for (int j = 0; j < STATES; j++) expect_near(t.without.p[i][j], m.p[i][j], close * 10, "covariance", 100 * i + j);
+      expect_near(t.without.x[i], number(t.k.x[i]) / number(state_unit[i]),
+          close * (1 + fabs(t.without.x[i])), "state", i);
+      for (int j = 0; j < STATES; j++)
+        expect_near(t.without.p[i][j], m.p[i][j], close * 10, "covariance", 100 * i + j);
     }
     for (int i = LCX; i <= LMU; i++) { /* of where it comes from, as much */
       expect_near(was[i], number(t.k.change_from[i - LCX]), 1e-6, "before", i);
@@ -368,7 +401,8 @@ static void test_a_change_is_reported_once(void)
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     t.k.change_from[LCR - LCX] = real(0.25);
-    t.k.along.mean = real(0.2), t.k.along.var = real(0.03); /* of the slip stiffness an axle says nothing that does not drive */
+    t.k.along.mean = real(0.2),
+    t.k.along.var = real(0.03);     /* of the slip stiffness an axle says nothing that does not drive */
     t.k.fault = fault_of(YAW_RATE); /* what looked like a fault may have been this */
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_REAR, t.k.change_kind);
@@ -381,27 +415,31 @@ static void test_a_change_is_reported_once(void)
   }
 }
 
-/* The prior is of a road with grip: tyres that would have more are as unlikely as it says, tyres that have less, or more than little, are
- * not. */
+/* The prior is of a road with grip: tyres that would have more are as unlikely as it
+ * says, tyres that have less, or more than little, are not. */
 static void test_another_road_gives_no_more_grip_than_there_is(void)
 {
   static trio t;
   uint32_t seed = 9;
-  const double at[4] = { 0, 0, -2, 0.1 }, score[4] = { -12, 12, 12, 12 }, info = 20, unit = number(state_unit[LCR]);
+  const double at[4] = { 0, 0, -2, 0.1 }, score[4] = { -12, 12, 12, 12 }, info = 20,
+               unit = number(state_unit[LCR]);
   double stated[4];
   for (int n = 0; n < 4; n++) {
     start(&t, EVENT_ROAD, 0, 0, &seed);
     t.p.prior_sd[LCR] = real(0.2), t.k.x[LCR] = real(at[n]), t.k.event[t.n].v[LCR] = short_of(0.4 / unit);
     t.k.event[t.n].score = real(score[n]), t.k.event[t.n].info = real(info);
     stated[n] = log(odds(&t));
-    const double beyond = at[n] + log(1 + 0.4 * score[n] / (1 + info)), sd = hypot(0.2, number(USUAL_MODEL_SD));
+    const double beyond = at[n] + log(1 + 0.4 * score[n] / (1 + info)),
+                 sd = hypot(0.2, number(USUAL_MODEL_SD));
     const double less = score[n] > 0 && beyond > 0 ? 0.5 * beyond * beyond / (sd * sd) : 0;
-    expect_near(stated[0] - less, stated[n], 0.02, "odds", n); /* logarithm to second order, weights of six digits */
+    expect_near(
+        stated[0] - less, stated[n], 0.02, "odds", n); /* logarithm to second order, weights of six digits */
   }
   TEST_ASSERT_TRUE(stated[1] < stated[0] - 0.4 && stated[3] < stated[1] - 0.4);
 }
 
-/* Another road that is given up may have been there: the slip stiffness is as much less known, and what of it was found before. */
+/* Another road that is given up may have been there: the slip stiffness is as much less
+ * known, and what of it was found before. */
 static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
 {
   static tse_kalman k;
@@ -417,22 +455,27 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   TEST_ASSERT_TRUE(road >= 0);
   for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = OPEN_TIME;
   k.event[road].age = ROAD_TIME, k.event[road].score = real(-12.3), k.event[road].info = TSE_R(6);
-  const double before = number(ud_variance(&k.ud, LCX)), before_all = number(k.along.var), unit = pow(number(state_unit[LCX]), 2);
+  const double before = number(ud_variance(&k.ud, LCX)), before_all = number(k.along.var),
+               unit = pow(number(state_unit[LCX]), 2);
   events_decide(&p, &k, TSE_R(0));
   TEST_ASSERT_TRUE(number(k.event[road].age) == 0);
-  /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; another road, two axles, three channels stand as they
-   * were opened */
-  const double one = number(RATE_ROAD) * number(OPEN_TIME), over = one * exp(0.5 * 12.3 * 12.3 / 7) / sqrt(7), other = number(RATE_FAULT) * number(OPEN_TIME);
+  /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; another
+   * road, two axles, three channels stand as they were opened */
+  const double one = number(RATE_ROAD) * number(OPEN_TIME), over = one * exp(0.5 * 12.3 * 12.3 / 7) / sqrt(7),
+               other = number(RATE_FAULT) * number(OPEN_TIME);
   const double axle = number(RATE_ROAD) * number(OPEN_TIME);
-  const double w = pow(over / (1 + over + one + 2 * axle + 3 * other), 2), moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
+  const double w = pow(over / (1 + over + one + 2 * axle + 3 * other), 2),
+               moved = number(OWN_SHARE) * log(1 - w * 12.3 / 7 * number(CHANGE_SD));
   const double opened = w * (pow(2 * number(USUAL_MODEL_SD), 2) + moved * moved);
   TEST_ASSERT_TRUE(w > 0.05 && w < 0.8);
-  expect_near(opened, (number(ud_variance(&k.ud, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
+  expect_near(
+      opened, (number(ud_variance(&k.ud, LCX)) - before) * unit, BY_NUMBER(1e-6, 1e-4, 1e-4), "opened", 0);
   expect_near(opened, number(k.along.var) - before_all, BY_NUMBER(1e-6, 1e-4, 1e-4), "found before", 0);
 }
 
-/* Another road that is believed: what of the slip stiffness was found before the road is kept as far as it was one of the tyres, P - w (P - V)
- * of its variance P, and what the road opens of it is not known; from then on it is where the state has it. */
+/* Another road that is believed: what of the slip stiffness was found before the road is
+ * kept as far as it was one of the tyres, P - w (P - V) of its variance P, and what the
+ * road opens of it is not known; from then on it is where the state has it. */
 static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
 {
   static trio t;
@@ -443,29 +486,35 @@ static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
     t.k.event[0].kind = EVENT_ROAD, t.k.event[0].v[LCF] = short_of(0.3 / number(state_unit[LCF]));
     t.k.event[0].score = TSE_R(-60), t.k.event[0].info = TSE_R(30);
     t.k.x[LCX] = real(next_between(&seed, -0.3, 0.3));
-    const double own = dense_of(&t.k.ud).p[LCX][LCX] * unit * unit, before = own + next_between(&seed, 0.01, 0.04), was = number(t.k.x[LCF]);
+    const double own = dense_of(&t.k.ud).p[LCX][LCX] * unit * unit,
+                 before = own + next_between(&seed, 0.01, 0.04), was = number(t.k.x[LCF]);
     t.k.along.mean = real(0.7), t.k.along.var = real(before);
     events_decide(&t.p, &t.k, TSE_R(0));
     expect_near(0, number(t.k.slow[ACCEL_X]), 0, "explained", n);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
-    const double lacks = pow(number(USUAL_MODEL_SD), 2), share = before * before / (before * before + lacks * (before - own));
-    const double opened = pow(2 * number(USUAL_MODEL_SD), 2) + pow(number(OWN_SHARE) * (number(t.k.x[LCF]) - was), 2);
+    const double lacks = pow(number(USUAL_MODEL_SD), 2),
+                 share = before * before / (before * before + lacks * (before - own));
+    const double opened = pow(2 * number(USUAL_MODEL_SD), 2)
+        + pow(number(OWN_SHARE) * (number(t.k.x[LCF]) - was), 2);
     TEST_ASSERT_TRUE(number(t.k.x[LCF]) < was - 0.1);
-    expect_near(before - share * (before - own) + opened, number(t.k.along.var), BY_NUMBER(1e-9, 1e-5, 1e-5), "variance", n);
+    expect_near(before - share * (before - own) + opened, number(t.k.along.var), BY_NUMBER(1e-9, 1e-5, 1e-5),
+        "variance", n);
     expect_near(number(t.k.x[LCX]), number(t.k.along.mean), 0, "mean", n);
     expect_near(0.7, number(t.k.along_from.mean), 1e-6, "mean before", n);
     expect_near(before, number(t.k.along_from.var), 1e-6, "variance before", n);
   }
 }
 
-/* A driver who hardly turns shows little: the likeliest event of a kind is kept for seconds, and not for ever. */
+/* A driver who hardly turns shows little: the likeliest event of a kind is kept for
+ * seconds, and not for ever. */
 static void test_the_likeliest_event_keeps_its_place(void)
 {
   static tse_kalman k;
   static tse_params p;
   memset(&k, 0, sizeof k);
   memset(&p, 0, sizeof p);
-  for (int n = 0; n < 300; n++) events_decide(&p, &k, real(0.01)); /* ages stay: all places of the kind are taken in turn as they come */
+  for (int n = 0; n < 300; n++)
+    events_decide(&p, &k, real(0.01)); /* ages stay: all places of the kind are taken in turn as they come */
   int kept = -1;
   for (int n = 0; n < TSE_EVENTS && kept < 0; n++)
     if (k.event[n].kind == EVENT_ROAD) kept = n;
@@ -508,14 +557,16 @@ static void test_an_axle_keeps_its_place_while_it_is_likely(void)
   }
 }
 
-/* What does not fit yet after a change is being found: no fault, until the tyres have settled. */
+/* What does not fit yet after a change is being found: no fault, until the tyres have
+ * settled. */
 static void test_soon_after_a_change_nothing_is_a_fault(void)
 {
   static trio t;
   uint32_t seed = 8;
   for (int later = 0; later < 2; later++) {
     start(&t, EVENT_STEER, 0, 0, &seed);
-    t.k.event[t.n].v[STEER_OFFSET] = short_of(1), t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(30);
+    t.k.event[t.n].v[STEER_OFFSET] = short_of(1), t.k.event[t.n].score = TSE_R(60),
+    t.k.event[t.n].info = TSE_R(30);
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     events_decide(&t.p, &t.k, TSE_R(0));
@@ -584,12 +635,14 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
   sensitivities_clear(&k, GX);
   for (int i = 0; i < STATES; i++) {
     for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number_of(k.event[n].v[i]), 0, "event", i);
-    for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(i >= GX, number_of(k.consider[q][i]), 0, "uncertain", i);
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      expect_near(i >= GX, number_of(k.consider[q][i]), 0, "uncertain", i);
   }
 }
 
-/* A channel is found at fault: that it agreed before is none of it, and it is left out for as long as it takes to agree anew. The steering
- * angle, of which the offset is found anew, is so by time alone. */
+/* A channel is found at fault: that it agreed before is none of it, and it is left out
+ * for as long as it takes to agree anew. The steering angle, of which the offset is found
+ * anew, is so by time alone. */
 static void test_a_channel_that_is_found_at_fault_has_agreed_for_no_time(void)
 {
   static trio t;
@@ -598,7 +651,8 @@ static void test_a_channel_that_is_found_at_fault_has_agreed_for_no_time(void)
     const int32_t fault = kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(kind - EVENT_SENSOR);
     int rows = 0;
     start(&t, kind, 0, 0, &seed);
-    t.k.event[t.n].v[STEER_OFFSET] = short_of(kind == EVENT_STEER ? 1 : 0), t.k.event[t.n].score = TSE_R(60), t.k.event[t.n].info = TSE_R(30);
+    t.k.event[t.n].v[STEER_OFFSET] = short_of(kind == EVENT_STEER ? 1 : 0), t.k.event[t.n].score = TSE_R(60),
+    t.k.event[t.n].info = TSE_R(30);
     t.k.agrees_for = real(1.5), t.k.slow[ACCEL_X] = real(0.25);
     events_decide(&t.p, &t.k, real(0.01));
     TEST_ASSERT_EQUAL_INT(fault, t.k.fault);
@@ -606,13 +660,14 @@ static void test_a_channel_that_is_found_at_fault_has_agreed_for_no_time(void)
     expect_near(0.25, number(t.k.slow[ACCEL_X]), 0, "explained by no fault", kind);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, t.k.change_kind);
     for (; t.k.fault != NO_FAULT && rows < 1000; rows++) events_decide(&t.p, &t.k, real(0.01));
-    const double expected = kind == EVENT_STEER ? number(SETTLE_TIME) / 0.01 : 1000; /* of the others the measurements say */
+    const double expected = kind == EVENT_STEER ? number(SETTLE_TIME) / 0.01
+                                                : 1000; /* of the others the measurements say */
     expect_near(expected, rows, kind == EVENT_STEER ? 1.5 : 0, "rows", kind);
   }
 }
 
-/* Two events are due in one row, and both may have happened: one is given up then, the other with the next row. Those that leave nothing
- * wait for neither. */
+/* Two events are due in one row, and both may have happened: one is given up then, the
+ * other with the next row. Those that leave nothing wait for neither. */
 static void test_of_events_that_may_have_happened_one_a_row_is_given_up(void)
 {
   static tse_kalman k;
@@ -660,11 +715,13 @@ static void test_an_event_is_opened_in_the_row_nearest_to_its_time(void)
     for (int n = 0; n < TSE_EVENTS; n++) k.event[n].age = real(number(OPEN_TIME) - early[due] * 0.01);
     events_decide(&p, &k, real(0.01));
     for (int n = 0; n < TSE_EVENTS; n++)
-      if (k.event[n].kind == EVENT_FRONT || k.event[n].kind == EVENT_STEER) TEST_ASSERT_EQUAL_INT(due, k.event[n].age == TSE_R(0));
+      if (k.event[n].kind == EVENT_FRONT || k.event[n].kind == EVENT_STEER)
+        TEST_ASSERT_EQUAL_INT(due, k.event[n].age == TSE_R(0));
   }
 }
 
-/* The rear axle has changed, or the road: the samples do not say which. What is believed is a mixture of both, so the front axle is not
+/* The rear axle has changed, or the road: the samples do not say which. What is believed
+ * is a mixture of both, so the front axle is not
  * known either.   Mean and variance by hand, of two amplitudes with one covariance each. */
 static void test_an_axle_that_has_changed_may_have_been_the_road(void)
 {
@@ -677,7 +734,8 @@ static void test_an_axle_that_has_changed_may_have_been_the_road(void)
     for (int i = LCX; i <= LMU; i++) t.p.prior_sd[i] = real(0.1);
     t.k.event[0].kind = EVENT_ROAD, t.k.event[0].score = real(score[n]), t.k.event[0].info = real(info);
     t.k.event[0].v[LCF] = t.k.event[0].v[LCR] = short_of(step / unit);
-    t.k.event[6].kind = EVENT_REAR, t.k.event[6].age = SETTLE_TIME, t.k.event[6].score = TSE_R(-16), t.k.event[6].info = real(info);
+    t.k.event[6].kind = EVENT_REAR, t.k.event[6].age = SETTLE_TIME, t.k.event[6].score = TSE_R(-16),
+    t.k.event[6].info = real(info);
     t.k.event[6].v[LCR] = short_of(step / unit);
     const double before = dense_of(&t.k.ud).p[LCF][LCF] * unit * unit;
     events_decide(&t.p, &t.k, TSE_R(0));
@@ -687,13 +745,15 @@ static void test_an_axle_that_has_changed_may_have_been_the_road(void)
     const double common = road * (step * step / (1 + info) + (1 - road) * mean * mean) / (left * left);
     const double own = road * (pow(number(MODEL_FLOOR), 2) + pow(number(OWN_SHARE) * log(left), 2));
     expect_near(log(left), number(t.k.x[LCF]), BY_NUMBER(1e-6, 1e-4, 1e-3), "front axle", n);
-    expect_near(before + common + own, dense_of(&t.k.ud).p[LCF][LCF] * unit * unit, BY_NUMBER(1e-5, 1e-4, 1e-3), "its variance", n);
+    expect_near(before + common + own, dense_of(&t.k.ud).p[LCF][LCF] * unit * unit,
+        BY_NUMBER(1e-5, 1e-4, 1e-3), "its variance", n);
     for (int g = 0; g < TSE_GROUPS; g++) expect_near(1, number(t.k.none[g]), 0, "nothing waits", g);
   }
 }
 
-/* A softer front axle and a stiffer rear one steer alike. Tyres of one axle that change lose stiffness: what raises it is believed no
- * more than the model allows, and what lowers it as much is. */
+/* A softer front axle and a stiffer rear one steer alike. Tyres of one axle that change
+ * lose stiffness: what raises it is believed no more than the model allows, and what
+ * lowers it as much is. */
 static void test_an_axle_that_changes_gets_softer(void)
 {
   for (int stiffer = 0; stiffer < 2; stiffer++) {
@@ -701,7 +761,8 @@ static void test_an_axle_that_changes_gets_softer(void)
     uint32_t seed = 14;
     start(&t, EVENT_NONE, 0, 0, &seed);
     for (int i = LCX; i <= LMU; i++) t.p.prior_sd[i] = TSE_R(1);
-    t.k.event[6].kind = EVENT_REAR, t.k.event[6].score = real(stiffer ? 13 : -13), t.k.event[6].info = TSE_R(5);
+    t.k.event[6].kind = EVENT_REAR, t.k.event[6].score = real(stiffer ? 13 : -13),
+    t.k.event[6].info = TSE_R(5);
     t.k.event[6].v[LCR] = short_of(0.3 / number(state_unit[LCR])), t.k.event[6].age = SETTLE_TIME;
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(stiffer ? TSE_CHANGE_NONE : TSE_CHANGE_REAR, t.k.change_kind);
@@ -709,7 +770,8 @@ static void test_an_axle_that_changes_gets_softer(void)
   }
 }
 
-/* A road is felt by one axle first: an axle that seems to have changed is not believed at once, and nothing is valid meanwhile. */
+/* A road is felt by one axle first: an axle that seems to have changed is not believed at
+ * once, and nothing is valid meanwhile. */
 static void test_an_axle_is_not_believed_at_once(void)
 {
   for (int later = 0; later < 2; later++) {
@@ -725,7 +787,8 @@ static void test_an_axle_is_not_believed_at_once(void)
   }
 }
 
-/* How the car slips along the road speaks of tyres only where an axle rolls freely, and then of those that drive. */
+/* How the car slips along the road speaks of tyres only where an axle rolls freely, and
+ * then of those that drive. */
 static void test_slip_speaks_of_tyres_where_an_axle_rolls_freely(void)
 {
   tse_real h[STATES] = { TSE_R(0) }, gain[STATES] = { TSE_R(0) };
@@ -749,7 +812,8 @@ static void test_slip_speaks_of_tyres_where_an_axle_rolls_freely(void)
 /* Amplitude along the car of a road and of each axle, by which one drives. */
 static void test_an_axle_that_does_not_drive_says_nothing_along(void)
 {
-  static const double share[3][3] = { { 1, 0, 0 }, { 1, 1, 0 }, { 1, 0, 1 } }; /* by driven axle: of road, front, rear */
+  static const double share[3][3] = { { 1, 0, 0 }, { 1, 1, 0 },
+    { 1, 0, 1 } }; /* by driven axle: of road, front, rear */
   for (int driven = 0; driven < 3; driven++) {
     static tse_kalman k;
     static tse_params p;
@@ -760,16 +824,17 @@ static void test_an_axle_that_does_not_drive_says_nothing_along(void)
     for (int n = 0; n < TSE_EVENTS; n++) {
       const int32_t kind = k.event[n].kind;
       if (kind != EVENT_ROAD && kind != EVENT_FRONT && kind != EVENT_REAR) continue;
-      const int which = kind == EVENT_ROAD ? 0 : kind == EVENT_FRONT ? 1
-                                                                     : 2;
+      const int which = kind == EVENT_ROAD ? 0 : kind == EVENT_FRONT ? 1 : 2;
       const double moves = share[driven][which] * number(CHANGE_SD) / number(state_unit[LCX]);
-      expect_near(moves, number_of(k.event[n].v[LCX]), BY_NUMBER(1e-6, 1e-5, 2e-2), "along", 10 * driven + which);
+      expect_near(
+          moves, number_of(k.event[n].v[LCX]), BY_NUMBER(1e-6, 1e-5, 2e-2), "along", 10 * driven + which);
     }
   }
 }
 
-/* Something has happened along the car, and of two that it may be neither is sure: the likelier one is believed, whichever has the first
- * place, and not what is likelier still and may have happened across. */
+/* Something has happened along the car, and of two that it may be neither is sure: the
+ * likelier one is believed, whichever has the first place, and not what is likelier still
+ * and may have happened across. */
 static void test_of_a_group_the_likeliest_event_is_believed(void)
 {
   for (int other = 0; other < 2; other++) {
@@ -777,7 +842,8 @@ static void test_of_a_group_the_likeliest_event_is_believed(void)
     uint32_t seed = 15;
     start(&t, EVENT_SLIP_FRONT, 1, 0, &seed);
     t.k.event[t.n + 1].kind = EVENT_SLIP_REAR, t.k.event[t.n + 1].v[SR] = short_of(1);
-    for (int i = 0; i < 2; i++) t.k.event[t.n + i].score = real(i == other ? 60 : 59.9), t.k.event[t.n + i].info = TSE_R(30);
+    for (int i = 0; i < 2; i++)
+      t.k.event[t.n + i].score = real(i == other ? 60 : 59.9), t.k.event[t.n + i].info = TSE_R(30);
     t.k.event[0].kind = EVENT_ROAD, t.k.event[0].v[LCF] = short_of(0.3 / number(state_unit[LCF]));
     t.k.event[0].score = real(-28.52), t.k.event[0].info = TSE_R(30); /* odds of 9 over none */
     t.k.along.mean = real(0.2), t.k.along.var = real(0.03);

@@ -1,8 +1,10 @@
-/* tests/unit/filter/test_output.c <-> src/filter/output.c: what is reported of a state, by hand. */
+/* tests/unit/filter/test_output.c <-> src/filter/output.c: what is reported of a state,
+ * by hand. */
 #include "filter_support.h"
 
-/* How a car moves, forwards and backwards, straight on and across: its direction is that of libm's quadrant, and as uncertain as the speed
- * across is over the speed, whichever way that goes. Slower than anything moves there is no direction. */
+/* How a car moves, forwards and backwards, straight on and across: its direction is that
+ * of libm's quadrant, and as uncertain as the speed across is over the speed, whichever
+ * way that goes. Slower than anything moves there is no direction. */
 static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_backwards_as_forwards(void)
 {
   static const double along[] = { 20, 3, 0.5, 0.02, 0.01, 0.005 }, across[] = { 2, 0.4, 0.02, 0.004 };
@@ -10,7 +12,8 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
   c.mass_sd = setting(0.03);
   tse_params p = prepared(c);
   p.model_sd = real(0.02);
-  const double least_angle = number(LEAST_SPEED_ANGLE), lr = number(p.car.lr), close = BY_NUMBER(1e-12, 1e-6, 1e-6);
+  const double least_angle = number(LEAST_SPEED_ANGLE), lr = number(p.car.lr),
+               close = BY_NUMBER(1e-12, 1e-6, 1e-6);
   for (int n = 0; n < 4 * ROWS(along) * ROWS(across); n++) {
     static tse_kalman k;
     tse_output y = blank_output();
@@ -18,21 +21,50 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
     memset(&k, 0, sizeof k);
     any_covariance(&k.ud, &seed);
     for (int i = 0; i < MOTION; i++) k.ud.d[i] = real(0.01 * number(k.ud.d[i]));
-    const double vx = (n & 1 ? -1 : 1) * along[n / 4 % ROWS(along)], vy = (n & 2 ? -1 : 1) * across[n / 4 / ROWS(along)], r = 0.3;
+    const double vx = (n & 1 ? -1 : 1) * along[n / 4 % ROWS(along)],
+                 vy = (n & 2 ? -1 : 1) * across[n / 4 / ROWS(along)], r = 0.3;
     k.x[VX] = real(vx), k.x[VY] = real(vy), k.x[YAW] = real(r);
     report_row(&p, &k, &y);
-    const double var = dense_of(&k.ud).p[VY][VY] * pow(number(state_unit[VY]), 2), model = pow(number(p.model_sd), 2) + number(p.mass_var);
+    const double var = dense_of(&k.ud).p[VY][VY] * pow(number(state_unit[VY]), 2),
+                 model = pow(number(p.model_sd), 2) + number(p.mass_var);
     const double sd = sqrt(var + model * (pow(lr * r - vy, 2) + pow(lr * r, 2)) + pow(number(ASKEW) * vx, 2));
     expect_near(vx, number(y.vel_x), 1e-6, "along", n);
     expect_near(vy, number(y.vel_y), 1e-6, "across", n);
     expect_near(sd, number(y.vel_y_sd), close * (1 + sd), "sd across", n);
     expect_near(sd / fmax(fabs(vx), 1), number(y.sideslip_sd), close * (1 + sd), "sd of the sideslip", n);
-    expect_near(fmax(fabs(number(k.x[VX])), fabs(number(k.x[VY]))) < least_angle ? 0 : atan2(vy, vx), number(y.sideslip), BY_NUMBER(1e-12, 2e-6, 1e-5), "sideslip", n);
+    expect_near(fmax(fabs(number(k.x[VX])), fabs(number(k.x[VY]))) < least_angle ? 0 : atan2(vy, vx),
+        number(y.sideslip), BY_NUMBER(1e-12, 2e-6, 1e-5), "sideslip", n);
   }
 }
 
-/* An event that may have happened moves each estimate by its probability times what it would move it by, and makes it as uncertain as a
- * mixture of both: by hand, from amplitude s/(1 + i) and variance 1/(1 + i) of score s and information i. */
+#if !defined(TSE_SMALL)
+/* A fault that is likely, and not believed yet, has a name: that of its likeliest event.
+ * One that is not likely has none. */
+static void test_a_likely_fault_names_its_channel(void)
+{
+  const tse_params p = prepared(config_by(tse_config_exact));
+  for (int n = 0; n < 3; n++) {
+    static tse_kalman k;
+    tse_output y = blank_output();
+    uint32_t seed = 2;
+    memset(&k, 0, sizeof k);
+    any_covariance(&k.ud, &seed);
+    const int32_t kinds[] = { EVENT_STEER, EVENT_SENSOR + YAW_RATE };
+    for (int e = 0; e < 2; e++) {
+      k.event[4 + e].kind = kinds[e];
+      k.event[4 + e].info = real(1), k.event[4 + e].score = real(10);
+      k.weight[4 + e] = real(n == 2 ? 0.1 : e == n ? 0.7 : 0.2);
+    }
+    k.none[0] = real(n == 2 ? 0.8 : 0.1), k.none[1] = real(1);
+    report_row(&p, &k, &y);
+    TEST_ASSERT_EQUAL_INT(n == 2 ? NO_FAULT : n ? fault_of(YAW_RATE) : (int32_t)FAULT_STEER, y.fault_channel);
+  }
+}
+#endif
+
+/* An event that may have happened moves each estimate by its probability times what it
+ * would move it by, and makes it as uncertain as a mixture of both: by hand, from
+ * amplitude s/(1 + i) and variance 1/(1 + i) of score s and information i. */
 static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
 {
   const tse_params p = prepared(config_by(tse_config_exact));
@@ -49,8 +81,10 @@ static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
     k.event[slot].kind = EVENT_SENSOR + ACCEL_Y, k.weight[slot] = real(w);
     k.event[slot].score = TSE_R(12), k.event[slot].info = TSE_R(6), k.event[slot].v[at[n]] = short_of(0.5);
     report_row(&p, &k, &y);
-    const tse_real *const mean[] = { &y.vel_x, &y.vel_y, &y.yaw_rate, &y.bias[0], &y.bias[1], &y.bias[2], &y.lag_steer };
-    const tse_real *const sd[] = { &y.vel_x_sd, NULL, &y.yaw_rate_sd, &y.bias_sd[0], &y.bias_sd[1], &y.bias_sd[2], &y.lag_steer_sd };
+    const tse_real *const mean[] = { &y.vel_x, &y.vel_y, &y.yaw_rate, &y.bias[0], &y.bias[1], &y.bias[2],
+      &y.lag_steer };
+    const tse_real *const sd[] = { &y.vel_x_sd, NULL, &y.yaw_rate_sd, &y.bias_sd[0], &y.bias_sd[1],
+      &y.bias_sd[2], &y.lag_steer_sd };
     const double unit = number(state_unit[at[n]]), by = 0.5 * amplitude;
     const double var = dense_of(&k.ud).p[at[n]][at[n]] + w * (by * by + 0.25 * spread) - w * w * by * by;
     expect_near(number(k.x[at[n]]) + w * by * unit, number(*mean[n]), close, "mean", n);
@@ -60,14 +94,15 @@ static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
   }
 }
 
-/* A steering angle that comes within 3 sd of when the settings say is theirs; another one stands
- * for what the wheels have not done yet. Slip along the car does not need it. */
+/* A steering angle that comes within 3 sd of when the settings say is theirs; another one
+ * stands for what the wheels have not done yet. Slip along the car does not need it. */
 static void test_cornering_by_another_steering_than_the_settings_is_not_valid(void)
 {
   static const struct {
     double sd, late;
     int valid;
-  } cases[] = { { 0.01, 0.029, 1 }, { 0.01, -0.029, 1 }, { 0.01, 0.031, 0 }, { 0.01, -0.031, 0 }, { 0, 0.1, 1 } };
+  } cases[] = { { 0.01, 0.029, 1 }, { 0.01, -0.029, 1 }, { 0.01, 0.031, 0 }, { 0.01, -0.031, 0 },
+    { 0, 0.1, 1 } };
   for (int n = 0; n < ROWS(cases); n++) {
     static tse_kalman k;
     tse_output y = blank_output();
@@ -87,14 +122,16 @@ static void test_cornering_by_another_steering_than_the_settings_is_not_valid(vo
   }
 }
 
-/* Radii that differ by 1 % or less, or by 3 sd of their prior, are those of the car; others are of other wheels, whose slip says nothing
- * of the settings' stiffness. Cornering does not need them. */
+/* Radii that differ by 1 % or less, or by 3 sd of their prior, are those of the car;
+ * others are of other wheels, whose slip says nothing of the settings' stiffness.
+ * Cornering does not need them. */
 static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
 {
   static const struct {
     double sd, off;
     int valid;
-  } cases[] = { { 0, 0.009, 1 }, { 0, -0.009, 1 }, { 0, 0.011, 0 }, { 0, -0.03, 0 }, { 0.005, 0.014, 1 }, { 0.005, -0.016, 0 } };
+  } cases[] = { { 0, 0.009, 1 }, { 0, -0.009, 1 }, { 0, 0.011, 0 }, { 0, -0.03, 0 }, { 0.005, 0.014, 1 },
+    { 0.005, -0.016, 0 } };
   if (!HAS_SLIP) return;
   for (int n = 0; n < ROWS(cases); n++) {
     static tse_kalman k;

@@ -1,4 +1,5 @@
-/* tests/unit/filter/test_pedals.c <-> src/filter/row.c, update.c, predict.c, output.c: brake switch and wheel torques, src/tables/sensors.toml. */
+/* tests/unit/filter/test_pedals.c <-> src/filter/row.c, update.c, predict.c, output.c:
+ * brake switch and wheel torques, src/tables/sensors.toml. */
 #include "filter_support.h"
 
 static tse_filter f, other;
@@ -21,7 +22,8 @@ static tse_input a_row(void)
 #define FRONT TSE_GIVEN_wheel_torque_front
 #define REAR TSE_GIVEN_wheel_torque_rear
 
-/* Each case as a driver would answer: does an axle roll freely, and which? 60 N m is no torque. */
+/* Each case as a driver would answer: does an axle roll freely, and which? 60 N m is no
+ * torque. */
 static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
 {
   static const struct {
@@ -30,25 +32,25 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
     double brake, front, rear;
     int rolls;
   } cases[] = {
-    { 1, 0, 1, 900, 900, ROLLS_UNKNOWN },                         /* nothing is given: nothing is read */
+    { 1, 0, 1, 900, 900, ROLLS_UNKNOWN }, /* nothing is given: nothing is read */
     { 1, BRAKE, 0, 0, 0, ROLLS_REAR },
     { 2, BRAKE, 0.4, 0, 0, ROLLS_FRONT },
     { 1, BRAKE, 0.5, 0, 0, ROLLS_NONE },
-    { 0, BRAKE, 0, 0, 0, ROLLS_UNKNOWN },                         /* a switch alone says nothing of four driven wheels */
+    { 0, BRAKE, 0, 0, 0, ROLLS_UNKNOWN }, /* a switch alone says nothing of four driven wheels */
     { 0, BRAKE, 1, 0, 0, ROLLS_UNKNOWN },
     { 0, BRAKE | FRONT | REAR, 1, 900, 0, ROLLS_NONE },
-    { 1, BRAKE, 1.5, 0, 0, ROLLS_UNKNOWN },                       /* out of range: not there */
+    { 1, BRAKE, 1.5, 0, 0, ROLLS_UNKNOWN }, /* out of range: not there */
     { 1, REAR, 0, 0, -59, ROLLS_REAR },
     { 1, REAR, 0, 0, -61, ROLLS_NONE },
-    { 1, FRONT | REAR, 0, -900, 10, ROLLS_REAR },                 /* the driven axle alone brakes: a generator */
+    { 1, FRONT | REAR, 0, -900, 10, ROLLS_REAR }, /* the driven axle alone brakes: a generator */
     { 2, FRONT | REAR, 0, -61, 900, ROLLS_NONE },
-    { 1, FRONT, 0, -900, 0, ROLLS_UNKNOWN },                      /* of the driven axle alone: the other may brake or not */
+    { 1, FRONT, 0, -900, 0, ROLLS_UNKNOWN }, /* of the driven axle alone: the other may brake or not */
     { 1, BRAKE | FRONT, 0, -900, 0, ROLLS_REAR },
-    { 1, BRAKE | REAR, 1, 0, 0, ROLLS_NONE },                     /* the switch is on before the brake is */
+    { 1, BRAKE | REAR, 1, 0, 0, ROLLS_NONE }, /* the switch is on before the brake is */
     { 0, FRONT | REAR, 0, 900, 59, ROLLS_REAR },
     { 0, FRONT | REAR, 0, -50, -900, ROLLS_FRONT },
     { 0, FRONT | REAR, 0, 61, 59, ROLLS_REAR },
-    { 0, FRONT | REAR, 0, 0, 0, ROLLS_NONE },                     /* which of both is not known */
+    { 0, FRONT | REAR, 0, 0, 0, ROLLS_NONE }, /* which of both is not known */
     { 0, FRONT, 0, 0, 0, ROLLS_UNKNOWN },
   };
   for (int n = 0; n < (int)(sizeof cases / sizeof cases[0]); n++)
@@ -61,13 +63,14 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
       TEST_ASSERT_EQUAL_INT(TSE_OK, row_decode(&p, &f, &u, &z));
       TEST_ASSERT_EQUAL_INT_MESSAGE(cases[n].rolls, z.rolls, cases[n].given ? "given" : "not given");
-      const int no_speed = cases[n].rolls == ROLLS_NONE || (cases[n].rolls == ROLLS_UNKNOWN && cases[n].driven == 0);
+      const int no_speed = cases[n].rolls == ROLLS_NONE
+          || (cases[n].rolls == ROLLS_UNKNOWN && cases[n].driven == 0);
       TEST_ASSERT_EQUAL_INT(climbs && no_speed, z.no_slip);
     }
 }
 
-/* A row of which no sensor is used, in a car that loses speed: that an axle rolls freely is a scalar measurement of its slip, as a dense
- * Kalman filter has it. */
+/* A row of which no sensor is used, in a car that loses speed: that an axle rolls freely
+ * is a scalar measurement of its slip, as a dense Kalman filter has it. */
 static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
 {
   uint32_t seed = 4;
@@ -96,7 +99,8 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
       for (int j = 0; j < STATES; j++) after.p[i][j] -= unit * unit * before.p[i][at] * before.p[at][j] / s;
     for (int i = 0; i < STATES; i++) {
       const double change = unit * before.p[i][at] * e / s;
-      if (i >= LCX && i <= LCR) expect_near(pow(number(OWN_SHARE) * change, 2), number(k.moved[i - LCX]), 1e-4, "moved", i);
+      if (i >= LCX && i <= LCR)
+        expect_near(pow(number(OWN_SHARE) * change, 2), number(k.moved[i - LCX]), 1e-4, "moved", i);
       off = x[i] + number(state_unit[i]) * change;
       expect_near(off, number(k.x[i]), 1e-4 * (fabs(off) + number(state_unit[i])), "state", i);
     }
@@ -104,8 +108,9 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
   }
 }
 
-/* Slips of wheels that ripple say that the car brakes. Where accel_x reads that force they are believed; where it reads none, by
- * many sd, the rear axle of a front-driven car rolls freely, and its slip is as well known as that says. */
+/* Slips of wheels that ripple say that the car brakes. Where accel_x reads that force
+ * they are believed; where it reads none, by many sd, the rear axle of a front-driven car
+ * rolls freely, and its slip is as well known as that says. */
 static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
 {
   const tse_params p = prepared(a_car(1, 0.03));
@@ -124,12 +129,14 @@ static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
     z.use[ACCEL_X] = 1, z.z[ACCEL_X] = contradicts ? TSE_R(0) : by_slip.x;
     TEST_ASSERT_TRUE(number(by_slip.x) < -0.5);
     update_row(&p, &k, &z, straight);
-    const double sd = sqrt(number(ud_variance(&k.ud, SR))) * number(state_unit[SR]); /* accel_x shows the sum of both slips alone */
+    const double sd = sqrt(number(ud_variance(&k.ud, SR)))
+        * number(state_unit[SR]); /* accel_x shows the sum of both slips alone */
     TEST_ASSERT_EQUAL_INT(contradicts, sd < 1.01 * number(FREE_SLIP_SD));
   }
 }
 
-/* While the car brakes, on a road that may climb, nothing is learnt of the longitudinal stiffness; on a flat one it is. */
+/* While the car brakes, on a road that may climb, nothing is learnt of the longitudinal
+ * stiffness; on a flat one it is. */
 static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone(void)
 {
   static truth w;
@@ -143,12 +150,14 @@ static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone
       u.given = BRAKE, u.brake = TSE_R(1);
       TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, NULL) >= 0);
     }
-    if (climbs) expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* but for what a steering offset may push */
+    if (climbs)
+      expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* but for what a steering offset may push */
     else TEST_ASSERT_TRUE(number(f.k.x[LCX]) > 0.01);
   }
 }
 
-/* Of four driven wheels a stiffness that is known is excited where one axle has no torque. */
+/* Of four driven wheels a stiffness that is known is excited where one axle has no
+ * torque. */
 static void test_four_driven_wheels_are_excited_where_an_axle_has_no_torque(void)
 {
   static truth w;

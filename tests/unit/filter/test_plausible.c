@@ -1,5 +1,7 @@
-/* tests/unit/filter/test_plausible.c <-> src/filter/plausible.c: a drive of textbook kinematics - speed, its change, a yaw rate, speed times
- * that, the steering angle of the understeer equation - and the mistakes that logs are made with, each as a factor on a channel. */
+/* tests/unit/filter/test_plausible.c <-> src/filter/plausible.c: a drive of textbook
+ * kinematics - speed, its change, a yaw rate, speed times that, the steering angle of the
+ * understeer equation - and the mistakes that logs are made with, each as a factor on a
+ * channel. */
 #include "filter_support.h"
 
 typedef struct mistake {
@@ -14,10 +16,12 @@ typedef struct mistake {
 
 static double accel_noise = 0.1; /* m/s2, of the accelerometers in driven() */
 
-/* Let the filter have two minutes of bends and speed changes, and return what the last row says.   Given: every  so many rows have
+/* Let the filter have two minutes of bends and speed changes, and return what the last
+ * row says.   Given: every  so many rows have
  * accelerometers */
 /* every: n accelerometers come in each n-th row alone, -n wheel speeds do */
-static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, int every, int *valid, int *refused)
+static tse_output driven(
+    const mistake *m, int32_t driven_axle, int exchanged, int every, int *valid, int *refused)
 {
   static tse_filter f;
   tse_config c;
@@ -28,17 +32,19 @@ static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, i
   c.driven_axle = driven_axle;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
-  const double wheelbase = number(p.car.lf) + number(p.car.lr), kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
+  const double wheelbase = number(p.car.lf) + number(p.car.lr), kf = number(p.car.ky_front),
+               kr = number(p.car.ky_rear);
   const double understeer = (number(p.car.lr) * kr - number(p.car.lf) * kf) / (wheelbase * kf * kr);
   *valid = *refused = 0;
   for (int n = 0; n < 12000; n++) {
-    const double t = 0.01 * n, w = 0.4, v = 14 + 4 * sin(w * t), ax = 4 * w * cos(w * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t);
-    const double slip = driven_axle == 1 ? 0.006 * fmax(ax, 0) : driven_axle == 2 ? -0.006 * fmax(ax, 0)
-                                                                                  : 0;
+    const double t = 0.01 * n, w = 0.4, v = 14 + 4 * sin(w * t), ax = 4 * w * cos(w * t),
+                 r = 0.25 * sin(0.9 * t) * sin(0.07 * t);
+    const double slip = driven_axle == 1 ? 0.006 * fmax(ax, 0) : driven_axle == 2 ? -0.006 * fmax(ax, 0) : 0;
     const double bend = 0.5 * pow(wheelbase * r / v, 2);
     tse_input u;
     tse_input_default(&u);
-    const double front = v * (1 + bend + fmax(slip, 0)) / number(p.radius_front), rear = v * (1 + fmax(-slip, 0)) / number(p.radius_rear);
+    const double front = v * (1 + bend + fmax(slip, 0)) / number(p.radius_front),
+                 rear = v * (1 + fmax(-slip, 0)) / number(p.radius_rear);
     u.dt = real(0.01);
     u.steer_angle = real(m->factor[TSE_CHANNEL_steer_angle] * r * (wheelbase + understeer * v * v) / v);
     u.wheel_speed_front = real(m->factor[TSE_CHANNEL_wheel_speed_front] * (exchanged ? rear : front));
@@ -60,7 +66,8 @@ static void test_a_mistake_is_named_with_its_factor(void)
 {
   static const mistake mistakes[] = {
     { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 },
-    { "yaw rate in degrees", { 1, 1, 1, 1, 1, DEGREES }, 1 + TSE_CHANNEL_yaw_rate, 0 /* beyond its range in part */ },
+    { "yaw rate in degrees", { 1, 1, 1, 1, 1, DEGREES }, 1 + TSE_CHANNEL_yaw_rate,
+        0 /* beyond its range in part */ },
     { "yaw rate to the right", { 1, 1, 1, 1, 1, -1 }, 1 + TSE_CHANNEL_yaw_rate, -1 },
     { "accel_y in g", { 1, 1, 1, 1, 1 / G, 1 }, 1 + TSE_CHANNEL_accel_y, 1 / G },
     { "accel_y to the right", { 1, 1, 1, 1, -1, 1 }, 1 + TSE_CHANNEL_accel_y, -1 },
@@ -69,8 +76,10 @@ static void test_a_mistake_is_named_with_its_factor(void)
     { "steering wheel", { 15, 1, 1, 1, 1, 1 }, 1 + TSE_CHANNEL_steer_angle, 15 },
     { "steering to the right", { -1, 1, 1, 1, 1, 1 }, 1 + TSE_CHANNEL_steer_angle, -1 },
     { "wheels in m/s", { 1, 0.3, 0.3, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.3 },
-    { "km/h taken for rad/s, wheels of 0.325 m", { 1, 1.17, 1.17, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 1.17 },
-    { "wheels of 0.4 m taken for 0.3 m", { 1, 0.75, 0.75, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.75 },
+    { "km/h taken for rad/s, wheels of 0.325 m", { 1, 1.17, 1.17, 1, 1, 1 },
+        1 + TSE_CHANNEL_wheel_speed_front, 1.17 },
+    { "wheels of 0.4 m taken for 0.3 m", { 1, 0.75, 0.75, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front,
+        0.75 },
     { "accel_y stands still", { 1, 1, 1, 1, 0, 1 }, 1 + TSE_CHANNEL_accel_y, 0 },
   };
   for (int i = 0; i < (int)(sizeof mistakes / sizeof mistakes[0]); i++) {
@@ -80,7 +89,8 @@ static void test_a_mistake_is_named_with_its_factor(void)
     if (refused) continue;
     TEST_ASSERT_EQUAL_INT_MESSAGE(m->channel, y.fault_channel, m->what);
     if (i == 0) {
-      /* these rows come from no car that turns in: where no event takes that up, it does not fit */
+      /* these rows come from no car that turns in: where no event takes that up, it does
+       * not fit */
       if (HAS_SLIP) TEST_ASSERT_TRUE_MESSAGE(valid > 0, "nothing is wrong, and something is valid");
       TEST_ASSERT_TRUE(y.fault_factor == TSE_R(0) && y.status != TSE_W_IMPLAUSIBLE);
       continue;
@@ -88,12 +98,14 @@ static void test_a_mistake_is_named_with_its_factor(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, valid, m->what);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_W_IMPLAUSIBLE, y.status, m->what);
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_IMPLAUSIBLE, y.reason[a], m->what);
-    /* a tenth: noise is in the variances, and a smoothed product is not the product of what is smoothed */
+    /* a tenth: noise is in the variances, and a smoothed product is not the product of
+     * what is smoothed */
     if (m->found != 0) expect_near(m->found, number(y.fault_factor), 0.1 * fabs(m->found), m->what, i);
   }
 }
 
-/* A car in bends at changing speed, whose yaw rate is 0.08 s behind the steering angle and whose tyres are nominal. */
+/* A car in bends at changing speed, whose yaw rate is 0.08 s behind the steering angle
+ * and whose tyres are nominal. */
 static double turn_at(double t) { return 0.25 * sin(0.9 * t) * sin(0.07 * t); }
 static double speed_at(double t) { return 14 + 4 * sin(0.4 * t); }
 
@@ -111,7 +123,9 @@ typedef struct timing_case {
   int channel;
 } timing_case;
 
-/* Drive three minutes of that.   Returned: the last row   *first [s] when the channels contradict each other first   *valid rows with a
+/* Drive three minutes of that.   Returned: the last row   *first [s] when the channels
+ *                                                         contradict each other first
+ *                                                         *valid rows with a
  * valid stiffness behind it */
 static tse_output driven_late(const timing_case *m, double *first, int *valid)
 {
@@ -124,7 +138,8 @@ static tse_output driven_late(const timing_case *m, double *first, int *valid)
   tse_config_exact(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
-  const double lf = number(p.car.lf), lr = number(p.car.lr), kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
+  const double lf = number(p.car.lf), lr = number(p.car.lr), kf = number(p.car.ky_front),
+               kr = number(p.car.ky_rear);
   const double wheelbase = lf + lr, understeer = (lr * kr - lf * kf) / (wheelbase * kf * kr);
   *first = 0, *valid = 0;
   for (int n = 0; n < 9000; n++) {
@@ -170,11 +185,13 @@ static void test_a_channel_that_comes_late_is_named(void)
     TEST_ASSERT_TRUE_MESSAGE((first > 0) == (late[i].channel != 0) && first < 60, late[i].what);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, valid, late[i].what);
     TEST_ASSERT_TRUE_MESSAGE(y.fault_factor == TSE_R(0), late[i].what);
-    for (int a = 0; a < 3 && late[i].channel; a++) TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_IMPLAUSIBLE, y.reason[a], late[i].what);
+    for (int a = 0; a < 3 && late[i].channel; a++)
+      TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_IMPLAUSIBLE, y.reason[a], late[i].what);
   }
 }
 
-/* Accelerometers, or wheel speeds, of a slow message: they read no less than others, and change no faster. */
+/* Accelerometers, or wheel speeds, of a slow message: they read no less than others, and
+ * change no faster. */
 static void test_a_channel_that_comes_seldom_contradicts_nobody(void)
 {
   static const mistake seldom = { "seldom", { 1, 1, 1, 1, 1, 1 }, 0, 0 };
@@ -201,10 +218,12 @@ static void test_axles_that_are_exchanged_are_no_other_factor(void)
 }
 
 
-/* Wheels of 0.29 m make 1.05 of km/h: within what roll and pitch do, and so is a radius that is not quite known. */
+/* Wheels of 0.29 m make 1.05 of km/h: within what roll and pitch do, and so is a radius
+ * that is not quite known. */
 static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
 {
-  static const mistake hardly[] = { { "fast", { 1, 1.05, 1.05, 1, 1, 1 }, 0, 0 }, { "slow", { 1, 0.92, 0.92, 1, 1, 1 }, 0, 0 } };
+  static const mistake hardly[] = { { "fast", { 1, 1.05, 1.05, 1, 1, 1 }, 0, 0 },
+    { "slow", { 1, 0.92, 0.92, 1, 1, 1 }, 0, 0 } };
   for (int i = 0; i < 2; i++) {
     int valid, refused;
     const tse_output y = driven(&hardly[i], 1, 0, 1, &valid, &refused);
@@ -217,8 +236,8 @@ static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
 static void test_a_diameter_for_a_radius_is_named_on_a_rough_road(void)
 {
   static const mistake on_rough[] = { { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 },
-                                      { "diameter", { 1, 2, 2, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 2 },
-                                      { "half of it", { 1, 0.5, 0.5, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.5 } };
+    { "diameter", { 1, 2, 2, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 2 },
+    { "half of it", { 1, 0.5, 0.5, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.5 } };
   accel_noise = 1.5;
   for (int i = 0; i < ROWS(on_rough); i++) {
     int valid, refused;
@@ -230,8 +249,9 @@ static void test_a_diameter_for_a_radius_is_named_on_a_rough_road(void)
 }
 
 /* A fault of the memory: what is no number would contradict for ever. */
-/* A road that rises and falls by 6 %: gravity in accel_x at a speed that the driver keeps, but for what follows with a quarter of a
- * period. Without it accel_x would contradict the wheels by a factor of four. */
+/* A road that rises and falls by 6 %: gravity in accel_x at a speed that the driver
+ * keeps, but for what follows with a quarter of a period. Without it accel_x would
+ * contradict the wheels by a factor of four. */
 static void test_a_hill_at_constant_speed_contradicts_nobody(void)
 {
   static tse_filter f;
@@ -245,7 +265,8 @@ static void test_a_hill_at_constant_speed_contradicts_nobody(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   for (int n = 0; n < 12000; n++) {
-    const double t = 0.01 * n, w = 0.5, v = 25 - 0.3 * cos(w * t + 1.5), ax = 0.15 * sin(w * t + 1.5), r = 0.05 * sin(0.9 * t);
+    const double t = 0.01 * n, w = 0.5, v = 25 - 0.3 * cos(w * t + 1.5), ax = 0.15 * sin(w * t + 1.5),
+                 r = 0.05 * sin(0.9 * t);
     tse_input u;
     tse_input_default(&u);
     u.dt = real(0.01);
@@ -275,9 +296,9 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   tse_input_default(&u);
   u.dt = real(0.01), u.wheel_speed_front = u.wheel_speed_rear = real(50);
-  tse_real *const kept[] = { &f.k.agreement.smooth[5], &f.k.agreement.pair[0].time, &f.k.agreement.pair[TSE_PAIRS - 1].both, &f.k.agreement.pair[2].var[1],
-                             &f.k.agreement.pair[3].mean[0], &f.k.agreement.moved[1][1],
-                             &f.k.agreement.across.late, &f.k.agreement.steered.square };
+  tse_real *const kept[] = { &f.k.agreement.smooth[5], &f.k.agreement.pair[0].time,
+    &f.k.agreement.pair[TSE_PAIRS - 1].both, &f.k.agreement.pair[2].var[1], &f.k.agreement.pair[3].mean[0],
+    &f.k.agreement.moved[1][1], &f.k.agreement.across.late, &f.k.agreement.steered.square };
   for (int i = 0; i < (int)(sizeof kept / sizeof kept[0]); i++) {
     for (int n = 0; n < 5; n++) TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
     *kept[i] = real(NAN);
@@ -287,62 +308,79 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
 #endif
 }
 
-/* What each pair is made of, of a car on a circle at constant speed: that is smooth from the first row on, and stays. The last rows are of
- * speeds and yaw rates of no car: what is a share or a sine is held to 1. */
+/* What each pair is made of, of a car on a circle at constant speed: that is smooth from
+ * the first row on, and stays. The last rows are of speeds and yaw rates of no car: what
+ * is a share or a sine is held to 1. */
 static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
 {
   static const struct {
     double front, rear, r; /* m/s, m/s, rad/s */
-  } turn[] = { { 10.1, 9.9, 0.5 }, { 9.9, 10.1, -0.5 }, { 5.2, 5, 0.7 }, { 30, 30, 0.2 }, { 4, 4, 5 }, { 4, 4, -5 }, { 16, -6, 0.2 }, { -6, 16, 0.2 } };
+  } turn[] = { { 10.1, 9.9, 0.5 }, { 9.9, 10.1, -0.5 }, { 5.2, 5, 0.7 }, { 30, 30, 0.2 }, { 4, 4, 5 },
+    { 4, 4, -5 }, { 16, -6, 0.2 }, { -6, 16, 0.2 } };
   const tse_params p = prepared(config_by(tse_config_exact));
-  const double lf = number(p.car.lf), lr = number(p.car.lr), length = lf + lr, kf = number(p.car.ky_front), kr = number(p.car.ky_rear);
+  const double lf = number(p.car.lf), lr = number(p.car.lr), length = lf + lr, kf = number(p.car.ky_front),
+               kr = number(p.car.ky_rear);
   const double understeer = (lr * kr - lf * kf) / (length * kf * kr), close = BY_NUMBER(1e-12, 1e-5, 1e-5);
   for (int n = 0; n < ROWS(turn); n++) {
     static tse_kalman k;
     tse_input u;
     memset(&k, 0, sizeof k);
     tse_input_default(&u);
-    u.steer_angle = real(0.03), u.wheel_speed_front = real(turn[n].front / number(p.radius_front)), u.wheel_speed_rear = real(turn[n].rear / number(p.radius_rear));
+    u.steer_angle = real(0.03), u.wheel_speed_front = real(turn[n].front / number(p.radius_front)),
+    u.wheel_speed_rear = real(turn[n].rear / number(p.radius_rear));
     u.accel_x = real(0.4), u.accel_y = real(1.5), u.yaw_rate = real(turn[n].r);
     for (int row = 0; row < 20; row++) plausible_row(&p, &k, &u, real(0.01), 0);
     const tse_pair *const pair = k.agreement.pair;
     const double v = 0.5 * (turn[n].front + turn[n].rear), bend = fmin(fabs(length * turn[n].r / v), 1);
     const double faster = fmax(-1, fmin(1, (turn[n].front - turn[n].rear) / v));
-    const double expected[TSE_PAIRS][2] = { { v * turn[n].r, 1.5 }, { 0.03 * v / (length + understeer * v * v), turn[n].r }, { 0.4, 0 }, { 0.5 * bend * bend, faster }, { 0.4, faster } };
+    const double expected[TSE_PAIRS][2] = { { v * turn[n].r, 1.5 },
+      { 0.03 * v / (length + understeer * v * v), turn[n].r }, { 0.4, 0 }, { 0.5 * bend * bend, faster },
+      { 0.4, faster } };
     for (int i = 0; i < TSE_PAIRS; i++) {
-      /* says nothing of how the car gains speed, nor of how much faster front wheels are in a bend */
-      const int spins = (i == 2 && fabs(faster) >= number(SLIPPING)) || (i == 3 && fabs(faster) >= number(SLIPPING) + 0.5 * bend * bend);
-      for (int side = 0; side < 2; side++) expect_near(spins ? 0 : expected[i][side], number(pair[i].mean[side]), close * 10, "mean", 100 * n + 10 * i + side);
-      expect_near(spins ? 0 : number(USUAL_TIME) * (1 - pow(1 - 0.01 / number(USUAL_TIME), 19)), number(pair[i].time), close, "seconds", 10 * n + i);
+      /* says nothing of how the car gains speed, nor of how much faster front wheels are
+       * in a bend */
+      const int spins = (i == 2 && fabs(faster) >= number(SLIPPING))
+          || (i == 3 && fabs(faster) >= number(SLIPPING) + 0.5 * bend * bend);
+      for (int side = 0; side < 2; side++)
+        expect_near(spins ? 0 : expected[i][side], number(pair[i].mean[side]), close * 10, "mean",
+            100 * n + 10 * i + side);
+      expect_near(spins ? 0 : number(USUAL_TIME) * (1 - pow(1 - 0.01 / number(USUAL_TIME), 19)),
+          number(pair[i].time), close, "seconds", 10 * n + i);
     }
   }
 }
 
-/* Speed that grows evenly: smoothed it is late by the time constant, and grows as evenly; its change is that of the wheels. */
+/* Speed that grows evenly: smoothed it is late by the time constant, and grows as evenly;
+ * its change is that of the wheels. */
 static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
 {
   static tse_kalman k;
   const tse_params p = prepared(config_by(tse_config_exact));
-  const double gained = 1.5, dt = 0.01, smooth = number(SMOOTH_TIME), left = smooth / (dt + smooth), keep = 1 - dt / number(USUAL_TIME);
+  const double gained = 1.5, dt = 0.01, smooth = number(SMOOTH_TIME), left = smooth / (dt + smooth),
+               keep = 1 - dt / number(USUAL_TIME);
   double v = 5, sum = 0, weights = 0, speed = 0;
   memset(&k, 0, sizeof k);
   for (int row = 0; row < 400; row++, v += gained * dt) {
     tse_input u;
     tse_input_default(&u);
     speed = v;
-    u.wheel_speed_front = real(v / number(p.radius_front)), u.wheel_speed_rear = real(v / number(p.radius_rear));
+    u.wheel_speed_front = real(v / number(p.radius_front)),
+    u.wheel_speed_rear = real(v / number(p.radius_rear));
     u.accel_x = real(gained);
     plausible_row(&p, &k, &u, real(dt), 0);
-    if (row == 0) continue; /* starts */
+    if (row == 0) continue;                           /* starts */
     sum = keep * sum + gained * (1 - pow(left, row)); /* as a filter of first order answers */
     weights = keep * weights + 1;
   }
-  expect_near(speed - gained * smooth, number(k.agreement.smooth[3]), BY_NUMBER(1e-6, 1e-4, 1e-4), "smoothed", 0);
-  expect_near(sum / weights, number(k.agreement.pair[2].mean[1]), BY_NUMBER(1e-9, 1e-3, 1e-3), "change [m/s2]", 0);
+  expect_near(
+      speed - gained * smooth, number(k.agreement.smooth[3]), BY_NUMBER(1e-6, 1e-4, 1e-4), "smoothed", 0);
+  expect_near(
+      sum / weights, number(k.agreement.pair[2].mean[1]), BY_NUMBER(1e-9, 1e-3, 1e-3), "change [m/s2]", 0);
   expect_near(gained, number(k.agreement.pair[2].mean[0]), BY_NUMBER(1e-9, 1e-5, 1e-5), "accel_x [m/s2]", 0);
 }
 
-/* Where every axle is driven, or it is not known which, bends alone show which wheels are the front ones: they run on the larger circle. */
+/* Where every axle is driven, or it is not known which, bends alone show which wheels are
+ * the front ones: they run on the larger circle. */
 static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
 {
   for (int exchanged = 0; exchanged < 2; exchanged++) {
@@ -367,8 +405,8 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
   }
 }
 
-/* How long after its end, and for how long in all, something contradicts in two minutes of bends, of which a channel is wrong for a
- * while: at a value, or with a factor. */
+/* How long after its end, and for how long in all, something contradicts in two minutes
+ * of bends, of which a channel is wrong for a while: at a value, or with a factor. */
 typedef struct wrong {
   const char *what;
   int channel;
@@ -395,13 +433,15 @@ static void test_what_is_wrong_for_a_while_contradicts_for_a_while(void)
     double after = 0, all = 0;
     memset(&k, 0, sizeof k);
     for (int n = 0; n < 12000; n++) {
-      const double t = 0.01 * n, v = 14 + 4 * sin(0.4 * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t), is = t >= w->from && t < w->to;
+      const double t = 0.01 * n, v = 14 + 4 * sin(0.4 * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t),
+                   is = t >= w->from && t < w->to;
       double x[TSE_CHANNELS] = { r * length / v, v, v, 1.6 * cos(0.4 * t), v * r, r };
       tse_input u;
       if (is) x[w->channel] = w->value + w->factor * x[w->channel];
       tse_input_default(&u);
       u.steer_angle = real(x[0]), u.accel_x = real(x[3]), u.accel_y = real(x[4]), u.yaw_rate = real(x[5]);
-      u.wheel_speed_front = real(x[1] / number(p.radius_front)), u.wheel_speed_rear = real(x[2] / number(p.radius_rear));
+      u.wheel_speed_front = real(x[1] / number(p.radius_front)),
+      u.wheel_speed_rear = real(x[2] / number(p.radius_rear));
       plausible_row(&p, &k, &u, real(0.01), 0);
       if (!(k.agreement.apart || k.agreement.off_scale)) continue;
       all += 0.01;

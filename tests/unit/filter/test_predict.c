@@ -1,11 +1,12 @@
-/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: state and covariance to the time of a row,
- * and where a drive starts. */
+/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: state and
+ * covariance to the time of a row, and where a drive starts. */
 #include "filter_support.h"
 
 static tse_params a_car(void)
 {
   tse_config c = config_by(tse_config_exact);
-  c.grade_sd = setting(0.03), c.grip = setting(1), c.grip_sd = setting(0.2), c.steer_offset_sd = setting(0.004);
+  c.grade_sd = setting(0.03), c.grip = setting(1), c.grip_sd = setting(0.2),
+  c.steer_offset_sd = setting(0.004);
   c.steer_ratio_sd = setting(0.03), c.relaxation_length = setting(0.4), c.relaxation_sd = setting(0.2);
   c.yaw_inertia_sd = setting(0.1), c.cg_sd = setting(0.03);
   return prepared(c);
@@ -32,7 +33,8 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
       if (p->uncertain[q] > TSE_R(0)) k->consider[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
-/* The state as the car moves; covariance F P F' + Q, where Q is on the diagonal and not negative; what is uncertain moves with F. */
+/* The state as the car moves; covariance F P F' + Q, where Q is on the diagonal and not
+ * negative; what is uncertain moves with F. */
 static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
 {
   const double close = BY_NUMBER(1e-10, 1e-3, 1e-5);
@@ -55,10 +57,14 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     weaken(M, MOTION, &before);
     (void)predict_row(&p, &k, &z);
     for (int i = 0; i < STATES; i++)
-      if (!fades(i)) expect_near(number(x[i]), number(k.x[i]), close, "state", i); /* slips and gravity return to their mean */
+      if (!fades(i))
+        expect_near(
+            number(x[i]), number(k.x[i]), close, "state", i); /* slips and gravity return to their mean */
     for (int i = 0; i < STATES; i++)
-      for (int j = 0; j < STATES; j++) F[i][j] = i < MOTION ? number(M[i][j]) * number(state_unit[j]) / number(state_unit[i]) : i == j;
-    for (int i = 0; i < STATES; i++) { /* what fades does so in all: read off what is uncertain, where that is most */
+      for (int j = 0; j < STATES; j++)
+        F[i][j] = i < MOTION ? number(M[i][j]) * number(state_unit[j]) / number(state_unit[i]) : i == j;
+    for (int i = 0; i < STATES;
+        i++) { /* what fades does so in all: read off what is uncertain, where that is most */
       if (!fades(i)) continue;
       int most = 0;
       for (int q = 1; q < TSE_CONSIDERED; q++)
@@ -71,20 +77,24 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     for (int i = 0; i < STATES; i++)
       for (int j = 0; j < STATES; j++) {
         const double expected = moved[i][j];
-        if (i == j) TEST_ASSERT_TRUE(after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* noise */
+        if (i == j)
+          TEST_ASSERT_TRUE(
+              after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* noise */
         else expect_near(expected, after.p[i][j], 100 * close, "covariance", 100 * i + j);
       }
     for (int q = 0; q < TSE_CONSIDERED; q++)
       for (int i = 0; i < STATES; i++) {
         double expected = 0;
         for (int l = 0; l < STATES; l++) expected += F[i][l] * number_of(before.consider[q][l]);
-        if (i < MOTION && q < COLUMNS - STATES) expected += number(M[i][STATES + q]) / number(state_unit[i]) * number(p.uncertain[q]);
+        if (i < MOTION && q < COLUMNS - STATES)
+          expected += number(M[i][STATES + q]) / number(state_unit[i]) * number(p.uncertain[q]);
         expect_near(expected, number_of(k.consider[q][i]), 10 * close, "what is uncertain", 100 * q + i);
       }
   }
 }
 
-/* Wherever it is, gravity along and across the road ends at its mean with the variance of roads; stiffness walks and stays in its place. */
+/* Wherever it is, gravity along and across the road ends at its mean with the variance of
+ * roads; stiffness walks and stays in its place. */
 static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
 {
   static tse_kalman k;
@@ -102,11 +112,13 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
     if (i != at) expect_near(0, fabs(number(ud_covariance(&k.ud, at, i))), 1e-4, "nothing in common", i);
   for (int i = FAST; i < STATES; i++) {
     TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
-    TEST_ASSERT_TRUE(number(ud_variance(&k.ud, i)) >= number(ud_variance(&before.ud, i)) * (1 - BY_NUMBER(1e-9, 1e-4, 1e-5)));
+    TEST_ASSERT_TRUE(number(ud_variance(&k.ud, i))
+        >= number(ud_variance(&before.ud, i)) * (1 - BY_NUMBER(1e-9, 1e-4, 1e-5)));
   }
 }
 
-/* In as many rows as there are slow states each has its process noise once, a stiffness with what its moves have left; a row changes one. */
+/* In as many rows as there are slow states each has its process noise once, a stiffness
+ * with what its moves have left; a row changes one. */
 static void test_slow_states_have_their_noise_in_turn(void)
 {
   static tse_kalman k;
@@ -119,7 +131,9 @@ static void test_slow_states_have_their_noise_in_turn(void)
     const tse_kalman was = k;
     rest_row(&p, &k, real(0.01));
     for (int i = FAST; i < STATES; i++)
-      if (i != PLACED + n) expect_near(number(ud_variance(&was.ud, i)), number(ud_variance(&k.ud, i)), BY_NUMBER(1e-9, 1e-4, 1e-5), "not its turn", i);
+      if (i != PLACED + n)
+        expect_near(number(ud_variance(&was.ud, i)), number(ud_variance(&k.ud, i)),
+            BY_NUMBER(1e-9, 1e-4, 1e-5), "not its turn", i);
   }
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     const int i = stiffness_at(a);
@@ -139,10 +153,13 @@ static decoded on_road(double dt, uint32_t given, double bank, double grade)
 static void expect_road(const tse_kalman *k, int at, double mean, double sd, int when)
 {
   expect_near(mean, number(k->x[at]), BY_NUMBER(1e-12, 3e-6, 1e-6), "gravity", when);
-  if (at < STATES) expect_near(sd, sqrt(number(ud_variance(&k->ud, at))) * number(state_unit[at]), 1e-5, "sd", when); /* 2^-24 of the variance before */
+  if (at < STATES)
+    expect_near(sd, sqrt(number(ud_variance(&k->ud, at))) * number(state_unit[at]), 1e-5, "sd",
+        when); /* 2^-24 of the variance before */
 }
 
-/* g sin(angle) with the sd of the setting while it is given, whatever was known before; what differs from it moves along. */
+/* g sin(angle) with the sd of the setting while it is given, whatever was known before;
+ * what differs from it moves along. */
 static void test_a_given_road_is_where_gravity_is(void)
 {
   static tse_filter f;
@@ -156,7 +173,8 @@ static void test_a_given_road_is_where_gravity_is(void)
   static const struct {
     uint32_t given;
     double bank, grade;
-  } row[] = { { TSE_GIVEN_bank, 0.05, 9 }, { TSE_GIVEN_bank | TSE_GIVEN_grade, -0.03, 0.02 }, { TSE_GIVEN_grade, 9, -0.04 }, { 0, 9, 9 } };
+  } row[] = { { TSE_GIVEN_bank, 0.05, 9 }, { TSE_GIVEN_bank | TSE_GIVEN_grade, -0.03, 0.02 },
+    { TSE_GIVEN_grade, 9, -0.04 }, { 0, 9, 9 } };
   for (int n = 0; n < 4; n++) {
     const decoded z = on_road(0.01, row[n].given, row[n].bank, row[n].grade);
     const int bank = (row[n].given & TSE_GIVEN_bank) != 0, grade = (row[n].given & TSE_GIVEN_grade) != 0;
@@ -186,13 +204,14 @@ static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
   expect_road(&f.k, GY, -9.81 * sin(0.05), number(BANK_SD), 0);
 }
 
-/* With the bank given, roads that lean into their curves, and how unsure that is, have no part: as a car of settings that know neither,
- * on a road that banks so all the time. */
+/* With the bank given, roads that lean into their curves, and how unsure that is, have no
+ * part: as a car of settings that know neither, on a road that banks so all the time. */
 static void test_a_given_bank_is_all_of_it(void)
 {
   static tse_filter given, same;
   tse_config c = config_by(tse_config_exact);
-  c.bank_superelevation = setting(0.1), c.lean_sd = setting(0.05), c.road_sd = setting(0.02); /* more than BANK_SD: as sure as without */
+  c.bank_superelevation = setting(0.1), c.lean_sd = setting(0.05),
+  c.road_sd = setting(0.02); /* more than BANK_SD: as sure as without */
   const tse_params p = prepared(c);
   c.bank_superelevation = setting(0), c.lean_sd = setting(0), c.bank_angle = setting(0.04);
   const tse_params q = prepared(c);
@@ -207,7 +226,8 @@ static void test_a_given_bank_is_all_of_it(void)
   for (int i = 0; i < STATES; i++) {
     if (i == LEAN) continue;
     expect_near(number(same.k.x[i]), number(given.k.x[i]), BY_NUMBER(1e-12, 1e-5, 1e-7), "state", i);
-    expect_near(number(ud_variance(&same.k.ud, i)), number(ud_variance(&given.k.ud, i)), BY_NUMBER(1e-12, 1e-4, 1e-6), "variance", i);
+    expect_near(number(ud_variance(&same.k.ud, i)), number(ud_variance(&given.k.ud, i)),
+        BY_NUMBER(1e-12, 1e-4, 1e-6), "variance", i);
   }
   expect_near(0.1, number(given.k.x[LEAN]), BY_NUMBER(1e-12, 1e-6, 1e-8), "what is known of roads stays", 0);
 }
@@ -244,8 +264,10 @@ static void test_all_starts_as_the_settings_say(void)
   for (int i = 0; i < STATES; i++) {
     const double sd = number(p.prior_sd[i]) / number(state_unit[i]);
     expect_near(number(p.prior[i]), number(f.k.x[i]), 0, "mean", i);
-    expect_near(sd * sd, number(ud_variance(&f.k.ud, i)), BY_NUMBER(1e-12, 1e-6, 1e-8) * (1 + sd * sd), "variance", i);
-    for (int j = 0; j < i; j++) expect_near(0, number(ud_covariance(&f.k.ud, i, j)), 0, "nothing in common", i);
+    expect_near(sd * sd, number(ud_variance(&f.k.ud, i)), BY_NUMBER(1e-12, 1e-6, 1e-8) * (1 + sd * sd),
+        "variance", i);
+    for (int j = 0; j < i; j++)
+      expect_near(0, number(ud_covariance(&f.k.ud, i, j)), 0, "nothing in common", i);
   }
 }
 
@@ -261,7 +283,8 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   decoded z = a_row(0.01, 0.02);
   z.use[2] = z.use[3] = z.use[4] = 1, z.z[2] = real(0.16), z.z[3] = z.z[4] = TSE_R(20);
   start_motion(&p, &k, &z);
-  const double lf = number(p.car.lf), lr = number(p.car.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.car.ky_front),
+  const double lf = number(p.car.lf), lr = number(p.car.lr), across = 20 * 0.15,
+               front = across * lr / (lf + lr) / number(p.car.ky_front),
                back = across * lf / (lf + lr) / number(p.car.ky_rear);
   expect_near(20, number(k.x[VX]), 0, "vel_x", 0);
   expect_near(0.15, number(k.x[YAW]), 1e-7, "yaw rate", 0);
@@ -270,18 +293,21 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   expect_near(lr * 0.15 - 20 * back, number(k.x[VY]), 1e-5, "vel_y", 0);
   for (int i = FAST; i < STATES; i++) {
     TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
-    for (int j = FAST; j < STATES; j++) TEST_ASSERT_TRUE(!(ud_covariance(&before.ud, i, j) != ud_covariance(&k.ud, i, j)));
+    for (int j = FAST; j < STATES; j++)
+      TEST_ASSERT_TRUE(!(ud_covariance(&before.ud, i, j) != ud_covariance(&k.ud, i, j)));
   }
   for (int i = 0; i < PLACED; i++) {
     for (int j = 0; j < STATES; j++)
       if (i != j) expect_near(0, number(ud_covariance(&k.ud, i, j)), 0, "nothing in common", 100 * i + j);
-    for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(0, number_of(k.consider[q][i]), 0, "not uncertain", i);
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      expect_near(0, number_of(k.consider[q][i]), 0, "not uncertain", i);
   }
 }
 
 #if !defined(TSE_SMALL) /* which has no slip stiffness */
-/* Two numbers of which only the sum shows, the stiffness and what the model lacks: whatever drives show of the sum, what is reported
- * of the stiffness is what a Kalman filter of both has. */
+/* Two numbers of which only the sum shows, the stiffness and what the model lacks:
+ * whatever drives show of the sum, what is reported of the stiffness is what a Kalman
+ * filter of both has. */
 static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
 {
   const double close = BY_NUMBER(1e-9, 2e-5, 2e-5);
@@ -294,10 +320,13 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
     static tse_filter f;
     memset(&f, 0, sizeof f);
     start_all(&p, &f);
-    const double lacks = pow(fmax(number(USUAL_MODEL_SD), number(p.model_sd)), 2), unit = number(state_unit[LCX]);
-    double mean[2] = { number(p.prior[LCX]), 0 }, P[2][2] = { { pow(number(p.prior_sd[LCX]), 2), 0 }, { 0, lacks } };
+    const double lacks = pow(fmax(number(USUAL_MODEL_SD), number(p.model_sd)), 2),
+                 unit = number(state_unit[LCX]);
+    double mean[2] = { number(p.prior[LCX]), 0 },
+           P[2][2] = { { pow(number(p.prior_sd[LCX]), 2), 0 }, { 0, lacks } };
     for (int n = 0; n < 20; n++) {
-      const double z = next_between(&seed, -0.3, 0.3), r = pow(next_between(&seed, 0.05, 0.5), 2), s = P[0][0] + 2 * P[0][1] + P[1][1] + r, off = z - mean[0] - mean[1];
+      const double z = next_between(&seed, -0.3, 0.3), r = pow(next_between(&seed, 0.05, 0.5), 2),
+                   s = P[0][0] + 2 * P[0][1] + P[1][1] + r, off = z - mean[0] - mean[1];
       const double g[2] = { (P[0][0] + P[0][1]) / s, (P[0][1] + P[1][1]) / s };
       tse_real h[TSE_ALL] = { TSE_R(0) }, u[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], var;
       h[LCX] = TSE_R(1);
@@ -308,7 +337,8 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
       for (int i = 0; i < 2; i++)
         for (int j = i; j < 2; j++) P[i][j] = P[j][i] = P[i][j] - g[i] * g[j] * s;
       const double share = number(along_share(&p, &f.k, ud_variance(&f.k.ud, LCX), &var));
-      expect_near(mean[0], number(f.k.along.mean) + share * (number(f.k.x[LCX]) - number(f.k.along.mean)), close, "part", n);
+      expect_near(mean[0], number(f.k.along.mean) + share * (number(f.k.x[LCX]) - number(f.k.along.mean)),
+          close, "part", n);
       expect_near(P[0][0], number(var), close, "its variance", n);
     }
   }

@@ -1,8 +1,10 @@
-/* tests/unit/filter/test_step.c <-> src/filter/step.c, row.c, output.c: the whole filter on drives of a car of its own model, whose
- * parameters are drawn from the prior, and on rows that nobody would send.
+/* tests/unit/filter/test_step.c <-> src/filter/step.c, row.c, output.c: the whole filter
+ * on drives of a car of its own model, whose parameters are drawn from the prior, and on
+ * rows that nobody would send.
  *
- * Numbers that are tuned appear in no test: intervals are those that the filter states. A 95 % interval holds in 95 of 100; with 24 of
- * them and intervals that are wider than they need be (what the model does not explain is none here), four misses are too many. */
+ * Numbers that are tuned appear in no test: intervals are those that the filter states. A
+ * 95 % interval holds in 95 of 100; with 24 of them and intervals that are wider than
+ * they need be (what the model does not explain is none here), four misses are too many. */
 #include "filter_support.h"
 
 static tse_filter f, before;
@@ -13,7 +15,8 @@ static tse_config a_car(void)
 {
   tse_config c = config_by(tse_config_exact);
   c.grip = setting(1), c.grip_sd = setting(0.15), c.relaxation_length = setting(0.4);
-  c.body_roll_gain = setting(0.005), c.aero_drag_coefficient = setting(0.4), c.steer_offset_sd = setting(0.003);
+  c.body_roll_gain = setting(0.005), c.aero_drag_coefficient = setting(0.4),
+  c.steer_offset_sd = setting(0.003);
   c.steer_ratio_sd = setting(0.02), c.wheel_radius_sd = setting(0.003), c.lean_sd = setting(0.02);
   c.steer_lag_sd = setting(0.01);
   c.initial_cx_sd = c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2);
@@ -23,7 +26,8 @@ static tse_config a_car(void)
 
 static void reset(const tse_params *p) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(p, &f, sizeof f)); }
 
-/* What every row must leave: numbers, a state that is sound, probabilities that sum to one. */
+/* What every row must leave: numbers, a state that is sound, probabilities that sum to
+ * one. */
 static void step(const tse_params *p, tse_input u, tse_output *y)
 {
   memset(y, 0, sizeof *y);
@@ -33,10 +37,12 @@ static void step(const tse_params *p, tse_input u, tse_output *y)
   double sum = 0;
   for (int r = 0; r < TSE_REGIMES; r++) sum += number(y->regime[r]);
   expect_near(1, sum, 1e-5, "sum of the probabilities", 0);
-  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y->stiffness_sd[a]) >= 0 && number(y->stiffness[a]) > 0);
+  for (int a = 0; a < 3; a++)
+    TEST_ASSERT_TRUE(number(y->stiffness_sd[a]) >= 0 && number(y->stiffness[a]) > 0);
 }
 
-/* A car of these settings, drawn as truth_start() does, and the filter before its first row. */
+/* A car of these settings, drawn as truth_start() does, and the filter before its first
+ * row. */
 static void start(tse_config c, double speed, double spread, uint32_t seed)
 {
   truth_start(&w, c, speed, spread, seed);
@@ -59,7 +65,8 @@ static double off(const tse_output *y, int a)
   return fabs(number(y->stiffness[a]) - truth_stiffness(&w, a)) / number(y->stiffness_sd[a]);
 }
 
-/* In fixed point a row of the filter holds numbers up to 256, where it stops: one of more than 240 is said, wherever it is. */
+/* In fixed point a row of the filter holds numbers up to 256, where it stops: one of more
+ * than 240 is said, wherever it is. */
 static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
 {
   start(a_car(), 20, 0, 8);
@@ -74,7 +81,8 @@ static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
     tse_kalman *const k = &f.k;
     int n = 0;
     while (n < TSE_EVENTS - 1 && k->event[n].kind == EVENT_NONE) n++;
-    tse_short *const at[3] = { &k->ud.u[ud_column(STATES - 1) + GY], &k->consider[TSE_CONSIDERED - 1][LEAN], &k->event[n].v[LEAN] };
+    tse_short *const at[3] = { &k->ud.u[ud_column(STATES - 1) + GY], &k->consider[TSE_CONSIDERED - 1][LEAN],
+      &k->event[n].v[LEAN] };
     *at[where] = short_of(where == 1 ? -256 : 256);
     TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) >= said);
   }
@@ -107,7 +115,8 @@ static void test_a_lively_drive_teaches_the_stiffness(void)
     const tse_output y = drive(3000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
       TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) < 0.1 * number(y.stiffness[a]));
-      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), 0.1 * truth_stiffness(&w, a), "stiffness", a);
+      expect_near(
+          truth_stiffness(&w, a), number(y.stiffness[a]), 0.1 * truth_stiffness(&w, a), "stiffness", a);
     }
     expect_near(number(w.x[VX]), number(y.vel_x), 0.5, "vel_x", 0);
     expect_near(number(w.x[VY]), number(y.vel_y), 0.3, "vel_y", 0);
@@ -130,8 +139,8 @@ static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
     roads += y.change_kind == TSE_CHANGE_ROAD;
     y = drive(1000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
-      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a)),
-                  "stiffness after it", a);
+      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]),
+          fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a)), "stiffness after it", a);
   }
   TEST_ASSERT_TRUE(roads >= 1);
 }
@@ -149,7 +158,8 @@ static void test_a_road_that_stays_is_never_believed_to_be_another(void)
   }
 }
 
-/* With noise alone, and nothing that happens: what is not excited is not learnt, and not valid. */
+/* With noise alone, and nothing that happens: what is not excited is not learnt, and not
+ * valid. */
 static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
 {
   int missed = 0;
@@ -163,11 +173,13 @@ static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
     }
   }
   printf("%d of 12 missed\n", missed);
-  TEST_ASSERT_TRUE(missed <= 4); /* a filter that is linear about its own estimate still takes some noise for a signal */
+  TEST_ASSERT_TRUE(
+      missed <= 4); /* a filter that is linear about its own estimate still takes some noise for a signal */
 }
 
-/* An accelerometer that reads an uneven road, 1 m/s2 either way, of a car that goes straight on: events are held against what
- * happens, and that is the largest unevenness which is no outlier. The innovation's mean square is 1 or more. */
+/* An accelerometer that reads an uneven road, 1 m/s2 either way, of a car that goes
+ * straight on: events are held against what happens, and that is the largest unevenness
+ * which is no outlier. The innovation's mean square is 1 or more. */
 static void test_an_uneven_road_happens(void)
 {
   start(a_car(), 20, 1, 3);
@@ -186,7 +198,8 @@ static void test_an_uneven_road_happens(void)
   TEST_ASSERT_TRUE(number(f.k.activity[YAW_RATE]) > 4.0 / (20 * 20) * 0.5);
 }
 
-/* A steering angle that freezes is named, is missing then, and what the tyres have made up for it is forgotten. */
+/* A steering angle that freezes is named, is missing then, and what the tyres have made
+ * up for it is forgotten. */
 static void test_a_steering_angle_that_freezes_is_missing(void)
 {
   for (uint32_t seed = 1; seed <= 3; seed++) {
@@ -201,7 +214,8 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
       step(&w.p, u, &y);
       found += y.fault_channel == FAULT_STEER;
       restarts += y.change_kind == TSE_CHANGE_RESTART && (n == 0 || y.change_age < TSE_R(0.02));
-      if (y.fault_channel == FAULT_STEER) TEST_ASSERT_TRUE(y.reason[TSE_CY_FRONT] != TSE_VALID && y.reason[TSE_CY_REAR] != TSE_VALID);
+      if (y.fault_channel == FAULT_STEER)
+        TEST_ASSERT_TRUE(y.reason[TSE_CY_FRONT] != TSE_VALID && y.reason[TSE_CY_REAR] != TSE_VALID);
     }
 
     TEST_ASSERT_TRUE(found > 1780);
@@ -212,7 +226,8 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
   }
 }
 
-/* Readings of few digits repeat themselves, for seconds on a straight road: no channel of them is frozen. */
+/* Readings of few digits repeat themselves, for seconds on a straight road: no channel of
+ * them is frozen. */
 static void test_readings_of_few_digits_are_not_frozen(void)
 {
   start(a_car(), 20, 0.3, 8);
@@ -230,8 +245,9 @@ static void test_readings_of_few_digits_are_not_frozen(void)
   }
 }
 
-/* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the force. One drive in 12 is wrong (17 of seeds
- * 1 .. 200): more than 5 of 20 would be one in 160. */
+/* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the
+ * force. One drive in 12 is wrong (17 of seeds 1 .. 200): more than 5 of 20 would be one
+ * in 160. */
 static void test_a_road_that_is_back_is_found_within_seconds(void)
 {
   int wrong = 0;
@@ -245,14 +261,17 @@ static void test_a_road_that_is_back_is_found_within_seconds(void)
     const tse_output y = drive(800);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
     for (int a = 0; a < 3; a++)
-      off = off || fabs(number(y.stiffness[a]) - truth_stiffness(&w, a)) > fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a));
+      off = off
+          || fabs(number(y.stiffness[a]) - truth_stiffness(&w, a))
+              > fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a));
     wrong += off;
   }
   TEST_ASSERT_TRUE(wrong <= 5);
 }
 
-/* Three seconds of water: a change at either end at most, but for one drive in 40 (5 of seeds 1 .. 200: more than 2 of 20
- * would be one in 80); and then the stiffness is what it was. */
+/* Three seconds of water: a change at either end at most, but for one drive in 40 (5 of
+ * seeds 1 .. 200: more than 2 of 20 would be one in 80); and then the stiffness is what
+ * it was. */
 static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 {
   int more = 0;
@@ -262,15 +281,15 @@ static void test_a_patch_of_water_is_no_more_than_two_changes(void)
     const tse_output dry = drive(2000);
     tse_output y = dry;
     for (int n = 0; n < 1000; n++) {
-      for (int a = 0; a < 3; a++) w.x[stiffness_at(a)] += real(n == 0 ? log(0.4) : n == 300 ? -log(0.4)
-                                                                                            : 0);
+      for (int a = 0; a < 3; a++) w.x[stiffness_at(a)] += real(n == 0 ? log(0.4) : n == 300 ? -log(0.4) : 0);
       y = drive(1);
       reported += y.change_kind != TSE_CHANGE_NONE && !(y.change_age > TSE_R(0));
     }
     TEST_ASSERT_TRUE(reported >= 1);
     more += reported > 2;
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
-      expect_near(number(dry.stiffness[a]), number(y.stiffness[a]), 3 * (number(dry.stiffness_sd[a]) + number(y.stiffness_sd[a])), "stiffness", a);
+      expect_near(number(dry.stiffness[a]), number(y.stiffness[a]),
+          3 * (number(dry.stiffness_sd[a]) + number(y.stiffness_sd[a])), "stiffness", a);
   }
   TEST_ASSERT_TRUE(more <= 2);
 }
@@ -310,7 +329,8 @@ static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
     step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_GAP, y.status);
     for (int a = 0; a < 3; a++) {
-      expect_near(number(last.stiffness[a]), number(y.stiffness[a]), 0.2 * number(last.stiffness_sd[a]), "stiffness", a);
+      expect_near(number(last.stiffness[a]), number(y.stiffness[a]), 0.2 * number(last.stiffness_sd[a]),
+          "stiffness", a);
       TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * number(last.stiffness_sd[a]));
     }
     expect_near(number(w.x[VX]), number(y.vel_x), 1, "vel_x", g);
@@ -322,7 +342,8 @@ static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
 
 static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stiffness_moved(void)
 {
-  static const double dt[] = { BY_NUMBER(1e-30, 1e-30, 2.4e-10), 3600, BY_NUMBER(5e-324, 1e-45, 2.4e-10), 1e-6, 0.2501 };
+  static const double dt[] = { BY_NUMBER(1e-30, 1e-30, 2.4e-10), 3600, BY_NUMBER(5e-324, 1e-45, 2.4e-10),
+    1e-6, 0.2501 };
   for (int k = 0; k < ROWS(dt); k++) {
     tse_output y;
     start(a_car(), 20, 0.5, 4);
@@ -336,11 +357,13 @@ static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stif
       }
       step(&w.p, u, &y);
     }
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&y, a), 4, "stiffness, in its sd", 10 * k + a);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
+      expect_near(0, off(&y, a), 4, "stiffness, in its sd", 10 * k + a);
   }
 }
 
-/* Any channels missing for any time: numbers, and a stiffness that stays in its interval. */
+/* Any channels missing for any time: numbers, and a stiffness that stays in its
+ * interval. */
 static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
 {
   for (uint32_t which = 1; which < 64; which++) {
@@ -351,7 +374,8 @@ static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
       if (n > 200 && n < 700) u.missing = which;
       step(&w.p, u, &y);
     }
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&y, a), 4, "stiffness, in its sd", (int)which);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
+      expect_near(0, off(&y, a), 4, "stiffness, in its sd", (int)which);
   }
 }
 
@@ -365,8 +389,10 @@ static void expect_learns_nothing(const tse_input *row, int rows, tse_status lea
     TEST_ASSERT_TRUE(y.status >= (int32_t)least);
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
   }
-  for (int i = STIFFNESS; i <= LMU; i++) { /* but for what they have in common with the gyro's bias, which is learnt at standstill */
-    const double var = number(ud_variance(&was.ud, i)), moved = (number(f.k.x[i]) - number(was.x[i])) / number(state_unit[i]);
+  for (int i = STIFFNESS; i <= LMU;
+      i++) { /* but for what they have in common with the gyro's bias, which is learnt at standstill */
+    const double var = number(ud_variance(&was.ud, i)),
+                 moved = (number(f.k.x[i]) - number(was.x[i])) / number(state_unit[i]);
     TEST_ASSERT_TRUE(fabs(moved) <= 0.3 * sqrt(var));
     TEST_ASSERT_TRUE(number(ud_variance(&f.k.ud, i)) >= 0.7 * var);
   }
@@ -392,7 +418,8 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
   }
 }
 
-/* Wheels that are read as standing - locked on ice, below what a sensor resolves, lost on the bus - while the car turns. */
+/* Wheels that are read as standing - locked on ice, below what a sensor resolves, lost on
+ * the bus - while the car turns. */
 static void test_a_car_that_turns_on_wheels_that_stand_is_no_bias_of_the_gyro(void)
 {
   tse_output y;
@@ -421,7 +448,8 @@ static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
     decoded z = { 0 };
     z.dt = real(dt[k]), z.has_steer = 1, z.steer = real(0.03);
     f.k.repeats[STEERING] = f.k.repeats_again[STEERING] = TSE_R(0);
-    f.k.innovation_var[YAW_RATE] = f.k.slow_var[YAW_RATE] = real(0.001), f.k.slow[YAW_RATE] = TSE_R(1); /* it turns otherwise */
+    f.k.innovation_var[YAW_RATE] = f.k.slow_var[YAW_RATE] = real(0.001),
+    f.k.slow[YAW_RATE] = TSE_R(1); /* it turns otherwise */
     int rows = 0;
     for (; rows < 20000 && !is_frozen(&f.k, STEERING); rows++) {
       z.has_steer = 1;
@@ -431,7 +459,8 @@ static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
   }
 }
 
-/* A rear-driven car pulls away in a tight turn: its front wheels run ahead of it by the cosine of their angle. */
+/* A rear-driven car pulls away in a tight turn: its front wheels run ahead of it by the
+ * cosine of their angle. */
 static void test_the_motion_is_placed_by_a_front_wheel_that_is_turned(void)
 {
   tse_output y;
@@ -441,12 +470,14 @@ static void test_the_motion_is_placed_by_a_front_wheel_that_is_turned(void)
   tse_input u = blank_row();
   u.dt = real(0.01);
   u.steer_angle = real(0.6);
-  u.wheel_speed_front = r_div(real(3.5), w.p.radius_front), u.wheel_speed_rear = r_div(real(2.89), w.p.radius_rear);
+  u.wheel_speed_front = r_div(real(3.5), w.p.radius_front),
+  u.wheel_speed_rear = r_div(real(2.89), w.p.radius_rear);
   step(&w.p, u, &y);
   expect_near(2.89, number(f.k.x[VX]), 0.03, "speed of the car [m/s]", 0);
 }
 
-/* An hour's pause: biases have walked for an hour, and what the road was has to do with nothing any more. */
+/* An hour's pause: biases have walked for an hour, and what the road was has to do with
+ * nothing any more. */
 static void test_after_an_hour_nothing_is_known_of_the_road_and_less_of_the_biases(void)
 {
   tse_output y;
@@ -461,9 +492,11 @@ static void test_after_an_hour_nothing_is_known_of_the_road_and_less_of_the_bias
   tse_input u = truth_row(&w, 0.01);
   u.dt = real(3600);
   step(&w.p, u, &y);
-  const double grown = (number(ud_variance(&f.k.ud, BR)) - was) * number(state_unit[BR]) * number(state_unit[BR]);
+  const double grown = (number(ud_variance(&f.k.ud, BR)) - was) * number(state_unit[BR])
+      * number(state_unit[BR]);
   expect_near(3600e-8, grown, 0.05 * 3600e-8, "variance of the gyro's bias [(rad/s)^2]", 0);
-  for (int q = 0; q < TSE_CONSIDERED; q++) expect_near(0, number(r_long(f.k.consider[q][GY])), 1e-4 * most + 1e-9, "sensitivity of the road", q);
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    expect_near(0, number(r_long(f.k.consider[q][GY])), 1e-4 * most + 1e-9, "sensitivity of the road", q);
 }
 
 static void test_after_the_last_row_that_can_be_counted_the_filter_goes_on(void)
@@ -500,8 +533,9 @@ static void test_a_refused_row_changes_nothing(void)
   }
 }
 
-/* The motion of 50 kg on the tyres of a car swings itself up within a substep: without an IMU nothing is known of it within some rows.
- * It is placed anew, as after a gap; nothing else is lost. */
+/* The motion of 50 kg on the tyres of a car swings itself up within a substep: without an
+ * IMU nothing is known of it within some rows. It is placed anew, as after a gap; nothing
+ * else is lost. */
 static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
 {
   tse_output y;
@@ -512,16 +546,21 @@ static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
   for (int n = 0; n < 100; n++) {
     tse_input u = truth_row(&w, 0.01);
     u.missing = n ? TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate : 0;
-    u.steer_angle = u.accel_x = u.accel_y = u.yaw_rate = real(0); /* straight on: slip angles of 0 take no slope off */
+    u.steer_angle = u.accel_x = u.accel_y = u.yaw_rate = real(
+        0); /* straight on: slip angles of 0 take no slope off */
     u.wheel_speed_front = u.wheel_speed_rear = real(6 / number(w.p.radius_front));
     step(&w.p, u, &y);
-    placed += y.status == TSE_W_GAP || y.status == TSE_W_RANGE; /* fixed point: short of that where a row of the filter ends */
+    placed += y.status == TSE_W_GAP
+        || y.status == TSE_W_RANGE; /* fixed point: short of that where a row of the filter ends */
     TEST_ASSERT_TRUE(y.change_kind != TSE_CHANGE_RESTART);
   }
-  TEST_ASSERT_TRUE(!HAS_SLIP || placed >= BY_NUMBER(5, 5, 1)); /* in fewer substeps, in fixed point, it stays within what a car can do */
+  TEST_ASSERT_TRUE(!HAS_SLIP
+      || placed
+          >= BY_NUMBER(5, 5, 1)); /* in fewer substeps, in fixed point, it stays within what a car can do */
 }
 
-/* An innovation over hardly any noise, squared: 4e11 of a yaw rate, which no format need hold. */
+/* An innovation over hardly any noise, squared: 4e11 of a yaw rate, which no format need
+ * hold. */
 static void test_a_sensor_of_hardly_any_noise_that_is_far_off_leaves_a_sound_state(void)
 {
   tse_output y;
@@ -538,7 +577,8 @@ static void test_a_sensor_of_hardly_any_noise_that_is_far_off_leaves_a_sound_sta
   TEST_ASSERT_TRUE(most >= 1e6);
 }
 
-/* What some importers hand on at first, and loggers that lose a row: wheels at rest between rows at 20 m/s. */
+/* What some importers hand on at first, and loggers that lose a row: wheels at rest
+ * between rows at 20 m/s. */
 static void test_a_row_of_zeros_leaves_the_stiffness(void)
 {
   for (int at = 0; at < 2; at++) {
@@ -563,7 +603,8 @@ static void test_a_row_of_zeros_leaves_the_stiffness(void)
   }
 }
 
-/* Until a row has had a steering angle the motion is that of wheels and gyro, however long that takes. */
+/* Until a row has had a steering angle the motion is that of wheels and gyro, however
+ * long that takes. */
 static void test_before_the_first_steering_angle_the_motion_follows_the_wheels(void)
 {
   tse_output y;
@@ -578,7 +619,8 @@ static void test_before_the_first_steering_angle_the_motion_follows_the_wheels(v
   expect_near(number(w.x[VX]), number(y.vel_x), 0.5, "speed [m/s]", 0);
 }
 
-/* Memory that a bit fell over in, or a variance that overflows: said so, and the drive is learnt from anew. */
+/* Memory that a bit fell over in, or a variance that overflows: said so, and the drive is
+ * learnt from anew. */
 static void test_a_state_that_is_no_number_is_started_over(void)
 {
   for (int k = 0; k < BY_NUMBER(4, 4, 3); k++) { /* fixed point stops before it overflows */
@@ -593,7 +635,8 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     const tse_input u = truth_row(&w, 0.01);
     step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
-    TEST_ASSERT_NOT_NULL(strstr(tse_status_text((tse_status)y.status), "no finite number")); /* nothing is said of the samples */
+    TEST_ASSERT_NOT_NULL(strstr(
+        tse_status_text((tse_status)y.status), "no finite number")); /* nothing is said of the samples */
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, y.change_kind);
     TEST_ASSERT_EQUAL_INT(0, f.start.loaded);
     TEST_ASSERT_TRUE(number(y.regime[TSE_REGIME_RESTARTED]) > 0.99);
@@ -601,7 +644,8 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
     y = drive(3000);
     TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 2.6 && y.reason[a] == TSE_VALID);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
+      TEST_ASSERT_TRUE(off(&y, a) < 2.6 && y.reason[a] == TSE_VALID);
   }
 }
 
@@ -629,7 +673,8 @@ static void test_readings_at_their_ends_leave_numbers(void)
 
 /* ------------------------------------------------------------------------------- what is told */
 
-/* Each part of the sd is one, and none is more than all of it; what is told exactly is no part. */
+/* Each part of the sd is one, and none is more than all of it; what is told exactly is no
+ * part. */
 static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
 {
   tse_config c = a_car();
@@ -642,11 +687,16 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   for (int32_t k = 0; k < TSE_UNCERTAINTIES; k++) {
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, k, sd));
     for (int a = 0; a < 3; a++) {
-      TEST_ASSERT_TRUE_MESSAGE(number(sd[a]) >= 0 && number(sd[a]) <= number(y.stiffness_sd[a]) * 1.01, names[k]);
-      if (k == TSE_CONSIDER_INERTIA || k == TSE_CONSIDER_GYRO) expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
-      if (k == TSE_CONSIDER_MASS) expect_near(0.04, number(sd[a]) / exp(number(f.k.x[stiffness_at(a)])), 1e-5, "mass: relative, as it is told", a);
+      TEST_ASSERT_TRUE_MESSAGE(
+          number(sd[a]) >= 0 && number(sd[a]) <= number(y.stiffness_sd[a]) * 1.01, names[k]);
+      if (k == TSE_CONSIDER_INERTIA || k == TSE_CONSIDER_GYRO)
+        expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
+      if (k == TSE_CONSIDER_MASS)
+        expect_near(0.04, number(sd[a]) / exp(number(f.k.x[stiffness_at(a)])), 1e-5,
+            "mass: relative, as it is told", a);
     }
-    if (k == TSE_CONSIDER_CENTRE || (k == TSE_CONSIDER_TRAIL && (int)CONSIDER_TRAIL < TSE_CONSIDERED)) TEST_ASSERT_TRUE_MESSAGE(number(sd[1]) > 0, names[k]);
+    if (k == TSE_CONSIDER_CENTRE || (k == TSE_CONSIDER_TRAIL && (int)CONSIDER_TRAIL < TSE_CONSIDERED))
+      TEST_ASSERT_TRUE_MESSAGE(number(sd[1]) > 0, names[k]);
   }
   TEST_ASSERT_EQUAL_STRING("mass_sd", names[TSE_CONSIDER_MASS]);
   TEST_ASSERT_EQUAL_STRING("yaw_inertia_sd", names[TSE_CONSIDER_INERTIA]);
@@ -667,7 +717,8 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_uncertainty_sd(&paper, &particles.filter, 0, sd));
 #endif
   reset(&w.p);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, TSE_CONSIDER_RATIO, sd)); /* before the first row */
+  TEST_ASSERT_EQUAL_INT(
+      TSE_OK, tse_uncertainty_sd(&w.p, &f, TSE_CONSIDER_RATIO, sd)); /* before the first row */
   for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);
 }
 
@@ -691,7 +742,8 @@ static void test_uncertain_parameters_widen_the_interval(void)
 /* ------------------------------------------------------------------------------- what TSE_SMALL does not have */
 
 #if !defined(TSE_SMALL) /* no events but another road, no longitudinal stiffness */
-/* Whenever it happens: an event that was opened a moment before it must not stand in the way. */
+/* Whenever it happens: an event that was opened a moment before it must not stand in the
+ * way. */
 static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
 {
   for (int later = 0; later < 100; later += 9) {
@@ -712,12 +764,15 @@ static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
 
 static void freeze(tse_input *u, const tse_input *at, int channel)
 {
-  tse_real *const value[TSE_SENSORS] = { &u->accel_x, &u->accel_y, &u->yaw_rate, &u->wheel_speed_front, &u->wheel_speed_rear };
-  const tse_real was[TSE_SENSORS] = { at->accel_x, at->accel_y, at->yaw_rate, at->wheel_speed_front, at->wheel_speed_rear };
+  tse_real *const value[TSE_SENSORS] = { &u->accel_x, &u->accel_y, &u->yaw_rate, &u->wheel_speed_front,
+    &u->wheel_speed_rear };
+  const tse_real was[TSE_SENSORS] = { at->accel_x, at->accel_y, at->yaw_rate, at->wheel_speed_front,
+    at->wheel_speed_rear };
   *value[channel] = was[channel];
 }
 
-/* Whatever the channel: it is named, no road is believed to have changed, it is heard again when it moves again, and the stiffness stays. */
+/* Whatever the channel: it is named, no road is believed to have changed, it is heard
+ * again when it moves again, and the stiffness stays. */
 static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 {
   for (int channel = 0; channel < TSE_SENSORS; channel++) {
@@ -742,8 +797,9 @@ static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
   }
 }
 
-/* All three of the IMU freeze at once. One is named at a time; none of them is used, the other axle's tyres and the road have not
- * changed, and what was learnt is as good afterwards. */
+/* All three of the IMU freeze at once. One is named at a time; none of them is used, the
+ * other axle's tyres and the road have not changed, and what was learnt is as good
+ * afterwards. */
 static void test_an_imu_that_freezes_teaches_nothing(void)
 {
   tse_output y;
@@ -760,8 +816,11 @@ static void test_an_imu_that_freezes_teaches_nothing(void)
     if (n == 200) before = f;
   }
   TEST_ASSERT_TRUE(named > 500);
-  for (int i = LCF; i <= LCR; i++) expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "logarithm of a stiffness, while all are frozen", i);
-  for (int i = FAST; i <= BR; i++) expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "bias, while all are frozen", i);
+  for (int i = LCF; i <= LCR; i++)
+    expect_near(
+        number(before.k.x[i]), number(f.k.x[i]), 0.01, "logarithm of a stiffness, while all are frozen", i);
+  for (int i = FAST; i <= BR; i++)
+    expect_near(number(before.k.x[i]), number(f.k.x[i]), 0.01, "bias, while all are frozen", i);
   y = drive(1000);
   TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
   TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
@@ -787,7 +846,8 @@ static void test_another_road_is_found_while_a_channel_is_frozen(void)
   TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
 }
 
-/* What a gyro said before it was at fault, or before the car stood, does not make a wheel that is held still a frozen one. */
+/* What a gyro said before it was at fault, or before the car stood, does not make a wheel
+ * that is held still a frozen one. */
 static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(void)
 {
   tse_output y;
@@ -842,8 +902,9 @@ static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
   for (int i = 0; i < 4; i++) TEST_ASSERT_TRUE(number(f.k.change_from_var[i]) > 0);
 }
 
-/* Straight on: another road shows in accel_x and the wheel speeds alone, one with less grip and one with more. No stiffness is
- * called valid then that was found on the road before. */
+/* Straight on: another road shows in accel_x and the wheel speeds alone, one with less
+ * grip and one with more. No stiffness is called valid then that was found on the road
+ * before. */
 static void test_a_road_that_shows_along_alone_is_believed(void)
 {
   for (uint32_t seed = 1; seed <= 6; seed++) {
@@ -860,7 +921,8 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
   }
 }
 
-/* The driver turned on the road before and goes straight on the new one: what was seen in those turns is not of this road. */
+/* The driver turned on the road before and goes straight on the new one: what was seen in
+ * those turns is not of this road. */
 static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
 {
   for (uint32_t seed = 1; seed <= 3; seed++) {
@@ -872,11 +934,13 @@ static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
     tse_output y = drive(1);
     for (int n = 0; n < 500 && y.change_kind == TSE_CHANGE_NONE; n++) y = drive(1);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * number(CHANGE_SD) * number(y.stiffness[a]));
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * number(CHANGE_SD) * number(y.stiffness[a]));
   }
 }
 
-/* Two wheel speeds that are quantised are now and then the same, and are two signals all the same; one that is logged twice is not. */
+/* Two wheel speeds that are quantised are now and then the same, and are two signals all
+ * the same; one that is logged twice is not. */
 static void test_two_speeds_that_are_the_same_for_a_while_are_two_signals(void)
 {
   tse_output y;
@@ -887,12 +951,14 @@ static void test_two_speeds_that_are_the_same_for_a_while_are_two_signals(void)
       if (twice || n >= 200) u.wheel_speed_front = u.wheel_speed_rear;
       step(&w.p, u, &y);
       const int two = !twice && n < 2100; /* for USUAL_TIME from the last that differs */
-      if (n >= 10 && (n < 2100 || n >= 2300)) TEST_ASSERT_EQUAL_INT(two, f.k.innovation_var[WHEEL_FRONT] > TSE_R(0));
+      if (n >= 10 && (n < 2100 || n >= 2300))
+        TEST_ASSERT_EQUAL_INT(two, f.k.innovation_var[WHEEL_FRONT] > TSE_R(0));
     }
   }
 }
 
-/* With every wheel driven on a road that may climb nothing says how fast the car is, and so how its wheels slip. */
+/* With every wheel driven on a road that may climb nothing says how fast the car is, and
+ * so how its wheels slip. */
 static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_road_alone(void)
 {
   static const struct {

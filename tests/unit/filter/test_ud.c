@@ -1,7 +1,9 @@
-/* tests/unit/filter/test_ud.c <-> src/filter/ud.c: everything that is done to U D U' against the same with a dense matrix in double.
+/* tests/unit/filter/test_ud.c <-> src/filter/ud.c: everything that is done to U D U'
+ * against the same with a dense matrix in double.
  *
- * Tolerances: matrices hold numbers up to some ten, made of 23 products; float has 6e-8 of them, fixed point 2.3e-10 for each product,
- * which divisions by the least D make larger. */
+ * Tolerances: matrices hold numbers up to some ten, made of 23 products; float has 6e-8
+ * of them, fixed point 2.3e-10 for each product, which divisions by the least D make
+ * larger. */
 #include "filter_support.h"
 
 #define CLOSE BY_NUMBER(1e-11, 2e-4, 2e-6)
@@ -27,7 +29,8 @@ static void test_a_diagonal_is_its_variances(void)
 }
 
 #if !defined(TSE_NO_VELOCITY)
-/* One that had extra states has none: it measures as one that never had any, whatever stands where they were. */
+/* One that had extra states has none: it measures as one that never had any, whatever
+ * stands where they were. */
 static void test_a_diagonal_has_no_extra_states(void)
 {
   tse_ud used, fresh;
@@ -56,7 +59,8 @@ static void test_variances_and_covariances_are_those_of_the_matrix(void)
     const dense m = dense_of(&p);
     for (int i = 0; i < STATES; i++) {
       expect_near(m.p[i][i], number(ud_variance(&p, i)), CLOSE, "variance", i);
-      for (int k = 0; k < STATES; k++) expect_near(m.p[i][k], number(ud_covariance(&p, i, k)), CLOSE, "covariance", 100 * i + k);
+      for (int k = 0; k < STATES; k++)
+        expect_near(m.p[i][k], number(ud_covariance(&p, i, k)), CLOSE, "covariance", 100 * i + k);
     }
   }
 }
@@ -72,7 +76,8 @@ static void test_a_measurement_is_that_of_a_kalman_filter(void)
     const dense m = dense_of(&p);
     const double r = next_between(&seed, 0.01, 4);
     /* most rows have few slopes */
-    for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1));
+    for (int i = 0; i < STATES; i++)
+      h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1));
     s = r;
     for (int i = 0; i < STATES; i++) {
       hp[i] = 0;
@@ -125,7 +130,8 @@ static void test_time_is_f_p_f_and_noise(void)
     conjugate(STATES, F[0], m.p[0], after.p[0]);
     for (int i = 0; i < MOTION; i++) after.p[i][i] += number(noise[i]);
     ud_move(&p, M, noise);
-    expect_dense(&after, &p, BY_NUMBER(1e-11, 1e-3, 4e-6), "after a row"); /* fixed: a step of a row, 2^-22, of 23 columns of variance 2 */
+    expect_dense(&after, &p, BY_NUMBER(1e-11, 1e-3, 4e-6),
+        "after a row"); /* fixed: a step of a row, 2^-22, of 23 columns of variance 2 */
   }
 }
 
@@ -139,7 +145,8 @@ static void test_more_along_a_vector_is_rank_one(void)
     dense m = dense_of(&p);
     const double c = next_between(&seed, 0.01, 3);
     const int last = (int)(next_word(&seed) % STATES);
-    for (int i = 0; i < STATES; i++) a[i] = i > last || next_uniform(&seed) < 0.3 ? TSE_R(0) : real(next_between(&seed, -1, 1));
+    for (int i = 0; i < STATES; i++)
+      a[i] = i > last || next_uniform(&seed) < 0.3 ? TSE_R(0) : real(next_between(&seed, -1, 1));
     for (int i = 0; i < STATES; i++)
       for (int k = 0; k < STATES; k++) m.p[i][k] += c * number(a[i]) * number(a[k]);
     ud_add(&p, a, n % 2 ? last : STATES - 1, real(c));
@@ -169,8 +176,8 @@ static void test_a_state_fades_with_all_that_it_has_in_common(void)
   }
 }
 
-/* A state that is known exactly lies at the floor of D, which does not follow: its covariances fade all the same, row by row, and no
- * element of U grows. */
+/* A state that is known exactly lies at the floor of D, which does not follow: its
+ * covariances fade all the same, row by row, and no element of U grows. */
 static void test_a_fading_state_at_the_floor_leaves_u_small(void)
 {
   tse_ud p;
@@ -185,7 +192,8 @@ static void test_a_fading_state_at_the_floor_leaves_u_small(void)
   p.u[ud_column(STATES - 1) + at] = short_of(0.5);
   for (int n = 0; n < 1000; n++) ud_fade(&p, at, real(0.9));
   TEST_ASSERT_TRUE(p.d[at] == LEAST_D);
-  for (int k = 0; k < at; k++) TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(at) + k])) < BY_NUMBER(1e-6, 1e-6, 1e-3));
+  for (int k = 0; k < at; k++)
+    TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(at) + k])) < BY_NUMBER(1e-6, 1e-6, 1e-3));
   TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(STATES - 1) + at])) < BY_NUMBER(1e-6, 1e-6, 1e-3));
 }
 
@@ -225,11 +233,13 @@ static void test_a_block_is_its_covariance(void)
       }
     ud_set(&p, variance);
     ud_set_block(&p, FAST, cov);
-    expect_dense(&expected, &p, BY_NUMBER(1e-11, 1e-3, 2e-6), "block"); /* float: of variances up to ten, conditioned like a hundred */
+    expect_dense(&expected, &p, BY_NUMBER(1e-11, 1e-3, 2e-6),
+        "block"); /* float: of variances up to ten, conditioned like a hundred */
   }
 }
 
-/* Whoever says so: a hundred correlations that no covariance has. Variances stay; D is positive. */
+/* Whoever says so: a hundred correlations that no covariance has. Variances stay; D is
+ * positive. */
 static void test_a_block_that_is_no_covariance_becomes_one_of_its_variances(void)
 {
   uint32_t seed = 10;
@@ -238,7 +248,8 @@ static void test_a_block_that_is_no_covariance_becomes_one_of_its_variances(void
     tse_real variance[STATES], cov[TSE_KEPT][TSE_KEPT];
     for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
     for (int i = 0; i < TSE_KEPT; i++)
-      for (int k = 0; k <= i; k++) cov[i][k] = cov[k][i] = i == k ? TSE_R(2) : real(next_uniform(&seed) < 0.5 ? -2 : 2);
+      for (int k = 0; k <= i; k++)
+        cov[i][k] = cov[k][i] = i == k ? TSE_R(2) : real(next_uniform(&seed) < 0.5 ? -2 : 2);
     ud_set(&p, variance);
     ud_set_block(&p, FAST, cov);
     for (int i = 0; i < TSE_KEPT; i++) {
@@ -248,7 +259,8 @@ static void test_a_block_that_is_no_covariance_becomes_one_of_its_variances(void
   }
 }
 
-/* An hour at 100 rows a second, of rows as a drive has them, with very good and very bad measurements. */
+/* An hour at 100 rows a second, of rows as a drive has them, with very good and very bad
+ * measurements. */
 static void test_d_stays_positive_in_a_long_run(void)
 {
   tse_ud p;
@@ -264,21 +276,22 @@ static void test_d_stays_positive_in_a_long_run(void)
     for (int i = 0; i < MOTION; i++)
       for (int k = 0; k < COLUMNS; k++) M[i][k] = slope_of((i == k) * 0.99 + (k == (i + 3) % STATES) * 0.01);
     ud_move(&p, M, noise);
-    for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.7 ? TSE_R(0) : real(next_between(&seed, -1, 1));
+    for (int i = 0; i < STATES; i++)
+      h[i] = next_uniform(&seed) < 0.7 ? TSE_R(0) : real(next_between(&seed, -1, 1));
     const tse_real own = ud_measure(&p, h, f, v);
-    ud_correct(&p, f, v, own, real(n % 7 == 0 ? 1e-6 : n % 11 == 0 ? 1e3
-                                                                   : 1),
-               gain);
+    ud_correct(&p, f, v, own, real(n % 7 == 0 ? 1e-6 : n % 11 == 0 ? 1e3 : 1), gain);
     if (n % 23 == 0)
       for (int i = MOTION; i < STATES; i++) ud_add_at(&p, i, real(1e-6));
-    for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(p.d[i] > TSE_R(0) && r_is_finite(p.d[i]) && number(p.d[i]) < 1.01);
+    for (int i = 0; i < STATES; i++)
+      TEST_ASSERT_TRUE(p.d[i] > TSE_R(0) && r_is_finite(p.d[i]) && number(p.d[i]) < 1.01);
   }
   for (int i = 0; i < STATES; i++) {
     const double var = number(ud_variance(&p, i));
     TEST_ASSERT_TRUE(var > 0 && var < 1.01);
     for (int k = 0; k < i; k++) {
       const double r = number(ud_covariance(&p, i, k)) / sqrt(var * number(ud_variance(&p, k)));
-      TEST_ASSERT_TRUE(fabs(r) < BY_NUMBER(1, 1.001, 1.2)); /* fixed point: of variances of a few hundred steps */
+      TEST_ASSERT_TRUE(
+          fabs(r) < BY_NUMBER(1, 1.001, 1.2)); /* fixed point: of variances of a few hundred steps */
     }
   }
 }

@@ -1,15 +1,17 @@
-/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row against a dense Schmidt-Kalman filter in double, of the state and what is
- * uncertain beside it, in one covariance; gains of what is uncertain are 0 (Schmidt 1966), the covariance is Joseph's. */
+/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row against a dense
+ * Schmidt-Kalman filter in double, of the state and what is uncertain beside it, in one
+ * covariance; gains of what is uncertain are 0 (Schmidt 1966), the covariance is
+ * Joseph's. */
 #include "filter_support.h"
 
-enum { ALL = STATES + TSE_CONSIDERED,
-       ROOM = STATES + TSE_UNCERTAIN_ALL };
+enum { ALL = STATES + TSE_CONSIDERED, ROOM = STATES + TSE_UNCERTAIN_ALL };
 
 typedef struct schmidt {
   double p[ALL][ALL], x[STATES];
 } schmidt;
 
-/* What the filter knows: U D U' and what is uncertain, each of variance 1, with what it shares with the state. */
+/* What the filter knows: U D U' and what is uncertain, each of variance 1, with what it
+ * shares with the state. */
 static schmidt schmidt_of(const tse_kalman *k)
 {
   schmidt s = { 0 };
@@ -18,9 +20,11 @@ static schmidt schmidt_of(const tse_kalman *k)
     s.x[i] = number(k->x[i]) / number(state_unit[i]);
     for (int j = 0; j < STATES; j++) {
       s.p[i][j] = own.p[i][j];
-      for (int q = 0; q < TSE_CONSIDERED; q++) s.p[i][j] += number_of(k->consider[q][i]) * number_of(k->consider[q][j]);
+      for (int q = 0; q < TSE_CONSIDERED; q++)
+        s.p[i][j] += number_of(k->consider[q][i]) * number_of(k->consider[q][j]);
     }
-    for (int q = 0; q < TSE_CONSIDERED; q++) s.p[i][STATES + q] = s.p[STATES + q][i] = number_of(k->consider[q][i]);
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      s.p[i][STATES + q] = s.p[STATES + q][i] = number_of(k->consider[q][i]);
   }
   for (int q = 0; q < TSE_CONSIDERED; q++) s.p[STATES + q][STATES + q] = 1;
   return s;
@@ -71,7 +75,8 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
 {
   memset(k, 0, sizeof *k);
   any_covariance(&k->ud, seed);
-  for (int i = 0; i < STATES; i++) k->x[i] = real(number(p->prior[i]) + 0.3 * number(state_unit[i]) * next_between(seed, -1, 1));
+  for (int i = 0; i < STATES; i++)
+    k->x[i] = real(number(p->prior[i]) + 0.3 * number(state_unit[i]) * next_between(seed, -1, 1));
   k->x[VX] = real(next_between(seed, 15, 25));
   k->x[YAW] = real(0.2), k->x[AF] = real(0.02), k->x[AR] = real(0.02), k->before[0] = real(0.1);
   k->before[1] = real(3), k->before[2] = k->x[VX];
@@ -81,9 +86,10 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
       if (p->uncertain[q] > TSE_R(0)) k->consider[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
-/* Readings a little off what is predicted; slopes over all.   Returned: what stands in H for a channel */
-static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded *z, double h[TSE_SENSORS][ROOM], double read[TSE_SENSORS],
-                  uint32_t *seed)
+/* Readings a little off what is predicted; slopes over all.   Returned: what stands in H
+ * for a channel */
+static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded *z,
+    double h[TSE_SENSORS][ROOM], double read[TSE_SENSORS], uint32_t *seed)
 {
   forces f;
   tse_real at[TSE_SENSORS], H[TSE_SENSORS][PLACES];
@@ -97,14 +103,17 @@ static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded 
     read[a] = number(at[a]);
     z->z[a] = real(read[a] + number(p->sensor_sd[a]) * next_between(seed, -1, 1));
     for (int i = 0; i < STATES; i++) h[a][i] = number(H[a][i]) * number(state_unit[i]);
-    for (int q = 0; q < TSE_CONSIDERED; q++) h[a][STATES + q] = q < COLUMNS - STATES ? number(H[a][STATES + q]) * number(p->uncertain[q]) : 0;
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      h[a][STATES + q] = q < COLUMNS - STATES ? number(H[a][STATES + q]) * number(p->uncertain[q]) : 0;
   }
-  const double dt = number(u.dt), late = number(p->uncertain[CONSIDER_ACCEL_LATE]), wheels = number(p->uncertain[CONSIDER_WHEELS_LATE]);
+  const double dt = number(u.dt), late = number(p->uncertain[CONSIDER_ACCEL_LATE]),
+               wheels = number(p->uncertain[CONSIDER_WHEELS_LATE]);
   h[0][STATES + CONSIDER_ACCEL_LATE] -= late * (number(f.x) - number(k->before[0])) / dt;
   h[1][STATES + CONSIDER_ACCEL_LATE] -= late * (number(f.y) - number(k->before[1])) / dt;
   h[1][STATES + CONSIDER_SCALE] += number(p->uncertain[CONSIDER_SCALE]) * number(f.y);
   h[2][STATES + CONSIDER_GYRO] += number(p->uncertain[CONSIDER_GYRO]) * number(k->x[YAW]);
-  for (int a = 3; a < 5; a++) h[a][STATES + CONSIDER_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
+  for (int a = 3; a < 5; a++)
+    h[a][STATES + CONSIDER_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
 }
 
 /* The row that the tests below look at, and a car in a turn before it. */
@@ -127,23 +136,25 @@ static int used(const tse_kalman *k)
   return n;
 }
 
-/* Measure that the axle rolls freely, about the state as the sensors have left it; what is far off by a smaller gain. */
+/* Measure that the axle rolls freely, about the state as the sensors have left it; what
+ * is far off by a smaller gain. */
 static void use_rolling(schmidt *s, const tse_params *p, int32_t rolls)
 {
-  const int at = !HAS_SLIP ? 0 : rolls == ROLLS_REAR ? SR
-                                                     : SF;
+  const int at = !HAS_SLIP ? 0 : rolls == ROLLS_REAR ? SR : SF;
   double slope[ALL] = { 0 }, ph[ALL];
   slope[at] = number(state_unit[at]);
   const double e = -number(rolls == ROLLS_REAR ? p->car.free_rear : p->car.free_front) - slope[at] * s->x[at];
   use_one(s, slope, e, fmax(pow(number(FREE_SLIP_SD), 2), e * e / number(TAIL) - spread_of(s, slope, ph)));
 }
 
-/* The order of the channels does not matter in exact numbers; in these it is the filter's. What is noise is read off the filter: the
- * variance of the innovation less what state and uncertain quantities make of it. */
+/* The order of the channels does not matter in exact numbers; in these it is the
+ * filter's. What is noise is read off the filter: the variance of the innovation less
+ * what state and uncertain quantities make of it. */
 static void expect_schmidt(int told, int32_t rolls, uint32_t seed)
 {
   static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
-  const double close = BY_NUMBER(1e-9, 1e-3, 1e-4); /* float: slopes of some hundred times covariances of ten */
+  const double close = BY_NUMBER(
+      1e-9, 1e-3, 1e-4); /* float: slopes of some hundred times covariances of ten */
   for (int n = 0; n < 30; n++) {
     static tse_kalman k;
     const tse_params p = a_car(told);
@@ -174,14 +185,21 @@ static void expect_schmidt(int told, int32_t rolls, uint32_t seed)
     const schmidt found = schmidt_of(&k);
     for (int i = 0; i < STATES; i++) {
       expect_near(s.x[i], found.x[i], close * 10, "state", i);
-      for (int j = 0; j < ALL; j++) expect_near(s.p[i][j], found.p[i][j], close * 10, "covariance", 100 * i + j);
+      for (int j = 0; j < ALL; j++)
+        expect_near(s.p[i][j], found.p[i][j], close * 10, "covariance", 100 * i + j);
     }
   }
 }
 
-static void test_a_row_is_that_of_a_kalman_filter_where_all_is_known(void) { expect_schmidt(1, ROLLS_UNKNOWN, 1); }
+static void test_a_row_is_that_of_a_kalman_filter_where_all_is_known(void)
+{
+  expect_schmidt(1, ROLLS_UNKNOWN, 1);
+}
 
-static void test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain(void) { expect_schmidt(0, ROLLS_UNKNOWN, 2); }
+static void test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain(void)
+{
+  expect_schmidt(0, ROLLS_UNKNOWN, 2);
+}
 
 static void test_the_axle_that_rolls_is_one_more_measurement_of_that_filter(void)
 {
@@ -210,7 +228,8 @@ static void test_doubt_never_makes_anything_surer(void)
   }
 }
 
-/* A reading that is impossible pulls no further than one at the edge, in either direction. */
+/* A reading that is impossible pulls no further than one at the edge, in either
+ * direction. */
 static void test_a_reading_far_off_pulls_the_less_the_further_off(void)
 {
   const tse_params p = a_car(0);
@@ -242,9 +261,10 @@ static void test_a_missing_channel_is_not_used(void)
       z.use[missing] = 0;
       z.z[missing] = real(i * 7); /* whatever stands there */
       update_row(&p, &k[i], &z, turned());
-      TEST_ASSERT_EQUAL_INT(HAS_SLIP ? TSE_SENSORS - 1 : missing == ACCEL_Y || missing == YAW_RATE ? 2
-                                                                                                   : 3,
-                            used(&k[i]));
+      TEST_ASSERT_EQUAL_INT(HAS_SLIP                      ? TSE_SENSORS - 1
+              : missing == ACCEL_Y || missing == YAW_RATE ? 2
+                                                          : 3,
+          used(&k[i]));
     }
     TEST_ASSERT_EQUAL_MEMORY(&k[0], &k[1], sizeof k[0]);
   }
@@ -265,8 +285,8 @@ static void test_the_log_likelihood_is_that_of_the_innovations(void)
   expect_near(sum, number(k.log_likelihood), BY_NUMBER(1e-10, 1e-4, 1e-6), "log likelihood", 0);
 }
 
-/* The scalar Kalman filter of what lasts, in double, over three rows. Without model discrepancy the
- * variance of an innovation is that of the state and of white noise. */
+/* The scalar Kalman filter of what lasts, in double, over three rows. Without model
+ * discrepancy the variance of an innovation is that of the state and of white noise. */
 static void test_nis_is_of_the_innovation_without_what_lasts(void)
 {
   tse_params p = a_car(0);
@@ -277,7 +297,8 @@ static void test_nis_is_of_the_innovation_without_what_lasts(void)
   const double keep = exp(-2 * number(z.dt) / number(MODEL_TIME));
   for (int row = 0; row < 3; row++) {
     double white[IMU_CHANNELS];
-    for (int a = 0; a < IMU_CHANNELS; a++) white[a] = number(k.noise[a]) * number(p.sensor_sd[a]) * number(p.sensor_sd[a]);
+    for (int a = 0; a < IMU_CHANNELS; a++)
+      white[a] = number(k.noise[a]) * number(p.sensor_sd[a]) * number(p.sensor_sd[a]);
     update_row(&p, &k, &z, turned());
     for (int a = 0; a < IMU_CHANNELS; a++) {
       const double state = number(k.innovation_var[a]) - white[a];
@@ -327,8 +348,9 @@ static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
   }
 }
 
-/* What happens counts as tyres without an end would do it: with the cubic of a brush at q = 2 at both axles it is 1/(1 - 2/3 + 4/27)
- * times as much; one that slides, at q = 8, counts as at q = 3. Nothing is measured, so that the state stays. */
+/* What happens counts as tyres without an end would do it: with the cubic of a brush at q
+ * = 2 at both axles it is 1/(1 - 2/3 + 4/27) times as much; one that slides, at q = 8,
+ * counts as at q = 3. Nothing is measured, so that the state stays. */
 static void expect_activity(double q, double left, double counts)
 {
   tse_params p = a_car(1);
@@ -338,7 +360,8 @@ static void expect_activity(double q, double left, double counts)
   in_a_turn(&p, &k, &seed);
   memset(&z, 0, sizeof z);
   z.dt = u.dt, z.has_steer = z.one_speed = z.no_second = 1;
-  p.car.shape = p.car.along_front = p.car.along_rear = p.car.height_front = p.car.height_rear = p.car.side_front = p.car.side_rear = TSE_R(0);
+  p.car.shape = p.car.along_front = p.car.along_rear = p.car.height_front = p.car.height_rear =
+      p.car.side_front = p.car.side_rear = TSE_R(0);
   p.car.rolling = p.car.drag = p.car.compliance = p.car.pull_front = p.car.pull_rear = TSE_R(0);
   for (int i = 0; i < STATES; i++) k.x[i] = TSE_R(0);
   k.x[VX] = TSE_R(20), k.x[YAW] = real(0.3);
@@ -348,8 +371,10 @@ static void expect_activity(double q, double left, double counts)
   const double force = q * left * number(p.car.grip) * (number(p.car.load_front) + number(p.car.load_rear));
   const double least = pow(number(LEAST_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
   const double close = BY_NUMBER(1e-6, 2e-3, 1e-4);
-  expect_near(pow(force * counts, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force * counts, 2), "across [m2/s4]", 0);
-  expect_near(pow(0.3 * counts, 2) + least / 400, number(k.activity[YAW_RATE]), close, "turning [rad2/s2]", 0);
+  expect_near(pow(force * counts, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force * counts, 2),
+      "across [m2/s4]", 0);
+  expect_near(
+      pow(0.3 * counts, 2) + least / 400, number(k.activity[YAW_RATE]), close, "turning [rad2/s2]", 0);
 }
 
 static void test_what_happens_near_the_end_of_tyres_counts_more(void)
@@ -380,8 +405,9 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   expect_near(r / (200 + r), number(ud_variance(&k.ud, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
 }
 
-/* One speed of the vehicle is no speed of an axle, and without a steering angle nothing is measured that it would have to fit: which axle
- * rolls freely is then no measurement, and changes no bit. */
+/* One speed of the vehicle is no speed of an axle, and without a steering angle nothing
+ * is measured that it would have to fit: which axle rolls freely is then no measurement,
+ * and changes no bit. */
 static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_without_a_steering_angle(void)
 {
   static tse_kalman with, without;
@@ -399,13 +425,15 @@ static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_withou
     }
 }
 
-/* Of a channel alone, with the front wheels turned far: its noise is that of the sensor as it is found, at the front wheels the mean of two
- * that turn by other angles, of the IMU what no model explains and lasts a second: that counts in full for the state, a tenth of it for
- * events. */
+/* Of a channel alone, with the front wheels turned far: its noise is that of the sensor
+ * as it is found, at the front wheels the mean of two that turn by other angles, of the
+ * IMU what no model explains and lasts a second: that counts in full for the state, a
+ * tenth of it for events. */
 static void test_what_is_noise_of_a_channel_is_its_sensors_and_what_the_model_lacks(void)
 {
   tse_params p = a_car(0);
-  const double dt = 0.01, lasts = number(MODEL_TIME), share = dt / (dt + lasts), close = BY_NUMBER(1e-12, 2e-6, 2e-6);
+  const double dt = 0.01, lasts = number(MODEL_TIME), share = dt / (dt + lasts),
+               close = BY_NUMBER(1e-12, 2e-6, 2e-6);
   const steering u = { real(0.4), real(0.4), real(dt) };
   p.model_sd = real(0.02);
   for (int a = 0; a < TSE_SENSORS; a++) {
@@ -425,19 +453,25 @@ static void test_what_is_noise_of_a_channel_is_its_sensors_and_what_the_model_la
     const double known = spread_of(&s, h[a], ph), speed = number(k.x[VX]), sd = number(p.sensor_sd[a]);
     const double turn = a == WHEEL_FRONT ? pow(number(TRACK_SHARE) * speed * pow(number(f.sin_d), 2), 2) : 0;
     const double off = number(p.prior_sd[LCX]) * number(k.x[a == WHEEL_FRONT ? SF : SR]);
-    const double slip = !HAS_SLIP && a >= WHEEL_FRONT ? speed * speed * (pow(number(FREE_SLIP_SD), 2) + off * off) : 0;
+    const double slip = !HAS_SLIP && a >= WHEEL_FRONT
+        ? speed * speed * (pow(number(FREE_SLIP_SD), 2) + off * off)
+        : 0;
     update_row(&p, &k, &z, u);
-    const double lacks = a < IMU_CHANNELS ? pow(number(p.model_sd), 2) * (1 + 2 * lasts / dt) * number(k.activity[a]) : 0;
+    const double lacks = a < IMU_CHANNELS
+        ? pow(number(p.model_sd), 2) * (1 + 2 * lasts / dt) * number(k.activity[a])
+        : 0;
     const double white = 1.75 * sd * sd + turn + slip, all = known + white + lacks;
     if (a == WHEEL_FRONT) TEST_ASSERT_TRUE(turn > 0.1 * white);
     if (a < IMU_CHANNELS) TEST_ASSERT_TRUE(lacks > 0.01 * white);
     expect_near(all, number(k.innovation_var[a]), close * (1 + all), "variance", a);
-    expect_near(share * share * (known + white + 0.1 * lacks), number(k.slow_var[a]), close * (1e-4 + share * share * all), "for events", a);
+    expect_near(share * share * (known + white + 0.1 * lacks), number(k.slow_var[a]),
+        close * (1e-4 + share * share * all), "for events", a);
   }
 }
 
-/* Each value comes three times: of all readings two thirds repeat, of those behind a repeated one half, each as a mean that forgets; what
- * repeats then says as much as it is unlikely, and less where it agrees. A channel at fault is watched and moves nothing. */
+/* Each value comes three times: of all readings two thirds repeat, of those behind a
+ * repeated one half, each as a mean that forgets; what repeats then says as much as it is
+ * unlikely, and less where it agrees. A channel at fault is watched and moves nothing. */
 static void test_a_reading_that_repeats_says_as_much_as_repeats_are_unlikely(void)
 {
   const tse_params p = a_car(1);
@@ -446,14 +480,17 @@ static void test_a_reading_that_repeats_says_as_much_as_repeats_are_unlikely(voi
     static tse_kalman k;
     before_a_row(&p, &k, 23);
     k.fault = fault_of(YAW_RATE), k.seen = real(far ? 1 : 1000);
-    const double g = 0.01 / (far ? 2 : number(USUAL_TIME)), q = 1 - g; /* of all since the start, and later of the last ones */
+    const double g = 0.01 / (far ? 2 : number(USUAL_TIME)),
+                 q = 1 - g; /* of all since the start, and later of the last ones */
     for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == YAW_RATE;
     z.rolls = ROLLS_NONE;
     for (int value = 0; value < 30; value++) {
-      const double all = (g + g * q) * (1 - pow(q, 3 * value)) / (1 - pow(q, 3)), again = g * (1 - pow(q, 2 * value)) / (1 - q * q);
+      const double all = (g + g * q) * (1 - pow(q, 3 * value)) / (1 - pow(q, 3)),
+                   again = g * (1 - pow(q, 2 * value)) / (1 - q * q);
       z.z[YAW_RATE] = real(read[YAW_RATE] + (value % 2 ? 1 : -1) * (far ? 3 : 0.4) * sd * (1 + 0.01 * value));
       const double off = (number(z.z[YAW_RATE]) - read[YAW_RATE]) / sd, counts = fmin(off * off, 1);
-      const double likely[3] = { 1, fmax(fmax(all, again) * q, 0.05), fmax(fmax(all * q * q + g, again * q), 0.05) };
+      const double likely[3] = { 1, fmax(fmax(all, again) * q, 0.05),
+        fmax(fmax(all * q * q + g, again * q), 0.05) };
       double said = 0;
       for (int n = 0; n < 3; n++) {
         update_row(&p, &k, &z, turned());

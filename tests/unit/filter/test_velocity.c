@@ -1,6 +1,8 @@
-/* tests/unit/filter/test_velocity.c <-> src/filter/velocity.c, and what of ud.c and car.c it needs: U D U' with the extra states against a
- * dense matrix in double; slopes against differences of the model's own motion; a row against a dense Schmidt-Kalman filter; and the whole
- * filter on a car of its own model that measures a velocity somewhere else, turned and late. */
+/* tests/unit/filter/test_velocity.c <-> src/filter/velocity.c, and what of ud.c and car.c
+ * it needs: U D U' with the extra states against a dense matrix in double; slopes against
+ * differences of the model's own motion; a row against a dense Schmidt-Kalman filter; and
+ * the whole filter on a car of its own model that measures a velocity somewhere else,
+ * turned and late. */
 #include "filter_support.h"
 
 #define CLOSE BY_NUMBER(1e-10, 1e-3, 1e-5)
@@ -41,7 +43,8 @@ static void expect_full(const full *expected, const tse_ud *actual, const char *
 {
   const full m = full_of(actual);
   for (int i = 0; i < N; i++)
-    for (int k = 0; k < N; k++) expect_near(expected->p[i][k], m.p[i][k], CLOSE * fmax(1, fabs(expected->p[i][k])), what, 100 * i + k);
+    for (int k = 0; k < N; k++)
+      expect_near(expected->p[i][k], m.p[i][k], CLOSE * fmax(1, fabs(expected->p[i][k])), what, 100 * i + k);
 }
 
 static void any_full(tse_ud *p, uint32_t *seed)
@@ -81,9 +84,10 @@ static void test_opened_extra_states_are_their_variances_and_the_others_stay(voi
   const full m = full_of(&p);
   for (int i = 0; i < N; i++)
     for (int k = 0; k < N; k++)
-      expect_near(i < STATES && k < STATES ? before.p[i][k] : i == k ? 0.5 + (i - STATES)
-                                                                     : 0,
-                  m.p[i][k], CLOSE, "opened", 100 * i + k);
+      expect_near(i < STATES && k < STATES ? before.p[i][k]
+              : i == k                     ? 0.5 + (i - STATES)
+                                           : 0,
+          m.p[i][k], CLOSE, "opened", 100 * i + k);
 }
 
 static void test_what_moves_the_others_keeps_what_they_share_with_the_extra_states(void)
@@ -116,7 +120,8 @@ static void test_sums_fading_ties_and_what_is_forgotten_are_those_of_the_matrix(
   for (int n = 0; n < 40; n++) {
     tse_ud p;
     tse_real a[N], variance[STATES];
-    const int at = (int)(next_uniform(&seed) * STATES), extra = (int)(next_uniform(&seed) * TSE_EXTRAS), count = 1 + (int)(next_uniform(&seed) * GX);
+    const int at = (int)(next_uniform(&seed) * STATES), extra = (int)(next_uniform(&seed) * TSE_EXTRAS),
+              count = 1 + (int)(next_uniform(&seed) * GX);
     const double share = next_between(&seed, 0.2, 1), c = next_between(&seed, 0, 2);
     any_full(&p, &seed);
     full m = full_of(&p);
@@ -186,18 +191,21 @@ static void any_motion(tse_real x[TSE_ALL], uint32_t *seed)
   x[LCR] = real(next_between(seed, -0.2, 0.2));
 }
 
-static void rates(const tse_params *p, const tse_real x[TSE_VALUES], steering u, tse_real rate[3], tse_real by[3][PLACES])
+static void rates(
+    const tse_params *p, const tse_real x[TSE_VALUES], steering u, tse_real rate[3], tse_real by[3][PLACES])
 {
   forces f;
   car_forces(&p->car, x, u, TSE_R(1), &f);
   car_rates(&p->car, x, &f, rate, by);
 }
 
-/* How fast speeds and yaw rate change is what car_move() makes of them in a short time, and slopes are differences. */
+/* How fast speeds and yaw rate change is what car_move() makes of them in a short time,
+ * and slopes are differences. */
 static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(void)
 {
   tse_config c = a_config();
-  c.cg_height = c.longitudinal_load_transfer_gain = c.lateral_load_transfer_gain = setting(0); /* slopes leave load transfer out: car.c */
+  c.cg_height = c.longitudinal_load_transfer_gain = c.lateral_load_transfer_gain = setting(
+      0); /* slopes leave load transfer out: car.c */
   const tse_params p = prepared(c);
   uint32_t seed = 5;
   for (int n = 0; n < 30; n++) {
@@ -211,7 +219,8 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
     memcpy(to, x, sizeof to);
     car_move(&p.car, to, still, M);
     for (int i = 0; i < 3; i++)
-      expect_near((number(to[VX + i]) - number(x[VX + i])) / h, number(rate[i]), BY_NUMBER(1e-4, 0.4, 0.4), "rate", i);
+      expect_near((number(to[VX + i]) - number(x[VX + i])) / h, number(rate[i]), BY_NUMBER(1e-4, 0.4, 0.4),
+          "rate", i);
     for (int j = 0; j < STATES; j++) {
       const double d = BY_NUMBER(1e-6, 1e-3, 1e-4);
       memcpy(to, x, sizeof to);
@@ -221,8 +230,11 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
       rates(&p, to, still, down, none);
       if (j == LMU) continue; /* what saturates longitudinally is no sign of the grip: car.c */
       for (int i = 0; i < 3; i++) {
-        const double slope = (number(up[i]) - number(down[i])) / (number(real(number(x[j]) + d)) - number(real(number(x[j]) - d)));
-        expect_near(slope, number(by[i][j]), BY_NUMBER(1e-5, 1e-2, 1e-3) * fmax(1, fabs(slope)) + BY_NUMBER(0, 0.05, 0.01), "slope", 100 * i + j);
+        const double slope = (number(up[i]) - number(down[i]))
+            / (number(real(number(x[j]) + d)) - number(real(number(x[j]) - d)));
+        expect_near(slope, number(by[i][j]),
+            BY_NUMBER(1e-5, 1e-2, 1e-3) * fmax(1, fabs(slope)) + BY_NUMBER(0, 0.05, 0.01), "slope",
+            100 * i + j);
       }
     }
   }
@@ -230,10 +242,12 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
 
 /* ------------------------------------------------------------------------------- a row beside a dense Schmidt-Kalman filter */
 
-/* What a channel reads, written out: s has all states in SI. motion, heading: at the time when it was true. */
+/* What a channel reads, written out: s has all states in SI. motion, heading: at the time
+ * when it was true. */
 static double reads(int channel, const double s[N], const double motion[3], double heading)
 {
-  const double vx = motion[0] - motion[2] * s[V_LEVER_Y], vy = motion[1] + s[V_DISCREPANCY] + motion[2] * s[V_LEVER_X], scale = 1 + s[V_SCALE];
+  const double vx = motion[0] - motion[2] * s[V_LEVER_Y],
+               vy = motion[1] + s[V_DISCREPANCY] + motion[2] * s[V_LEVER_X], scale = 1 + s[V_SCALE];
   switch (channel) {
     case 0: return scale * (vx + s[V_TURN] * vy);
     case 1: return scale * (vy - s[V_TURN] * vx);
@@ -244,12 +258,12 @@ static double reads(int channel, const double s[N], const double motion[3], doub
 
 static double state_of(const tse_kalman *k, int i) { return number(k->x[i]); }
 
-/* One velocity of a channel: the same x and P as of a dense filter whose slopes are differences of what is written out above. A latency
- * moves the motion back along the model's own rates. */
+/* One velocity of a channel: the same x and P as of a dense filter whose slopes are
+ * differences of what is written out above. A latency moves the motion back along the
+ * model's own rates. */
 static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
 {
-  enum { D = TSE_CONSIDERED,
-         ALL = N + D };
+  enum { D = TSE_CONSIDERED, ALL = N + D };
   static double P[ALL][ALL], A[ALL][ALL], next[ALL][ALL];
   uint32_t seed = 6;
   for (int n = 0; n < 40; n++) {
@@ -258,7 +272,8 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     const int channel = n % TSE_VELOCITIES;
     c.velocity_latency = setting(n % 3 ? 0.06 : 0);
     c.velocity_latency_sd = setting(0.003), c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
-    c.gnss_course_sd = setting(0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
+    c.gnss_course_sd = setting(
+        0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
     const tse_params p = prepared(c);
     tse_real rate[3], by[3][PLACES], change[TSE_ALL];
     const tse_real angle = real(0.01);
@@ -273,10 +288,12 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     const int slow = n / TSE_VELOCITIES % 2; /* below 10 m/s a course is worse in inverse proportion */
     if (slow) k.x[VX] = TSE_R(8);
     k.x[PSI] = real(3.1); /* close to where angles wrap */
-    k.x[V_SCALE] = real(0.01), k.x[V_DISCREPANCY] = real(0.05), k.x[V_TURN] = real(-0.02), k.x[V_LEVER_X] = real(1.2);
+    k.x[V_SCALE] = real(0.01), k.x[V_DISCREPANCY] = real(0.05), k.x[V_TURN] = real(-0.02),
+    k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
     for (int q = 0; q < TSE_CONSIDERED; q++)
-      for (int i = 0; i < TSE_ALL; i++) k.consider[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
+      for (int i = 0; i < TSE_ALL; i++)
+        k.consider[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
     for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.mean_nis[v] = TSE_R(1);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.velocity.has_heading = k.velocity.has_gyro = 1, k.velocity.gyro = k.x[YAW];
@@ -285,28 +302,33 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     car_rates(&p.car, k.x, &f, rate, by);
     for (int m = 0; m < 2; m++) {
       k.velocity.age[m] = real(0.04 * m);
-      for (int i = 0; i < 4; i++) k.velocity.past[m][i] = real(-0.04 * m * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
+      for (int i = 0; i < 4; i++)
+        k.velocity.past[m][i] = real(-0.04 * m * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
     }
     k.velocity.age[1] = real(0.2);
-    for (int i = 0; i < 4; i++) k.velocity.past[1][i] = real(-0.2 * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
+    for (int i = 0; i < 4; i++)
+      k.velocity.past[1][i] = real(-0.2 * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
     for (int i = 0; i < 3; i++) k.velocity.motion[i] = k.x[VX + i];
     k.velocity.turned = TSE_R(0);
     z.dt = real(1e-7); /* the past hardly moves */
 
     /* dense */
-    const double late = n % 3 ? 0.06 : 0, r0 = number(rate[0]), r1 = number(rate[1]), r2 = number(rate[2]), g = number(k.velocity.gyro);
+    const double late = n % 3 ? 0.06 : 0, r0 = number(rate[0]), r1 = number(rate[1]), r2 = number(rate[2]),
+                 g = number(k.velocity.gyro);
     double s[N], h[ALL], ph[ALL], gain[ALL], predicted = 0;
     for (int i = 0; i < N; i++) s[i] = state_of(&k, i);
     const double then[3] = { s[VX] - late * r0, s[VY] - late * r1, s[YAW] - late * r2 };
     predicted = reads(channel, s, then, s[PSI] - late * g);
-    for (int j = 0; j < N; j++) { /* slopes: the state at the time of the row moves what was then by 1 - late d rate/dx */
+    for (int j = 0; j < N;
+        j++) { /* slopes: the state at the time of the row moves what was then by 1 - late d rate/dx */
       double value[2];
       for (int side = 0; side < 2; side++) {
         const double d = side ? -1e-5 : 1e-5;
         double t[N], m[3], heading = s[PSI] - late * g;
         memcpy(t, s, sizeof t);
         t[j] += d;
-        for (int i = 0; i < 3; i++) m[i] = then[i] + (j == VX + i ? d : 0) - (j < STATES ? late * number(by[i][j]) * d : 0);
+        for (int i = 0; i < 3; i++)
+          m[i] = then[i] + (j == VX + i ? d : 0) - (j < STATES ? late * number(by[i][j]) * d : 0);
         if (j == PSI) heading += d;
         if (j == BR) heading += late * d;
         if (j == V_LATE) {
@@ -320,7 +342,8 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
       h[j] = (value[0] - value[1]) / 2e-5 * number(state_unit[j]);
     }
     const double along = h[V_LATE] / number(state_unit[V_LATE]);
-    if (channel == 0 || channel == 2) h[V_LATE] = 0; /* a latency counts in these, and is not learnt of them */
+    if (channel == 0 || channel == 2)
+      h[V_LATE] = 0; /* a latency counts in these, and is not learnt of them */
     for (int q = 0; q < D; q++) {
       h[N + q] = 0;
       for (int i = 0; i < 3 && q < COLUMNS - STATES; i++) {
@@ -346,8 +369,11 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
       for (int j = 0; j < ALL; j++) ph[i] += P[i][j] * h[j];
     }
     for (int i = 0; i < ALL; i++) var += h[i] * ph[i];
-    /* noise: of the setting, white; and a share that lasts a second, as white noise that is the same at low frequencies */
-    const double sd = number(p.velocity_sd[channel]) * (slow && channel == 3 ? 10.0 / 8 : 1), r = sd * sd * (1 + 0.25 * (1 + 2.0 / 0.1)) + (channel == 0 || channel == 2 ? pow(along * number(p.extra_sd[V_LATE - STATES]), 2) : 0);
+    /* noise: of the setting, white; and a share that lasts a second, as white noise that
+     * is the same at low frequencies */
+    const double sd = number(p.velocity_sd[channel]) * (slow && channel == 3 ? 10.0 / 8 : 1),
+                 r = sd * sd * (1 + 0.25 * (1 + 2.0 / 0.1))
+        + (channel == 0 || channel == 2 ? pow(along * number(p.extra_sd[V_LATE - STATES]), 2) : 0);
     const double e = next_between(&seed, -1, 1) * sqrt(var + r);
     for (int i = 0; i < ALL; i++) gain[i] = i < N ? ph[i] / (var + r) : 0;
     for (int i = 0; i < ALL; i++)
@@ -364,15 +390,18 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
     velocity_update(&p, &k, &z, &f, change);
     const full mine = full_of(&k.ud);
-    const double close = BY_NUMBER(2e-6, 2e-2, 2e-2); /* of differences, and of a past that has moved on by 0.1 us */
+    const double close = BY_NUMBER(
+        2e-6, 2e-2, 2e-2); /* of differences, and of a past that has moved on by 0.1 us */
     for (int i = 0; i < N; i++) {
-      expect_near(gain[i] * e, number(change[i]), close * fmax(1, fabs(gain[i] * e)), "state", 1000 * channel + i);
+      expect_near(
+          gain[i] * e, number(change[i]), close * fmax(1, fabs(gain[i] * e)), "state", 1000 * channel + i);
       for (int j = 0; j < N; j++) {
         double is = mine.p[i][j];
         for (int q = 0; q < D; q++) is += number_of(k.consider[q][i]) * number_of(k.consider[q][j]);
         expect_near(next[i][j], is, close * fmax(1, fabs(next[i][j])), "covariance", 100 * i + j);
       }
-      for (int q = 0; q < D; q++) expect_near(next[i][N + q], number_of(k.consider[q][i]), close, "uncertain quantity", 100 * i + q);
+      for (int q = 0; q < D; q++)
+        expect_near(next[i][N + q], number_of(k.consider[q][i]), close, "uncertain quantity", 100 * i + q);
     }
   }
 }
@@ -384,7 +413,8 @@ static void any_kalman(const tse_params *p, tse_kalman *k, uint32_t *seed)
   any_full(&k->ud, seed);
   any_motion(k->x, seed);
   for (int q = 0; q < TSE_CONSIDERED; q++)
-    for (int i = 0; i < TSE_ALL; i++) k->consider[q][i] = short_of(p->uncertain[q] > TSE_R(0) ? next_between(seed, -0.2, 0.2) : 0);
+    for (int i = 0; i < TSE_ALL; i++)
+      k->consider[q][i] = short_of(p->uncertain[q] > TSE_R(0) ? next_between(seed, -0.2, 0.2) : 0);
   for (int n = 0; n < TSE_EVENTS; n++)
     for (int i = 0; i < TSE_ALL; i++) k->event[n].v[i] = short_of(next_between(seed, -0.2, 0.2));
   for (int c = 0; c < TSE_VELOCITIES; c++) k->velocity.noise[c] = k->velocity.mean_nis[c] = TSE_R(1);
@@ -399,8 +429,9 @@ static double heading_after(const tse_params *p, const tse_kalman *from, const d
   return number(k.x[PSI]);
 }
 
-/* What the heading is off by for each uncertain quantity and each event: by how much a row turns it otherwise from a state that is off by as
- * much before; and a gyro whose scale is off reads that much more than the car turns. */
+/* What the heading is off by for each uncertain quantity and each event: by how much a
+ * row turns it otherwise from a state that is off by as much before; and a gyro whose
+ * scale is off reads that much more than the car turns. */
 static void test_the_heading_is_off_by_what_turns_it_otherwise(void)
 {
   tse_config config = a_config();
@@ -419,17 +450,20 @@ static void test_the_heading_is_off_by_what_turns_it_otherwise(void)
     velocity_move(&p, &moved, &z);
     const double plain = number(moved.x[PSI]);
     for (int q = -TSE_EVENTS; q < TSE_CONSIDERED; q++) {
-      const tse_short *const was = q < 0 ? k.event[-1 - q].v : k.consider[q], *const is = q < 0 ? moved.event[-1 - q].v : moved.consider[q];
+      const tse_short *const was = q < 0 ? k.event[-1 - q].v : k.consider[q],
+                             *const is = q < 0 ? moved.event[-1 - q].v : moved.consider[q];
       decoded other_z = z;
       off = k;
       for (int i = 0; i < TSE_ALL; i++) off.x[i] += real(number_of(was[i]) * number(state_unit[i]));
       if (q == CONSIDER_GYRO) other_z.z[YAW_RATE] -= r_mul(p.uncertain[q], z.z[YAW_RATE] - k.x[BR]);
-      expect_near((heading_after(&p, &off, &other_z) - plain) / unit, number_of(is[PSI]), close, "heading", 100 * n + q);
+      expect_near((heading_after(&p, &off, &other_z) - plain) / unit, number_of(is[PSI]), close, "heading",
+          100 * n + q);
     }
   }
 }
 
-/* Which way a course is 0 is anybody's choice: with heading and course turned by any angle, a row does the same to everything. */
+/* Which way a course is 0 is anybody's choice: with heading and course turned by any
+ * angle, a row does the same to everything. */
 static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
 {
   tse_config config = a_config();
@@ -450,9 +484,13 @@ static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
     car_forces(&p.car, k.x, still, TSE_R(1), &f);
     z.given = 1u << 3, z.dt = real(0.01);
     for (int m = -4; m <= 4; m++) {
-      const double angle = m == 0 ? 0 : (m < 0 ? 0.02 * (-m - 1) - pi : pi - 0.02 * (m - 1)); /* 0; close to where angles wrap */
-      const double course = angle + atan2(number(k.x[VY]), number(k.x[VX])) + off, wraps = course >= pi ? 1 : course < -pi ? -1
-                                                                                                                           : 0;
+      const double angle = m == 0
+          ? 0
+          : (m < 0 ? 0.02 * (-m - 1) - pi : pi - 0.02 * (m - 1)); /* 0; close to where angles wrap */
+      const double course = angle + atan2(number(k.x[VY]), number(k.x[VX])) + off,
+                   wraps = course >= pi ? 1
+          : course < -pi                ? -1
+                                        : 0;
       turned = k;
       turned.x[PSI] = real(angle);
       z.optional[3] = real(course - 2 * pi * wraps);
@@ -461,14 +499,16 @@ static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
       velocity_update(&p, &turned, &z, &f, change);
       if (m == -4) memcpy(plain, change, sizeof plain);
       for (int i = 0; i < TSE_ALL; i++)
-        expect_near(number(plain[i]), number(change[i]), BY_NUMBER(1e-9, 1e-3, 1e-5) * (1 + fabs(number(plain[i]))), "state", 1000 * m + i);
+        expect_near(number(plain[i]), number(change[i]),
+            BY_NUMBER(1e-9, 1e-3, 1e-5) * (1 + fabs(number(plain[i]))), "state", 1000 * m + i);
       TEST_ASSERT_TRUE(fabs(number(change[PSI])) > 1e-3 && turned.velocity.rejected_for[3] == TSE_R(0));
     }
   }
   TEST_ASSERT_TRUE(across > 20);
 }
 
-/* The speed across is that of the model and what it lacks: the variance of a sum, as the matrix has it, with what is uncertain beside. */
+/* The speed across is that of the model and what it lacks: the variance of a sum, as the
+ * matrix has it, with what is uncertain beside. */
 static void test_the_variance_of_the_speed_across_is_that_of_a_sum(void)
 {
   const tse_params p = prepared(a_config());
@@ -478,8 +518,10 @@ static void test_the_variance_of_the_speed_across_is_that_of_a_sum(void)
     any_kalman(&p, &k, &seed);
     const full m = full_of(&k.ud);
     const double a = number(state_unit[VY]), b = number(state_unit[V_DISCREPANCY]);
-    double var = a * a * m.p[VY][VY] + 2 * a * b * m.p[VY][V_DISCREPANCY] + b * b * m.p[V_DISCREPANCY][V_DISCREPANCY];
-    for (int q = 0; q < TSE_CONSIDERED; q++) var += pow(a * number_of(k.consider[q][VY]) + b * number_of(k.consider[q][V_DISCREPANCY]), 2);
+    double var = a * a * m.p[VY][VY] + 2 * a * b * m.p[VY][V_DISCREPANCY]
+        + b * b * m.p[V_DISCREPANCY][V_DISCREPANCY];
+    for (int q = 0; q < TSE_CONSIDERED; q++)
+      var += pow(a * number_of(k.consider[q][VY]) + b * number_of(k.consider[q][V_DISCREPANCY]), 2);
     expect_near(var, number(velocity_across_var(&k)), CLOSE * fmax(1, var), "variance", n);
   }
 }
@@ -494,7 +536,8 @@ typedef struct sensor { /* what measures the velocity, and how far it is off */
   double heading;
 } sensor;
 
-/* What begin() has set: the filter and its settings, the car, what measures its velocity, and the noise. */
+/* What begin() has set: the filter and its settings, the car, what measures its velocity,
+ * and the noise. */
 static tse_filter f, other;
 static tse_config c;
 static truth w;
@@ -524,7 +567,8 @@ static tse_input measured_row(uint32_t which)
   return u;
 }
 
-static const uint32_t ins = TSE_GIVEN_ins_vel_x | TSE_GIVEN_ins_vel_y, gnss = TSE_GIVEN_gnss_speed | TSE_GIVEN_gnss_course;
+static const uint32_t ins = TSE_GIVEN_ins_vel_x | TSE_GIVEN_ins_vel_y,
+                      gnss = TSE_GIVEN_gnss_speed | TSE_GIVEN_gnss_course;
 
 static tse_output stepped(const tse_params *p, tse_filter *to, const tse_input *u)
 {
@@ -591,7 +635,8 @@ static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
   TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
 }
 
-/* Without a steering angle nothing is measured: a velocity would have a stiffness make up for the angle. */
+/* Without a steering angle nothing is measured: a velocity would have a stiffness make up
+ * for the angle. */
 static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(void)
 {
   begin(1);
@@ -608,7 +653,8 @@ static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(
   }
 }
 
-/* What one speed of the vehicle differs from it by need not be slip: beside one, a velocity along says nothing; across it does. */
+/* What one speed of the vehicle differs from it by need not be slip: beside one, a
+ * velocity along says nothing; across it does. */
 static void test_beside_one_speed_a_velocity_along_is_not_used(void)
 {
   begin(1);
@@ -645,8 +691,8 @@ static void test_a_frozen_gyro_turns_no_heading(void)
   TEST_ASSERT_EQUAL_INT(0, f.k.velocity.has_gyro);
 }
 
-/* A value out of range or NaN is not there; the first that is opens the extra states, and the others have no other bit in that row's
- * prediction. */
+/* A value out of range or NaN is not there; the first that is opens the extra states, and
+ * the others have no other bit in that row's prediction. */
 static void test_what_cannot_be_a_velocity_is_not_there(void)
 {
   begin(1);
@@ -658,7 +704,8 @@ static void test_what_cannot_be_a_velocity_is_not_there(void)
   TEST_ASSERT_EQUAL_INT(0, f.k.ud.extras);
 }
 
-/* A road that leans by 12 %, eight times what the filter expects, moves the car to the side, and nothing but a velocity shows it. */
+/* A road that leans by 12 %, eight times what the filter expects, moves the car to the
+ * side, and nothing but a velocity shows it. */
 static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
 {
   tse_config config = a_drive();
@@ -694,7 +741,8 @@ static void test_where_an_ins_sits_and_looks_is_found(void)
   begin_with(&config, 1);
   s.late = 0.04, s.lever_x = 0.6, s.turn = 0.02;
   const double with = off_across(ins, 3000, 1000);
-  TEST_ASSERT_TRUE(without < 0.02 && with < 0.02); /* a model without error needs none, and is not disturbed */
+  TEST_ASSERT_TRUE(
+      without < 0.02 && with < 0.02); /* a model without error needs none, and is not disturbed */
   expect_near(0.02, number(f.k.x[V_TURN]), 0.005, "heading offset", 0);
   expect_near(0.04, number(f.k.x[V_LATE]), 0.025, "latency", 0);
   expect_near(0.6, number(f.k.x[V_LEVER_X]), 0.25, "lever", 0);
@@ -731,7 +779,8 @@ static void test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm(voi
   TEST_ASSERT_TRUE(with < 1.5 * without + 0.03);
 }
 
-/* A value that repeats is the same value, held: a channel that freezes leaves no trace but the states that it has opened. */
+/* A value that repeats is the same value, held: a channel that freezes leaves no trace
+ * but the states that it has opened. */
 static void test_a_frozen_velocity_is_none(void)
 {
   begin(1);
@@ -762,10 +811,13 @@ static void test_an_outlier_pulls_no_further_than_three_sd(void)
   bad.gnss_course = real(number(u.gnss_course) > 0 ? -1.2 : 1.2);
   const tse_output plain = stepped(&w.p, &f, &u), pulled = stepped(&w.p, &other, &bad);
   TEST_ASSERT_TRUE(fabs(number(pulled.vel_y) - number(plain.vel_y)) < 6 * number(plain.vel_y_sd));
-  for (int a = 1; a < 3; a++) TEST_ASSERT_TRUE(fabs(number(pulled.stiffness[a]) - number(plain.stiffness[a])) < 2 * number(plain.stiffness_sd[a]));
+  for (int a = 1; a < 3; a++)
+    TEST_ASSERT_TRUE(
+        fabs(number(pulled.stiffness[a]) - number(plain.stiffness[a])) < 2 * number(plain.stiffness_sd[a]));
 }
 
-/* A velocity that does not fit is left out, named, and used again when it fits; the estimate outlives it. */
+/* A velocity that does not fit is left out, named, and used again when it fits; the
+ * estimate outlives it. */
 static void test_a_jump_is_left_out_and_named_until_it_fits(void)
 {
   int named = 0, restored = 0;
@@ -800,26 +852,29 @@ static void test_a_course_with_another_zero_is_found_again(void)
   TEST_ASSERT_EQUAL_INT(999, used);
 }
 
-/* Standstill and gaps place the motion anew; the heading is found again. Velocities may come and go. */
+/* Standstill and gaps place the motion anew; the heading is found again. Velocities may
+ * come and go. */
 static void test_velocities_come_and_go_and_gaps_are_survived(void)
 {
   begin(10);
   tse_output y;
   for (int n = 0; n < 4000; n++) {
-    tse_input u = measured_row(n % 900 < 500 ? gnss : n % 700 < 300 ? ins
-                                                                    : 0);
+    tse_input u = measured_row(n % 900 < 500 ? gnss : n % 700 < 300 ? ins : 0);
     if (n == 2000) u.dt = TSE_R(3);
     if (n % 50 == 7) u.missing = TSE_MISSING_yaw_rate;
     if (n % 50 == 9) u.missing = TSE_MISSING_steer_angle;
     y = stepped(&w.p, &f, &u);
     if (n == 1999) TEST_ASSERT_TRUE(f.k.velocity.kept > 0 && f.k.velocity.has_gyro);
-    if (n == 2000) TEST_ASSERT_TRUE(f.k.velocity.kept == 0 && !f.k.velocity.has_gyro && !f.k.velocity.has_heading); /* of the motion before the gap */
+    if (n == 2000)
+      TEST_ASSERT_TRUE(f.k.velocity.kept == 0 && !f.k.velocity.has_gyro
+          && !f.k.velocity.has_heading); /* of the motion before the gap */
   }
   TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 0.5);
   TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
 }
 
-/* Channels that are late make rows wait; a velocity does not wait, and is that much less late. */
+/* Channels that are late make rows wait; a velocity does not wait, and is that much less
+ * late. */
 static void test_a_velocity_beside_channels_that_are_late(void)
 {
   tse_config config = a_drive();
@@ -844,7 +899,8 @@ static void test_a_velocity_beside_channels_that_are_late(void)
   expect_near(0, number(f.k.x[V_LATE]), 0.02, "nothing left of the latency", 0);
 }
 
-/* Memory that a bit fell over in, of what velocities brought into use or beside it: all is learnt anew. */
+/* Memory that a bit fell over in, of what velocities brought into use or beside it: all
+ * is learnt anew. */
 static void test_a_state_of_velocities_that_is_no_number_is_started_over(void)
 {
   for (int k = 0; k < 4; k++) {
@@ -855,16 +911,18 @@ static void test_a_state_of_velocities_that_is_no_number_is_started_over(void)
       (void)stepped(&w.p, &f, &u);
     }
     TEST_ASSERT_TRUE(kalman->ud.extras > 0);
-    *(k == 0 ? &kalman->x[V_LEVER_Y] : k == 1 ? &kalman->ud.e[2]
-                                   : k == 2   ? &kalman->ud.e[0]
-                                              : &kalman->x[LCF]) = k == 2 ? TSE_R(-1) : broken();
+    *(k == 0         ? &kalman->x[V_LEVER_Y]
+            : k == 1 ? &kalman->ud.e[2]
+            : k == 2 ? &kalman->ud.e[0]
+                     : &kalman->x[LCF]) = k == 2 ? TSE_R(-1) : broken();
     const tse_input u = measured_row(0);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, stepped(&w.p, &f, &u).status);
     TEST_ASSERT_EQUAL_INT(0, kalman->ud.extras);
   }
 }
 
-/* Whatever is in their ranges: numbers, a state that is sound, and no longer than that the car's own velocity again. */
+/* Whatever is in their ranges: numbers, a state that is sound, and no longer than that
+ * the car's own velocity again. */
 static void test_no_velocity_whatever_breaks_the_filter(void)
 {
   begin(1);
@@ -880,7 +938,8 @@ static void test_no_velocity_whatever_breaks_the_filter(void)
     }
     y = stepped(&w.p, &f, &u);
   }
-  TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 1 && fabs(number(y.vel_x) - number(w.x[VX])) < 2);
+  TEST_ASSERT_TRUE(
+      fabs(number(y.vel_y) - number(w.x[VY])) < 1 && fabs(number(y.vel_x) - number(w.x[VX])) < 2);
 }
 
 static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(void)

@@ -1,4 +1,5 @@
-/* tests/unit/host/test_describe.c <-> src/host/describe.c, self_test.c. Builds that fail its test of itself: tests/test_build.py. */
+/* tests/unit/host/test_describe.c <-> src/host/describe.c, self_test.c. Builds that fail
+ * its test of itself: tests/test_build.py. */
 #include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"
@@ -59,22 +60,28 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
   size_t settings = 0; /* whose whole numbers lie in several groups, with padding behind each that is odd */
   EACH_SETTING(row)
   settings += row->kind == 's' ? sizeof(tse_setting) : sizeof(int32_t);
-  TEST_ASSERT_EQUAL_INT((int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
+  TEST_ASSERT_EQUAL_INT(
+      (int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_input, grade), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_output, spread_seen), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
+  TEST_ASSERT_EQUAL_INT(
+      TAIL(tse_output, spread_seen), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
+  TEST_ASSERT_EQUAL_INT(
+      TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_LOG, sizeof(tse_replay_log), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_START, sizeof(tse_replay_start), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_OUT, sizeof(tse_replay_out), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_input, grade), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
+  TEST_ASSERT_EQUAL_INT(
+      TAIL(tse_sim_input, grade), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
 }
 
-/* The simulator's log row repeats dt, which its caller has given (0 in the first row), and `missing` and measured velocities, which are always 0. */
+/* The simulator's log row repeats dt, which its caller has given (0 in the first row),
+ * and `missing` and measured velocities, which are always 0. */
 static void test_rows_describe_every_byte_of_the_simulators_output_but_dt_and_missing(void)
 {
   unsigned char covered[STRUCT_BYTES];
   const int row_tail = (int)sizeof(tse_input) - (int)offsetof(tse_input, missing);
-  TEST_ASSERT_EQUAL_INT((int)sizeof(tse_real) + row_tail, undescribed(TSE_STRUCT_SIM_OUTPUT, sizeof(tse_sim_output), covered));
+  TEST_ASSERT_EQUAL_INT(
+      (int)sizeof(tse_real) + row_tail, undescribed(TSE_STRUCT_SIM_OUTPUT, sizeof(tse_sim_output), covered));
   TEST_ASSERT_FALSE(covered[offsetof(tse_sim_output, row.dt)]);
   TEST_ASSERT_FALSE(covered[offsetof(tse_sim_output, row.missing)]);
 }
@@ -94,10 +101,11 @@ static void test_names_are_unique_and_texts_are_there(void)
 
 static void test_inputs_are_the_columns_of_a_log(void)
 {
-  static const char *const names[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y",
-                                       "yaw_rate", "missing", "given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course",
-                                       "brake", "wheel_torque_front", "wheel_torque_rear", "bank", "grade" };
-  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s", "m/s", "m/s", "rad", "1", "Nm", "Nm", "rad", "rad" };
+  static const char *const names[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear",
+    "accel_x", "accel_y", "yaw_rate", "missing", "given", "ins_vel_x", "ins_vel_y", "gnss_speed",
+    "gnss_course", "brake", "wheel_torque_front", "wheel_torque_rear", "bank", "grade" };
+  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s",
+    "m/s", "m/s", "rad", "1", "Nm", "Nm", "rad", "rad" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_INPUT, &count, &size);
   TEST_ASSERT_EQUAL_INT(ROWS(names), count);
@@ -113,8 +121,9 @@ static void test_inputs_are_the_columns_of_a_log(void)
 static double at(const void *object, tse_struct which, const char *name)
 {
   const tse_field *const f = field_of(which, name);
-  return f->kind == 's' ? of_setting(setting_field(object, f)) : f->kind == 'r' ? number(real_field(object, f))
-                                                                                : (double)whole_field(object, f);
+  return f->kind == 's' ? of_setting(setting_field(object, f))
+      : f->kind == 'r'  ? number(real_field(object, f))
+                        : (double)whole_field(object, f);
 }
 
 #define EXPECT_AT(object, which, name, value) \
@@ -129,12 +138,16 @@ static void test_output_names_lead_to_their_members(void)
     const char *name, *sd, *secant, *spread, *seen, *valid;
     int index;
   } stiffness_rows[] = {
-    { "cx_front", "cx_front_sd", "cx_front_secant", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid", TSE_CX_FRONT },
-    { "cy_front", "cy_front_sd", "cy_front_secant", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid", TSE_CY_FRONT },
-    { "cy_rear", "cy_rear_sd", "cy_rear_secant", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid", TSE_CY_REAR },
+    { "cx_front", "cx_front_sd", "cx_front_secant", "cx_front_spread", "cx_front_spread_seen",
+        "cx_front_valid", TSE_CX_FRONT },
+    { "cy_front", "cy_front_sd", "cy_front_secant", "cy_front_spread", "cy_front_spread_seen",
+        "cy_front_valid", TSE_CY_FRONT },
+    { "cy_rear", "cy_rear_sd", "cy_rear_secant", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid",
+        TSE_CY_REAR },
   };
   static const char *const noise[3] = { "noise_accel_x", "noise_accel_y", "noise_yaw_rate" };
-  static const char *const bias[3][2] = { { "bias_accel_x", "bias_accel_x_sd" }, { "bias_accel_y", "bias_accel_y_sd" }, { "bias_yaw_rate", "bias_yaw_rate_sd" } };
+  static const char *const bias[3][2] = { { "bias_accel_x", "bias_accel_x_sd" },
+    { "bias_accel_y", "bias_accel_y_sd" }, { "bias_yaw_rate", "bias_yaw_rate_sd" } };
   for (int i = 0; i < 3; i++) {
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].name, stiffness[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].sd, stiffness_sd[stiffness_rows[i].index]);
@@ -150,7 +163,8 @@ static void test_output_names_lead_to_their_members(void)
 
 static void test_simulator_names_lead_to_their_members(void)
 {
-  static const char *const mean[3] = { "true_cx_front", "true_cy_front", "true_cy_rear" }, *const drawn[3] = { "drawn_cx_front", "drawn_cy_front", "drawn_cy_rear" };
+  static const char *const mean[3] = { "true_cx_front", "true_cy_front", "true_cy_rear" },
+                           *const drawn[3] = { "drawn_cx_front", "drawn_cy_front", "drawn_cy_rear" };
   static const char *const bias[3] = { "true_bias_accel_x", "true_bias_accel_y", "true_bias_yaw_rate" };
   static const int which[3] = { TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR };
   tse_sim_output y = { 0 };
@@ -164,8 +178,8 @@ static void test_simulator_names_lead_to_their_members(void)
   }
 }
 
-/* Ranges are those that the library enforces: of settings test_prepare.c and test_simulate.c ask, of rows test_input.c and
- * test_simulate.c. */
+/* Ranges are those that the library enforces: of settings test_prepare.c and
+ * test_simulate.c ask, of rows test_input.c and test_simulate.c. */
 
 /* --------------------------------------------------------------------------------- statuses and reasons */
 
@@ -216,7 +230,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
 {
   static const char *const words[] = { "valid", "starting", "not excited", "uncertain", "sensor fault",
-                                       "held", "input invalid", "parameters uncertain", "does not fit", "implausible" };
+    "held", "input invalid", "parameters uncertain", "does not fit", "implausible" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_REASON, &count, &size);
   TEST_ASSERT_EQUAL_INT(ROWS(words), count);
@@ -245,7 +259,8 @@ static void test_unknown_struct_is_null_with_no_rows_and_nobody_need_ask_how_man
   }
   int32_t count, size;
   for (int which = 0; which < TSE_STRUCTS; which++)
-    TEST_ASSERT_EQUAL_PTR(tse_describe((tse_struct)which, &count, &size), tse_describe((tse_struct)which, NULL, NULL));
+    TEST_ASSERT_EQUAL_PTR(
+        tse_describe((tse_struct)which, &count, &size), tse_describe((tse_struct)which, NULL, NULL));
 }
 
 static void test_build_tells_version_format_capacity_and_sizes(void)
@@ -253,7 +268,8 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
   char version[32];
   tse_build b = { 0 };
   tse_describe_build(&b);
-  (void)snprintf(version, sizeof version, "%d.%d.%d", TSE_VERSION_MAJOR, TSE_VERSION_MINOR, TSE_VERSION_PATCH);
+  (void)snprintf(
+      version, sizeof version, "%d.%d.%d", TSE_VERSION_MAJOR, TSE_VERSION_MINOR, TSE_VERSION_PATCH);
   TEST_ASSERT_EQUAL_STRING(version, b.version);
 #if defined(TSE_REAL_FIXED)
   TEST_ASSERT_EQUAL_STRING("fixed", b.format);
@@ -328,8 +344,8 @@ static void test_effects_that_were_once_there_stay(void)
   }
 }
 
-/* Each is a setting with the same default and range; off is 0, as all are but the kinematics; a strength is typical and negligible within
- * its bounds. */
+/* Each is a setting with the same default and range; off is 0, as all are but the
+ * kinematics; a strength is typical and negligible within its bounds. */
 static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(void)
 {
   int32_t count, effects;
@@ -346,9 +362,13 @@ static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(v
     TEST_ASSERT_EQUAL_STRING(f->text, p[i].text);
     TEST_ASSERT_TRUE_MESSAGE(setting_field(&known, f) == setting(p[i].def), name);
     TEST_ASSERT_TRUE(!(f->lo < p[i].lo) && !(f->lo > p[i].lo) && !(f->hi < p[i].hi) && !(f->hi > p[i].hi));
-    TEST_ASSERT_TRUE_MESSAGE(p[i].lo <= p[i].typical_lo && p[i].typical_lo <= p[i].typical_hi && p[i].typical_hi <= p[i].hi, name);
+    TEST_ASSERT_TRUE_MESSAGE(
+        p[i].lo <= p[i].typical_lo && p[i].typical_lo <= p[i].typical_hi && p[i].typical_hi <= p[i].hi, name);
     const double usual = strcmp(name, "exact_kinematics_share") ? 0 : 1;
-    if (p[i].strength > 0) TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < usual) && !(p[i].def > usual) && p[i].negligible > 0 && p[i].negligible < p[i].typical_lo, name);
+    if (p[i].strength > 0)
+      TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < usual) && !(p[i].def > usual) && p[i].negligible > 0
+              && p[i].negligible < p[i].typical_lo,
+          name);
     else TEST_ASSERT_TRUE_MESSAGE(!(p[i].negligible > 0), name);
   }
   for (int32_t k = 0; k < effects; k++) {
@@ -372,7 +392,8 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
     memcpy((char *)&c + field_of(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
     for (int32_t k = 0; k < effects; k++)
       if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;
-    TEST_ASSERT_TRUE_MESSAGE(prepared(c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
+    TEST_ASSERT_TRUE_MESSAGE(
+        prepared(c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
   }
 }
 

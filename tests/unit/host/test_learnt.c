@@ -1,6 +1,8 @@
-/* tests/unit/host/test_learnt.c <-> src/host/learnt.c and what start.c, filter.c do for it.
+/* tests/unit/host/test_learnt.c <-> src/host/learnt.c and what start.c, filter.c do for
+ * it.
  *
- * Reference: bytes that the test puts one by one; the CRC has the check value that is published for it. */
+ * Reference: bytes that the test puts one by one; the CRC has the check value that is
+ * published for it. */
 #include "filter/filter.h"
 #include "paper/paper.h"
 #include "driven.h"
@@ -11,27 +13,33 @@
 #define UNIT (1.0 / 16777216) /* of numbers in the bytes */
 
 /* Places of numbers in the bytes. */
-enum { AT_KNOWN = 12,
-       AT_NU = 16,
-       AT_MEAN = 20,
-       AT_SD = 64,
-       AT_PAIR = 108,
-       AT_NOISE = 220,
-       AT_SPREAD = 240,
-       AT_CORRELATION = 252 };
+enum {
+  AT_KNOWN = 12,
+  AT_NU = 16,
+  AT_MEAN = 20,
+  AT_SD = 64,
+  AT_PAIR = 108,
+  AT_NOISE = 220,
+  AT_SPREAD = 240,
+  AT_CORRELATION = 252
+};
 
-/* A learnt state of the built-in car. Binary fractions: double, float and fixed hold them exactly. */
-enum { LEARNT_KNOWN = 5,
-       LEARNT_NU = 64,
-       LEARNT_SIZE = 268 };
+/* A learnt state of the built-in car. Binary fractions: double, float and fixed hold them
+ * exactly. */
+enum { LEARNT_KNOWN = 5, LEARNT_NU = 64, LEARNT_SIZE = 268 };
 #define LEARNT_VEHICLE 0x6e6ba1d6u /* as in test_prepare.c */
-static const double learnt_mean[11] = { -0.125, 0.0625, 0.0078125, -0.25, 0.125, 0.5, 0.0625, 0.00390625, 0.015625, 0.0078125, 0.001953125 };
-static const double learnt_sd[11] = { 0.03125, 0.015625, 0.00390625, 0.03125, 0.25, 0.0625, 0.125, 0.0009765625, 0.0078125, 0.0078125, 0.001953125 };
-static const double learnt_common[11] = { 0.5, -0.5, 0.25, 0.5, 0.75, -0.25, 0.125, 0.5, 0.25, -0.125, 0.5 }; /* correlations are products of these */
+static const double learnt_mean[11] = { -0.125, 0.0625, 0.0078125, -0.25, 0.125, 0.5, 0.0625, 0.00390625,
+  0.015625, 0.0078125, 0.001953125 };
+static const double learnt_sd[11] = { 0.03125, 0.015625, 0.00390625, 0.03125, 0.25, 0.0625, 0.125,
+  0.0009765625, 0.0078125, 0.0078125, 0.001953125 };
+static const double learnt_common[11] = { 0.5, -0.5, 0.25, 0.5, 0.75, -0.25, 0.125, 0.5, 0.25, -0.125,
+  0.5 }; /* correlations are products of these */
 static const double learnt_noise[5] = { 0.5, 2.0, 1.25, 1.0, 0.75 };
-static const double learnt_particle_mean[3] = { -0.25, 0.125, 0.5 }, learnt_particle_sd[3] = { 0.03125, 0.25, 0.0625 }; /* stiffness over nominal less 1 */
+static const double learnt_particle_mean[3] = { -0.25, 0.125, 0.5 },
+                    learnt_particle_sd[3] = { 0.03125, 0.25, 0.0625 }; /* stiffness over nominal less 1 */
 static const double learnt_spread[3] = { 0.0625, 0.25, 0.125 }, learnt_correlation[3] = { 0.0, -0.5, 0.25 };
-static uint8_t learnt_bytes[LEARNT_SIZE], learnt_by_particles[LEARNT_SIZE]; /* the second: by who knows stiffness, biases and process sd alone */
+static uint8_t learnt_bytes[LEARNT_SIZE],
+    learnt_by_particles[LEARNT_SIZE]; /* the second: by who knows stiffness, biases and process sd alone */
 
 static tse_filter_paper f, other, before; /* enough for every form */
 
@@ -44,7 +52,8 @@ static tse_config settings(int32_t form) /* 0, where there is such a form, or 1 
   return c;
 }
 
-/* The default form, and all that it keeps is uncertain at the start: more than the table says. */
+/* The default form, and all that it keeps is uncertain at the start: more than the table
+ * says. */
 static tse_config open_settings(void)
 {
   tse_config c = settings(0);
@@ -67,7 +76,8 @@ static tse_status load(const tse_params *p, const uint8_t *bytes, size_t count, 
   return tse_learnt_load(p, &f.filter, bytes, count, age_s);
 }
 
-static void expect_refused(const tse_params *p, const uint8_t *bytes, size_t count, tse_status status, const char *what)
+static void expect_refused(
+    const tse_params *p, const uint8_t *bytes, size_t count, tse_status status, const char *what)
 {
   before = f;
   TEST_ASSERT_EQUAL_INT_MESSAGE(status, tse_learnt_load(p, &f.filter, bytes, count, 0), what);
@@ -86,9 +96,12 @@ static void know(const tse_params *p, tse_filter_paper *filter)
   for (int i = 0; i < 64; i++) {
     filter->weight[i] = TSE_R(1);
     for (int a = 0; a < 3; a++) {
-      const int diagonal[3] = { 0, 3, 5 }, off[3] = { 1, 2, 4 }, pairs[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
-      const double lam = (LEARNT_NU - 4.0) / LEARNT_NU, u = learnt_spread[pairs[a][0]], v = learnt_spread[pairs[a][1]];
-      filter->p.mu[a][i] = real(learnt_particle_mean[a] + (i % 2 ? -1 : 1) * learnt_particle_sd[a]); /* gamma is 0: their scatter is all */
+      const int diagonal[3] = { 0, 3, 5 }, off[3] = { 1, 2, 4 },
+                pairs[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
+      const double lam = (LEARNT_NU - 4.0) / LEARNT_NU, u = learnt_spread[pairs[a][0]],
+                   v = learnt_spread[pairs[a][1]];
+      filter->p.mu[a][i] = real(learnt_particle_mean[a]
+          + (i % 2 ? -1 : 1) * learnt_particle_sd[a]); /* gamma is 0: their scatter is all */
       filter->p.lam[diagonal[a]][i] = real(lam * learnt_spread[a] * learnt_spread[a]);
       filter->p.lam[off[a]][i] = real(lam * learnt_correlation[a] * u * v);
       filter->p.bias[a][i] = real(learnt_mean[a] / number(p->sd[a]));
@@ -113,7 +126,8 @@ static void put_q24(uint8_t *at, const double *x, int count)
   for (int i = 0; i < count; i++) put(at + 4 * i, (uint32_t)(int32_t)lround(x[i] * 16777216), 4);
 }
 
-static void write_learnt(uint8_t *out, const double mean[11], const double sd[11], const double shared[11], const double noise[5])
+static void write_learnt(
+    uint8_t *out, const double mean[11], const double sd[11], const double shared[11], const double noise[5])
 {
   memcpy(out, "tsel", 4);
   put(out + 4, 3u | (uint32_t)LEARNT_SIZE << 16, 4); /* format, length */
@@ -123,7 +137,8 @@ static void write_learnt(uint8_t *out, const double mean[11], const double sd[11
   put_q24(out + AT_MEAN, mean, 11);
   put_q24(out + AT_SD, sd, 11);
   for (int i = 0, at = AT_PAIR; i < 11; i++)
-    for (int j = i + 1; j < 11; j++, at += 2) put(out + at, (uint32_t)(int32_t)lround(shared[i] * shared[j] * 16384), 2);
+    for (int j = i + 1; j < 11; j++, at += 2)
+      put(out + at, (uint32_t)(int32_t)lround(shared[i] * shared[j] * 16384), 2);
   put_q24(out + AT_NOISE, noise, 5);
   put_q24(out + AT_SPREAD, learnt_spread, 3);
   put_q24(out + AT_CORRELATION, learnt_correlation, 3);
@@ -148,7 +163,8 @@ static void set_bytes(uint8_t *bytes, int at, uint32_t value, int count)
   put(bytes + TSE_LEARNT_BYTES - 4, crc32_of(bytes, TSE_LEARNT_BYTES - 4), 4);
 }
 
-/* These bytes, cut off or with zeros behind them, under another mark, format and length; the CRC fits. */
+/* These bytes, cut off or with zeros behind them, under another mark, format and length;
+ * the CRC fits. */
 static size_t framed(uint8_t *out, const char *mark, uint32_t format, size_t count)
 {
   const size_t body = TSE_LEARNT_BYTES - 4;
@@ -178,8 +194,9 @@ static void test_crc_has_the_published_check_value(void)
   TEST_ASSERT_EQUAL_HEX32(0u, crc32_of(digits, 0));
 }
 
-/* In every format, but for the last digits of what the format rounds: a relative 2^-24 of float is a unit of 2^-24 at 1; fixed point
- * squares and divides numbers of a few thousand steps. In double a logarithm may fall on the other side of a half. */
+/* In every format, but for the last digits of what the format rounds: a relative 2^-24 of
+ * float is a unit of 2^-24 at 1; fixed point squares and divides numbers of a few
+ * thousand steps. In double a logarithm may fall on the other side of a half. */
 static void test_saved_bytes_are_those_of_the_format(void)
 {
   const tse_params p = prepared(settings(1));
@@ -191,8 +208,9 @@ static void test_saved_bytes_are_those_of_the_format(void)
   TEST_ASSERT_EQUAL_MEMORY(learnt_by_particles, out, AT_MEAN);
   for (int i = AT_MEAN; i < TSE_LEARNT_BYTES - 4; i += 4) {
     if (i >= AT_PAIR && i < AT_NOISE) TEST_ASSERT_EQUAL_HEX32(0, word(out + i));
-    else expect_near(q24(learnt_by_particles + i), q24(out + i), BY_NUMBER(1.01 * UNIT, 4 * UNIT, i < AT_CORRELATION ? 1e-4 : 5e-3),
-                     "number at byte", i);
+    else
+      expect_near(q24(learnt_by_particles + i), q24(out + i),
+          BY_NUMBER(1.01 * UNIT, 4 * UNIT, i < AT_CORRELATION ? 1e-4 : 5e-3), "number at byte", i);
   }
   TEST_ASSERT_EQUAL_HEX32(crc32_of(out, TSE_LEARNT_BYTES - 4), word(out + TSE_LEARNT_BYTES - 4));
 }
@@ -219,13 +237,19 @@ static void test_what_is_too_short_too_long_or_something_else_is_refused(void)
   static uint8_t longer[70000];
   memcpy(longer, learnt_bytes, sizeof learnt_bytes);
   reset(&p, &f);
-  for (size_t n = 0; n < sizeof learnt_bytes; n++) expect_refused(&p, learnt_bytes, n, TSE_E_LEARNT, "too short");
+  for (size_t n = 0; n < sizeof learnt_bytes; n++)
+    expect_refused(&p, learnt_bytes, n, TSE_E_LEARNT, "too short");
   expect_refused(&p, longer, sizeof learnt_bytes + 1, TSE_E_LEARNT, "something behind it");
-  expect_refused(&p, longer, 65536 + sizeof learnt_bytes, TSE_E_LEARNT, "the length fits in its lower 16 bits");
-  expect_refused(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes + 4), TSE_E_LEARNT, "another length");
-  expect_refused(&p, longer, framed(longer, "tsep", TSE_LEARNT_FORMAT, sizeof learnt_bytes), TSE_E_LEARNT, "another mark");
-  expect_refused(&p, longer, framed(longer, "tsel", 0, sizeof learnt_bytes), TSE_E_LEARNT, "format 0, as long as format 3");
-  TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes), 0));
+  expect_refused(
+      &p, longer, 65536 + sizeof learnt_bytes, TSE_E_LEARNT, "the length fits in its lower 16 bits");
+  expect_refused(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes + 4), TSE_E_LEARNT,
+      "another length");
+  expect_refused(&p, longer, framed(longer, "tsep", TSE_LEARNT_FORMAT, sizeof learnt_bytes), TSE_E_LEARNT,
+      "another mark");
+  expect_refused(&p, longer, framed(longer, "tsel", 0, sizeof learnt_bytes), TSE_E_LEARNT,
+      "format 0, as long as format 3");
+  TEST_ASSERT_EQUAL_INT(
+      TSE_OK, load(&p, longer, framed(longer, "tsel", TSE_LEARNT_FORMAT, sizeof learnt_bytes), 0));
 }
 
 static void test_other_formats_differ_from_damage(void)
@@ -236,10 +260,12 @@ static void test_other_formats_differ_from_damage(void)
   } cases[] = { { 1, 96, TSE_E_OLD }, { 2, 112, TSE_E_OLD }, { 4, TSE_LEARNT_BYTES + 13, TSE_E_VERSION } };
   const tse_params p = prepared(settings(1));
   uint8_t bytes[TSE_LEARNT_BYTES + 13];
-  TEST_ASSERT_EQUAL_STRING("the learnt state was written by an older version of this library; learn anew", tse_status_text(TSE_E_OLD));
+  TEST_ASSERT_EQUAL_STRING("the learnt state was written by an older version of this library; learn anew",
+      tse_status_text(TSE_E_OLD));
   reset(&p, &f);
   for (int i = 0; i < ROWS(cases); i++) {
-    expect_refused(&p, bytes, framed(bytes, "tsel", cases[i].format, cases[i].length), cases[i].status, "another format");
+    expect_refused(&p, bytes, framed(bytes, "tsel", cases[i].format, cases[i].length), cases[i].status,
+        "another format");
     bytes[30] ^= 1;
     expect_refused(&p, bytes, cases[i].length, TSE_E_LEARNT, "another format, damaged");
   }
@@ -369,7 +395,8 @@ static void expect_a_start_of_numbers(const tse_params *p, int32_t form)
     u.dt = real(0.01);
     TEST_ASSERT_TRUE(tse_step(p, &f.filter, &u, &y) >= 0);
     for (int a = 0; a < 3; a++) {
-      TEST_ASSERT_TRUE(r_is_finite(y.stiffness[a]) && r_is_finite(y.stiffness_sd[a]) && r_is_finite(y.bias[a]));
+      TEST_ASSERT_TRUE(
+          r_is_finite(y.stiffness[a]) && r_is_finite(y.stiffness_sd[a]) && r_is_finite(y.bias[a]));
       if (form) TEST_ASSERT_TRUE(y.stiffness_spread[a] > TSE_R(0) && number(y.stiffness_spread[a]) < 0.45);
       if (form || i) TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.09 && number(y.stiffness[a]) < 5.01);
     }
@@ -391,7 +418,8 @@ static void test_extreme_numbers_make_a_start_of_numbers(void)
       }
 }
 
-/* Correlations, each of which may be, that are together none of a covariance: a file that somebody has made. */
+/* Correlations, each of which may be, that are together none of a covariance: a file that
+ * somebody has made. */
 static void test_correlations_that_contradict_each_other_make_a_start_of_numbers(void)
 {
   const tse_params p = prepared(open_settings());
@@ -399,13 +427,15 @@ static void test_correlations_that_contradict_each_other_make_a_start_of_numbers
   for (int n = 0; n < 60; n++) {
     uint8_t bytes[TSE_LEARNT_BYTES];
     memcpy(bytes, learnt_bytes, sizeof bytes);
-    for (int i = 0; i < 55; i++) set_bytes(bytes, AT_PAIR + 2 * i, n == 0 || next_uniform(&seed) < 0.5 ? 0xc000 : 0x4000, 2);
+    for (int i = 0; i < 55; i++)
+      set_bytes(bytes, AT_PAIR + 2 * i, n == 0 || next_uniform(&seed) < 0.5 ? 0xc000 : 0x4000, 2);
     set_word(bytes, AT_KNOWN, 7);
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
     (void)first_row(&p);
     for (int i = 0; i < TSE_KEPT; i++) { /* the variances are those of the file */
       const double var = number(f.filter.start.kept_cov[i][i]);
-      expect_near(var, number(ud_variance(&f.filter.k.ud, FAST + i)), BY_NUMBER(1e-10, 1e-4, 1e-4) * var + 1e-6, "variance", i);
+      expect_near(var, number(ud_variance(&f.filter.k.ud, FAST + i)),
+          BY_NUMBER(1e-10, 1e-4, 1e-4) * var + 1e-6, "variance", i);
     }
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
     expect_a_start_of_numbers(&p, 0);
@@ -421,10 +451,12 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
   {
     tse_config c = settings(1);
     const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row);
-    if (row->kind == 's') put_field(&c, row, setting_field(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);
+    if (row->kind == 's')
+      put_field(&c, row, setting_field(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);
     else put_field(&c, row, was < row->hi ? was + 1 : was - 1);
     p = prepared(c);
-    const int acts = kind_of_effect_setting(row->name) == 2 && strcmp(row->name, "exact_kinematics_share") != 0;
+    const int acts = kind_of_effect_setting(row->name) == 2
+        && strcmp(row->name, "exact_kinematics_share") != 0;
     if (row->kind == 's' && ((size_t)row->offset < offsetof(tse_config, mass_sd) || acts)) {
       reset(&p, &f);
       expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_VEHICLE, row->name);
@@ -450,7 +482,8 @@ static void test_calls_out_of_order_are_refused_and_change_nothing(void)
   expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_STATE, "load before reset");
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
   reset(&p, &f);
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), "save before the first row");
+  TEST_ASSERT_EQUAL_INT_MESSAGE(
+      TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), "save before the first row");
   expect_refused(&q, learnt_bytes, sizeof learnt_bytes, TSE_E_STATE, "parameters of another filter");
   expect_refused(NULL, learnt_bytes, sizeof learnt_bytes, TSE_E_NULL, "p");
   expect_refused(&p, NULL, sizeof learnt_bytes, TSE_E_NULL, "in");
@@ -480,7 +513,8 @@ static void test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused(void)
 }
 
 #if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
-/* The paper's form knows no bounds, and a filter may be anything that its caller has made of it. */
+/* The paper's form knows no bounds, and a filter may be anything that its caller has made
+ * of it. */
 static void test_what_is_saved_lies_inside_what_may_be_loaded(void)
 {
   const tse_params p = prepared(settings(1));
@@ -540,12 +574,14 @@ static void test_what_is_no_number_is_not_saved(void)
       if (what == 4) f.filter.k.noise[3] = none;
       if (what == 5) f.filter.k.x[RAD] = none;
       if (what == 6) f.filter.k.ud.d[LCF] = none;
-      if (what == 7) f.filter.k.ud.d[BX] = none; /* by what is uncertain, too, where a row may have no number */
+      if (what == 7)
+        f.filter.k.ud.d[BX] = none; /* by what is uncertain, too, where a row may have no number */
 #if !defined(TSE_REAL_FIXED)
       if (what == 7) f.filter.k.ud.d[BX] = TSE_R(1), f.filter.k.consider[1][BX] = none;
 #endif
     }
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "the car's filter");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "the car's filter");
     TEST_ASSERT_EQUAL_MEMORY(untouched, out, sizeof out);
   }
   for (int a = 0; a < 3; a++) { /* of each channel, each stiffness */
@@ -555,8 +591,7 @@ static void test_what_is_no_number_is_not_saved(void)
     f.bias_var[a] = none;
     TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
     know(&p, &f);
-    for (int i = 0; i < 64; i++) f.p.lam[a == 0 ? 0 : a == 1 ? 3
-                                                             : 5][i] = none;
+    for (int i = 0; i < 64; i++) f.p.lam[a == 0 ? 0 : a == 1 ? 3 : 5][i] = none;
     TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
   }
 }
@@ -591,40 +626,55 @@ static double of_mean(const tse_config *c, double sd, double most, uint32_t age_
 static void expect_aged(const tse_config *c, const tse_params *p, uint32_t age_s)
 {
   /* younger is new */
-  const double prior = of_setting(c->initial_mean_sd), walk_day = of_setting(c->learnt_walk_day), minute = 60 * walk_day * walk_day / DAY;
-  const double bias_sd[3] = { of_setting(c->accel_x_bias_sd), of_setting(c->accel_y_bias_sd), of_setting(c->yaw_rate_bias_sd) };
-  const double bias_walk[3] = { of_setting(c->accel_x_bias_walk), of_setting(c->accel_y_bias_walk), of_setting(c->yaw_rate_bias_walk) };
-  const double initial[3] = { of_setting(c->initial_cx_sd), of_setting(c->initial_cy_front_sd), of_setting(c->initial_cy_rear_sd) };
+  const double prior = of_setting(c->initial_mean_sd), walk_day = of_setting(c->learnt_walk_day),
+               minute = 60 * walk_day * walk_day / DAY;
+  const double bias_sd[3] = { of_setting(c->accel_x_bias_sd), of_setting(c->accel_y_bias_sd),
+    of_setting(c->yaw_rate_bias_sd) };
+  const double bias_walk[3] = { of_setting(c->accel_x_bias_walk), of_setting(c->accel_y_bias_walk),
+    of_setting(c->yaw_rate_bias_walk) };
+  const double initial[3] = { of_setting(c->initial_cx_sd), of_setting(c->initial_cy_front_sd),
+    of_setting(c->initial_cy_rear_sd) };
   const tse_start *const s = &f.filter.start;
   double kept;
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(p, learnt_bytes, sizeof learnt_bytes, age_s));
   for (int a = 0; a < 3; a++) {
     if (c->form) { /* particles: relative to nominal, and to the sensor's sd */
-      const double level = exp(learnt_mean[3 + a]), var = a == 1 ? prior * prior : of_mean(c, level * learnt_sd[3 + a], prior, age_s),
+      const double level = exp(learnt_mean[3 + a]),
+                   var = a == 1 ? prior * prior : of_mean(c, level * learnt_sd[3 + a], prior, age_s),
                    sd = number(p->sd[a]);
-      const double now = of_bias(learnt_sd[a] * learnt_sd[a], bias_sd[a] * bias_sd[a], bias_walk[a], age_s, &kept);
+      const double now = of_bias(
+          learnt_sd[a] * learnt_sd[a], bias_sd[a] * bias_sd[a], bias_walk[a], age_s, &kept);
       expect_near(a == 1 ? 0 : level - 1, number(s->mu[a]), BY_NUMBER(1e-13, 1e-6, 1e-6), "mean", a);
-      expect_near(var, number(s->mean_var[a]), minute + BY_NUMBER(1e-13, 1e-6, 3e-6 + 2e-3 * var), "variance of the mean", (int)age_s);
-      expect_near(now / sd / sd, number(s->bias_var[a]), BY_NUMBER(1e-13, 1e-6, 2e-3 + 2e-2 * now / sd / sd), "variance of the bias", a);
-      expect_near(kept * learnt_mean[a] / sd, number(s->bias[a]), BY_NUMBER(1e-7, 1e-3, 0.05), "bias", a); /* sqrt of what cancels */
+      expect_near(var, number(s->mean_var[a]), minute + BY_NUMBER(1e-13, 1e-6, 3e-6 + 2e-3 * var),
+          "variance of the mean", (int)age_s);
+      expect_near(now / sd / sd, number(s->bias_var[a]), BY_NUMBER(1e-13, 1e-6, 2e-3 + 2e-2 * now / sd / sd),
+          "variance of the bias", a);
+      expect_near(kept * learnt_mean[a] / sd, number(s->bias[a]), BY_NUMBER(1e-7, 1e-3, 0.05), "bias",
+          a); /* sqrt of what cancels */
       continue;
     }
     const int at = 3 + a;
     const double unit = number(state_unit[FAST + at]), bias_unit = number(state_unit[FAST + a]);
     const double var = a == 1 ? initial[a] * initial[a] : of_mean(c, learnt_sd[at], initial[a], age_s);
-    const double now = of_bias(learnt_sd[a] * learnt_sd[a], bias_sd[a] * bias_sd[a], bias_walk[a], age_s, &kept);
+    const double now = of_bias(
+        learnt_sd[a] * learnt_sd[a], bias_sd[a] * bias_sd[a], bias_walk[a], age_s, &kept);
     expect_near(a == 1 ? 0 : learnt_mean[at], number(s->kept[at]), BY_NUMBER(1e-15, 1e-7, 1e-6), "mean", a);
-    /* fixed point: a walk of 1e-8 a second is 43 of its steps, half a step of which is 1 % after any time */
-    expect_near(var / unit / unit, number(s->kept_cov[at][at]), minute / unit / unit + BY_NUMBER(1e-13, 1e-5, 1e-4 + 2e-3 * var / unit / unit), "variance of the mean", (int)age_s);
-    expect_near(now / bias_unit / bias_unit, number(s->kept_cov[a][a]), BY_NUMBER(1e-12, 1e-5, 2e-3 + 0.03 * now / bias_unit / bias_unit),
-                "variance of the bias", a);
-    expect_near(kept * learnt_mean[a], number(s->kept[a]), BY_NUMBER(1e-7, 1e-4, 0.02 * fabs(learnt_mean[a])), "bias", a);
+    /* fixed point: a walk of 1e-8 a second is 43 of its steps, half a step of which is 1
+     * % after any time */
+    expect_near(var / unit / unit, number(s->kept_cov[at][at]),
+        minute / unit / unit + BY_NUMBER(1e-13, 1e-5, 1e-4 + 2e-3 * var / unit / unit),
+        "variance of the mean", (int)age_s);
+    expect_near(now / bias_unit / bias_unit, number(s->kept_cov[a][a]),
+        BY_NUMBER(1e-12, 1e-5, 2e-3 + 0.03 * now / bias_unit / bias_unit), "variance of the bias", a);
+    expect_near(kept * learnt_mean[a], number(s->kept[a]), BY_NUMBER(1e-7, 1e-4, 0.02 * fabs(learnt_mean[a])),
+        "bias", a);
   }
 }
 
 static void test_variances_grow_with_age_as_the_settings_say(void)
 {
-  const uint32_t ages[] = { 0, 60, 100, 3600, 10000, DAY, 36 * 3600u, 4 * DAY, 100 * DAY, 3000 * DAY, UINT32_MAX };
+  const uint32_t ages[] = { 0, 60, 100, 3600, 10000, DAY, 36 * 3600u, 4 * DAY, 100 * DAY, 3000 * DAY,
+    UINT32_MAX };
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
     tse_config c = form ? settings(form) : open_settings();
     c.accel_y_bias_sd = setting(0.01); /* the table knows less */
@@ -638,7 +688,8 @@ static void test_variances_grow_with_age_as_the_settings_say(void)
 
 /* -------------------------------------------------------------------------------------------- start */
 
-/* Sampled, one gamma serves all three: what it leaves over is scatter of 500 particles, +- 4.42/sqrt(1000). */
+/* Sampled, one gamma serves all three: what it leaves over is scatter of 500 particles,
+ * +- 4.42/sqrt(1000). */
 static void test_particles_start_at_the_learnt_means_as_uncertain_as_they_are(void)
 {
   tse_config c = settings(1);
@@ -650,12 +701,14 @@ static void test_particles_start_at_the_learnt_means_as_uncertain_as_they_are(vo
   const tse_output y = first_row(&p);
   for (int a = 0; a < 3; a++) {
     const int known = a != 1;
-    const double level = exp(learnt_mean[3 + a]), sd = known ? fmax(level * learnt_sd[3 + a],
-                                                                    of_setting(c.learnt_floor))
-                                                             : of_setting(c.initial_mean_sd);
+    const double level = exp(learnt_mean[3 + a]),
+                 sd = known ? fmax(level * learnt_sd[3 + a], of_setting(c.learnt_floor))
+                            : of_setting(c.initial_mean_sd);
     /* doubt about the mean has no other place */
-    const double spread = known ? sqrt(learnt_spread[a] * learnt_spread[a] + sd * sd) : of_setting(c.initial_spread);
-    expect_near(known ? level : 1, number(y.stiffness[a]), chance * sd * 1.5 + BY_NUMBER(1e-13, 1e-6, 1e-4), "mean", a);
+    const double spread = known ? sqrt(learnt_spread[a] * learnt_spread[a] + sd * sd)
+                                : of_setting(c.initial_spread);
+    expect_near(known ? level : 1, number(y.stiffness[a]), chance * sd * 1.5 + BY_NUMBER(1e-13, 1e-6, 1e-4),
+        "mean", a);
     expect_near(sd, number(y.stiffness_sd[a]), chance * sd + BY_NUMBER(1e-13, 1e-6, 1e-3), "sd", a);
     expect_near(spread, number(y.stiffness_spread[a]), BY_NUMBER(1e-13, 1e-6, 1e-3), "spread", a);
     expect_near(learnt_mean[a], number(y.bias[a]), BY_NUMBER(1e-13, 1e-6, 2e-3), "bias", a);
@@ -663,26 +716,31 @@ static void test_particles_start_at_the_learnt_means_as_uncertain_as_they_are(vo
   }
 }
 
-/* Sd of what is kept as the table has it; of steering and radius no less than a tenth of the prior's. */
+/* Sd of what is kept as the table has it; of steering and radius no less than a tenth of
+ * the prior's. */
 static double kept_sd(const tse_params *p, int i)
 {
   const double prior = number(p->prior_sd[FAST + i]), least = i > 5 ? 0.1 * prior : 0;
   return i == 4 ? prior : fmin(fmax(learnt_sd[i], least), prior); /* cy_front was not learnt */
 }
 
-static double kept_correlation(int i, int j) { return i == 4 || j == 4 ? 0 : learnt_common[i] * learnt_common[j]; }
+static double kept_correlation(int i, int j)
+{
+  return i == 4 || j == 4 ? 0 : learnt_common[i] * learnt_common[j];
+}
 
 static void expect_kept(const tse_params *p, const tse_kalman *k, const char *what)
 {
   for (int i = 0; i < TSE_KEPT; i++) {
     const double unit = number(state_unit[FAST + i]), sd = sqrt(number(ud_variance(&k->ud, FAST + i)));
-    expect_near(i == 4 ? 0 : learnt_mean[i], number(k->x[FAST + i]), BY_NUMBER(2 * UNIT, 2 * UNIT, 1e-6), what, i);
+    expect_near(
+        i == 4 ? 0 : learnt_mean[i], number(k->x[FAST + i]), BY_NUMBER(2 * UNIT, 2 * UNIT, 1e-6), what, i);
     expect_near(kept_sd(p, i), sd * unit, BY_NUMBER(2 * UNIT, 1e-6, 1e-5), what, 100 + i);
     for (int j = 0; j < i; j++) {
       const double sd_j = sqrt(number(ud_variance(&k->ud, FAST + j)));
       /* 2^-14 */
-      expect_near(kept_correlation(i, j), number(ud_covariance(&k->ud, FAST + i, FAST + j)) / sd / sd_j, BY_NUMBER(2e-4, 2e-4, 1e-3), what,
-                  100 * i + j);
+      expect_near(kept_correlation(i, j), number(ud_covariance(&k->ud, FAST + i, FAST + j)) / sd / sd_j,
+          BY_NUMBER(2e-4, 2e-4, 1e-3), what, 100 * i + j);
     }
   }
 }
@@ -694,14 +752,17 @@ static void test_the_filter_starts_at_the_learnt_means_with_their_covariance(voi
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
   const tse_output y = first_row(&p);
   expect_kept(&p, &f.filter.k, "start");
-  for (int i = 0; i < TSE_SENSORS; i++) expect_near(learnt_noise[i], number(y.noise[i]), BY_NUMBER(1e-13, 1e-6, 1e-6), "noise", i);
-  for (int a = 0; a < 3; a++) expect_near(a == 1 ? 1 : exp(learnt_mean[3 + a]), number(y.stiffness[a]), BY_NUMBER(1e-13, 1e-6, 1e-6),
-                                          "stiffness", a);
+  for (int i = 0; i < TSE_SENSORS; i++)
+    expect_near(learnt_noise[i], number(y.noise[i]), BY_NUMBER(1e-13, 1e-6, 1e-6), "noise", i);
+  for (int a = 0; a < 3; a++)
+    expect_near(a == 1 ? 1 : exp(learnt_mean[3 + a]), number(y.stiffness[a]), BY_NUMBER(1e-13, 1e-6, 1e-6),
+        "stiffness", a);
   tse_config d = c;
   d.noise_max = setting(1.5);
   const tse_params q = prepared(d);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&q, learnt_bytes, sizeof learnt_bytes, 0));
-  expect_near(1.5, number(first_row(&q).noise[1]), BY_NUMBER(1e-13, 1e-6, 1e-6), "noise as far as it may be", 1);
+  expect_near(
+      1.5, number(first_row(&q).noise[1]), BY_NUMBER(1e-13, 1e-6, 1e-6), "noise as far as it may be", 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_by_particles, sizeof learnt_by_particles, 0));
   expect_near(1, number(first_row(&p).noise[1]), 0, "noise as told: particles know none", 1);
 }
@@ -720,9 +781,11 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
   expect_kept(&p, &f.filter.k, "after two drives of a row");
   TEST_ASSERT_EQUAL_MEMORY(learnt_bytes, out[1], AT_NU);
   for (int i = 0; i < 2 * TSE_KEPT; i++)
-    if (i % TSE_KEPT != 4) expect_near(q24(learnt_bytes + AT_MEAN + 4 * i), q24(out[1] + AT_MEAN + 4 * i), BY_NUMBER(3 * UNIT, 1e-6, 2e-5), "number", i);
-  for (int i = 0; i < TSE_SENSORS; i++) expect_near(learnt_noise[i], q24(out[1] + AT_NOISE + 4 * i), BY_NUMBER(3 * UNIT, 1e-6, 1e-6),
-                                                    "noise", i);
+    if (i % TSE_KEPT != 4)
+      expect_near(q24(learnt_bytes + AT_MEAN + 4 * i), q24(out[1] + AT_MEAN + 4 * i),
+          BY_NUMBER(3 * UNIT, 1e-6, 2e-5), "number", i);
+  for (int i = 0; i < TSE_SENSORS; i++)
+    expect_near(learnt_noise[i], q24(out[1] + AT_NOISE + 4 * i), BY_NUMBER(3 * UNIT, 1e-6, 1e-6), "noise", i);
 }
 
 /* While the first rows wait for a channel that comes late. */
@@ -738,8 +801,10 @@ static void test_before_the_first_step_what_was_learnt_is_reported(void)
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
     TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, tse_step(&p, &f.filter, &u, &y));
     for (int a = 0; a < 3; a++) {
-      expect_near(a == 1 ? 1 : exp(learnt_mean[3 + a]), number(y.stiffness[a]), BY_NUMBER(1e-13, 1e-6, 1e-4), "mean", a);
-      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * (a == 1 ? 0.3 : learnt_sd[3 + a] * exp(learnt_mean[3 + a])));
+      expect_near(a == 1 ? 1 : exp(learnt_mean[3 + a]), number(y.stiffness[a]), BY_NUMBER(1e-13, 1e-6, 1e-4),
+          "mean", a);
+      TEST_ASSERT_TRUE(
+          number(y.stiffness_sd[a]) > 0.9 * (a == 1 ? 0.3 : learnt_sd[3 + a] * exp(learnt_mean[3 + a])));
       expect_near(learnt_mean[a], number(y.bias[a]), BY_NUMBER(1e-13, 1e-6, 2e-3), "bias", a);
     }
   }
@@ -756,8 +821,10 @@ static void test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_t
   learnt_with(bytes, 12, 7);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
   expect_near(number(p.nu0), number(f.filter.start.nu), 0, "nu", 0);
-  expect_near(-0.5 * 0.0625 * 0.125 * per_nu, number(f.filter.start.lam[2]), BY_NUMBER(1e-15, 1e-9, 5e-6), "02", 0);
-  expect_near(0.25 * 0.25 * 0.125 * per_nu, number(f.filter.start.lam[4]), BY_NUMBER(1e-15, 1e-9, 5e-6), "12", 0);
+  expect_near(
+      -0.5 * 0.0625 * 0.125 * per_nu, number(f.filter.start.lam[2]), BY_NUMBER(1e-15, 1e-9, 5e-6), "02", 0);
+  expect_near(
+      0.25 * 0.25 * 0.125 * per_nu, number(f.filter.start.lam[4]), BY_NUMBER(1e-15, 1e-9, 5e-6), "12", 0);
 }
 
 static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
@@ -781,7 +848,8 @@ static void depart(drive *d, const tse_config *c, int32_t seed, double steer, do
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.true_cx_front = setting(0.75), s.true_cy_front = setting(0.8), s.true_cy_rear = setting(1.2), s.seed = seed;
+  s.true_cx_front = setting(0.75), s.true_cy_front = setting(0.8), s.true_cy_rear = setting(1.2),
+  s.seed = seed;
   set_off_with(d, c, &s);
   d->steer = steer, d->torque = torque;
 }
@@ -795,7 +863,8 @@ static void forms(int32_t form, tse_config *c)
   c->particles = 200;
 }
 
-/* What a drive that shows nothing could not learn is not carried on as knowledge; what it was told is, no surer than before. */
+/* What a drive that shows nothing could not learn is not carried on as knowledge; what it
+ * was told is, no surer than before. */
 static void test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_stays(void)
 {
   for (int32_t form = 0; form < 2; form++) {
@@ -823,9 +892,12 @@ static void test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_s
     TEST_ASSERT_EQUAL_HEX32(7, known_of(later));
     for (int a = 0; a < 3; a++) {
       const double sd = q24(later + AT_SD + 12 + 4 * a), mean = q24(later + AT_MEAN + 12 + 4 * a);
-      const double loaded = sqrt(0.1 * 0.1 + 9 * 0.02 * 0.02); /* relative in form 0, to nominal in the others */
-      if (form == 0 && a == TSE_CX_FRONT) continue; /* what a straight drive says of it: tests/unit/filter/test_step.c */
-      TEST_ASSERT_TRUE(sd > (form ? 0.998 / exp(mean) : 0.8) * loaded); /* form 0: a quiet drive teaches a little */
+      const double loaded = sqrt(
+          0.1 * 0.1 + 9 * 0.02 * 0.02); /* relative in form 0, to nominal in the others */
+      if (form == 0 && a == TSE_CX_FRONT)
+        continue; /* what a straight drive says of it: tests/unit/filter/test_step.c */
+      TEST_ASSERT_TRUE(
+          sd > (form ? 0.998 / exp(mean) : 0.8) * loaded); /* form 0: a quiet drive teaches a little */
       expect_near(q24(lively + AT_MEAN + 12 + 4 * a), mean, 0.1, "mean", a);
     }
   }
@@ -848,8 +920,9 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, DAY));
     for (int i = 0; i < 10; i++) {
       const tse_output y = run(&p, &f, &d, 20);
-      for (int a = 0; a < 3; a++) expect_near(truth[a], number(y.stiffness[a]), fmax(0.12 * truth[a], 3 * number(y.stiffness_sd[a])),
-                                              "stiffness", a);
+      for (int a = 0; a < 3; a++)
+        expect_near(truth[a], number(y.stiffness[a]), fmax(0.12 * truth[a], 3 * number(y.stiffness_sd[a])),
+            "stiffness", a);
     }
   }
 }

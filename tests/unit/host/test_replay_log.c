@@ -1,10 +1,12 @@
-/* tests/unit/host/test_replay_log.c <-> src/host/replay.c, src/model/integrator.c: the calls, the plain model, order of the
- * integration, profiles and disturbances. (test_replay.c is the golden drive of the estimator.) */
+/* tests/unit/host/test_replay_log.c <-> src/host/replay.c, src/model/integrator.c: the
+ * calls, the plain model, order of the integration, profiles and disturbances.
+ * (test_replay.c is the golden drive of the estimator.) */
 #include "paper/particle.h"
 #include "unit_support.h"
 #include "effect_support.h"
 
-/* Rows of a lively drive: steering, wheels and time steps of several lengths, down to walking pace. */
+/* Rows of a lively drive: steering, wheels and time steps of several lengths, down to
+ * walking pace. */
 static void lively(const tse_config *c, int rows)
 {
   straight(c, 20, 0.01, rows);
@@ -27,7 +29,8 @@ static tse_config all_effects(void)
 
 /* ------------------------------------------------------------------------------------- nothing on */
 
-/* The estimator's vehicle, row by row, to the last bit; with shapes of effects that are off anywhere in their range. */
+/* The estimator's vehicle, row by row, to the last bit; with shapes of effects that are
+ * off anywhere in their range. */
 static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
 {
   const tse_config plain = default_car();
@@ -42,7 +45,8 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   s.yaw_rate = real(-0.1);
   lively(&c, rows);
   replay_with(&c, &log, rows, &s);
-  const stiffness k = vehicle_stiffness(&p, s.cx_front - TSE_R(1), s.cy_front - TSE_R(1), s.cy_rear - TSE_R(1));
+  const stiffness k = vehicle_stiffness(
+      &p, s.cx_front - TSE_R(1), s.cy_front - TSE_R(1), s.cy_rear - TSE_R(1));
   inputs from = { TSE_R(0), TSE_R(0), TSE_R(0) }, to;
   tse_real x[3] = { TSE_R(0), TSE_R(0), TSE_R(0) };
   for (int i = 0; i < rows; i++) {
@@ -57,7 +61,8 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
       const int32_t steps = vehicle_steps(&p, log_dt[i], from, to);
       const tse_real h = steps > 1 ? r_div(log_dt[i], r_from_int(steps)) : log_dt[i];
       for (int32_t n = 0; n < steps; n++)
-        particle_step(&p, &x[0], &x[1], &x[2], k, vehicle_between(from, to, n, steps), vehicle_between(from, to, n + 1, steps), h);
+        particle_step(&p, &x[0], &x[1], &x[2], k, vehicle_between(from, to, n, steps),
+            vehicle_between(from, to, n + 1, steps), h);
     }
     from = to;
     const accels a = vehicle_accels(&p, k, vehicle_slips(&p, x[0], x[1], x[2], to), to.steer);
@@ -66,7 +71,8 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   }
 }
 
-/* test_simulate.c holds the simulator without effects against scipy; here: nothing that is off has a say. */
+/* test_simulate.c holds the simulator without effects against scipy; here: nothing that
+ * is off has a say. */
 static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(void)
 {
   static tse_sim a, b;
@@ -89,7 +95,8 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   }
 }
 
-/* Who sets the driver's last angle anew between two rows (an FMU whose inputs are held) makes the wheels jump there. */
+/* Who sets the driver's last angle anew between two rows (an FMU whose inputs are held)
+ * makes the wheels jump there. */
 static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
 {
   static tse_sim sim[2];
@@ -113,14 +120,16 @@ static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
 /* How far a row reads from what was kept. */
 static double off_kept(int i)
 {
-  return fabs(number(got_x[i]) - number(kept_x[i])) + fabs(number(got_y[i]) - number(kept_y[i])) + fabs(number(got_r[i]) - number(kept_r[i]));
+  return fabs(number(got_x[i]) - number(kept_x[i])) + fabs(number(got_y[i]) - number(kept_y[i]))
+      + fabs(number(got_r[i]) - number(kept_r[i]));
 }
 
 /* A strength on its way to zero leads to the plain model: no effect starts with a step. */
 static void test_every_effect_is_continuous_at_zero(void)
 {
 #define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
-  const uint64_t lags = 0 EFFECTS_LAG(BIT); /* shorter than a step: another discretisation of the same motion */
+  const uint64_t lags = 0 EFFECTS_LAG(
+      BIT); /* shorter than a step: another discretisation of the same motion */
   char said[120];
   const int rows = 600;
   tse_config c = default_car();
@@ -149,13 +158,15 @@ static void test_every_effect_is_continuous_at_zero(void)
 
 /* ---------------------------------------------------------------------------------------- integration */
 
-/* Halving the step quarters the error, with all that has memory; reference: a sixteenth of the step. */
+/* Halving the step quarters the error, with all that has memory; reference: a sixteenth
+ * of the step. */
 static void test_integration_is_of_second_order_with_all_effects(void)
 {
   tse_config c = all_effects();
   static double end[4][3];
   const int steps[4] = { 100, 200, 400, 3200 };
-  c.steering_delay_time = c.imu_delay_time = setting(0); /* linear between rows, so of second order only on average */
+  c.steering_delay_time = c.imu_delay_time = setting(
+      0); /* linear between rows, so of second order only on average */
   c.sample_time = setting(0.05);
   for (int k = 0; k < 4; k++) {
     const double dt = 2.0 / steps[k];
@@ -170,7 +181,8 @@ static void test_integration_is_of_second_order_with_all_effects(void)
     end[k][2] = number(got_yaw[steps[k]]);
   }
   for (int a = 0; a < 3 && sizeof(tse_real) == 8; a++) { /* in float rounding is as large */
-    const double e0 = fabs(end[0][a] - end[3][a]), e1 = fabs(end[1][a] - end[3][a]), e2 = fabs(end[2][a] - end[3][a]);
+    const double e0 = fabs(end[0][a] - end[3][a]), e1 = fabs(end[1][a] - end[3][a]),
+                 e2 = fabs(end[2][a] - end[3][a]);
     TEST_ASSERT_TRUE(e0 < 5e-3 && e0 > 1e-7);
     TEST_ASSERT_TRUE(e1 < e0 / 2.5 && e2 < e1 / 2.5);
   }
@@ -186,10 +198,13 @@ static void test_the_shortest_lags_change_nothing_and_stay_stable(void)
   keep_readings();
   c.relaxation_length = c.longitudinal_relaxation_length = setting(1e-5);
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) expect_near(number(kept_y[i]), number(got_y[i]), 2e-2, "accel_y", i); /* the same motion, otherwise discretised: 0.5 % */
+  for (int i = 0; i < rows; i++)
+    expect_near(number(kept_y[i]), number(got_y[i]), 2e-2, "accel_y",
+        i); /* the same motion, otherwise discretised: 0.5 % */
 }
 
-/* Standing and rolling backwards with a lag: the tyre is a spring there, and the car comes to rest. */
+/* Standing and rolling backwards with a lag: the tyre is a spring there, and the car
+ * comes to rest. */
 static void test_with_lags_the_car_settles_at_walking_pace(void)
 {
   tse_config c = default_car();
@@ -201,7 +216,8 @@ static void test_with_lags_the_car_settles_at_walking_pace(void)
     log_steer[i] = real(0.1);
   }
   replay(&c, rows);
-  for (int i = 0; i < rows; i++) TEST_ASSERT_TRUE(fabs(number(got_vy[i])) < 0.5 && fabs(number(got_vx[i])) < 5.1);
+  for (int i = 0; i < rows; i++)
+    TEST_ASSERT_TRUE(fabs(number(got_vy[i])) < 0.5 && fabs(number(got_vx[i])) < 5.1);
   expect_near(-1, number(got_vx[rows - 1]), 0.02, "vel_x", 0);
   expect_near(-1 * 0.1 / 2.75, number(got_yaw[rows - 1]), 2e-3, "yaw rate: v delta/L", 0);
 }
@@ -245,7 +261,8 @@ static void test_the_start_is_where_it_is_told(void)
   expect_near(21, number(got_vx[0]), BY_FORMAT(1e-12, 1e-5), "mean of the wheels", 1);
 }
 
-/* accel_x = v' + g sin(grade), accel_y = v r' + g sin(bank) once the car follows; a profile adds to the setting. */
+/* accel_x = v' + g sin(grade), accel_y = v r' + g sin(bank) once the car follows; a
+ * profile adds to the setting. */
 static void test_profiles_of_the_road_act_as_slopes_do(void)
 {
   static tse_real grade[2000], bank[2000];
@@ -259,19 +276,25 @@ static void test_profiles_of_the_road_act_as_slopes_do(void)
   }
   log.grade = grade, log.bank = bank;
   replay_with(&c, &log, 2000, &s);
-  for (int i = 700; i < 1999; i++) { /* vel_x follows the wheels within a tenth of a second: 0.2 rad/s of it */
-    const double vx = (number(got_vx[i + 1]) - number(got_vx[i - 1])) / 0.02, vy = (number(got_vy[i + 1]) - number(got_vy[i - 1])) / 0.02;
-    expect_near(vx - number(got_vy[i]) * number(got_yaw[i]) + 9.81 * sin(number(grade[i])), number(got_x[i]), BY_FORMAT(1e-4, 5e-3), "accel_x", i);
-    expect_near(vy + number(got_vx[i]) * number(got_yaw[i]) + 9.81 * sin(number(bank[i])), number(got_y[i]), BY_FORMAT(1e-4, 5e-3), "accel_y", i);
+  for (int i = 700; i < 1999;
+      i++) { /* vel_x follows the wheels within a tenth of a second: 0.2 rad/s of it */
+    const double vx = (number(got_vx[i + 1]) - number(got_vx[i - 1])) / 0.02,
+                 vy = (number(got_vy[i + 1]) - number(got_vy[i - 1])) / 0.02;
+    expect_near(vx - number(got_vy[i]) * number(got_yaw[i]) + 9.81 * sin(number(grade[i])), number(got_x[i]),
+        BY_FORMAT(1e-4, 5e-3), "accel_x", i);
+    expect_near(vy + number(got_vx[i]) * number(got_yaw[i]) + 9.81 * sin(number(bank[i])), number(got_y[i]),
+        BY_FORMAT(1e-4, 5e-3), "accel_y", i);
     expect_near(9.81 * sin(number(grade[i])), number(got_x[i]), 0.01, "accel_x shows the grade", i);
   }
   const double seen = number(got_x[1500]);
   c.grade_angle = setting(0.01);
   replay_with(&c, &log, 2000, &s);
-  expect_near(9.81 * (sin(0.01 + number(grade[1500])) - sin(number(grade[1500]))), number(got_x[1500]) - seen, BY_FORMAT(1e-5, 1e-4), "both", 0);
+  expect_near(9.81 * (sin(0.01 + number(grade[1500])) - sin(number(grade[1500]))), number(got_x[1500]) - seen,
+      BY_FORMAT(1e-5, 1e-4), "both", 0);
 }
 
-/* A disturbance of the front slip angle is a steering angle; of both, a sideways motion of the ground; a force is seen. */
+/* A disturbance of the front slip angle is a steering angle; of both, a sideways motion
+ * of the ground; a force is seen. */
 static void test_disturbances_enter_where_they_say(void)
 {
   static tse_real front[1000], rear[1000], force[1000], push[1000], yaw[1000];
@@ -294,7 +317,8 @@ static void test_disturbances_enter_where_they_say(void)
   }
   log.slip_front = front;
   replay_with(&c, &log, 1000, &s);
-  for (int i = 0; i < 1000; i++) expect_near(steered[i], number(got_r[i]), 1e-5, "slip_front", i); /* but for Fy sin d */
+  for (int i = 0; i < 1000; i++)
+    expect_near(steered[i], number(got_r[i]), 1e-5, "slip_front", i); /* but for Fy sin d */
   log.slip_front = NULL, log.slip_rear = rear;
   for (int i = 0; i < 1000; i++) rear[i] = real(0.002);
   replay_with(&c, &log, 1000, &s);
@@ -306,16 +330,20 @@ static void test_disturbances_enter_where_they_say(void)
   expect_near(20 + 20 * 1900 * 0.125 / 3.2e5, number(got_vx[999]), BY_FORMAT(1e-3, 2e-3), "force_x, slip", 0);
   log.force_x = NULL, log.force_y = force;
   replay_with(&c, &log, 1000, &s);
-  const double length = 2.75, side = 1900 * 0.25, r = v * (1.5 * side / (length * 1.2e5) - 1.25 * side / (length * 1.4e5)) / (length + k * v * v);
+  const double length = 2.75, side = 1900 * 0.25,
+               r = v * (1.5 * side / (length * 1.2e5) - 1.25 * side / (length * 1.4e5))
+      / (length + k * v * v);
   expect_near(r, number(got_r[999]), 2e-3 * fabs(r) + 1e-5, "force_y", 0);
   expect_near(v * r, number(got_y[999]), 2e-3 * fabs(v * r) + 2e-4, "force_y is seen", 0);
   log.force_y = NULL, log.yaw_accel = yaw;
   replay_with(&c, &log, 1000, &s);
-  const double moment = 3000 * 0.5, turned = v * (moment / (length * 1.2e5) + moment / (length * 1.4e5)) / (length + k * v * v);
+  const double moment = 3000 * 0.5,
+               turned = v * (moment / (length * 1.2e5) + moment / (length * 1.4e5)) / (length + k * v * v);
   expect_near(turned, number(got_r[999]), 5e-3 * turned, "yaw_accel", 0);
 }
 
-/* Rows of 50 ms are taken in four steps, in which everything given is linear: the same as rows of 12.5 ms that are. */
+/* Rows of 50 ms are taken in four steps, in which everything given is linear: the same as
+ * rows of 12.5 ms that are. */
 static void test_what_is_given_is_linear_within_a_row(void)
 {
   static tse_real given_at[7][401];
@@ -333,7 +361,8 @@ static void test_what_is_given_is_linear_within_a_row(void)
         const double a = sin(0.7 * corner + k), b = sin(0.7 * (corner + 1) + k);
         given_at[k][i] = real(size[k] * (a + (b - a) * (at % 4) / 4));
       }
-    log.grade = given_at[0], log.bank = given_at[1], log.slip_front = given_at[2], log.slip_rear = given_at[3];
+    log.grade = given_at[0], log.bank = given_at[1], log.slip_front = given_at[2],
+    log.slip_rear = given_at[3];
     log.force_x = given_at[4], log.force_y = given_at[5], log.yaw_accel = given_at[6];
     replay_with(&c, &log, rows, &s);
     for (int i = 0; i < rows; i++) {
@@ -382,7 +411,8 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
   {
     lacking = log;
     memset((char *)&lacking + column->offset, 0, sizeof(tse_real *));
-    TEST_ASSERT_EQUAL_INT_MESSAGE(column->kind == 'p' ? TSE_E_NULL : TSE_OK, tse_replay(&p, &lacking, 20, &s, &out, NULL), column->name);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(column->kind == 'p' ? TSE_E_NULL : TSE_OK,
+        tse_replay(&p, &lacking, 20, &s, &out, NULL), column->name);
   }
   unprepared.magic = 0;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_replay(&unprepared, &log, 20, &s, &out, &wrong));
@@ -431,7 +461,8 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
       tse_replay_start s = the_start();
       memcpy((char *)&s + number_of_start->offset, &bad[k], sizeof bad[k]);
       wrong = -1;
-      TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), number_of_start->name);
+      TEST_ASSERT_EQUAL_INT_MESSAGE(
+          TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), number_of_start->name);
       TEST_ASSERT_EQUAL_INT32_MESSAGE(0, wrong, number_of_start->name);
     }
     EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG)
@@ -450,7 +481,8 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
   }
 }
 
-/* A lag of the side force is none of the drive force: what has no relaxation follows at once beside what has. */
+/* A lag of the side force is none of the drive force: what has no relaxation follows at
+ * once beside what has. */
 static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
 {
   static double plain[60];
@@ -458,7 +490,8 @@ static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
   for (int lags = 0; lags < 2; lags++) {
     c.relaxation_length = setting(lags ? 0.5 : 0);
     straight(&c, 20, 0.01, 60);
-    for (int i = 0; i < 60; i++) log_front[i] = real(number(log_front[i]) * (1 + 0.004 * sin(0.3 * i))); /* drive and brake */
+    for (int i = 0; i < 60; i++)
+      log_front[i] = real(number(log_front[i]) * (1 + 0.004 * sin(0.3 * i))); /* drive and brake */
     replay(&c, 60);
     for (int i = 0; i < 60; i++) {
       if (lags) expect_near(plain[i], number(got_x[i]), BY_FORMAT(1e-9, 2e-3), "accel_x", i);
@@ -467,7 +500,8 @@ static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
   }
 }
 
-/* Of a log that is one row long nothing is known of how the wheels spin up, and their inertia has no say. */
+/* Of a log that is one row long nothing is known of how the wheels spin up, and their
+ * inertia has no say. */
 static void test_one_row_has_the_torque_of_its_slip_alone(void)
 {
   const tse_config c = default_car();
@@ -486,12 +520,14 @@ static void test_one_row_has_the_torque_of_its_slip_alone(void)
   expect_near(light[1], number(got_tr[0]), 0, "rear", 0);
 }
 
-/* Finite, and too large: each reading for itself; nobody need ask which row it was, and what is put out before it are numbers. */
+/* Finite, and too large: each reading for itself; nobody need ask which row it was, and
+ * what is put out before it are numbers. */
 static void test_a_reading_that_overflows_alone_is_refused_too(void)
 {
   const tse_config c = default_car();
   const tse_params p = prepared(c);
-  const tse_real huge = real(BY_NUMBER(1.7e308, 3.4e38, 1e8)); /* the largest alone, and the sum of two is none */
+  const tse_real huge = real(
+      BY_NUMBER(1.7e308, 3.4e38, 1e8)); /* the largest alone, and the sum of two is none */
   static tse_real profile[20];
   tse_replay_log log;
   lively(&c, 20);
@@ -518,8 +554,9 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
     TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, NULL));
   }
   for (int i = 0; i < 5; i++)
-    TEST_ASSERT_TRUE(r_is_finite(got_x[i]) && r_is_finite(got_y[i]) && r_is_finite(got_r[i]) && r_is_finite(got_vx[i]) &&
-                     r_is_finite(got_vy[i]) && r_is_finite(got_yaw[i]) && r_is_finite(got_tf[i]) && r_is_finite(got_tr[i]));
+    TEST_ASSERT_TRUE(r_is_finite(got_x[i]) && r_is_finite(got_y[i]) && r_is_finite(got_r[i])
+        && r_is_finite(got_vx[i]) && r_is_finite(got_vy[i]) && r_is_finite(got_yaw[i])
+        && r_is_finite(got_tf[i]) && r_is_finite(got_tr[i]));
   for (int k = 0; k < 2; k++) { /* a wheel that spins up, as the first row says */
     tse_replay_start s = the_start();
     int32_t wrong = -1;

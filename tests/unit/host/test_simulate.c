@@ -1,6 +1,8 @@
 /* tests/unit/host/test_simulate.c <-> src/host/simulate.c
  *
- * Reference: another model with wheels (newtons()), integrated in steps of 10 us. Random numbers are seeded; moments must lie within 4.42 standard errors (missed by chance with probability 1e-5) of what was asked for. */
+ * Reference: another model with wheels (newtons()), integrated in steps of 10 us. Random
+ * numbers are seeded; moments must lie within 4.42 standard errors (missed by chance with
+ * probability 1e-5) of what was asked for. */
 #include <stddef.h>
 #include <stdlib.h>
 
@@ -30,14 +32,19 @@ static void start(tse_config c, tse_sim_config s)
   if (tse_sim_reset(&sim, &c, &s, &wrong) != TSE_OK) TEST_FAIL_MESSAGE(wrong);
 }
 
-static void step(tse_sim_input u, tse_sim_output *y) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, y)); }
+static void step(tse_sim_input u, tse_sim_output *y)
+{
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, y));
+}
 
 /* ------------------------------------------------------------------------------------------- the motion */
 
 enum { SIMULATED_ROWS = 160 };
 
-/* mass, yaw inertia, lf, lr, Cx front, Cx rear, Cy front, Cy rear, follow, radius front, rear, inertia front, rear, levels (3) */
-static const double simulated_car[] = { 1500.0, 2200.0, 1.2, 1.45, 150000.0, 120000.0, 90000.0, 110000.0, 0.5, 0.33, 0.31, 2.4, 3.1, 0.8, 1.1, 0.9 };
+/* mass, yaw inertia, lf, lr, Cx front, Cx rear, Cy front, Cy rear, follow, radius front,
+ * rear, inertia front, rear, levels (3) */
+static const double simulated_car[] = { 1500.0, 2200.0, 1.2, 1.45, 150000.0, 120000.0, 90000.0, 110000.0, 0.5,
+  0.33, 0.31, 2.4, 3.1, 0.8, 1.1, 0.9 };
 static const double simulated_speed[] = { 20.0, 2.5, 0.0 };
 
 static tse_config table_car(void)
@@ -62,7 +69,8 @@ static tse_sim_config table_sim(double speed)
   return s;
 }
 
-/* Row k of driver j: time step, steering angle, torques front and rear, brakes front and rear, road. Driving, stopping, reversing. */
+/* Row k of driver j: time step, steering angle, torques front and rear, brakes front and
+ * rear, road. Driving, stopping, reversing. */
 static void driver_row(int j, int k, double u[7])
 {
   const double t = 0.015 * k, press = fmin(k / 20.0, 1.0), brake = k >= 70 && k < 90 ? 150.0 : 0.0;
@@ -75,15 +83,18 @@ static void driver_row(int j, int k, double u[7])
   memcpy(u, row[j], sizeof row[j]);
 }
 
-/* The reference: forces in newtons, torques in newton metres. Slip is taken over at least 1 m/s; brakes oppose rotation, linearly
- * up to 0.2 rad/s. x: vel_x, vel_y, yaw rate, wheel speeds. rate: of x; accel: accel_x, accel_y. */
+/* The reference: forces in newtons, torques in newton metres. Slip is taken over at least
+ * 1 m/s; brakes oppose rotation, linearly up to 0.2 rad/s. x: vel_x, vel_y, yaw rate,
+ * wheel speeds. rate: of x; accel: accel_x, accel_y. */
 static void newtons(const double x[5], const double u[7], double road, double rate[5], double accel[2])
 {
   const double *const t = simulated_car, over = fmax(fabs(x[0]), 1), roll[2] = { t[9] * x[3], t[10] * x[4] };
   const double fx_front = t[4] * t[13] * road * (roll[0] - x[0]) / fmax(over, fabs(roll[0]));
-  const double fx_rear = t[5] * road * (1 + t[8] * (t[13] - 1)) * (roll[1] - x[0]) / fmax(over, fabs(roll[1]));
+  const double fx_rear = t[5] * road * (1 + t[8] * (t[13] - 1)) * (roll[1] - x[0])
+      / fmax(over, fabs(roll[1]));
   const double fy_front = t[6] * t[14] * road * (u[1] * x[0] - x[1] - t[2] * x[2]) / over;
-  const double fy_rear = t[7] * t[15] * road * (t[3] * x[2] - x[1]) / over, across = fy_front + fx_front * u[1];
+  const double fy_rear = t[7] * t[15] * road * (t[3] * x[2] - x[1]) / over,
+               across = fy_front + fx_front * u[1];
   accel[0] = (fx_front + fx_rear - fy_front * u[1]) / t[0];
   accel[1] = (across + fy_rear) / t[0];
   rate[0] = accel[0] + x[1] * x[2];
@@ -93,14 +104,15 @@ static void newtons(const double x[5], const double u[7], double road, double ra
   rate[4] = (u[3] - u[5] * fmin(fmax(x[4] / 0.2, -1), 1) - t[10] * fx_rear) / t[12];
 }
 
-/* Run j of it, by Runge and Kutta in steps of 10 us: states and accelerations of every row. Between rows the driver is linear, the
- * road that of the row before. */
+/* Run j of it, by Runge and Kutta in steps of 10 us: states and accelerations of every
+ * row. Between rows the driver is linear, the road that of the row before. */
 static double simulated[3][SIMULATED_ROWS][7];
 
 static void reference_run(int j)
 {
   static const double at[4] = { 0, 0.5, 0.5, 1 }, share[4] = { 1, 2, 2, 1 };
-  double x[5] = { simulated_speed[j], 0, 0, simulated_speed[j] / simulated_car[9], simulated_speed[j] / simulated_car[10] };
+  double x[5] = { simulated_speed[j], 0, 0, simulated_speed[j] / simulated_car[9],
+    simulated_speed[j] / simulated_car[10] };
   double from[7], to[7], rate[5] = { 0 };
   driver_row(j, 0, to);
   for (int k = 0; k < SIMULATED_ROWS; k++) {
@@ -123,7 +135,8 @@ static void reference_run(int j)
   }
 }
 
-/* Largest distances from the reference over run j: of the states (wheels times 0.3 m), and of the accelerations. */
+/* Largest distances from the reference over run j: of the states (wheels times 0.3 m),
+ * and of the accelerations. */
 static void table_run(int j, double substep, double *state, double *accel)
 {
   tse_sim_config s = table_sim(simulated_speed[j]);
@@ -137,7 +150,8 @@ static void table_run(int j, double substep, double *state, double *accel)
     double row[7];
     driver_row(j, k, row);
     u.dt = real(row[0]), u.steer_angle = real(row[1]), u.wheel_torque_front = real(row[2]);
-    u.wheel_torque_rear = real(row[3]), u.brake_torque_front = real(row[4]), u.brake_torque_rear = real(row[5]);
+    u.wheel_torque_rear = real(row[3]), u.brake_torque_front = real(row[4]),
+    u.brake_torque_rear = real(row[5]);
     u.road_level = real(row[6]);
     step(u, &y);
     const double *const t = simulated[j][k];
@@ -151,9 +165,10 @@ static void table_run(int j, double substep, double *state, double *accel)
   }
 }
 
-/* Driving at 20 m/s with two changes of the road, braking to a standstill, driving off backwards. Substeps of 0.1 ms: the
- * wheels' 7000/s at walking pace are resolved, the corners of brake and max() cost one order. Float: 16 substeps in 1.6e4
- * round 20 m/s by 1e-6 each at random, accelerations feel 80 m/s2 per m/s of slip. */
+/* Driving at 20 m/s with two changes of the road, braking to a standstill, driving off
+ * backwards. Substeps of 0.1 ms: the wheels' 7000/s at walking pace are resolved, the
+ * corners of brake and max() cost one order. Float: 16 substeps in 1.6e4 round 20 m/s by
+ * 1e-6 each at random, accelerations feel 80 m/s2 per m/s of slip. */
 static void test_motion_matches_an_independent_model_of_forces_in_newtons(void)
 {
   for (int j = 0; j < ROWS(simulated_speed); j++) {
@@ -186,7 +201,8 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
     start(default_car(), s);
     for (int k = 0; k < 1000; k++) {
       step(driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0), &y);
-      TEST_ASSERT_TRUE(fabs(number(y.vel_x) - speeds[i]) < 1.0 && fabs(number(y.vel_y)) < 6 && fabs(number(y.yaw_rate)) < 1);
+      TEST_ASSERT_TRUE(fabs(number(y.vel_x) - speeds[i]) < 1.0 && fabs(number(y.vel_y)) < 6
+          && fabs(number(y.yaw_rate)) < 1);
     }
     /* the driver let go 9.5 s ago: it rolls straight ahead again */
     expect_near(0, number(y.vel_y), 1e-3, "vel_y", i);
@@ -195,7 +211,8 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
   }
 }
 
-/* A row of 10 ms at a substep of 1 ms is ten substeps, not eleven; a hair less and it is eleven. */
+/* A row of 10 ms at a substep of 1 ms is ten substeps, not eleven; a hair less and it is
+ * eleven. */
 static void test_time_step_is_divided_into_the_fewest_substeps(void)
 {
   const double substeps[3] = { 0.001, 0.00100005, 0.000995 };
@@ -212,7 +229,8 @@ static void test_time_step_is_divided_into_the_fewest_substeps(void)
   TEST_ASSERT_TRUE(y[0].vel_x != y[2].vel_x);
 }
 
-/* A time step that is a difference of two times may be 10 ms and a bit in the last place: still ten substeps. */
+/* A time step that is a difference of two times may be 10 ms and a bit in the last place:
+ * still ten substeps. */
 static void test_rounding_of_the_time_step_costs_no_substep(void)
 {
   tse_sim_output y[2];
@@ -231,8 +249,9 @@ static void test_rounding_of_the_time_step_costs_no_substep(void)
   }
 }
 
-/* Straight ahead, no brakes: m vx + J_f omega_f/R_f + J_r omega_r/R_r is the impulse of the torques over the radii, to
- * rounding, whatever the tyres do: what they take from the wheels is what they give to the car. */
+/* Straight ahead, no brakes: m vx + J_f omega_f/R_f + J_r omega_r/R_r is the impulse of
+ * the torques over the radii, to rounding, whatever the tyres do: what they take from the
+ * wheels is what they give to the car. */
 static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(void)
 {
   tse_sim_config s = table_sim(10);
@@ -249,11 +268,12 @@ static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(vo
     else impulse += 0.005 * (torque + last) * (1 / 0.33 + 1 / 0.31);
     last = torque;
   }
-  const double gained = 1500.0 * (number(y.vel_x) - number(first.vel_x)) +
-                        2.4 / 0.33 * (number(y.wheel_speed_front) - number(first.wheel_speed_front)) +
-                        3.1 / 0.31 * (number(y.wheel_speed_rear) - number(first.wheel_speed_rear));
+  const double gained = 1500.0 * (number(y.vel_x) - number(first.vel_x))
+      + 2.4 / 0.33 * (number(y.wheel_speed_front) - number(first.wheel_speed_front))
+      + 3.1 / 0.31 * (number(y.wheel_speed_rear) - number(first.wheel_speed_rear));
   TEST_ASSERT_TRUE(impulse > 2000);
-  expect_near(impulse, gained, BY_FORMAT(1e-8, 1.0), "impulse [Ns]", 0); /* float: 1e-6 m/s times 1500 kg, 4000 times at random */
+  expect_near(impulse, gained, BY_FORMAT(1e-8, 1.0), "impulse [Ns]",
+      0); /* float: 1e-6 m/s times 1500 kg, 4000 times at random */
 }
 
 static void test_car_starts_rolling_freely_at_its_speed_and_keeps_it(void)
@@ -279,9 +299,11 @@ static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void
     u.brake_torque_front = u.brake_torque_rear = real(1000);
     step(u, &y);
     if (k < 100) {
-      TEST_ASSERT_TRUE(!(y.vel_x != TSE_R(0)) && !(y.wheel_speed_front != TSE_R(0)) && !(y.yaw_rate != TSE_R(0)));
+      TEST_ASSERT_TRUE(
+          !(y.vel_x != TSE_R(0)) && !(y.wheel_speed_front != TSE_R(0)) && !(y.yaw_rate != TSE_R(0)));
     }
-    /* within its grip of 0.2 rad/s the brake is linear: half of its torque at half of the grip, and no more */
+    /* within its grip of 0.2 rad/s the brake is linear: half of its torque at half of the
+     * grip, and no more */
     TEST_ASSERT_TRUE(number(y.wheel_speed_front) >= 0 && number(y.wheel_speed_front) < 0.1001);
     TEST_ASSERT_TRUE(number(y.vel_x) >= 0 && number(y.vel_x) < 0.1001 * 0.33);
   }
@@ -323,21 +345,24 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
 
 /* ------------------------------------------------------------------------------- tyres that saturate */
 
-/* Brush model of one axle, forces over mass. Returned: share of the linear force that is left. */
+/* Brush model of one axle, forces over mass. Returned: share of the linear force that is
+ * left. */
 static double brush(double limit, double fx, double fy)
 {
   const double force = hypot(fx, fy), z = force / (3 * limit);
   return z < 1 ? 1 - z + z * z / 3 : limit / force;
 }
 
-/* Specific forces of the built-in car at y's state with friction mu; lin: those of linear tyres, z: of the front axle. */
-static void closed_form(const tse_sim_output *y, double steer, double mu, double a[2], double lin[2], double *z)
+/* Specific forces of the built-in car at y's state with friction mu; lin: those of linear
+ * tyres, z: of the front axle. */
+static void closed_form(
+    const tse_sim_output *y, double steer, double mu, double a[2], double lin[2], double *z)
 {
   const double m = 1900, lf = 1.25, lr = 1.5, vx = number(y->vel_x), g = 9.81 * mu / (lf + lr);
   const double rf = 0.33 * number(y->wheel_speed_front), rr = 0.33 * number(y->wheel_speed_rear);
   const double fx[2] = { 1.6e5 / m * (rf - vx) / fmax(rf, vx), 1.6e5 / m * (rr - vx) / fmax(rr, vx) };
   const double fy[2] = { 1.2e5 / m * (steer - (number(y->vel_y) + lf * number(y->yaw_rate)) / vx),
-                         1.4e5 / m * (lr * number(y->yaw_rate) - number(y->vel_y)) / vx };
+    1.4e5 / m * (lr * number(y->yaw_rate) - number(y->vel_y)) / vx };
   const double front = brush(g * lr, fx[0], fy[0]), rear = brush(g * lf, fx[1], fy[1]);
   *z = hypot(fx[0], fy[0]) / (3 * g * lr);
   lin[0] = fx[0] + fx[1] - fy[0] * steer;
@@ -410,7 +435,8 @@ static void test_friction_may_change_from_row_to_row(void)
   }
 }
 
-/* A road that each row gives is one of settings: the same bits; and the simulator is sound behind it. */
+/* A road that each row gives is one of settings: the same bits; and the simulator is
+ * sound behind it. */
 static void test_a_road_given_row_by_row_acts_as_that_of_the_settings(void)
 {
   static tse_sim_output y[2];
@@ -431,10 +457,12 @@ static void test_a_road_given_row_by_row_acts_as_that_of_the_settings(void)
   TEST_ASSERT_EQUAL_MEMORY(&y[1], &y[0], sizeof y[0]);
   start(c, s);
   for (int row = 0; row < 50; row++) step(driver(0.01, 100, 0.01), &y[1]);
-  TEST_ASSERT_TRUE(number(y[0].vel_y) < number(y[1].vel_y) && number(y[0].vel_x) > number(y[1].vel_x)); /* right and downhill */
+  TEST_ASSERT_TRUE(number(y[0].vel_y) < number(y[1].vel_y)
+      && number(y[0].vel_x) > number(y[1].vel_x)); /* right and downhill */
 }
 
-/* Held inputs are ramps between equal ends, with a jump at every row; an effect of the steering sees the same angles. */
+/* Held inputs are ramps between equal ends, with a jump at every row; an effect of the
+ * steering sees the same angles. */
 static void test_held_inputs_act_from_their_row_to_the_next(void)
 {
   tse_sim ramped;
@@ -469,7 +497,8 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
   }
 }
 
-/* A car that rolls straight feels a step of the steering in the row that logs it, and not before. */
+/* A car that rolls straight feels a step of the steering in the row that logs it, and not
+ * before. */
 static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
 {
   tse_config c = default_car();
@@ -487,8 +516,9 @@ static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
   }
 }
 
-/* Wheels that turn are no input: tyres that hold their slip, for however short a way, hold none where nothing drives. And a torque that
- * is steady accelerates car and wheels together, by what it is over m R + sum of J/R. */
+/* Wheels that turn are no input: tyres that hold their slip, for however short a way,
+ * hold none where nothing drives. And a torque that is steady accelerates car and wheels
+ * together, by what it is over m R + sum of J/R. */
 static void test_a_lag_along_the_car_moves_nothing_that_no_torque_moves(void)
 {
   const double length[] = { 1e-3, 0.02, 0.4 }, R = 0.33, J = 2.4;
@@ -502,14 +532,16 @@ static void test_a_lag_along_the_car_moves_nothing_that_no_torque_moves(void)
       for (int k = 0; k < 200; k++) {
         step(driver(0.01, torque, 0), &y);
         if (k < 100 && driven) continue;
-        expect_near(2 * torque / R / (1900 + 2 * J / R / R), number(y.accel_x), BY_FORMAT(2e-4, 2e-3), "accel_x", 100 * i + k);
+        expect_near(2 * torque / R / (1900 + 2 * J / R / R), number(y.accel_x), BY_FORMAT(2e-4, 2e-3),
+            "accel_x", 100 * i + k);
         if (!driven) expect_near(20 / R, number(y.wheel_speed_front), BY_FORMAT(1e-9, 1e-4), "front", k);
         if (!driven) expect_near(20 / R, number(y.wheel_speed_rear), BY_FORMAT(1e-9, 1e-4), "rear", k);
       }
     }
 }
 
-/* What still rolls takes part with its inertia: m + J/R^2. A locked wheel turns at most at the grip of its brake. */
+/* What still rolls takes part with its inertia: m + J/R^2. A locked wheel turns at most
+ * at the grip of its brake. */
 static void test_locked_axles_decelerate_with_friction_times_their_load(void)
 {
   const double torques[] = { 6000, 2e4, 1e5 };
@@ -547,7 +579,8 @@ static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_a
     step(u, &y);
     fastest = fmax(fastest, number(y.wheel_speed_front));
     if (k > 50 && k < 200)
-      expect_near(0.3 * 9.81 * 1.5 / 2.75 / (1 + 2.4 / 0.33 / 0.33 / 1900), number(y.accel_x), 2e-3, "accel_x", k);
+      expect_near(
+          0.3 * 9.81 * 1.5 / 2.75 / (1 + 2.4 / 0.33 / 0.33 / 1900), number(y.accel_x), 2e-3, "accel_x", k);
   }
   TEST_ASSERT_TRUE(fastest > 500);
   expect_near(number(y.vel_x), 0.33 * number(y.wheel_speed_front), 2e-3, "rolls again", 0);
@@ -570,12 +603,12 @@ static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
   TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 1);
 }
 
-/* Drivers out of their minds: no speed beyond what friction allows, no wheel braked into reverse; and before the car has
- * spun, which amplifies everything, substeps of 1 ms tell the same story as such of 0.1 ms. */
+/* Drivers out of their minds: no speed beyond what friction allows, no wheel braked into
+ * reverse; and before the car has spun, which amplifies everything, substeps of 1 ms tell
+ * the same story as such of 0.1 ms. */
 static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 {
-  enum { COUNT = 400,
-         COMPARED = 80 };
+  enum { COUNT = 400, COMPARED = 80 };
   static double path[2][COMPARED][3];
   double off = 0;
   for (int seed = 1; seed <= 40; seed++) {
@@ -601,7 +634,8 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
         }
         step(u, &y);
         const double v[3] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate) };
-        if (v[0] > 0) TEST_ASSERT_TRUE(number(y.wheel_speed_front) > -1e-3 && number(y.wheel_speed_rear) > -1e-3);
+        if (v[0] > 0)
+          TEST_ASSERT_TRUE(number(y.wheel_speed_front) > -1e-3 && number(y.wheel_speed_rear) > -1e-3);
         TEST_ASSERT_TRUE(hypot(v[0], v[1]) < speed + mu * 9.81 * 4 + 0.1 && fabs(v[2]) < 6);
         for (int a = 0; a < 3 && k < COMPARED; a++) {
           if (fine) off = fmax(off, fabs(path[0][k][a] - v[a]));
@@ -616,8 +650,7 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 /* ------------------------------------------------------------------------------ stiffness, noise, bias */
 
 /* One row a millisecond in one substep; what is asked for, in sample_of[0..]: */
-enum { DRAWN,
-       NOISE };
+enum { DRAWN, NOISE };
 static void record(tse_config c, tse_sim_config s, double road, int what)
 {
   start(c, s);
@@ -653,7 +686,8 @@ static void expect_normal(double *x, double mean, double sd)
 {
   double worst = 0;
   qsort(x, SAMPLES, sizeof x[0], ascending);
-  for (int i = 0; i < SAMPLES; i++) worst = fmax(worst, fabs(normal_cdf((x[i] - mean) / sd) - (i + 0.5) / SAMPLES));
+  for (int i = 0; i < SAMPLES; i++)
+    worst = fmax(worst, fabs(normal_cdf((x[i] - mean) / sd) - (i + 0.5) / SAMPLES));
   TEST_ASSERT_TRUE(worst < 2.47 / sqrt(SAMPLES));
 }
 
@@ -670,12 +704,14 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
   for (int a = 0; a < 3; a++) {
     expect_moments(sample_of[a], SAMPLES, 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
     expect_white(sample_of[a], "from row to row");
-    for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "between the stiffnesses");
+    for (int b = 0; b < a; b++)
+      expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "between the stiffnesses");
   }
   for (int a = 0; a < 3; a++) expect_normal(sample_of[a], 0.5 * mean[a], 0.5 * mean[a] * spread[a]);
 }
 
-/* 3 sigma below the mean at the largest spread of 30 %: 0.135 % of the draws are cut at a tenth of the mean. */
+/* 3 sigma below the mean at the largest spread of 30 %: 0.135 % of the draws are cut at a
+ * tenth of the mean. */
 static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
 {
   tse_sim_config s = quiet();
@@ -709,7 +745,8 @@ static void test_mean_stiffness_is_the_setting_times_the_road(void)
   }
 }
 
-/* The accelerometer feels the stiffness drawn for its own row: at fixed slip the deviations are proportional. */
+/* The accelerometer feels the stiffness drawn for its own row: at fixed slip the
+ * deviations are proportional. */
 static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
 {
   tse_sim_config s = quiet();
@@ -719,11 +756,15 @@ static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
     const tse_sim_input u = driver(0.01, 300, 0.03);
     tse_sim_output y;
     step(u, &y);
-    const inputs in = { u.steer_angle, real(0.33 * number(y.wheel_speed_front)), real(0.33 * number(y.wheel_speed_rear)) };
-    const double vx = number(y.vel_x), vy = number(y.vel_y), r = number(y.yaw_rate), delta = number(u.steer_angle);
-    const double over_front = fmax(fabs(vx), number(in.v_front)), over_rear = fmax(fabs(vx), number(in.v_rear));
+    const inputs in = { u.steer_angle, real(0.33 * number(y.wheel_speed_front)),
+      real(0.33 * number(y.wheel_speed_rear)) };
+    const double vx = number(y.vel_x), vy = number(y.vel_y), r = number(y.yaw_rate),
+                 delta = number(u.steer_angle);
+    const double over_front = fmax(fabs(vx), number(in.v_front)),
+                 over_rear = fmax(fabs(vx), number(in.v_rear));
     const double fxf = 1.6e5 * number(y.drawn[0]) * (number(in.v_front) - vx) / over_front;
-    const double fxr = 1.6e5 * number(y.drawn[0]) * (number(in.v_rear) - vx) / over_rear; /* the rear follows */
+    const double fxr = 1.6e5 * number(y.drawn[0]) * (number(in.v_rear) - vx)
+        / over_rear; /* the rear follows */
     const double fyf = 1.2e5 * number(y.drawn[1]) * (delta - (vy + 1.25 * r) / vx);
     const double fyr = 1.4e5 * number(y.drawn[2]) * (1.5 * r - vy) / vx;
     expect_near((fxf + fxr - fyf * delta) / 1900, number(y.accel_x), BY_FORMAT(1e-11, 1e-3), "accel_x", k);
@@ -741,7 +782,8 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
   s.spread_cx_front = s.spread_cy_front = setting(0.05);
   record(c, s, 1.0, NOISE);
   for (int a = 0; a < 8; a++)
-    for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "channels and stiffness");
+    for (int b = 0; b < a; b++)
+      expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "channels and stiffness");
   for (int a = 0; a < 6; a++) {
     expect_moments(sample_of[a], SAMPLES, 0, sd[a], "noise");
     expect_white(sample_of[a], "from row to row");
@@ -762,19 +804,22 @@ static void test_without_noise_the_log_is_the_truth_and_its_bias(void)
     tse_sim_output y;
     step(u, &y);
     const tse_real logged[7] = { y.row.dt, y.row.steer_angle, y.row.wheel_speed_front, y.row.wheel_speed_rear,
-                                 y.row.accel_x, y.row.accel_y, y.row.yaw_rate };
+      y.row.accel_x, y.row.accel_y, y.row.yaw_rate };
     const tse_real dt = k > 0 ? u.dt : TSE_R(0); /* nothing lies before the first row */
-    const tse_real truth[7] = { dt, u.steer_angle, y.wheel_speed_front, y.wheel_speed_rear, y.accel_x, y.accel_y, y.yaw_rate };
+    const tse_real truth[7] = { dt, u.steer_angle, y.wheel_speed_front, y.wheel_speed_rear, y.accel_x,
+      y.accel_y, y.yaw_rate };
     for (int a = 0; a < 7; a++)
-      expect_near(number(truth[a]) + bias[biased][a], number(logged[a]), biased ? BY_FORMAT(1e-15, 2e-7) : 0, "channel", a);
+      expect_near(number(truth[a]) + bias[biased][a], number(logged[a]), biased ? BY_FORMAT(1e-15, 2e-7) : 0,
+          "channel", a);
     for (int a = 0; a < 3; a++) expect_near(bias[biased][4 + a], number(y.bias[a]), 0, "bias", a);
     TEST_ASSERT_EQUAL_HEX32(0, y.row.missing);
-    TEST_ASSERT_EQUAL_INT(k > 0 ? TSE_OK : TSE_E_TIME, tse_input_check(&y.row, NULL)); /* tse_step() takes it as a first row */
+    TEST_ASSERT_EQUAL_INT(
+        k > 0 ? TSE_OK : TSE_E_TIME, tse_input_check(&y.row, NULL)); /* tse_step() takes it as a first row */
   }
 }
 
-/* Over many cars: the variance at time t is (bias_walk times walk)^2 t, also with rows of different length. The sample
- * variance of n normals has the relative sd sqrt(2/n). */
+/* Over many cars: the variance at time t is (bias_walk times walk)^2 t, also with rows of
+ * different length. The sample variance of n normals has the relative sd sqrt(2/n). */
 static void test_variance_of_the_bias_grows_with_time(void)
 {
   enum { CARS = 3000 };
@@ -807,7 +852,8 @@ static void test_variance_of_the_bias_grows_with_time(void)
     for (int a = 0; a < 3; a++) {
       const double variance = walk[a] * walk[a] * time[j];
       expect_near(0, mean_of(end[j][a], CARS), SIGMAS * sqrt(variance / CARS), "mean", a);
-      expect_near(variance, covariance(end[j][a], end[j][a], CARS), SIGMAS * variance * sqrt(2.0 / CARS), "variance", a);
+      expect_near(variance, covariance(end[j][a], end[j][a], CARS), SIGMAS * variance * sqrt(2.0 / CARS),
+          "variance", a);
       for (int b = 0; b < a; b++) expect_uncorrelated(end[j][a], end[j][b], CARS, "between the sensors");
     }
 }
@@ -830,18 +876,21 @@ static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
   for (int j = 0; j < 3; j++) {
     start(default_car(), noisy(j < 2 ? 5 : 6));
     for (int k = 0; k < COUNT; k++) {
-      memset(&runs[j][k], 0x11 * (j + 1), sizeof runs[j][k]); /* padding included: the output is the same bytes */
+      memset(&runs[j][k], 0x11 * (j + 1),
+          sizeof runs[j][k]); /* padding included: the output is the same bytes */
       step(driver(0.01, 300, 0.03), &runs[j][k]);
     }
   }
   TEST_ASSERT_EQUAL_MEMORY(first, again, sizeof first);
   for (int k = 0; k < COUNT; k++) {
-    TEST_ASSERT_TRUE(first[k].row.accel_x != other[k].row.accel_x && first[k].row.accel_y != other[k].row.accel_y &&
-                     first[k].row.yaw_rate != other[k].row.yaw_rate && first[k].drawn[0] != other[k].drawn[0]);
+    TEST_ASSERT_TRUE(first[k].row.accel_x != other[k].row.accel_x
+        && first[k].row.accel_y != other[k].row.accel_y && first[k].row.yaw_rate != other[k].row.yaw_rate
+        && first[k].drawn[0] != other[k].drawn[0]);
   }
 }
 
-/* The estimator's seed must not move the truth, and the same number must not give both the same words. */
+/* The estimator's seed must not move the truth, and the same number must not give both
+ * the same words. */
 static void test_estimators_seed_plays_no_part(void)
 {
   tse_config c = default_car();
@@ -887,8 +936,8 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
     EACH_FIELD(row, TSE_STRUCT_SIM_INPUT)
     {
       if (row->offset == offsetof(tse_sim_input, dt)) continue; /* which has statuses of its own, below */
-      const tse_real bad[5] = { neighbour(row->lo, -INFINITY), neighbour(row->hi, INFINITY), real((double)NAN), real((double)INFINITY),
-                                real((double)-INFINITY) };
+      const tse_real bad[5] = { neighbour(row->lo, -INFINITY), neighbour(row->hi, INFINITY),
+        real((double)NAN), real((double)INFINITY), real((double)-INFINITY) };
       for (int j = 0; j < 7; j++) {
         tse_sim_input u = driver(0.01, 300, 0.03);
         put_field(&u, row, j == 5 ? row->lo : row->hi);
@@ -900,7 +949,8 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
   }
 }
 
-/* Everything inside its range, and no car: a light one on stiff tyres whose rear axle steers into its own roll, 1200 times over. */
+/* Everything inside its range, and no car: a light one on stiff tyres whose rear axle
+ * steers into its own roll, 1200 times over. */
 static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
 {
   tse_config c = default_car();
@@ -930,8 +980,8 @@ static void test_what_is_no_car_before_a_row_is_none_after_it(void)
   start(default_car(), noisy(1));
   for (int k = 0; k < 10; k++) step(u, &y);
   const tse_sim good = sim;
-  tse_real *const part[] = { &sim.x[0], &sim.x[1], &sim.x[2], &sim.x[3], &sim.x[4], &sim.bias[0], &sim.bias[1],
-                             &sim.bias[2], &sim.effects.lag[0], &sim.effects.lag[3], &sim.steer };
+  tse_real *const part[] = { &sim.x[0], &sim.x[1], &sim.x[2], &sim.x[3], &sim.x[4], &sim.bias[0],
+    &sim.bias[1], &sim.bias[2], &sim.effects.lag[0], &sim.effects.lag[3], &sim.steer };
   for (int i = 0; i < ROWS(part); i++) {
     *part[i] = broken();
     expect_refused(&u, TSE_E_INPUT, "a part that is no number");
@@ -1018,7 +1068,8 @@ static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyo
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), row->name);
     put_field(&s, row, row->hi);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), row->name);
-    const tse_setting bad[4] = { towards(setting(row->lo), -INFINITY), towards(setting(row->hi), INFINITY), setting((double)NAN), setting((double)INFINITY) };
+    const tse_setting bad[4] = { towards(setting(row->lo), -INFINITY), towards(setting(row->hi), INFINITY),
+      setting((double)NAN), setting((double)INFINITY) };
     for (int k = 0; k < 4; k++) {
       put_setting(&s, row, bad[k]);
       expect_config_refused(&s, row->name);

@@ -1,16 +1,19 @@
-/* tests/unit/host/test_small.c <-> what TSE_SMALL changes in src/host, src/filter, src/estimator: lateral motion alone, and what it gives up is
- * refused or reported as not known. */
+/* tests/unit/host/test_small.c <-> what TSE_SMALL changes in src/host, src/filter,
+ * src/estimator: lateral motion alone, and what it gives up is refused or reported as not
+ * known. */
 #include "filter_support.h"
 #include "tse/learnt.h"
 
 /* Places in the bytes of a learnt state, of 11 numbers each: src/host/learnt.c. */
-enum { AT_MEAN = 20,
-       AT_SD = 64,
-       AT_CRC = TSE_LEARNT_BYTES - 4,
-       GAP_ACCEL_X = 0,
-       GAP_CX = 3,
-       GAP_LATE = 9,
-       GAP_RADIUS = 10 };
+enum {
+  AT_MEAN = 20,
+  AT_SD = 64,
+  AT_CRC = TSE_LEARNT_BYTES - 4,
+  GAP_ACCEL_X = 0,
+  GAP_CX = 3,
+  GAP_LATE = 9,
+  GAP_RADIUS = 10
+};
 
 static tse_filter f;
 static truth w;
@@ -18,8 +21,10 @@ static truth w;
 static tse_config settings(void)
 {
   tse_config c = config_by(tse_config_exact);
-  c.grip = setting(1), c.grip_sd = setting(0.2), c.body_roll_gain = setting(0.005), c.relaxation_length = setting(0.4);
-  c.initial_cx_sd = setting(0.05), c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2), c.steer_offset_sd = setting(0.004), c.steer_ratio_sd = setting(0.02);
+  c.grip = setting(1), c.grip_sd = setting(0.2), c.body_roll_gain = setting(0.005),
+  c.relaxation_length = setting(0.4);
+  c.initial_cx_sd = setting(0.05), c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2),
+  c.steer_offset_sd = setting(0.004), c.steer_ratio_sd = setting(0.02);
   c.accel_y_bias_sd = setting(0.1), c.yaw_rate_bias_sd = setting(0.005);
   return c;
 }
@@ -59,10 +64,12 @@ static void test_what_the_build_does_not_have_is_refused_or_not_known(void)
   TEST_ASSERT_EQUAL_INT(TSE_NOT_EXCITED, y.reason[TSE_CX_FRONT]);
   expect_near(1, number(y.stiffness[TSE_CX_FRONT]), 1e-6, "longitudinal stiffness: the setting", 0);
   TEST_ASSERT_TRUE(number(y.stiffness_sd[TSE_CX_FRONT]) >= number(w.p.prior_sd[LCX]));
-  expect_near(number(w.p.prior_sd[LATE]), number(y.lag_steer_sd), 1e-6, "lateness of the steering: as the setting has it", 0);
+  expect_near(number(w.p.prior_sd[LATE]), number(y.lag_steer_sd), 1e-6,
+      "lateness of the steering: as the setting has it", 0);
 }
 
-/* A row reads and writes as many states as the filter says are in use; of a measured velocity there are none. */
+/* A row reads and writes as many states as the filter says are in use; of a measured
+ * velocity there are none. */
 static void test_states_of_a_velocity_that_a_file_claims_are_refused(void)
 {
   start(1);
@@ -71,7 +78,8 @@ static void test_states_of_a_velocity_that_a_file_claims_are_refused(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_filter_check(&w.p, &f, sizeof f));
 }
 
-/* Whichever car it is, both cornering stiffnesses are within three of their sd, and surer than at the start. */
+/* Whichever car it is, both cornering stiffnesses are within three of their sd, and surer
+ * than at the start. */
 static void test_cornering_stiffness_is_found(void)
 {
   for (uint32_t seed = 1; seed <= 6; seed++) {
@@ -86,7 +94,8 @@ static void test_cornering_stiffness_is_found(void)
   }
 }
 
-/* Another road is believed within three seconds, and no stiffness is valid while it is waiting to be. */
+/* Another road is believed within three seconds, and no stiffness is valid while it is
+ * waiting to be. */
 static void test_another_road_is_found(void)
 {
   for (uint32_t seed = 1; seed <= 3; seed++) {
@@ -96,12 +105,15 @@ static void test_another_road_is_found(void)
     const tse_output y = drive(300);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
     const tse_output later = drive(2000);
-    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(fabs(number(later.stiffness[a]) - truth_stiffness(&w, a)) < 3 * number(later.stiffness_sd[a]));
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
+      TEST_ASSERT_TRUE(
+          fabs(number(later.stiffness[a]) - truth_stiffness(&w, a)) < 3 * number(later.stiffness_sd[a]));
   }
 }
 
-/* No event names a channel at fault: what does not fit is not valid. Of the rows from 4 s on few are valid and off by more than a fifth; an
- * offset of accel_y is a bank and another road for some of them, one of the steering angle another road. */
+/* No event names a channel at fault: what does not fit is not valid. Of the rows from 4 s
+ * on few are valid and off by more than a fifth; an offset of accel_y is a bank and
+ * another road for some of them, one of the steering angle another road. */
 static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
 {
   for (int what = 0; what < 3; what++) {
@@ -116,23 +128,28 @@ static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
       if (what == 2) u.steer_angle += real(0.03);
       TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) >= 0);
       for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
-        valid += n >= 400 && y.reason[a] == TSE_VALID && fabs(number(y.stiffness[a]) - truth_stiffness(&w, a)) > 0.2;
+        valid += n >= 400 && y.reason[a] == TSE_VALID
+            && fabs(number(y.stiffness[a]) - truth_stiffness(&w, a)) > 0.2;
     }
-    TEST_ASSERT_TRUE_MESSAGE(valid < (what == 0 ? 0.25 : what == 2 ? 0.08
-                                                                   : 0.02) *
-                                         2 * 1600,
-                             what == 0 ? "accel_y" : what == 1 ? "yaw_rate"
-                                                               : "steer_angle");
+    TEST_ASSERT_TRUE_MESSAGE(valid < (what == 0          ? 0.25
+                                             : what == 2 ? 0.08
+                                                         : 0.02)
+                * 2 * 1600,
+        what == 0       ? "accel_y"
+            : what == 1 ? "yaw_rate"
+                        : "steer_angle");
   }
 }
 
-/* Slip is no state: it is that of the force that accel_x reads, and of what the car loses, on the axles that do not roll freely. */
+/* Slip is no state: it is that of the force that accel_x reads, and of what the car
+ * loses, on the axles that do not roll freely. */
 static void test_slip_is_that_of_the_force(void)
 {
   static const struct {
     int rolls, front_free, rear_free;
     double along;
-  } cases[] = { { ROLLS_UNKNOWN, 0, 1, 1 }, { ROLLS_UNKNOWN, 0, 0, -1 }, { ROLLS_NONE, 0, 0, 1 }, { ROLLS_FRONT, 1, 0, 1 }, { ROLLS_REAR, 0, 1, -1 } };
+  } cases[] = { { ROLLS_UNKNOWN, 0, 1, 1 }, { ROLLS_UNKNOWN, 0, 0, -1 }, { ROLLS_NONE, 0, 0, 1 },
+    { ROLLS_FRONT, 1, 0, 1 }, { ROLLS_REAR, 0, 1, -1 } };
   start(1);
   w.p.car.driven = 1;
   const tse_car *const c = &w.p.car;
@@ -141,13 +158,15 @@ static void test_slip_is_that_of_the_force(void)
     decoded z;
     memset(&k, 0, sizeof k);
     memset(&z, 0, sizeof z);
-    z.dt = real(0.01), z.has_steer = z.use[ACCEL_X] = 1, z.z[ACCEL_X] = real(cases[n].along), z.rolls = cases[n].rolls;
+    z.dt = real(0.01), z.has_steer = z.use[ACCEL_X] = 1, z.z[ACCEL_X] = real(cases[n].along),
+    z.rolls = cases[n].rolls;
     for (int row = 0; row < 300; row++) {
       k.x[VX] = TSE_R(20);
       (void)predict_row(&w.p, &k, &z);
     }
     const double force = cases[n].along / number(c->scale_x) + number(c->drag) * 20 * 20 + number(c->rolling);
-    const double slip = force / ((cases[n].front_free ? 0 : number(c->kx_front)) + (cases[n].rear_free ? 0 : number(c->kx_rear)));
+    const double slip = force
+        / ((cases[n].front_free ? 0 : number(c->kx_front)) + (cases[n].rear_free ? 0 : number(c->kx_rear)));
     expect_near(cases[n].front_free ? 0 : slip, number(k.x[SF]), 1e-6, "slip in front", n);
     expect_near(cases[n].rear_free ? 0 : slip, number(k.x[SR]), 1e-6, "slip behind", n);
   }
@@ -163,7 +182,8 @@ static uint32_t crc_of(const uint8_t *bytes, int count)
   return ~crc;
 }
 
-/* The next drive begins where this one ended; what a filter with all states has learnt beside it is read over. */
+/* The next drive begins where this one ended; what a filter with all states has learnt
+ * beside it is read over. */
 static void test_what_was_learnt_is_kept(void)
 {
   static const int gaps[] = { GAP_ACCEL_X, GAP_CX, GAP_LATE, GAP_RADIUS };
@@ -175,14 +195,17 @@ static void test_what_was_learnt_is_kept(void)
   for (int i = 0; i < (int)(sizeof gaps / sizeof gaps[0]); i++)
     for (int b = 0; b < 4; b++) TEST_ASSERT_EQUAL_INT(0, bytes[AT_SD + 4 * gaps[i] + b]);
   for (int full = 0; full < 2; full++) {
-    for (int i = 0; full && i < (int)(sizeof gaps / sizeof gaps[0]); i++) bytes[AT_SD + 4 * gaps[i] + 1] = 7, bytes[AT_MEAN + 4 * gaps[i]] = 3;
+    for (int i = 0; full && i < (int)(sizeof gaps / sizeof gaps[0]); i++)
+      bytes[AT_SD + 4 * gaps[i] + 1] = 7, bytes[AT_MEAN + 4 * gaps[i]] = 3;
     const uint32_t crc = crc_of(bytes, AT_CRC);
     for (int b = 0; b < 4; b++) bytes[AT_CRC + b] = (uint8_t)(crc >> 8 * b & 0xffu);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_load(&w.p, &f, bytes, sizeof bytes, 0));
     start_all(&w.p, &f);
-    for (int i = FAST; i < FAST + TSE_KEPT; i++) expect_near(number(was.x[i]), number(f.k.x[i]), 2e-7, "mean", i);
-    for (int i = STATES; i < TSE_VALUES; i++) expect_near(number(w.p.prior[i]), number(f.k.x[i]), 0, "no state", i);
+    for (int i = FAST; i < FAST + TSE_KEPT; i++)
+      expect_near(number(was.x[i]), number(f.k.x[i]), 2e-7, "mean", i);
+    for (int i = STATES; i < TSE_VALUES; i++)
+      expect_near(number(w.p.prior[i]), number(f.k.x[i]), 0, "no state", i);
     for (int i = LCF; i <= LCR; i++) {
       double var = number(ud_variance(&was.ud, i));
       for (int q = 0; q < TSE_CONSIDERED; q++) var += pow(number_of(was.consider[q][i]), 2);

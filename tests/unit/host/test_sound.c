@@ -1,5 +1,6 @@
-/* tests/unit/host/test_sound.c <-> src/host/sound.c and sound.h, tse_sim_check(): what has come about by itself is not refused; every
- * member that they hold to a range is held to it, at both ends and at every place of an array. The FMU's tests
+/* tests/unit/host/test_sound.c <-> src/host/sound.c and sound.h, tse_sim_check(): what
+ * has come about by itself is not refused; every member that they hold to a range is held
+ * to it, at both ends and at every place of an array. The FMU's tests
  * (tests/fmu/unit/test_state.c) go on with what is accepted. */
 #include "unit_support.h"
 #include "filter/filter.h"
@@ -61,11 +62,13 @@ static tse_input wild_row(uint32_t *seed)
   return u;
 }
 
-/* Settings and rows that nobody has may make an estimate useless, but a number, and of a size that there is. */
+/* Settings and rows that nobody has may make an estimate useless, but a number, and of a
+ * size that there is. */
 static void expect_numbers(const tse_output *y, const char *what)
 {
   TEST_ASSERT_TRUE_MESSAGE(outputs_are_finite(y), what);
-  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 3 * number(MOST_YAW_RATE), what); /* with what events, believed half, would add */
+  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 3 * number(MOST_YAW_RATE),
+      what); /* with what events, believed half, would add */
 }
 
 static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
@@ -81,7 +84,8 @@ static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
   }
 }
 
-/* What has come about by itself is not refused: an FMU would not take its own state back. */
+/* What has come about by itself is not refused: an FMU would not take its own state
+ * back. */
 static void test_a_filter_is_sound_whatever_the_rows_were(void)
 {
   uint32_t seed = 3;
@@ -96,14 +100,12 @@ static void test_a_filter_is_sound_at_both_ends_of_every_setting(void)
   for (int end = 0; end < 2; end++) {
     tse_config_exact(&c);
     put_field(&c, row, end ? row->hi : row->lo);
-    if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p)) go_through_wild_rows(row->name, 100, &seed);
+    if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p))
+      go_through_wild_rows(row->name, 100, &seed);
   }
 }
 
-static tse_status look_at_filter(void)
-{
-  return tse_filter_check(&p, &forged.filter, bytes_of_form(p.form));
-}
+static tse_status look_at_filter(void) { return tse_filter_check(&p, &forged.filter, bytes_of_form(p.form)); }
 
 static tse_status look_at_simulation(void) { return tse_sim_check(&other, &c, &s); }
 
@@ -134,7 +136,8 @@ static void expect(const place *a, size_t k, tse_real value, tse_status status)
   memcpy(a->at + k * sizeof was, &was, sizeof was);
 }
 
-/* What is no number, and what is beyond lo .. hi; of particles every twentieth. ends: lo and hi themselves are taken. */
+/* What is no number, and what is beyond lo .. hi; of particles every twentieth. ends: lo
+ * and hi themselves are taken. */
 static void held_to(place a, tse_real lo, tse_real hi, int ends)
 {
   const size_t n = a.bytes / sizeof lo;
@@ -176,9 +179,8 @@ static void row_held(tse_short *at, size_t bytes, const char *what)
   static const struct {
     tse_short value;
     tse_status status;
-  } row[] = {
-    { -SHORT_MOST, TSE_OK }, { SHORT_MOST - 1, TSE_OK }, { -SHORT_MOST - 1, TSE_E_STATE }, { SHORT_MOST, TSE_E_STATE }
-  };
+  } row[] = { { -SHORT_MOST, TSE_OK }, { SHORT_MOST - 1, TSE_OK }, { -SHORT_MOST - 1, TSE_E_STATE },
+    { SHORT_MOST, TSE_E_STATE } };
   for (size_t i = 0; i < bytes / sizeof *at; i++) {
     const tse_short was = at[i];
     for (int k = 0; k < ROWS(row); k++) {
@@ -201,9 +203,7 @@ static void whole_number(int32_t *at, int32_t lo, int32_t hi, tse_status (*look)
   const struct {
     int32_t value;
     tse_status status;
-  } row[] = {
-    { lo, TSE_OK }, { hi, TSE_OK }, { lo - 1, TSE_E_STATE }, { hi + 1, TSE_E_STATE }
-  };
+  } row[] = { { lo, TSE_OK }, { hi, TSE_OK }, { lo - 1, TSE_E_STATE }, { hi + 1, TSE_E_STATE } };
   for (int k = 0; k < ROWS(row); k++) {
     *at = row[k].value;
     TEST_ASSERT_EQUAL_INT_MESSAGE(row[k].status, look(), what);
@@ -290,7 +290,8 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
   HELD(filter.waiting.unkept, TSE_R(0), LONGEST_DT);
   HELD(filter.waiting.before, TSE_R(0), p.max_gap + p.latency_least);
   for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
-    for (int k = 0; k < TSE_CHANNELS; k++) HELD(filter.waiting.value[i][k], channel_rows[k].lo, channel_rows[k].hi);
+    for (int k = 0; k < TSE_CHANNELS; k++)
+      HELD(filter.waiting.value[i][k], channel_rows[k].lo, channel_rows[k].hi);
   }
   HELD(filter.waiting.lost, TSE_R(0), TSE_R(0.5001));
   for (int a = 0; a < 4; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
@@ -414,7 +415,8 @@ static void test_particles_are_held_to_their_ranges(void)
   for (int d = 0; d < 6; d += d ? 2 : 3) ANY_SIGN(p.lam[d][0]);
 }
 
-/* The default form does not look at particles: the filter with them is one without. The others must have them. */
+/* The default form does not look at particles: the filter with them is one without. The
+ * others must have them. */
 static void test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller(void)
 {
   drive(0, 1);
@@ -467,12 +469,15 @@ static void test_a_simulation_is_held_to_its_ranges(void)
   SIMULATED(effects.heading, -MOST_REAL, MOST_REAL);
   tse_delay *const delays[] = { &other.effects.steer, &other.effects.imu, &other.effects.formula_late };
   for (int k = 0; k < ROWS(delays); k++) {
-    held_to(of_simulation(delays[k]->age, sizeof delays[k]->age, "age"), TSE_R(0), MOST_REAL, delays[k]->count == 0);
+    held_to(of_simulation(delays[k]->age, sizeof delays[k]->age, "age"), TSE_R(0), MOST_REAL,
+        delays[k]->count == 0);
     for (int i = 0; i < TSE_DELAY_ROWS; i++) delays[k]->age[i] = r_from_int(i);
     whole_number(&delays[k]->count, 0, TSE_DELAY_ROWS, look_at_simulation, "count");
   }
   EACH_FIELD(row, TSE_STRUCT_SIM_INPUT)
-  if (strcmp(row->name, "dt") != 0) held_to(of_simulation((char *)&other.last + row->offset, sizeof(tse_real), row->name), real(row->lo), real(row->hi), 1);
+  if (strcmp(row->name, "dt") != 0)
+    held_to(of_simulation((char *)&other.last + row->offset, sizeof(tse_real), row->name), real(row->lo),
+        real(row->hi), 1);
 }
 
 /* Each of the car's and of the simulator's settings, a little off. */
@@ -486,15 +491,17 @@ static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
   c = told;
   EACH_SETTING(row)
   {
-    const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row), end = was < row->hi ? row->hi : row->lo;
-    put_field(&c, row, row->kind == 's' ? was + 0.001 * (end - was) : was < row->hi ? was + 1
-                                                                                    : was - 1);
+    const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row),
+                 end = was < row->hi ? row->hi : row->lo;
+    put_field(&c, row, row->kind == 's' ? was + 0.001 * (end - was) : was < row->hi ? was + 1 : was - 1);
     LOOKED(row->name)
   }
   EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG)
   {
     other = sim;
-    put_field(&other.config, row, row->kind == 's' ? of_setting(setting_field(&sim.config, row)) + 0.01 : whole_field(&sim.config, row) + 1);
+    put_field(&other.config, row,
+        row->kind == 's' ? of_setting(setting_field(&sim.config, row)) + 0.01
+                         : whole_field(&sim.config, row) + 1);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), row->name);
   }
   other = sim;

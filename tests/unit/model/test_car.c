@@ -1,6 +1,7 @@
 /* tests/unit/model/test_car.c <-> src/model/car.c
  *
- * Slopes are held against central differences (double only: they need digits), forces and motion against what is known in closed form. */
+ * Slopes are held against central differences (double only: they need digits), forces and
+ * motion against what is known in closed form. */
 #include <time.h>
 
 #include "model/car.h"
@@ -10,7 +11,8 @@
 
 static const double pi = 3.14159265358979323846;
 
-/* A car with everything that has exact slopes; load: with load transfer, compliance and pitch, whose slopes are neglected. */
+/* A car with everything that has exact slopes; load: with load transfer, compliance and
+ * pitch, whose slopes are neglected. */
 static tse_car some_car(int load)
 {
   tse_config c = config_by(tse_config_exact);
@@ -18,10 +20,13 @@ static tse_car some_car(int load)
   c.cornering_stiffness_front = setting(1e5), c.cornering_stiffness_rear = setting(1.3e5);
   c.grip = setting(1.1), c.tyre_saturation_shape = setting(0.4), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.006), c.body_roll_frequency = setting(1.5), c.body_roll_damping = setting(0.3);
-  c.body_roll_height = setting(0.2), c.body_roll_coupling = setting(HAS_ROLL ? 0.3 : 0); /* what it turns back has no slopes without states of roll */
+  c.body_roll_height = setting(0.2),
+  c.body_roll_coupling = setting(
+      HAS_ROLL ? 0.3 : 0); /* what it turns back has no slopes without states of roll */
   c.rear_roll_steer_gain = setting(0.05), c.aligning_moment_trail = setting(0.03);
   c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.01);
-  c.imu_lever_arm_x = setting(0.3), c.imu_lever_arm_y = setting(-0.2), c.imu_misalignment_angle = setting(0.03);
+  c.imu_lever_arm_x = setting(0.3), c.imu_lever_arm_y = setting(-0.2),
+  c.imu_misalignment_angle = setting(0.03);
   c.imu_scale_ay_error = setting(0.02), c.gyro_scale_error = setting(0.01);
   if (load) {
     c.cg_height = setting(0.6), c.longitudinal_load_transfer_gain = setting(0.02);
@@ -31,40 +36,69 @@ static tse_car some_car(int load)
 }
 
 /* Tyres that know no end, no load transfer, no roll: what textbooks write of. */
-static tse_car plain_car(void)
-{
-  return prepared(config_by(tse_config_exact)).car;
-}
+static tse_car plain_car(void) { return prepared(config_by(tse_config_exact)).car; }
 
 static void any_state(tse_real x[TSE_VALUES], uint32_t *seed)
 {
   static const struct {
     int at;
     double most;
-  } some[] = { { VX, 0 }, { VY, 0.5 }, { YAW, 0.3 }, { AF, 0.05 }, { AR, 0.05 }, { PHI, 0.03 }, { DPHI, 0.1 }, { SF, 0.03 }, { SR, 0.03 }, { GX, 0.4 }, { GY, 0.2 }, { BX, 0.1 }, { BY, 0.1 }, { BR, 0.005 }, { LCX, 0.3 }, { LCF, 0.3 }, { LCR, 0.3 }, { LMU, 0.2 }, { STEER_OFFSET, 0.005 }, { GAIN, 0.04 }, { LATE, 0.03 }, { RAD, 0.01 }, { LEAN, 0.1 } };
+  } some[] = { { VX, 0 }, { VY, 0.5 }, { YAW, 0.3 }, { AF, 0.05 }, { AR, 0.05 }, { PHI, 0.03 }, { DPHI, 0.1 },
+    { SF, 0.03 }, { SR, 0.03 }, { GX, 0.4 }, { GY, 0.2 }, { BX, 0.1 }, { BY, 0.1 }, { BR, 0.005 },
+    { LCX, 0.3 }, { LCF, 0.3 }, { LCR, 0.3 }, { LMU, 0.2 }, { STEER_OFFSET, 0.005 }, { GAIN, 0.04 },
+    { LATE, 0.03 }, { RAD, 0.01 }, { LEAN, 0.1 } };
   for (int i = 0; i < TSE_VALUES; i++) x[i] = TSE_R(0);
-  for (int i = 0; i < (int)(sizeof some / sizeof some[0]); i++) x[some[i].at] = real(next_between(seed, -some[i].most, some[i].most));
+  for (int i = 0; i < (int)(sizeof some / sizeof some[0]); i++)
+    x[some[i].at] = real(next_between(seed, -some[i].most, some[i].most));
   x[VX] = real(next_between(seed, 8, 35));
 }
 
 static steering any_steering(uint32_t *seed)
 {
   const double from = next_between(seed, -0.08, 0.08);
-  return (steering){ real(from), real(from + next_between(seed, -0.004, 0.004)), real(next_between(seed, 0.005, 0.02)) };
+  return (steering){ real(from), real(from + next_between(seed, -0.004, 0.004)),
+    real(next_between(seed, 0.005, 0.02)) };
 }
 
 /* ------------------------------------------------------------------------------- slopes */
 
 #if defined(TSE_REAL_DOUBLE)
-static const double unit[PLACES] = { [VX] = 0.2, [VY] = 0.1, [YAW] = 0.02, [AF] = 0.01, [AR] = 0.01, [PHI] = 0.01, [DPHI] = 0.5, [SF] = 0.01, [SR] = 0.01, [GX] = 0.3, [GY] = 0.15, [BX] = 0.05, [BY] = 0.05, [BR] = 0.002, [LCX] = 0.1, [LCF] = 0.1, [LCR] = 0.1, [LMU] = 0.2, [STEER_OFFSET] = 0.002, [GAIN] = 0.02, [LATE] = 0.01, [RAD] = 0.005, [LEAN] = 0.05, [STATES + CONSIDER_INERTIA] = 0.1, [STATES + CONSIDER_CENTRE] = 0.03, [STATES + CONSIDER_TRAIL] = 0.03, [STATES + CONSIDER_RELAXATION_FRONT] = 0.2, [STATES + CONSIDER_RELAXATION_REAR] = 0.2, [STATES + CONSIDER_ROLL_STEER] = 0.04 };
+static const double unit[PLACES] = { [VX] = 0.2,
+  [VY] = 0.1,
+  [YAW] = 0.02,
+  [AF] = 0.01,
+  [AR] = 0.01,
+  [PHI] = 0.01,
+  [DPHI] = 0.5,
+  [SF] = 0.01,
+  [SR] = 0.01,
+  [GX] = 0.3,
+  [GY] = 0.15,
+  [BX] = 0.05,
+  [BY] = 0.05,
+  [BR] = 0.002,
+  [LCX] = 0.1,
+  [LCF] = 0.1,
+  [LCR] = 0.1,
+  [LMU] = 0.2,
+  [STEER_OFFSET] = 0.002,
+  [GAIN] = 0.02,
+  [LATE] = 0.01,
+  [RAD] = 0.005,
+  [LEAN] = 0.05,
+  [STATES + CONSIDER_INERTIA] = 0.1,
+  [STATES + CONSIDER_CENTRE] = 0.03,
+  [STATES + CONSIDER_TRAIL] = 0.03,
+  [STATES + CONSIDER_RELAXATION_FRONT] = 0.2,
+  [STATES + CONSIDER_RELAXATION_REAR] = 0.2,
+  [STATES + CONSIDER_ROLL_STEER] = 0.04 };
 
 /* The car, or the state, with the quantity j off by e. */
 static tse_car off_by(const tse_car *c, tse_real x[TSE_VALUES], int j, double e)
 {
   tse_car d = *c;
   if (j < STATES || j == LATE) x[j] += e;
-  else if (j == STATES + CONSIDER_INERTIA) { /* I (1 + e) */
-    d.jf /= 1 + e;
+  else if (j == STATES + CONSIDER_INERTIA) { /* I (1 + e) */ d.jf /= 1 + e;
     d.jr /= 1 + e;
     d.m_inertia /= 1 + e;
     d.trail /= 1 + e;
@@ -79,7 +113,8 @@ static tse_car off_by(const tse_car *c, tse_real x[TSE_VALUES], int j, double e)
 }
 
 /* A slope in units of the state: what is neglected is `share` of it, and `least`. */
-static void expect_slope(double expected, double actual, double scale, double share, double least, const char *what, int index)
+static void expect_slope(
+    double expected, double actual, double scale, double share, double least, const char *what, int index)
 {
   expect_near(expected * scale, actual * scale, share * fabs(expected * scale) + least, what, index);
 }
@@ -103,7 +138,8 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
     car_forces(c, x, u, TSE_R(1), &f);
     car_measure(c, x, &f, TSE_R(0), z[0], H);
     for (int j = 0; j < COLUMNS; j++) {
-      if (!by_slip && (j == SF || j == SR || j == LCX)) continue; /* load goes with the drive: what that does to side forces is neglected */
+      if (!by_slip && (j == SF || j == SR || j == LCX))
+        continue; /* load goes with the drive: what that does to side forces is neglected */
       const int length = j == STATES + CONSIDER_RELAXATION_FRONT || j == STATES + CONSIDER_RELAXATION_REAR;
       tse_real end[2][TSE_VALUES];
       const double e = 1e-4 * unit[j];
@@ -117,22 +153,29 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
         car_measure(&d, start, &f, TSE_R(0), z[k], ignored);
       }
       for (int i = 0; i < MOTION; i++) {
-        /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a little of it turns with the wheels */
+        /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a
+         * little of it turns with the wheels */
         if (j == LMU && i == VX) continue;
-        const double slope = (end[1][i] - end[0][i]) / (2 * e), found = length ? M[i][STATES + CONSIDER_RELAXATION_FRONT] + M[i][STATES + CONSIDER_RELAXATION_REAR] : M[i][j];
-        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX ? 5 * least : j == LMU ? 10 * least
-                                                                                                                   : least,
-                     "slope of the motion, state and column", 100 * i + j);
+        const double slope = (end[1][i] - end[0][i]) / (2 * e),
+                     found = length
+            ? M[i][STATES + CONSIDER_RELAXATION_FRONT] + M[i][STATES + CONSIDER_RELAXATION_REAR]
+            : M[i][j];
+        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share,
+            j == VX        ? 5 * least
+                : j == LMU ? 10 * least
+                           : least,
+            "slope of the motion, state and column", 100 * i + j);
       }
       for (int a = j == LMU ? 1 : 0; a < TSE_SENSORS; a++)
-        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a], j == LMU ? 5 * share : share,
-                     j == LMU ? 10 * least : least, "slope of a sensor, sensor and column", 100 * a + j);
+        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a],
+            j == LMU ? 5 * share : share, j == LMU ? 10 * least : least,
+            "slope of a sensor, sensor and column", 100 * a + j);
     }
   }
 }
 
-/* What is left: the slip angle's time constant changes with the speed, which slopes neglect: a hundredth of a unit,
- * a twentieth over the speed. */
+/* What is left: the slip angle's time constant changes with the speed, which slopes
+ * neglect: a hundredth of a unit, a twentieth over the speed. */
 static void test_slopes_are_those_of_the_car(void)
 {
   const tse_car c = some_car(0);
@@ -156,7 +199,8 @@ static forces forces_at(const tse_car *c, const tse_real x[TSE_VALUES], double s
   return f;
 }
 
-/* Both axles' side forces, in the axes of their wheels, act at the trail: braking in a bend changes nothing of that. */
+/* Both axles' side forces, in the axes of their wheels, act at the trail: braking in a
+ * bend changes nothing of that. */
 static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
 {
   const tse_car c = some_car(0);
@@ -168,11 +212,13 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
   const forces f = forces_at(&c, x, 0.1);
   d.trail += real(0.1 * number(c.m_inertia));
   const forces g = forces_at(&d, x, 0.1);
-  expect_near(10 * (number(g.yaw) - number(f.yaw)), number(f.by_yaw[STATES + CONSIDER_TRAIL]), BY_NUMBER(1e-9, 1e-3, 1e-4) * fabs(number(f.by_yaw[STATES + CONSIDER_TRAIL])) + 64 * QUANTUM,
-              "slope of the yaw acceleration over the trail", 0);
+  expect_near(10 * (number(g.yaw) - number(f.yaw)), number(f.by_yaw[STATES + CONSIDER_TRAIL]),
+      BY_NUMBER(1e-9, 1e-3, 1e-4) * fabs(number(f.by_yaw[STATES + CONSIDER_TRAIL])) + 64 * QUANTUM,
+      "slope of the yaw acceleration over the trail", 0);
 }
 
-/* However high the centre of gravity is, some load stays on an axle: forces oppose the slip, and are numbers. */
+/* However high the centre of gravity is, some load stays on an axle: forces oppose the
+ * slip, and are numbers. */
 static void test_load_stays_on_an_axle_however_hard_the_car_brakes(void)
 {
   tse_car c = some_car(1);
@@ -197,26 +243,27 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
     c.grip = real(0.8), c.shape = real(shape[k]);
     const double end = 0.8 * number(c.load_front);
     x[AF] = real(1e-4);
-    expect_near(1e-4 * number(c.ky_front), number(forces_at(&c, x, 0).side), 1e-3 * 1e-4 * number(c.ky_front) + 64 * QUANTUM,
-                "stiffness at no slip", k);
+    expect_near(1e-4 * number(c.ky_front), number(forces_at(&c, x, 0).side),
+        1e-3 * 1e-4 * number(c.ky_front) + 64 * QUANTUM, "stiffness at no slip", k);
     const double q = 30;
     x[AF] = real(q * end / number(c.ky_front));
     const double root = q * pow(1 + q * q + pow(q, 4), -0.25), expected = end * (1 + shape[k] * (root - 1));
     expect_near(expected, number(forces_at(&c, x, 0).side), BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "end", k);
     x[AF] = -x[AF];
-    expect_near(-expected, number(forces_at(&c, x, 0).side), BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "end, to the right", k);
+    expect_near(-expected, number(forces_at(&c, x, 0).side), BY_NUMBER(1e-10, 1e-4, 1e-5) * end,
+        "end, to the right", k);
     x[LMU] = real(log(0.5));
     expect_near(-0.5, number(forces_at(&c, x, 0).side) / end, 0.01, "half the grip", k);
     x[AF] = TSE_R(0);
     x[LMU] = TSE_R(0);
     x[SR] = real(-q * 0.8 * number(c.load_rear) / number(c.kx_rear));
-    expect_near(-expected * number(c.load_rear) / number(c.load_front), number(forces_at(&c, x, 0).x), BY_NUMBER(1e-10, 1e-4, 1e-5) * end,
-                "brakes lock", k);
+    expect_near(-expected * number(c.load_rear) / number(c.load_front), number(forces_at(&c, x, 0).x),
+        BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "brakes lock", k);
   }
 }
 
-/* Friction 1.0 in front, 1.3 behind: 1/friction 0.884615 (1 +- 0.130435). The grip that is
- * estimated scales both. */
+/* Friction 1.0 in front, 1.3 behind: 1/friction 0.884615 (1 +- 0.130435). The grip that
+ * is estimated scales both. */
 static void test_each_axle_ends_at_its_own_friction(void)
 {
   tse_config s = config_by(tse_config_exact);
@@ -228,16 +275,20 @@ static void test_each_axle_ends_at_its_own_friction(void)
     const double front = left * 1.0 * number(c.load_front), rear = left * 1.3 * number(c.load_rear);
     x[AF] = x[AR] = real(1); /* both slide */
     const forces f = forces_at(&c, x, 0);
-    expect_near(front, number(f.side), BY_NUMBER(1e-6, 1e-5, 1e-5) * front, "front, to the digits of the settings", halved);
+    expect_near(front, number(f.side), BY_NUMBER(1e-6, 1e-5, 1e-5) * front,
+        "front, to the digits of the settings", halved);
     expect_near(front + rear, number(f.y), BY_NUMBER(1e-6, 1e-5, 1e-5) * (front + rear), "both", halved);
-    expect_near(front + rear, number(f.by_y[LMU]), BY_NUMBER(1e-6, 1e-4, 1e-4) * (front + rear), "slope over the grip", halved);
+    expect_near(front + rear, number(f.by_y[LMU]), BY_NUMBER(1e-6, 1e-4, 1e-4) * (front + rear),
+        "slope over the grip", halved);
     x[AF] = x[AR] = TSE_R(0);
     x[SR] = real(-20 * rear / number(c.kx_rear));
-    expect_near(-rear, number(forces_at(&c, x, 0).x), BY_NUMBER(1e-6, 1e-5, 1e-5) * rear, "the rear brakes lock", halved);
+    expect_near(-rear, number(forces_at(&c, x, 0).x), BY_NUMBER(1e-6, 1e-5, 1e-5) * rear,
+        "the rear brakes lock", halved);
   }
 }
 
-/* The cubic that a brush with parabolic pressure has: F = C a (1 - q/3 + q^2/27), flat where it ends. */
+/* The cubic that a brush with parabolic pressure has: F = C a (1 - q/3 + q^2/27), flat
+ * where it ends. */
 static void test_a_brush_is_its_cubic(void)
 {
   tse_car c = plain_car();
@@ -245,8 +296,10 @@ static void test_a_brush_is_its_cubic(void)
   c.grip = real(0.9), c.shape = TSE_R(0);
   const double end = 0.9 * number(c.load_front), k = number(c.ky_front);
   for (double a = -0.4; a < 0.4; a += 0.0137) {
-    const double q = fabs(k * a) / end, expected = q < 3 ? k * a * (1 - q / 3 + q * q / 27) : a > 0 ? end
-                                                                                                    : -end;
+    const double q = fabs(k * a) / end,
+                 expected = q < 3 ? k * a * (1 - q / 3 + q * q / 27)
+        : a > 0                   ? end
+                                  : -end;
     x[AF] = real(a);
     const forces f = forces_at(&c, x, 0);
     expect_near(expected, number(f.side), BY_NUMBER(1e-12, 1e-5, 1e-6) * end, "side force", (int)(a * 1e4));
@@ -255,9 +308,10 @@ static void test_a_brush_is_its_cubic(void)
   }
 }
 
-/* The other end of the shapes, beside magic formulas sin(C atan(B a - E (B a - atan(B a)))) of passenger cars' tyres, up to the slip
- * angle at which a linear tyre would have 1.2 times the grip. The bound is the largest difference on this grid; a root,
- * 1/sqrt(1 + q^2), is 0.12 off. */
+/* The other end of the shapes, beside magic formulas sin(C atan(B a - E (B a - atan(B
+ * a)))) of passenger cars' tyres, up to the slip angle at which a linear tyre would have
+ * 1.2 times the grip. The bound is the largest difference on this grid; a root, 1/sqrt(1
+ * + q^2), is 0.12 off. */
 static void test_a_tyre_is_within_a_thirteenth_of_magic_formulas(void)
 {
   double worst = 0;
@@ -273,11 +327,12 @@ static void test_a_tyre_is_within_a_thirteenth_of_magic_formulas(void)
   TEST_ASSERT_TRUE(worst > 0.05 && worst < 0.076);
 }
 
-/* What is left of a stiffness, times it and the slip, is the force that car_forces() has; at no slip and level load all is left, and
- * far beyond the grip what the grip leaves. */
+/* What is left of a stiffness, times it and the slip, is the force that car_forces() has;
+ * at no slip and level load all is left, and far beyond the grip what the grip leaves. */
 static void test_a_secant_is_force_over_slip(void)
 {
-  const double tolerance = BY_NUMBER(1e-12, 1e-5, 1e-4); /* fixed: of a share of 1, by the digits of a slip of 0.02 */
+  const double tolerance = BY_NUMBER(
+      1e-12, 1e-5, 1e-4); /* fixed: of a share of 1, by the digits of a slip of 0.02 */
   for (int k = 0; k < 5; k++) {
     static const double angle[5] = { 0.02, -0.05, 0.1, -0.2, 0.35 };
     tse_car c = k & 1 ? some_car(1) : plain_car();
@@ -291,14 +346,17 @@ static void test_a_secant_is_force_over_slip(void)
     x[AR] = real(-0.6 * angle[k]);
     car_secants(&c, x, share);
     const forces f = forces_at(&c, x, 0);
-    const double front = exp(0.2) * number(c.ky_front) * number(x[AF]), rear = exp(-0.1) * number(c.ky_rear) * number(x[AR]);
+    const double front = exp(0.2) * number(c.ky_front) * number(x[AF]),
+                 rear = exp(-0.1) * number(c.ky_rear) * number(x[AR]);
     expect_near(number(f.side) / front, number(share[1]), 50 * tolerance, "front", k);
     expect_near((number(f.y) - number(f.side)) / rear, number(share[2]), 50 * tolerance, "rear", k);
     TEST_ASSERT_TRUE(number(share[1]) < 0.97 && number(share[2]) < 0.97);
     x[AF] = x[AR] = TSE_R(0);
     x[SF] = real(0.3 * angle[k]);
     car_secants(&c, x, share);
-    if (!(k & 1)) expect_near(number(forces_at(&c, x, 0).x) / (number(c.kx_front) * number(x[SF])), number(share[0]), 50 * tolerance, "along", k);
+    if (!(k & 1))
+      expect_near(number(forces_at(&c, x, 0).x) / (number(c.kx_front) * number(x[SF])), number(share[0]),
+          50 * tolerance, "along", k);
   }
 }
 
@@ -324,8 +382,10 @@ static void test_left_is_the_mirror_of_right(void)
     car_measure(&c, x, &f, TSE_R(0), z, H);
     car_measure(&c, y, &g, TSE_R(0), w, H);
     for (int i = 0; i < ROWS(sides); i++) y[sides[i]] = -y[sides[i]];
-    /* angles are turned into turns, which lie between 0 and 1: the mirror image is rounded elsewhere */
-    for (int i = 0; i < MOTION; i++) expect_near(number(x[i]), number(y[i]), BY_NUMBER(1e-12, 2e-5, 1e-6), "motion", i);
+    /* angles are turned into turns, which lie between 0 and 1: the mirror image is
+     * rounded elsewhere */
+    for (int i = 0; i < MOTION; i++)
+      expect_near(number(x[i]), number(y[i]), BY_NUMBER(1e-12, 2e-5, 1e-6), "motion", i);
     for (int a = 0; a < TSE_SENSORS; a++) {
       const double mirrored = a == 1 || a == 2 ? -number(w[a]) : number(w[a]);
       expect_near(number(z[a]), mirrored, BY_NUMBER(1e-12, 1e-4, 1e-6), "sensor", a);
@@ -342,13 +402,16 @@ static void advance(const tse_car *c, tse_real x[TSE_VALUES], double from, doubl
   car_move(c, x, u, M);
 }
 
-/* v delta = r (L + K v^2), K = (m/L)(lr/C_f - lf/C_r): every book on vehicle dynamics. Angles are small, 1 %. */
+/* v delta = r (L + K v^2), K = (m/L)(lr/C_f - lf/C_r): every book on vehicle dynamics.
+ * Angles are small, 1 %. */
 static void test_a_steady_turn_obeys_the_understeer_equation(void)
 {
   for (double speed = 8; speed < 40; speed += 8.5) {
     const tse_car c = plain_car();
-    const double lf = number(c.lf), lr = number(c.lr), kf = number(c.ky_front), kr = number(c.ky_rear), span = lf + lr;
-    const double understeer = (lr / kf - lf / kr) / span, steer = 1.2 * (span + understeer * speed * speed) / (speed * speed);
+    const double lf = number(c.lf), lr = number(c.lr), kf = number(c.ky_front), kr = number(c.ky_rear),
+                 span = lf + lr;
+    const double understeer = (lr / kf - lf / kr) / span,
+                 steer = 1.2 * (span + understeer * speed * speed) / (speed * speed);
     tse_real x[TSE_VALUES] = { 0 };
     for (int k = 0; k < 800; k++) {
       x[VX] = real(speed); /* the driver holds it */
@@ -356,16 +419,20 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
     }
     const double r = speed * steer / (span + understeer * speed * speed);
     expect_near(r, number(x[YAW]), 0.01 * r, "yaw rate", (int)speed);
-    expect_near(lr / span * speed * r / kf, number(x[AF]), 0.01 * speed * r / kf, "slip angle, front", (int)speed);
-    expect_near(lf / span * speed * r / kr, number(x[AR]), 0.01 * speed * r / kr, "slip angle, rear", (int)speed);
-    expect_near(lr * r - speed * number(x[AR]), number(x[VY]), 0.01 * fabs(speed * number(x[AR])) + 0.001, "lateral velocity", (int)speed);
+    expect_near(
+        lr / span * speed * r / kf, number(x[AF]), 0.01 * speed * r / kf, "slip angle, front", (int)speed);
+    expect_near(
+        lf / span * speed * r / kr, number(x[AR]), 0.01 * speed * r / kr, "slip angle, rear", (int)speed);
+    expect_near(lr * r - speed * number(x[AR]), number(x[VY]), 0.01 * fabs(speed * number(x[AR])) + 0.001,
+        "lateral velocity", (int)speed);
     const forces f = forces_at(&c, x, steer);
     expect_near(speed * r, number(f.y), 0.01 * speed * r, "lateral acceleration", (int)speed);
     expect_near(0, number(f.yaw), 1e-3, "no yaw acceleration", (int)speed);
   }
 }
 
-/* Straight on without torque: v' = -k v^2 ends at v/(1 + k v t), rolling resistance and slope take off their acceleration. */
+/* Straight on without torque: v' = -k v^2 ends at v/(1 + k v t), rolling resistance and
+ * slope take off their acceleration. */
 static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
 {
   tse_car c = plain_car();
@@ -391,8 +458,10 @@ static void test_sliding_sideways_gives_energy_away(void)
   x[YAW] = real(-0.3);
   double before = 1e9;
   for (int k = 0; k < 400; k++) {
-    const double energy = pow(number(x[VX]), 2) + pow(number(x[VY]), 2) + pow(number(x[YAW]), 2) / number(c.m_inertia);
-    TEST_ASSERT_TRUE(k < 10 || energy < before * (1 + BY_NUMBER(1e-6, 1e-5, 1e-6))); /* while slip angles build up they lag */
+    const double energy = pow(number(x[VX]), 2) + pow(number(x[VY]), 2)
+        + pow(number(x[YAW]), 2) / number(c.m_inertia);
+    TEST_ASSERT_TRUE(k < 10
+        || energy < before * (1 + BY_NUMBER(1e-6, 1e-5, 1e-6))); /* while slip angles build up they lag */
     before = energy;
     advance(&c, x, 0, 0, 0.01);
   }
@@ -401,7 +470,8 @@ static void test_sliding_sideways_gives_energy_away(void)
   expect_near(0, number(x[YAW]), 1e-3, "yaw rate", 0);
 }
 
-/* A wheel that is turned on a car that does not move sideways: first order over the length, whatever the row's time. */
+/* A wheel that is turned on a car that does not move sideways: first order over the
+ * length, whatever the row's time. */
 static void test_slip_angles_build_up_over_the_relaxation_length(void)
 {
   static const double dt[3] = { 0.004, 0.01, 0.05 };
@@ -412,13 +482,15 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
     c.ky_front = c.ky_rear = TSE_R(0); /* no force: it does not move */
     for (double t = dt[k]; t < 0.3; t += dt[k]) {
       advance(&c, x, 0.02, 0.02, dt[k]);
-      expect_near(0.02 * (1 - exp(-10 * t / 0.6)), number(x[AF]), BY_NUMBER(1e-10, 1e-6, 1e-7), "slip angle", (int)(1000 * t));
+      expect_near(0.02 * (1 - exp(-10 * t / 0.6)), number(x[AF]), BY_NUMBER(1e-10, 1e-6, 1e-7), "slip angle",
+          (int)(1000 * t));
       expect_near(0, number(x[AR]), 0, "rear", 0);
     }
   }
 }
 
-/* A spring and a damper: at rest it leans by gain times acceleration; free, it swings with its frequency and decays. */
+/* A spring and a damper: at rest it leans by gain times acceleration; free, it swings
+ * with its frequency and decays. */
 static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 {
   tse_car c = plain_car();
@@ -429,7 +501,8 @@ static void test_the_body_rolls_as_a_spring_and_a_damper(void)
   const double w = 2 * pi * 1.5, own = w * sqrt(1 - 0.04);
   for (int k = 1; k <= 200; k++) {
     advance(&c, x, 0, 0, 0.005);
-    const double t = 0.005 * k, expected = 0.05 * exp(-0.2 * w * t) * (cos(own * t) + 0.2 * w / own * sin(own * t));
+    const double t = 0.005 * k,
+                 expected = 0.05 * exp(-0.2 * w * t) * (cos(own * t) + 0.2 * w / own * sin(own * t));
     expect_near(expected, number(x[PHI]), 0.002, "roll angle: half a substep of the swing", k);
   }
 }
@@ -443,11 +516,13 @@ static void change_lane(double relaxation, double speed, double dt, double end[M
   const int rows = (int)(0.8 / dt + 0.5);
   c.roll_gain = 0, c.relaxation = relaxation;
   x[SF] = 0.002;
-  for (int k = 0; k < rows; k++) advance(&c, x, 0.6 / speed * sin(8 * dt * k), 0.6 / speed * sin(8 * dt * (k + 1)), dt);
+  for (int k = 0; k < rows; k++)
+    advance(&c, x, 0.6 / speed * sin(8 * dt * k), 0.6 / speed * sin(8 * dt * (k + 1)), dt);
   for (int i = 0; i < MOTION; i++) end[i] = x[i];
 }
 
-/* Speeds, yaw rate and slip angles: rows half as long, a quarter of the error, of first order 2; and small where slip angles follow within a row. */
+/* Speeds, yaw rate and slip angles: rows half as long, a quarter of the error, of first
+ * order 2; and small where slip angles follow within a row. */
 static void test_the_error_of_a_row_is_of_second_order(void)
 {
   static const double speeds[] = { 8, 15, 30 };
@@ -487,7 +562,8 @@ static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
     any_state(x, &seed);
     advance(&c, x, 0, 0, 3600);
   }
-  TEST_ASSERT_TRUE((double)(clock() - began) / CLOCKS_PER_SEC < 10); /* a tenth of that with sanitizers; a row of as many as it asks for takes as long */
+  TEST_ASSERT_TRUE((double)(clock() - began) / CLOCKS_PER_SEC
+      < 10); /* a tenth of that with sanitizers; a row of as many as it asks for takes as long */
 }
 
 /* ------------------------------------------------------------------------------- sensors */
@@ -509,8 +585,10 @@ static void test_sensors_read_what_textbooks_say(void)
   car_measure(&c, x, &f, TSE_R(0), z, H);
   const double side = 0.02 * number(c.ky_front), drive = 0.01 * number(c.kx_front);
   const double tight = BY_NUMBER(2e-3, 2e-3, 2e-3); /* tyres without an end have one at 50 loads */
-  expect_near(drive * cos(0.05) - side * sin(0.05) - 0.005 * number(c.kx_rear) + 0.2, number(z[0]), 0.05, "accel_x", 0);
-  expect_near(side * cos(0.05) + drive * sin(0.05) + 0.03 * number(c.ky_rear), number(z[1]), 0.05, "accel_y", 0);
+  expect_near(drive * cos(0.05) - side * sin(0.05) - 0.005 * number(c.kx_rear) + 0.2, number(z[0]), 0.05,
+      "accel_x", 0);
+  expect_near(
+      side * cos(0.05) + drive * sin(0.05) + 0.03 * number(c.ky_rear), number(z[1]), 0.05, "accel_y", 0);
   expect_near(0.29, number(z[2]), 1e-6, "yaw_rate", 0);
   tse_car scaled = c;
   scaled.scale_r = real(1.25);
@@ -521,27 +599,54 @@ static void test_sensors_read_what_textbooks_say(void)
   const double along = 20 * cos(0.05) + (-0.4 + number(c.lf) * 0.3) * sin(0.05);
   expect_near(along * 1.01 * 1.004, number(z[3]), tight, "wheel speed, front", 0);
   expect_near(20 * 0.995, number(z[4]), tight, "wheel speed, rear", 0);
-  /* load that goes to the rear: m h a over the wheelbase, of m g lr/L in front and m g lf/L behind; half a percent of radius for all of it */
+  /* load that goes to the rear: m h a over the wheelbase, of m g lr/L in front and m g
+   * lf/L behind; half a percent of radius for all of it */
   tse_car high = c;
   high.height_front = real(0.6 / (9.81 * number(c.lr))), high.height_rear = real(0.6 / (9.81 * number(c.lf)));
   tse_real loaded[TSE_SENSORS];
   car_measure(&high, x, &f, TSE_R(0), loaded, H);
   const double share = 0.005 * 0.6 * number(f.x) / 9.81;
   TEST_ASSERT_TRUE(fabs(share) > 1e-4);
-  expect_near(number(z[3]) * (1 - share / number(c.lr)), number(loaded[3]), 1e-5, "wheel speed, front, loaded", 0);
-  expect_near(number(z[4]) * (1 + share / number(c.lf)), number(loaded[4]), 1e-5, "wheel speed, rear, loaded", 0);
+  expect_near(
+      number(z[3]) * (1 - share / number(c.lr)), number(loaded[3]), 1e-5, "wheel speed, front, loaded", 0);
+  expect_near(
+      number(z[4]) * (1 + share / number(c.lf)), number(loaded[4]), 1e-5, "wheel speed, rear, loaded", 0);
   c.lever_x = real(0.5), c.lever_y = real(0.25);
   tse_real there[TSE_SENSORS];
   car_measure(&c, x, &f, TSE_R(0), there, H);
-  expect_near(number(z[0]) - 0.5 * 0.09 - 0.25 * number(f.yaw), number(there[0]), 1e-4, "accel_x, away from the centre of gravity", 0);
-  expect_near(number(z[1]) + 0.5 * number(f.yaw) - 0.25 * 0.09, number(there[1]), 1e-4, "accel_y, away from the centre of gravity", 0);
+  expect_near(number(z[0]) - 0.5 * 0.09 - 0.25 * number(f.yaw), number(there[0]), 1e-4,
+      "accel_x, away from the centre of gravity", 0);
+  expect_near(number(z[1]) + 0.5 * number(f.yaw) - 0.25 * 0.09, number(there[1]), 1e-4,
+      "accel_y, away from the centre of gravity", 0);
 }
 
 /* Anything that a filter of this car may hold makes numbers. */
 static void test_any_state_makes_numbers(void)
 {
   /* five times as stiff */
-  static const double most[TSE_VALUES] = { [VX] = 200, [VY] = 60, [YAW] = 20, [AF] = 1.5, [AR] = 1.5, [PHI] = 0.5, [DPHI] = 10, [SF] = 10, [SR] = 10, [GX] = 5, [GY] = 5, [BX] = 50, [BY] = 50, [BR] = 6, [LCX] = 1.6, [LCF] = 1.6, [LCR] = 1.6, [LMU] = 4, [STEER_OFFSET] = 0.2, [GAIN] = 0.5, [LATE] = 0.2, [RAD] = 0.2, [LEAN] = 0.9 };
+  static const double most[TSE_VALUES] = { [VX] = 200,
+    [VY] = 60,
+    [YAW] = 20,
+    [AF] = 1.5,
+    [AR] = 1.5,
+    [PHI] = 0.5,
+    [DPHI] = 10,
+    [SF] = 10,
+    [SR] = 10,
+    [GX] = 5,
+    [GY] = 5,
+    [BX] = 50,
+    [BY] = 50,
+    [BR] = 6,
+    [LCX] = 1.6,
+    [LCF] = 1.6,
+    [LCR] = 1.6,
+    [LMU] = 4,
+    [STEER_OFFSET] = 0.2,
+    [GAIN] = 0.5,
+    [LATE] = 0.2,
+    [RAD] = 0.2,
+    [LEAN] = 0.9 };
   static const double dt[] = { 1e-4, 0.01, 0.05, HAS_SLIP ? 0.25 : 0.125 }; /* a longer one is a gap */
   uint32_t seed = 9;
   for (int load = 0; load < 2; load++)
@@ -550,9 +655,10 @@ static void test_any_state_makes_numbers(void)
       tse_short M[MOTION][PLACES];
       tse_real x[TSE_VALUES], z[TSE_SENSORS], H[TSE_SENSORS][PLACES];
       forces f;
-      for (int i = 0; i < TSE_VALUES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1
-                                                                                                                                 : 1));
-      const steering u = { real(next_between(&seed, -1.2, 1.2)), real(next_between(&seed, -1.2, 1.2)), real(dt[n % 4]) };
+      for (int i = 0; i < TSE_VALUES; i++)
+        x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1 : 1));
+      const steering u = { real(next_between(&seed, -1.2, 1.2)), real(next_between(&seed, -1.2, 1.2)),
+        real(dt[n % 4]) };
       car_move(&c, x, u, M);
       car_forces(&c, x, u, TSE_R(1), &f);
       car_measure(&c, x, &f, TSE_R(0), z, H);

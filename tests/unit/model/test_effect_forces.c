@@ -1,5 +1,6 @@
-/* tests/unit/model/test_effect_forces.c <-> effects of src/model/catalogue.h whose action is a force, a law of the tyre, or geometry: balances
- * of forces and moments in newtons, closed forms and rigid-body kinematics that the library does not contain. */
+/* tests/unit/model/test_effect_forces.c <-> effects of src/model/catalogue.h whose action
+ * is a force, a law of the tyre, or geometry: balances of forces and moments in newtons,
+ * closed forms and rigid-body kinematics that the library does not contain. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -9,23 +10,27 @@ typedef struct steady {
   double r, ay;
 } steady;
 
-/* Steady cornering of the linear car at v with steering d, side force `push` that the accelerometer sees, `pull` that it does
- * not (gravity), and yaw moment `moment`:  Ff = (lr (m v r - Y) - N)/L, Fr = (lf (m v r - Y) + N)/L, Y = push + pull,
+/* Steady cornering of the linear car at v with steering d, side force `push` that the
+ * accelerometer sees, `pull` that it does
+ * not (gravity), and yaw moment `moment`:  Ff = (lr (m v r - Y) - N)/L, Fr = (lf (m v r -
+ *                                          Y) + N)/L, Y = push + pull,
  * and the geometry d - Ff/Cf + Fr/Cr = L r/v. */
 static steady cornering(const tse_config *c, double v, double d, double push, double pull, double moment)
 {
-  const double m = number(c->mass), lf = number(c->lf), lr = number(c->lr), length = lf + lr, side = push + pull;
+  const double m = number(c->mass), lf = number(c->lf), lr = number(c->lr), length = lf + lr,
+               side = push + pull;
   const double cf = number(c->cornering_stiffness_front), cr = number(c->cornering_stiffness_rear);
   steady s;
-  s.r = v * (d + (lr * side + moment) / (length * cf) - (lf * side - moment) / (length * cr)) /
-        (length + m * v * v / length * (lr / cf - lf / cr));
+  s.r = v * (d + (lr * side + moment) / (length * cf) - (lf * side - moment) / (length * cr))
+      / (length + m * v * v / length * (lr / cf - lf / cr));
   s.ay = v * s.r - pull / m;
   return s;
 }
 
-/* In replay, and in the simulator, whose wheels roll freely. `share` of the value: what is quadratic in small motions, and speed
- * that the wheels do not hold to the last bit. */
-static void expect_cornering(const tse_config *c, double v, double d, steady s, double share, const char *what)
+/* In replay, and in the simulator, whose wheels roll freely. `share` of the value: what
+ * is quadratic in small motions, and speed that the wheels do not hold to the last bit. */
+static void expect_cornering(
+    const tse_config *c, double v, double d, steady s, double share, const char *what)
 {
   static tse_sim sim;
   const tse_sim_config quiet = still_sim(v);
@@ -59,7 +64,8 @@ static void test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 0, -1900 * G * sin(0.03), 0), 3e-3, "bank");
 }
 
-/* In a steady turn the tyres give m (1 - share) v r, no more: the balance is that of a car so much lighter, and accel_y reads it. */
+/* In a steady turn the tyres give m (1 - share) v r, no more: the balance is that of a
+ * car so much lighter, and accel_y reads it. */
 static void test_superelevation_takes_a_share_of_the_side_force(void)
 {
   const double share = 0.15;
@@ -88,10 +94,12 @@ static void test_crosswind_pushes_at_its_arm(void)
   /* after 6 s the heading has changed by up to 0.13 rad: 0.8 % of the cosine */
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, force, 0, 0.4 * force), 1.5e-2, "crosswind");
   c.crosswind_heading = setting(2.0943951023931953);
-  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, -force / 2, 0, -0.2 * force), 8e-2, "crosswind from behind"); /* d cos/cos = 0.06 */
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, -force / 2, 0, -0.2 * force), 8e-2,
+      "crosswind from behind"); /* d cos/cos = 0.06 */
 }
 
-/* On a circle the wind comes from all sides: its share in accel_y follows the cosine of the heading, by a trapezoidal sum. */
+/* On a circle the wind comes from all sides: its share in accel_y follows the cosine of
+ * the heading, by a trapezoidal sum. */
 static void test_crosswind_turns_with_the_heading(void)
 {
   tse_config c = default_car();
@@ -113,8 +121,9 @@ static void test_crosswind_turns_with_the_heading(void)
     worst = fmax(worst, fabs(number(got_y[i]) - number(kept_y[i]) - gain * cos(0.5 + heading)));
     smallest = fmin(smallest, cos(0.5 + heading));
   }
-  TEST_ASSERT_TRUE(smallest < -0.99);                    /* it has been all around */
-  expect_near(0, worst, 0.04 * gain, "crosswind", 0);    /* quasi-static: 0.1 rad/s against a yaw rate that settles at 8/s,
+  TEST_ASSERT_TRUE(smallest < -0.99); /* it has been all around */
+  expect_near(0, worst, 0.04 * gain, "crosswind",
+      0); /* quasi-static: 0.1 rad/s against a yaw rate that settles at 8/s,
                                                             and the circle's own centre of curvature */
 }
 
@@ -122,7 +131,8 @@ static void test_aligning_moment_in_steady_cornering(void)
 {
   tse_config c = default_car();
   c.aligning_moment_trail = setting(0.04);
-  /* forces balance as if both axles stood further back by the trail; the wheels' paths are those of the axles */
+  /* forces balance as if both axles stood further back by the trail; the wheels' paths
+   * are those of the axles */
   const double m = 1900, v = 20, k = m / 2.75 * (1.54 / 1.2e5 - 1.21 / 1.4e5);
   steady s;
   s.r = v * 0.002 / (2.75 + k * v * v), s.ay = v * s.r;
@@ -165,7 +175,8 @@ static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
 
 /* ------------------------------------------------------------------------------------- laws of the tyre */
 
-/* Steady cornering in replay; then the tyres' law, from the velocities that come out, must balance mass and moment:
+/* Steady cornering in replay; then the tyres' law, from the velocities that come out,
+ * must balance mass and moment:
  *   m accel_y = Fyf + Fyr + Fxf d,   lf (Fyf + Fxf d) = lr Fyr. */
 typedef struct tyre {
   double c, angle, slip, load, ax, ay; /* stiffness; of the axle; accelerations that remain to tyres */
@@ -178,7 +189,8 @@ static void expect_balance(const tse_config *c, double d, double extra_front, la
   const int rows = 1500, last = rows - 1;
   straight(c, 20, 0.01, rows);
   for (int i = 0; i < rows; i++) {
-    log_steer[i] = real(d * (i < 500 ? i / 500.0 : 1)); /* a ramp: no step may throw the car out of its curve */
+    log_steer[i] = real(
+        d * (i < 500 ? i / 500.0 : 1)); /* a ramp: no step may throw the car out of its curve */
     log_front[i] = real(number(log_front[i]) * (1 + extra_front));
   }
   replay(c, rows);
@@ -192,8 +204,8 @@ static void expect_balance(const tse_config *c, double d, double extra_front, la
   const double fyf = f((tyre){ 1.2e5, front, sf, m * G * lr / 2.75, drive, side, 0 });
   const double fyr = f((tyre){ 1.4e5, rear, sr, m * G * lf / 2.75, drive, side, 1 });
   TEST_ASSERT_TRUE_MESSAGE(fabs(ay) > 2.5, what); /* where the laws differ from the linear one */
-  expect_near(m * ay, fyf + fyr + fxf * d, BY_FORMAT(1e-3, 4), what, 0);          /* N */
-  expect_near(0, lf * (fyf + fxf * d) - lr * fyr, BY_FORMAT(1e-2, 60), what, 1);  /* Nm; settled to rounding */
+  expect_near(m * ay, fyf + fyr + fxf * d, BY_FORMAT(1e-3, 4), what, 0);         /* N */
+  expect_near(0, lf * (fyf + fxf * d) - lr * fyr, BY_FORMAT(1e-2, 60), what, 1); /* Nm; settled to rounding */
 }
 
 static double brush(tyre t) /* friction 1.05 */
@@ -232,7 +244,8 @@ static void test_saturation_is_the_brush_model(void)
   expect_balance(&c, 0.045, 0, unlike, "the front ends earlier");
 }
 
-/* Axle by axle, also beyond where a car could be held: both laws end at friction times load. */
+/* Axle by axle, also beyond where a car could be held: both laws end at friction times
+ * load. */
 static void test_saturation_ends_at_friction_times_load(void)
 {
   tse_config c = default_car();
@@ -247,11 +260,14 @@ static void test_saturation_ends_at_friction_times_load(void)
       point pt = { 0 };
       pt.vx = pt.u.v_front = pt.u.v_rear = real(20), pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
-      expect_near(of_shape((tyre){ .c = 1.2e5, .angle = 0.05 * i, .load = load[0] }), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
-      expect_near(of_shape((tyre){ .c = 1.4e5, .angle = 0.05 * i, .load = load[1] }), 1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
+      expect_near(of_shape((tyre){ .c = 1.2e5, .angle = 0.05 * i, .load = load[0] }),
+          1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
+      expect_near(of_shape((tyre){ .c = 1.4e5, .angle = 0.05 * i, .load = load[1] }),
+          1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
     }
   }
-  expect_near(1.05 * load[0], brush((tyre){ .c = 1.2e5, .angle = 3, .load = load[0] }), 1e-9, "the limit of the reference", 0);
+  expect_near(1.05 * load[0], brush((tyre){ .c = 1.2e5, .angle = 3, .load = load[0] }), 1e-9,
+      "the limit of the reference", 0);
 }
 
 /* A car of 1900 kg whose tyres have friction 1.0 in front and 1.3 behind, by hand:
@@ -261,7 +277,7 @@ static void test_saturation_ends_at_friction_times_load(void)
 static void test_a_balance_makes_the_friction_of_the_axles_differ(void)
 {
   static const double end[2] = { 10166.7, 11014.0 }; /* N: 1.0 and 1.3 times its load */
-  for (int mirror = 0; mirror < 2; mirror++) { /* 1: friction 1.3 in front, 1.0 behind */
+  for (int mirror = 0; mirror < 2; mirror++) {       /* 1: friction 1.3 in front, 1.0 behind */
     const double ends[2] = { end[0] * (mirror ? 1.3 : 1), end[1] / (mirror ? 1.3 : 1) };
     tse_config c = default_car();
     c.tyre_saturation_inverse_friction = setting(0.8846154);
@@ -273,13 +289,16 @@ static void test_a_balance_makes_the_friction_of_the_axles_differ(void)
       pt.vx = pt.u.v_front = pt.u.v_rear = real(20);
       pt.g.slip_front = pt.g.slip_rear = real(sign * 1.0); /* both slide */
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
-      expect_near(sign * ends[0], 1900 * number(pt.fy_front), 0.1, "front", mirror); /* the digits of the hand */
+      expect_near(
+          sign * ends[0], 1900 * number(pt.fy_front), 0.1, "front", mirror); /* the digits of the hand */
       expect_near(sign * ends[1], 1900 * number(pt.fy_rear), 0.1, "rear", mirror);
       pt.g.slip_front = pt.g.slip_rear = real(sign * 0.06); /* C alpha: 7200 N and 8400 N */
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
       const double q[2] = { 7200 / ends[0], 8400 / ends[1] };
-      expect_near(sign * 7200 * (1 - q[0] / 3 + q[0] * q[0] / 27), 1900 * number(pt.fy_front), 0.1, "front bends", mirror);
-      expect_near(sign * 8400 * (1 - q[1] / 3 + q[1] * q[1] / 27), 1900 * number(pt.fy_rear), 0.1, "rear bends", mirror);
+      expect_near(sign * 7200 * (1 - q[0] / 3 + q[0] * q[0] / 27), 1900 * number(pt.fy_front), 0.1,
+          "front bends", mirror);
+      expect_near(sign * 8400 * (1 - q[1] / 3 + q[1] * q[1] / 27), 1900 * number(pt.fy_rear), 0.1,
+          "rear bends", mirror);
     }
   }
 }
@@ -303,10 +322,13 @@ static void test_lateral_load_transfer_takes_with_the_square_of_the_acceleration
   for (int i = 0; i < 1500; i++) log_steer[i] = real(0.05 * fmin(i / 500.0, 1));
   replay(&c, 1500);
   TEST_ASSERT_TRUE(number(got_yaw[1499]) < 0.97 * even);
-  /* forces of the axles, by the balance of moments, over C alpha: 1 -+ as told, where a solves the even equation */
-  const double vx = number(got_vx[1499]), vy = number(got_vy[1499]), r = number(got_yaw[1499]), ay = number(got_y[1499]);
+  /* forces of the axles, by the balance of moments, over C alpha: 1 -+ as told, where a
+   * solves the even equation */
+  const double vx = number(got_vx[1499]), vy = number(got_vy[1499]), r = number(got_yaw[1499]),
+               ay = number(got_y[1499]);
   const double fxf = 1.6e5 * (20 - vx) / 20, front = 0.05 - (vy + 1.25 * r) / vx, rear = (1.5 * r - vy) / vx;
-  const double left_front = (1900 * ay * 1.5 / 2.75 - fxf * 0.05) / (1.2e5 * front), left_rear = 1900 * ay * 1.25 / 2.75 / (1.4e5 * rear);
+  const double left_front = (1900 * ay * 1.5 / 2.75 - fxf * 0.05) / (1.2e5 * front),
+               left_rear = 1900 * ay * 1.25 / 2.75 / (1.4e5 * rear);
   expect_near(3, (1 - left_front) / (1 - left_rear), 0.01, "front loses three times what the rear does", 0);
 }
 
@@ -329,9 +351,11 @@ static void test_stiffness_drifts_between_two_times(void)
   straight(&c, 20, 0.01, rows);
   for (int i = 0; i < rows; i++) log_steer[i] = real(0.04 * fmin(i / 500.0, 1));
   replay(&c, rows);
-  const double vx = number(got_vx[last]), vy = number(got_vy[last]), r = number(got_yaw[last]), ay = number(got_y[last]);
+  const double vx = number(got_vx[last]), vy = number(got_vy[last]), r = number(got_yaw[last]),
+               ay = number(got_y[last]);
   const double drifted = 1 + 0.2 * (14.99 - 4) / 22; /* at 15 s: half of 4 .. 26 s */
-  const double fyf = 1.2e5 * drifted * (0.04 - (vy + 1.25 * r) / vx), fyr = 1.4e5 * drifted * (1.5 * r - vy) / vx;
+  const double fyf = 1.2e5 * drifted * (0.04 - (vy + 1.25 * r) / vx),
+               fyr = 1.4e5 * drifted * (1.5 * r - vy) / vx;
   const double fxf = 1.6e5 * drifted * (20 - vx) / 20;
   expect_near(1900 * ay, fyf + fyr + fxf * 0.04, BY_FORMAT(1e-2, 8), "force", 0);
   expect_near(0.33 * fxf, number(got_tf[last]), BY_FORMAT(1e-2, 8), "longitudinal, front", 0);
@@ -339,12 +363,14 @@ static void test_stiffness_drifts_between_two_times(void)
   const tse_real before[2] = { got_y[400], got_y[410] };
   c.stiffness_drift_change = setting(0);
   replay(&c, rows);
-  TEST_ASSERT_TRUE(!(before[0] != got_y[400]) && before[1] != got_y[410]); /* nothing has happened before 4 s */
+  TEST_ASSERT_TRUE(
+      !(before[0] != got_y[400]) && before[1] != got_y[410]); /* nothing has happened before 4 s */
 }
 
 /* --------------------------------------------------------------------------------------- along the car */
 
-/* Coasting, all wheels free: v' (m + 2 J/R^2) = F, J per axle.   Returned: [m/s] after 20 s of the simulator. */
+/* Coasting, all wheels free: v' (m + 2 J/R^2) = F, J per axle.   Returned: [m/s] after 20
+ * s of the simulator. */
 static double coasted(const tse_config *c)
 {
   static tse_sim sim;
@@ -364,7 +390,8 @@ static void test_drag_slows_a_coasting_car_by_its_square(void)
   tse_config c = default_car();
   expect_near(30, coasted(&c), BY_FORMAT(1e-9, 1e-3), "without", 0);
   c.aero_drag_coefficient = setting(0.45);
-  expect_near(30 / (1 + 0.45 * 30 * 20 / EFFECTIVE_MASS), coasted(&c), BY_FORMAT(2e-3, 0.03), "aero_drag", 0); /* the wheels start rolling freely */
+  expect_near(30 / (1 + 0.45 * 30 * 20 / EFFECTIVE_MASS), coasted(&c), BY_FORMAT(2e-3, 0.03), "aero_drag",
+      0); /* the wheels start rolling freely */
 }
 
 static void test_drag_acts_against_the_motion_backwards_too(void)
@@ -377,7 +404,8 @@ static void test_drag_acts_against_the_motion_backwards_too(void)
   for (int way = -1; way <= 1; way += 2) {
     at.vx = real(30 * way), at.force.x = real(0.1);
     aero_drag_body(&at);
-    expect_near(0.1 - 0.45 * 900 * way / of_setting(c.mass), number(at.force.x), 1e-6, "force over mass", way);
+    expect_near(
+        0.1 - 0.45 * 900 * way / of_setting(c.mass), number(at.force.x), 1e-6, "force over mass", way);
   }
 }
 
@@ -385,7 +413,8 @@ static void test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_i
 {
   tse_config c = default_car();
   c.rolling_resistance_coefficient = setting(0.015);
-  expect_near(30 - 0.015 * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "rolling_resistance", 0);
+  expect_near(30 - 0.015 * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03),
+      "rolling_resistance", 0);
   c.rolling_resistance_coefficient = setting(0.2);
   expect_near(0, coasted(&c), 0.02, "standing", 0); /* below 0.5 m/s it fades with the speed */
 }
@@ -394,13 +423,15 @@ static void test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it(void)
 {
   tse_config c = default_car();
   c.grade_angle = setting(0.06);
-  expect_near(30 - sin(0.06) * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "grade", 0);
+  expect_near(
+      30 - sin(0.06) * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "grade", 0);
   straight(&c, 20, 0.01, 600); /* driven at constant speed the tyres carry it, and that is seen */
   replay(&c, 600);
   expect_near(G * sin(0.06), number(got_x[599]), BY_FORMAT(1e-6, 1e-4), "accel_x", 0);
 }
 
-/* Constant wheel speeds: drag and rolling resistance show in slip and wheel torque, not in accel_x. */
+/* Constant wheel speeds: drag and rolling resistance show in slip and wheel torque, not
+ * in accel_x. */
 static void test_drag_and_rolling_resistance_show_in_slip_and_torque(void)
 {
   tse_config c = default_car();
@@ -432,13 +463,14 @@ static void test_wheel_torque_holds_the_inertia_of_the_wheels(void)
 
 /* ---------------------------------------------------------------------------------------------- geometry */
 
-/* Tyres that hardly slip: the car rolls about a point. The rear axle's speed w gives r = w tan(d)/L; plain, r = w d/L. */
+/* Tyres that hardly slip: the car rolls about a point. The rear axle's speed w gives r =
+ * w tan(d)/L; plain, r = w d/L. */
 static void test_exact_kinematics_roll_about_the_turning_centre(void)
 {
   tse_config c = default_car();
   const double d = 0.5, w = 3, length = 2.75;
-  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = c.cornering_stiffness_front = c.cornering_stiffness_rear =
-      setting(1e7);
+  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = c.cornering_stiffness_front =
+      c.cornering_stiffness_rear = setting(1e7);
   c.max_steer = setting(0.6), c.exact_kinematics_share = setting(1);
   straight(&c, w, 0.01, 600);
   for (int i = 0; i < 600; i++) {
@@ -447,19 +479,23 @@ static void test_exact_kinematics_roll_about_the_turning_centre(void)
     log_front[i] = real(w / cos(now) / 0.33);
   }
   replay(&c, 600);
-  expect_near(w * tan(d) / length, number(got_yaw[599]), 1e-3 * w, "yaw rate", 0); /* slip angles of 1e-3 remain */
+  expect_near(
+      w * tan(d) / length, number(got_yaw[599]), 1e-3 * w, "yaw rate", 0); /* slip angles of 1e-3 remain */
   expect_near(w * tan(d) / length * 1.5, number(got_vy[599]), 2e-3 * w, "vy = lr r", 0);
   expect_near(w, number(got_vx[599]), 2e-3 * w, "vx", 0);
 }
 
-/* Point by point against vectors: velocity of the front wheel turned into its own axes, force turned back, by libm. */
+/* Point by point against vectors: velocity of the front wheel turned into its own axes,
+ * force turned back, by libm. */
 static void test_exact_kinematics_are_those_of_vectors(void)
 {
   uint32_t seed = 5;
   tse_config c = default_car();
   for (int i = 0; i < 200; i++) {
-    const double share = i % 2 ? 1 : 0.25, d = next_between(&seed, -0.6, 0.6), vx = next_between(&seed, 3, 40);
-    const double vy = next_between(&seed, -3, 3), r = next_between(&seed, -0.8, 0.8), wf = next_between(&seed, 0.9, 1.1) * vx;
+    const double share = i % 2 ? 1 : 0.25, d = next_between(&seed, -0.6, 0.6),
+                 vx = next_between(&seed, 3, 40);
+    const double vy = next_between(&seed, -3, 3), r = next_between(&seed, -0.8, 0.8),
+                 wf = next_between(&seed, 0.9, 1.1) * vx;
     c.exact_kinematics_share = setting(share);
     const tse_params p = prepared(c);
     tse_effect_memory m = { 0 };
@@ -481,11 +517,13 @@ static void test_exact_kinematics_are_those_of_vectors(void)
     const double co = 1 + share * (cos(d) - 1), si = d + share * (sin(d) - d);
     expect_near(fx * co - fy * si, number(pt.force.x), BY_FORMAT(1e-9, 1e-3), "force along", i);
     expect_near(fx * si + fy * co + fr, number(pt.force.y), BY_FORMAT(1e-9, 1e-3), "force across", i);
-    expect_near(1900 * (1.25 * (fx * si + fy * co) - 1.5 * fr) / 3000, number(pt.force.yaw), BY_FORMAT(1e-9, 1e-3), "moment", i);
+    expect_near(1900 * (1.25 * (fx * si + fy * co) - 1.5 * fr) / 3000, number(pt.force.yaw),
+        BY_FORMAT(1e-9, 1e-3), "moment", i);
   }
 }
 
-/* Velocity of the IMU's place as a rigid body has it, differentiated in the turning axes. */
+/* Velocity of the IMU's place as a rigid body has it, differentiated in the turning
+ * axes. */
 static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void)
 {
   tse_config c = default_car();
@@ -530,7 +568,8 @@ static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
   }
 }
 
-/* A car that rolls straight on at 20 m/s on wheels that turn, until in a single step of 20 ms a brake acts
+/* A car that rolls straight on at 20 m/s on wheels that turn, until in a single step of
+ * 20 ms a brake acts
  * on each axle.   Updated: at   Returned: its memory */
 static tse_effect_memory brake_a_step(const tse_config *c, const double brake[2], double friction, point *at)
 {
@@ -553,8 +592,9 @@ static tse_effect_memory brake_a_step(const tse_config *c, const double brake[2]
   return m;
 }
 
-/* A brake of almost no end brings its wheel to a stop within a step, but for what the road turns it by, and never into reverse: on the axle that
- * it is on, on that one alone. */
+/* A brake of almost no end brings its wheel to a stop within a step, but for what the
+ * road turns it by, and never into reverse: on the axle that it is on, on that one
+ * alone. */
 static void test_a_brake_stops_the_wheels_of_its_axle_within_a_step_and_no_others(void)
 {
   for (int braked = 1; braked <= 3; braked++) {
@@ -571,7 +611,8 @@ static void test_a_brake_stops_the_wheels_of_its_axle_within_a_step_and_no_other
   }
 }
 
-/* Tyres that hold their slip, for however short a way, hold none where nothing drives the wheels. */
+/* Tyres that hold their slip, for however short a way, hold none where nothing drives the
+ * wheels. */
 static void test_a_lag_along_the_car_moves_no_wheel_that_no_torque_turns(void)
 {
   static const double length[] = { 1e-3, 0.02, 0.4 }, none[2] = { 0, 0 };
@@ -583,11 +624,13 @@ static void test_a_lag_along_the_car_moves_no_wheel_that_no_torque_turns(void)
     expect_near(20, number(at.vx), BY_FORMAT(1e-9, 1e-4), "speed", i);
     expect_near(20, number(at.u.v_front), BY_FORMAT(1e-9, 1e-4), "front", i);
     expect_near(20, number(at.u.v_rear), BY_FORMAT(1e-9, 1e-4), "rear", i);
-    for (int a = 2; a < 4; a++) expect_near(0, number(m.lag[a]), BY_FORMAT(1e-12, 1e-6), "held slip", 10 * i + a);
+    for (int a = 2; a < 4; a++)
+      expect_near(0, number(m.lag[a]), BY_FORMAT(1e-12, 1e-6), "held slip", 10 * i + a);
   }
 }
 
-/* Forces along and across an axle saturate as one: its length is that of a brush, and it points where linear tyres would pull. */
+/* Forces along and across an axle saturate as one: its length is that of a brush, and it
+ * points where linear tyres would pull. */
 static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_together(void)
 {
   const tse_params p = prepared(default_car());
@@ -596,8 +639,11 @@ static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_t
   uint32_t seed = 6;
   int slid = 0, gripped = 0;
   for (int n = 0; n < 200; n++) {
-    const double mu = 0.3 * (n % 4), vy = n % 5 ? next_between(&seed, -2, 2) : 0, r = n % 5 ? next_between(&seed, -0.5, 0.5) : 0;
-    const double d = n % 5 ? next_between(&seed, -0.1, 0.1) : 0, wheel[2] = { vx * next_between(&seed, 0.9, 1.1), vx * (n % 3 ? next_between(&seed, 0.9, 1.1) : 1) };
+    const double mu = 0.3 * (n % 4), vy = n % 5 ? next_between(&seed, -2, 2) : 0,
+                 r = n % 5 ? next_between(&seed, -0.5, 0.5) : 0;
+    const double d = n % 5 ? next_between(&seed, -0.1, 0.1) : 0,
+                 wheel[2] = { vx * next_between(&seed, 0.9, 1.1),
+                   vx * (n % 3 ? next_between(&seed, 0.9, 1.1) : 1) };
     const double angle[2] = { d - (vy + lf * r) / vx, (lr * r - vy) / vx };
     double along[2], across[2];
     for (int a = 0; a < 2; a++) {
@@ -616,7 +662,8 @@ static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_t
     expect_near(along[0], m * number(pt.fx_front), close, "front, along [N]", n);
     expect_near(along[1], m * number(pt.fx_rear), close, "rear, along [N]", n);
     expect_near(across[0] + along[0] * d + across[1], m * number(pt.force.y), close * 3, "across [N]", n);
-    expect_near(lf * (across[0] + along[0] * d) - lr * across[1], 3000 * number(pt.force.yaw), close * 6, "moment [Nm]", n);
+    expect_near(lf * (across[0] + along[0] * d) - lr * across[1], 3000 * number(pt.force.yaw), close * 6,
+        "moment [Nm]", n);
   }
   TEST_ASSERT_TRUE(slid > 20 && gripped > 20);
 }

@@ -1,12 +1,16 @@
-/* tests/unit/model/test_effect_linear.c <-> effects of src/model/catalogue.h whose action is linear in small motions.
+/* tests/unit/model/test_effect_linear.c <-> effects of src/model/catalogue.h whose action
+ * is linear in small motions.
  *
- * Reference: the transfer functions of the linear single track with the effect, in the frequency domain, with complex numbers
- * and in newtons; none of the library's equations of motion. Steering (or wheel speed) is a small sine; what replay and
- * simulator put out is projected onto sine and cosine over whole periods after the start has died away.
+ * Reference: the transfer functions of the linear single track with the effect, in the
+ * frequency domain, with complex numbers and in newtons; none of the library's equations
+ * of motion. Steering (or wheel speed) is a small sine; what replay and simulator put out
+ * is projected onto sine and cosine over whole periods after the start has died away.
  *
- * Tolerance: integration and linear interpolation between rows err by (w dt)^2/12 of the amplitude, below 2e-4 at 3 Hz and
- * 2 ms; what is quadratic in the motion by the amplitude, 1e-3 rad, at most. Together 1e-3 of the channel's plain gain. In
- * float, 1e-3 rad of steering leaves yaw rates with an error of 1e-3 themselves: larger steering, 5e-3 tolerance. */
+ * Tolerance: integration and linear interpolation between rows err by (w dt)^2/12 of the
+ * amplitude, below 2e-4 at 3 Hz and 2 ms; what is quadratic in the motion by the
+ * amplitude, 1e-3 rad, at most. Together 1e-3 of the channel's plain gain. In float, 1e-3
+ * rad of steering leaves yaw rates with an error of 1e-3 themselves: larger steering,
+ * 5e-3 tolerance. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -39,11 +43,11 @@ static cplx expi(double phase) { return of(cos(phase), sin(phase)); }
 /* The linear car in SI units, and what may be wrong with it. */
 typedef struct linear {
   double m, inertia, lf, lr, cf, cr, v;
-  double sigma;                        /* relaxation length                    */
-  double trail;                        /* aligning moment                      */
-  double rear_steer, roll_f, roll_d;   /* rear angle per accel_y, through a mode */
-  double ratio, lag, lag2, delay;      /* steering                             */
-  double leak_height, coupling;        /* of an IMU and of the body's mass above the roll axis */
+  double sigma;                      /* relaxation length                    */
+  double trail;                      /* aligning moment                      */
+  double rear_steer, roll_f, roll_d; /* rear angle per accel_y, through a mode */
+  double ratio, lag, lag2, delay;    /* steering                             */
+  double leak_height, coupling;      /* of an IMU and of the body's mass above the roll axis */
   double arm_x, leak, leak_f, leak_d, scale_y, scale_r, turned, imu_delay;
 } linear;
 
@@ -62,9 +66,12 @@ static cplx mode_at(double w, double f, double damping)
   return over(of(wn * wn, 0), of(wn * wn - w * w, 2 * damping * wn * w));
 }
 
-/* accel_y and yaw_rate as read, per steering angle, at w rad/s. Unknowns: vy, r, Ff, Fr, from
- *   m (s vy + v r) = (Ff + Fr) (1 + coupling leak s^2 H),  I s r = lf Ff - lr Fr - trail (Ff + Fr),
- *   Ff (1 + s sigma/v) = cf (delta - (vy + lf r)/v),  Fr (1 + s sigma/v) = cr ((lr r - vy)/v + k H (Ff + Fr)/m)   */
+/* accel_y and yaw_rate as read, per steering angle, at w rad/s. Unknowns: vy, r, Ff, Fr,
+ * from
+ *   m (s vy + v r) = (Ff + Fr) (1 + coupling leak s^2 H),  I s r = lf Ff - lr Fr - trail
+ *                                                          (Ff + Fr),
+ *   Ff (1 + s sigma/v) = cf (delta - (vy + lf r)/v),  Fr (1 + s sigma/v) = cr ((lr r -
+ *                                                     vy)/v + k H (Ff + Fr)/m) */
 static void respond(const linear *l, double w, cplx *ay, cplx *r)
 {
   const cplx s = of(0, w), lagged = add(of(1, 0), times(l->sigma / l->v, s));
@@ -75,7 +82,8 @@ static void respond(const linear *l, double w, cplx *ay, cplx *r)
     { times(l->m, s), of(l->m * l->v, 0), push, push, zero },
     { zero, times(l->inertia, s), of(l->trail - l->lf, 0), of(l->trail + l->lr, 0), zero },
     { of(l->cf / l->v, 0), of(l->cf * l->lf / l->v, 0), lagged, zero, of(l->cf, 0) },
-    { of(l->cr / l->v, 0), of(-l->cr * l->lr / l->v, 0), times(-l->cr, roll), add(lagged, times(-l->cr, roll)), zero },
+    { of(l->cr / l->v, 0), of(-l->cr * l->lr / l->v, 0), times(-l->cr, roll),
+        add(lagged, times(-l->cr, roll)), zero },
   };
   for (int i = 0; i < 4; i++) /* Gauss-Jordan with the largest pivot */
   {
@@ -95,7 +103,8 @@ static void respond(const linear *l, double w, cplx *ay, cplx *r)
     }
   }
   const cplx side = times(1 / l->m, add(a[2][4], a[3][4]));
-  cplx steer = mul(times(1 + l->ratio, expi(-w * l->delay)), over(one, mul(add(one, times(l->lag, s)), add(one, times(l->lag2, s)))));
+  cplx steer = mul(times(1 + l->ratio, expi(-w * l->delay)),
+      over(one, mul(add(one, times(l->lag, s)), add(one, times(l->lag2, s)))));
   cplx read = add(side, times(l->arm_x, mul(s, a[1][4])));
   read = add(read, times((G + l->leak_height * w * w) * l->leak, mul(leak, side)));
   read = times((1 + l->scale_y) * cos(l->turned), read);
@@ -103,7 +112,8 @@ static void respond(const linear *l, double w, cplx *ay, cplx *r)
   *r = mul(mul(steer, expi(-w * l->imu_delay)), times(1 + l->scale_r, a[1][4]));
 }
 
-/* Amplitude of y against sin(w t) over the last `periods` of it, complex: re with the sine, im with the cosine. */
+/* Amplitude of y against sin(w t) over the last `periods` of it, complex: re with the
+ * sine, im with the cosine. */
 static cplx projected(const tse_real *y, int rows, double w, int per_period, int periods)
 {
   double re = 0, im = 0, mean = 0;
@@ -160,7 +170,8 @@ static void expect_linear(const tse_config *c, const linear *l, const char *what
     expect_response(ay, times(1 / AMPLITUDE, projected(got_y, rows, w, n, periods)), most_y, what, 10 * k);
     expect_response(r, times(1 / AMPLITUDE, projected(got_r, rows, w, n, periods)), most_r, what, 10 * k + 1);
     simulate_log(c, l->v, rows);
-    expect_response(ay, times(1 / AMPLITUDE, projected(got_y, rows, w, n, periods)), most_y, what, 10 * k + 2);
+    expect_response(
+        ay, times(1 / AMPLITUDE, projected(got_y, rows, w, n, periods)), most_y, what, 10 * k + 2);
     expect_response(r, times(1 / AMPLITUDE, projected(got_r, rows, w, n, periods)), most_r, what, 10 * k + 3);
   }
 }
@@ -293,7 +304,8 @@ static void test_lever_arm_reads_the_yaw_acceleration(void)
 static void test_body_roll_is_a_mode_of_the_lateral_acceleration(void)
 {
   CAR;
-  c.body_roll_gain = setting(0.0107), c.body_roll_frequency = setting(1.4), c.body_roll_damping = setting(0.22);
+  c.body_roll_gain = setting(0.0107), c.body_roll_frequency = setting(1.4),
+  c.body_roll_damping = setting(0.22);
   l.leak = 0.0107, l.leak_f = 1.4, l.leak_d = 0.22;
   expect_linear(&c, &l, "body_roll");
   c.body_roll_height = setting(0.45);
@@ -332,10 +344,12 @@ static void test_effects_of_different_places_add_up(void)
 
 /* --------------------------------------------------------------------------------- along the car */
 
-/* accel_x per wheel speed u (both axles, m/s):  F = C/v (u - vx) G,  m s vx = F: with K = C/(m v),
- * a = K G u s/(s + K G), G = 1/(1 + s sigma/v); read: a (1 + scale)(1 + (g - height s^2) k H) exp(-s delay). */
-static void expect_along(const tse_config *c, double sigma, double leak, double leak_f, double leak_d, double height, double scale,
-                         double delay, const char *what)
+/* accel_x per wheel speed u (both axles, m/s):  F = C/v (u - vx) G,  m s vx = F: with K =
+ *                                               C/(m v),
+ * a = K G u s/(s + K G), G = 1/(1 + s sigma/v); read: a (1 + scale)(1 + (g - height s^2)
+ * k H) exp(-s delay). */
+static void expect_along(const tse_config *c, double sigma, double leak, double leak_f, double leak_d,
+    double height, double scale, double delay, const char *what)
 {
   static const int per_period[2] = { 500, 167 }; /* 1, 3 Hz */
   const double v = 20, amplitude = BY_FORMAT(0.005, 0.05), k = 2 * 1.6e5 / 1900 / v;
@@ -344,7 +358,8 @@ static void expect_along(const tse_config *c, double sigma, double leak, double 
     const double w = 2 * PI / (n * DT);
     const cplx s = of(0, w), kg = over(of(k, 0), add(of(1, 0), times(sigma / v, s)));
     const cplx a = over(mul(kg, s), add(s, kg));
-    const cplx read = mul(times(1 + scale, mul(a, expi(-w * delay))), add(of(1, 0), times((G + height * w * w) * leak, mode_at(w, leak_f, leak_d))));
+    const cplx read = mul(times(1 + scale, mul(a, expi(-w * delay))),
+        add(of(1, 0), times((G + height * w * w) * leak, mode_at(w, leak_f, leak_d))));
     const tse_config plain = default_car();
     straight(&plain, v, DT, rows);
     for (int i = 0; i < rows; i++)
@@ -371,8 +386,9 @@ static void test_effects_along_the_car_have_their_transfer_functions(void)
   expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }
 
-/* A car that runs straight on at 20 m/s, wheels at given speeds, and then is off by d in its speed and by `lag` in the slip that each axle
- * holds.   Returned: what of d is left after one step of h */
+/* A car that runs straight on at 20 m/s, wheels at given speeds, and then is off by d in
+ * its speed and by `lag` in the slip that each axle holds.   Returned: what of d is left
+ * after one step of h */
 static double left_of_a_step(const tse_config *c, double d, const double lag[2], double h)
 {
   const tse_params p = prepared(*c);
@@ -393,11 +409,14 @@ static double left_of_a_step(const tse_config *c, double d, const double lag[2],
   return number(at.vx) - 20;
 }
 
-/* A linear system y' = A y is multiplied by R(hA) in a step of ROS2, R(z) = (1 + (1 - 2g) z)/(1 - g z)^2, however long the step: only with the
- * whole of A in what is solved for. A of speed and held slip, d' = K s, s' = v/sigma (-d/v - s), K = 2 C/m; of both axles s is the mean. */
+/* A linear system y' = A y is multiplied by R(hA) in a step of ROS2, R(z) = (1 + (1 - 2g)
+ * z)/(1 - g z)^2, however long the step: only with the whole of A in what is solved for.
+ * A of speed and held slip, d' = K s, s' = v/sigma (-d/v - s), K = 2 C/m; of both axles s
+ * is the mean. */
 static void test_a_step_along_the_car_is_that_of_a_linear_system_however_long(void)
 {
-  static const double step[4] = { 0.005, 0.03, 0.1, 0.5 }, start[3][3] = { { -0.01, 0, 0 }, { -0.01, 4e-4, 0 }, { 0, 0, -3e-4 } };
+  static const double step[4] = { 0.005, 0.03, 0.1, 0.5 },
+                      start[3][3] = { { -0.01, 0, 0 }, { -0.01, 4e-4, 0 }, { 0, 0, -3e-4 } };
   const double v = 20, sigma = 0.4, K = 2 * 1.6e5 / 1900, g = 1 - sqrt(0.5);
   tse_config c = default_car();
   c.longitudinal_relaxation_length = setting(sigma);
@@ -412,11 +431,13 @@ static void test_a_step_along_the_car_is_that_of_a_linear_system_however_long(vo
         y[1] = (x[1] * (1 - g * a[0][0]) + x[0] * g * a[1][0]) / det;
         memcpy(x, y, sizeof x);
       }
-      expect_near(y[0], left_of_a_step(&c, start[j][0], &start[j][1], h), BY_NUMBER(2e-5, 3e-5, 3e-5), "speed", 10 * i + j); /* slip is linear to 0.05 % */
+      expect_near(y[0], left_of_a_step(&c, start[j][0], &start[j][1], h), BY_NUMBER(2e-5, 3e-5, 3e-5),
+          "speed", 10 * i + j); /* slip is linear to 0.05 % */
     }
 }
 
-/* A lag across is none along: the same with d' = -K/v d, A one number. (Beyond 20 m/s slip is linear to 0.05 %.) */
+/* A lag across is none along: the same with d' = -K/v d, A one number. (Beyond 20 m/s
+ * slip is linear to 0.05 %.) */
 static void test_a_step_along_the_car_knows_nothing_of_a_lag_across(void)
 {
   static const double step[4] = { 0.005, 0.03, 0.1, 0.5 }, none[2] = { 0, 0 };
@@ -426,7 +447,8 @@ static void test_a_step_along_the_car_knows_nothing_of_a_lag_across(void)
     c.relaxation_length = setting(lags ? 0.4 : 0);
     for (int i = 0; i < 4; i++) {
       const double z = -step[i] * 2 * 1.6e5 / 1900 / 20, d = -0.01;
-      expect_near(d * (1 + (1 - 2 * g) * z) / pow(1 - g * z, 2), left_of_a_step(&c, d, none, step[i]), BY_NUMBER(5e-6, 2e-5, 2e-5), "speed", 10 * lags + i);
+      expect_near(d * (1 + (1 - 2 * g) * z) / pow(1 - g * z, 2), left_of_a_step(&c, d, none, step[i]),
+          BY_NUMBER(5e-6, 2e-5, 2e-5), "speed", 10 * lags + i);
     }
   }
 }

@@ -1,5 +1,6 @@
-/* tests/unit/model/test_formula.c <-> src/model/formula.h, src/tables/formula.toml: every place against the disturbance that replay takes
- * from a column there, every function with memory against a recurrence or a closed form written out here. */
+/* tests/unit/model/test_formula.c <-> src/model/formula.h, src/tables/formula.toml: every
+ * place against the disturbance that replay takes from a column there, every function
+ * with memory against a recurrence or a closed form written out here. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -7,38 +8,40 @@
 
 enum { ROWS = 400 };
 
-enum { /* operations by their codes in the table: a change of them would give saved formulas another meaning */
-       NUMBER_A = 1,
-       NUMBER_B = 2,
-       ONE = 9,
-       TWO = 10,
-       STEER = 16,
-       VEL_X = 17,
-       YAW_RATE = 19,
-       ACCEL_Y = 21,
-       ANGLE_FRONT = 22,
-       TIME = 26,
-       ADD = 32,
-       SUB = 33,
-       MUL = 34,
-       DIV = 35,
-       SQRT = 40,
-       SOFT = 41,
-       LAG = 48,
-       SECOND = 49,
-       LATE = 50,
-       PLAY = 51,
-       LIMIT = 52,
-       RATE = 53
+/* operations by their codes in the table: a change of them would give saved formulas
+ * another meaning */
+enum {
+  NUMBER_A = 1,
+  NUMBER_B = 2,
+  ONE = 9,
+  TWO = 10,
+  STEER = 16,
+  VEL_X = 17,
+  YAW_RATE = 19,
+  ACCEL_Y = 21,
+  ANGLE_FRONT = 22,
+  TIME = 26,
+  ADD = 32,
+  SUB = 33,
+  MUL = 34,
+  DIV = 35,
+  SQRT = 40,
+  SOFT = 41,
+  LAG = 48,
+  SECOND = 49,
+  LATE = 50,
+  PLAY = 51,
+  LIMIT = 52,
+  RATE = 53,
 };
 
 static tse_real column[ROWS];
 
 static void set_program(tse_config *c, int place, const int *ops, int n)
 {
-  int32_t *const packed[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4, &c->formula_code_5,
-                              &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9, &c->formula_code_10,
-                              &c->formula_code_11 };
+  int32_t *const packed[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4,
+    &c->formula_code_5, &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9,
+    &c->formula_code_10, &c->formula_code_11 };
   for (int k = 0; k < 11; k++) *packed[k] = 0;
   for (int k = 0; k < n; k++) *packed[k / 3] |= (int32_t)((unsigned)ops[k] << (8 * (k % 3)));
   c->formula_gain = setting(1), c->formula_place = place;
@@ -61,7 +64,8 @@ static void weave(const tse_config *c)
   for (int i = 0; i < ROWS; i++) log_steer[i] = real(0.03 * sin(2 * PI * (0.3 + 0.002 * i) * 0.01 * i));
 }
 
-/* `within`: rounding only; in fixed point of the numbers of a formula, too, which are of single precision as all settings are */
+/* `within`: rounding only; in fixed point of the numbers of a formula, too, which are of
+ * single precision as all settings are */
 static void expect_reference(double within, const char *what)
 {
   for (int i = 0; i < ROWS; i++) {
@@ -78,7 +82,8 @@ static void test_a_number_at_a_place_is_the_disturbance_there(void)
     weave(&c);
     tse_replay_log log = the_log();
     const tse_replay_start s = the_start();
-    const tse_real **const columns[] = { &log.slip_front, &log.slip_rear, &log.force_x, &log.force_y, &log.yaw_accel };
+    const tse_real **const columns[] = { &log.slip_front, &log.slip_rear, &log.force_x, &log.force_y,
+      &log.yaw_accel };
     for (int i = 0; i < ROWS; i++) column[i] = real(0.004);
     *columns[place] = column;
     replay_with(&c, &log, ROWS, &s);
@@ -149,7 +154,7 @@ static void test_every_operation_without_memory_has_its_value(void)
     int ops[3];
     double value;
   } row[] = {
-                                                              /* doubled by the gain */
+    /* doubled by the gain */
     { { 1 }, -5 },
     { { 2 }, -3 },
     { { 3 }, -1 },
@@ -211,7 +216,8 @@ static void test_switched_off_it_changes_no_bit(void)
   TEST_ASSERT_EQUAL_MEMORY(kept_r, got_r, ROWS * sizeof(tse_real));
 }
 
-/* What the gyro reads if it reads the yaw rate through the function: f(yaw_rate, a, b) - yaw_rate at the gyro. */
+/* What the gyro reads if it reads the yaw rate through the function: f(yaw_rate, a, b) -
+ * yaw_rate at the gyro. */
 static void read_through(tse_config *c, int function, double a, double b)
 {
   if (function == SECOND) PROGRAM(c, 9, YAW_RATE, NUMBER_A, NUMBER_B, SECOND, YAW_RATE, SUB);
@@ -221,8 +227,7 @@ static void read_through(tse_config *c, int function, double a, double b)
   replay(c, ROWS);
 }
 
-static double clamp(double x, double lo, double hi) { return x < lo ? lo : x > hi ? hi
-                                                                                  : x; }
+static double clamp(double x, double lo, double hi) { return x < lo ? lo : x > hi ? hi : x; }
 
 static void test_functions_with_memory_are_their_recurrences(void)
 {
@@ -247,10 +252,12 @@ static void test_functions_with_memory_are_their_recurrences(void)
     expect_near(0.5 * (number(got_yaw[i - 3]) + number(got_yaw[i - 4])), number(got_r[i]), eps, "late", i);
   read_through(&c, LATE, 0.004, 0);
   for (int i = 1; i < ROWS; i++) /* within a row */
-    expect_near(0.6 * number(got_yaw[i]) + 0.4 * number(got_yaw[i - 1]), number(got_r[i]), eps, "late, little", i);
+    expect_near(
+        0.6 * number(got_yaw[i]) + 0.4 * number(got_yaw[i - 1]), number(got_r[i]), eps, "late, little", i);
 }
 
-/* Of a value that a step begins and ends with, a lag of nothing leaves their mean: the trapezoidal rule. */
+/* Of a value that a step begins and ends with, a lag of nothing leaves their mean: the
+ * trapezoidal rule. */
 static void test_a_lag_of_less_than_half_a_step_is_none(void)
 {
   tse_config c = default_car();
@@ -265,7 +272,8 @@ static void test_a_lag_of_less_than_half_a_step_is_none(void)
   }
 }
 
-/* Of a memory that says that it has settled, and holds no sample: as one that came from somewhere may (tse_filter_check()). */
+/* Of a memory that says that it has settled, and holds no sample: as one that came from
+ * somewhere may (tse_filter_check()). */
 static void test_late_of_nothing_is_now(void)
 {
   tse_effect_memory m = { 0 };
@@ -284,13 +292,15 @@ static void test_late_of_nothing_is_now(void)
 static void test_a_quotient_is_one_but_by_nothing(void)
 {
   static const double by[] = { -2, -0.25, 0.25, 2 };
-  for (int k = 0; k < 4; k++) expect_near(3 / by[k], number(formula_div(real(3), real(by[k]))), 1e-7, "quotient", k);
+  for (int k = 0; k < 4; k++)
+    expect_near(3 / by[k], number(formula_div(real(3), real(by[k]))), 1e-7, "quotient", k);
   expect_near(0, number(formula_div(real(3), real(0))), 0, "by nothing", 0);
-  for (int k = -1; k < 5; k++) expect_near(k > 0 ? 0.5 * k : 0, number(formula_sqrt(real(0.25 * k * abs(k)))), 1e-7, "root", k);
+  for (int k = -1; k < 5; k++)
+    expect_near(k > 0 ? 0.5 * k : 0, number(formula_sqrt(real(0.25 * k * abs(k)))), 1e-7, "root", k);
 }
 
-/* A lag of T answers a sine of w by 1/sqrt(1 + (w T)^2), a mode by 1/|1 - u^2 + 2 i d u|, u = w/w0. The trapezoidal rule at 0.01 s
- * turns w into 2/h tan(w h/2), 0.03 % at 1 Hz. */
+/* A lag of T answers a sine of w by 1/sqrt(1 + (w T)^2), a mode by 1/|1 - u^2 + 2 i d u|,
+ * u = w/w0. The trapezoidal rule at 0.01 s turns w into 2/h tan(w h/2), 0.03 % at 1 Hz. */
 static void test_lags_and_modes_have_their_gain(void)
 {
   tse_config c = default_car();
@@ -305,7 +315,8 @@ static void test_lags_and_modes_have_their_gain(void)
       most_out = fmax(most_out, fabs(number(got_r[i])));
     }
     const double u = w / (2 * PI * 1.5), gain = k ? 1 / hypot(1 - u * u, 2 * 0.3 * u) : 1 / hypot(1, 0.1 * w);
-    expect_near(gain, most_out / most_in, 3e-3 * gain, "gain", k); /* a hundredth of a period from peak to row: 2e-3 */
+    expect_near(gain, most_out / most_in, 3e-3 * gain, "gain",
+        k); /* a hundredth of a period from peak to row: 2e-3 */
   }
 }
 
@@ -362,8 +373,10 @@ static void test_programs_that_do_not_fit_are_refused(void)
   EXPECT(TSE_E_CONFIG, "no operation", 200);
   EXPECT(TSE_E_CONFIG, "four memories", STEER, RATE, RATE, RATE, RATE);
   EXPECT(TSE_E_CONFIG, "two delays", STEER, NUMBER_A, LATE, NUMBER_A, LATE);
-  EXPECT(TSE_E_CONFIG, "nine values deep", ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
-  EXPECT(TSE_OK, "eight values deep", ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
+  EXPECT(TSE_E_CONFIG, "nine values deep", ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD,
+      ADD, ADD, ADD, ADD);
+  EXPECT(
+      TSE_OK, "eight values deep", ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
   PROGRAM(&c, 0, NUMBER_A, MUL);
   c.formula_gain = setting(0);
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "switched off, nobody runs it");
@@ -389,7 +402,8 @@ static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
   }
   set_program(&c, 2, full, TSE_FORMULA_OPS);
   TEST_ASSERT_EQUAL_INT(TSE_OK, status_of(&c));
-  expect_near(2 * (TSE_FORMULA_OPS + 1) / 2, value_of(full, TSE_FORMULA_OPS), 1e-6, "as many ones as there is room for", 0);
+  expect_near(2 * (TSE_FORMULA_OPS + 1) / 2, value_of(full, TSE_FORMULA_OPS), 1e-6,
+      "as many ones as there is room for", 0);
   full[TSE_FORMULA_OPS - 1] = ONE; /* ends with two values; nobody asks which setting is wrong */
   set_program(&c, 2, full, TSE_FORMULA_OPS);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));

@@ -1,24 +1,28 @@
-/* tests/unit/model/test_same_car.c <-> src/model/car.c, src/model/catalogue.h, src/host/simulate.c: the filter's car and that of simulator,
- * replay and vehicle FMU are one car.
+/* tests/unit/model/test_same_car.c <-> src/model/car.c, src/model/catalogue.h,
+ * src/host/simulate.c: the filter's car and that of simulator, replay and vehicle FMU are
+ * one car.
  *
- * The simulator drives, with settings for both; car_move() follows with the wheels' slips of the simulator, which are inputs there, and
- * car_measure() reads. One integrates by ROS2, the other by symplectic Euler: what they differ by halves with the row's time, so the
- * difference at h and at h/2 is extrapolated to none, and what is left is the model. */
+ * The simulator drives, with settings for both; car_move() follows with the wheels' slips
+ * of the simulator, which are inputs there, and car_measure() reads. One integrates by
+ * ROS2, the other by symplectic Euler: what they differ by halves with the row's time, so
+ * the difference at h and at h/2 is extrapolated to none, and what is left is the model. */
 #include "model/car.h"
 
 #include "tse/simulate.h"
 #include "unit_support.h"
 
-enum { SPEED_X,
-       SPEED_Y,
-       TURN,
-       ACCEL_ALONG,
-       ACCEL_ACROSS,
-       GYRO,
-       SPEED_FRONT,
-       SPEED_REAR,
-       CHANNELS,
-       GRID = 800 };
+enum {
+  SPEED_X,
+  SPEED_Y,
+  TURN,
+  ACCEL_ALONG,
+  ACCEL_ACROSS,
+  GYRO,
+  SPEED_FRONT,
+  SPEED_REAR,
+  CHANNELS,
+  GRID = 800
+};
 
 typedef struct drive {
   double off[GRID][CHANNELS], read[GRID][CHANNELS];
@@ -37,13 +41,15 @@ static tse_sim_input driver_at(double t, double h, double steer, int pedals)
   return u;
 }
 
-/* Slip of the wheels as (3) has it with exact kinematics, at the simulator's state; angle: of the wheels, after lags. */
+/* Slip of the wheels as (3) has it with exact kinematics, at the simulator's state;
+ * angle: of the wheels, after lags. */
 static void slips_of(const tse_sim *sim, double slip[2])
 {
   const tse_params *const p = &sim->params;
   const double d = number(sim->steer), side = number(sim->x[1]) + number(p->car.lf) * number(sim->x[2]);
   const double along[2] = { number(sim->x[0]) * cos(d) + side * sin(d), number(sim->x[0]) };
-  const double turns[2] = { number(p->radius_front) * number(sim->x[3]), number(p->radius_rear) * number(sim->x[4]) };
+  const double turns[2] = { number(p->radius_front) * number(sim->x[3]),
+    number(p->radius_rear) * number(sim->x[4]) };
   for (int a = 0; a < 2; a++) slip[a] = (turns[a] - along[a]) / fmax(along[a], turns[a]);
 }
 
@@ -98,10 +104,12 @@ static void compare(const tse_config *c, double h, double steer, int pedals, dri
     const tse_real leaks = car_pitch(&p.car, pitch, f.x, u.dt);
     car_measure(&p.car, x, &f, p.car.pitch_leak != TSE_R(0) ? leaks : TSE_R(0), z, H);
     if ((n + 1) % rows) continue;
-    const double expected[CHANNELS] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate), number(y.row.accel_x), number(y.row.accel_y),
-                                        number(y.row.yaw_rate), number(p.radius_front) * number(y.wheel_speed_front),
-                                        number(p.radius_rear) * number(y.wheel_speed_rear) };
-    const double actual[CHANNELS] = { number(x[VX]), number(x[VY]), number(x[YAW]), number(z[0]), number(z[1]), number(z[2]), number(z[3]), number(z[4]) };
+    const double expected[CHANNELS] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate),
+      number(y.row.accel_x), number(y.row.accel_y), number(y.row.yaw_rate),
+      number(p.radius_front) * number(y.wheel_speed_front),
+      number(p.radius_rear) * number(y.wheel_speed_rear) };
+    const double actual[CHANNELS] = { number(x[VX]), number(x[VY]), number(x[YAW]), number(z[0]),
+      number(z[1]), number(z[2]), number(z[3]), number(z[4]) };
     for (int k = 0; k < CHANNELS; k++) {
       d->read[n / rows][k] = expected[k];
       d->off[n / rows][k] = actual[k] - expected[k];
@@ -112,7 +120,8 @@ static void compare(const tse_config *c, double h, double steer, int pedals, dri
 static drive coarse, fine, plain;
 static double worst[CHANNELS], matters[CHANNELS], largest[CHANNELS];
 
-/* What is left of the difference, how far the readings are from those of a plain car, and how large they are. */
+/* What is left of the difference, how far the readings are from those of a plain car, and
+ * how large they are. */
 static void look(const tse_config *c, double steer, int pedals)
 {
   compare(c, 0.001, steer, pedals, &coarse);
@@ -127,8 +136,9 @@ static void look(const tse_config *c, double steer, int pedals)
   }
 }
 
-/* `share` of what turns the car and of what its sensors read. Along it: what the accelerometer is off by, in 8 s; and a wheel that drives
- * with slip s turns by 1/(1 - s) in (3), by 1 + s in the filter: s^2 of 20 m/s. */
+/* `share` of what turns the car and of what its sensors read. Along it: what the
+ * accelerometer is off by, in 8 s; and a wheel that drives with slip s turns by 1/(1 - s)
+ * in (3), by 1 + s in the filter: s^2 of 20 m/s. */
 static double allowed(int k, double share, double along)
 {
   if (k == SPEED_X || k == SPEED_REAR) return along;
@@ -147,15 +157,17 @@ typedef struct set {
   double value;
 } set;
 #define SET(name, value) { #name, offsetof(tse_config, name), value }
-/* Whatever of src/tables/effects.toml the filter knows, but those of the tests below; delays, of which it knows a lateness to first order. */
-static const set sets[] = {
-  SET(mass_change, 0.1), SET(yaw_inertia_change, 0.1), SET(cg_shift_distance, 0.1), SET(wheel_radius_change, 0.02), SET(steering_ratio_change, 0.05),
-  SET(steering_offset_angle, 0.004), SET(steering_lag_time, 0.05), SET(rear_roll_steer_gain, 0.05), SET(longitudinal_load_transfer_gain, 0.03),
-  SET(lateral_load_transfer_gain, 0.005), SET(aero_drag_coefficient, 0.45), SET(rolling_resistance_coefficient, 0.012), SET(grade_angle, 0.03),
-  SET(bank_angle, 0.02), SET(bank_superelevation, 0.1), SET(conicity_front, 150), SET(conicity_rear, 150), SET(aligning_moment_trail, 0.03),
-  SET(imu_lever_arm_x, 0.5), SET(imu_lever_arm_y, 0.3), SET(body_roll_gain, 0.0075), SET(pitch_leak_gain, 0.004), SET(imu_misalignment_angle, 0.03),
-  SET(imu_scale_ax_error, 0.03), SET(imu_scale_ay_error, 0.03), SET(gyro_scale_error, 0.02)
-};
+/* Whatever of src/tables/effects.toml the filter knows, but those of the tests below;
+ * delays, of which it knows a lateness to first order. */
+static const set sets[] = { SET(mass_change, 0.1), SET(yaw_inertia_change, 0.1), SET(cg_shift_distance, 0.1),
+  SET(wheel_radius_change, 0.02), SET(steering_ratio_change, 0.05), SET(steering_offset_angle, 0.004),
+  SET(steering_lag_time, 0.05), SET(rear_roll_steer_gain, 0.05), SET(longitudinal_load_transfer_gain, 0.03),
+  SET(lateral_load_transfer_gain, 0.005), SET(aero_drag_coefficient, 0.45),
+  SET(rolling_resistance_coefficient, 0.012), SET(grade_angle, 0.03), SET(bank_angle, 0.02),
+  SET(bank_superelevation, 0.1), SET(conicity_front, 150), SET(conicity_rear, 150),
+  SET(aligning_moment_trail, 0.03), SET(imu_lever_arm_x, 0.5), SET(imu_lever_arm_y, 0.3),
+  SET(body_roll_gain, 0.0075), SET(pitch_leak_gain, 0.004), SET(imu_misalignment_angle, 0.03),
+  SET(imu_scale_ax_error, 0.03), SET(imu_scale_ay_error, 0.03), SET(gyro_scale_error, 0.02) };
 
 static void put(tse_config *c, const set *s)
 {
@@ -163,13 +175,16 @@ static void put(tse_config *c, const set *s)
   memcpy((char *)c + s->at, &value, sizeof value);
 }
 
-/* Exact kinematics and a relaxation length, which the filter always has; shapes of what may be switched on. */
+/* Exact kinematics and a relaxation length, which the filter always has; shapes of what
+ * may be switched on. */
 static tse_config basic(void)
 {
   tse_config c = config_by(tse_config_exact);
   c.exact_kinematics_share = setting(1), c.relaxation_length = setting(0.4);
-  c.tyre_saturation_shape = setting(1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
-  c.steering_lag_second = setting(0.5), c.lateral_load_transfer_balance = setting(0.2), c.longitudinal_load_transfer_balance = setting(-0.3);
+  c.tyre_saturation_shape = setting(
+      1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
+  c.steering_lag_second = setting(0.5), c.lateral_load_transfer_balance = setting(0.2),
+  c.longitudinal_load_transfer_balance = setting(-0.3);
   c.body_roll_height = c.body_roll_coupling = c.pitch_leak_height = setting(0.3);
   return c;
 }
@@ -202,8 +217,9 @@ static void test_all_of_them_together_are_the_same(void)
   expect_same("all", share, along);
 }
 
-/* Load transfer takes stiffness and leaves the grip. The filter's tyres saturate along, too: of a car that hardly drives, a percent of
- * what its slip gives, 0.002 m/s2, and in 8 s as much of the speed as turns 0.1 % more. */
+/* Load transfer takes stiffness and leaves the grip. The filter's tyres saturate along,
+ * too: of a car that hardly drives, a percent of what its slip gives, 0.002 m/s2, and in
+ * 8 s as much of the speed as turns 0.1 % more. */
 static void test_tyres_that_saturate_are_the_same(void)
 {
   tse_config c = basic();
@@ -219,12 +235,14 @@ static void test_tyres_that_saturate_are_the_same(void)
     c.tyre_saturation_balance = setting(rear ? -0.1 : 0.15);
     look(&c, 0.13, 0);
     expect_same(rear ? "the rear ends earlier" : "the front ends earlier", BY_FORMAT(0.0015, 0.01), 0.02);
-    TEST_ASSERT_TRUE(matters[ACCEL_ACROSS] > 4 * allowed(ACCEL_ACROSS, 0.0015, 0.02)); /* else nothing is shown */
+    TEST_ASSERT_TRUE(
+        matters[ACCEL_ACROSS] > 4 * allowed(ACCEL_ACROSS, 0.0015, 0.02)); /* else nothing is shown */
   }
 }
 
-/* The filter's wheels give way to the force that there is, the simulator's to what it will be when the tyres have built it up: 2 % of a
- * slalom of 1 Hz. Settled, they are the same. */
+/* The filter's wheels give way to the force that there is, the simulator's to what it
+ * will be when the tyres have built it up: 2 % of a slalom of 1 Hz. Settled, they are the
+ * same. */
 static void test_steering_compliance_is_the_same_but_for_the_relaxation(void)
 {
   tse_config c = basic();

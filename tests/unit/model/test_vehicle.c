@@ -40,10 +40,12 @@ static void step(const tse_params *p, motion *m, stiffness k, inputs u0, inputs 
   particle_step(p, &m->x, &m->y, &m->r, k, u0, u1, real(h));
 }
 
-static motion drive(const tse_params *p, motion m, stiffness k, inputs u0, inputs u1, double duration, int steps)
+static motion drive(
+    const tse_params *p, motion m, stiffness k, inputs u0, inputs u1, double duration, int steps)
 {
   for (int i = 0; i < steps; i++)
-    step(p, &m, k, mix_inputs(u0, u1, (double)i / steps), mix_inputs(u0, u1, (double)(i + 1) / steps), duration / steps);
+    step(p, &m, k, mix_inputs(u0, u1, (double)i / steps), mix_inputs(u0, u1, (double)(i + 1) / steps),
+        duration / steps);
   return m;
 }
 
@@ -57,7 +59,8 @@ static void expect_bits(tse_real expected, tse_real actual, const char *what)
   TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&expected, &actual, sizeof expected, what);
 }
 
-/* A spread of ordinary states: forward, backward, walking pace; not at a corner of max(). */
+/* A spread of ordinary states: forward, backward, walking pace; not at a corner of
+ * max(). */
 typedef struct situation {
   motion m;
   inputs u;
@@ -80,7 +83,8 @@ static slips slips_of(const tse_params *p, situation s) { return vehicle_slips(p
 
 /* ------------------------------------------------------------------------- (1)-(4): slips and forces */
 
-/* About ten roundings of numbers up to 72 m/s, divided by at least 1 m/s; accelerations: times k of up to 400 m/s2. */
+/* About ten roundings of numbers up to 72 m/s, divided by at least 1 m/s; accelerations:
+ * times k of up to 400 m/s2. */
 #define SLIP_TOL BY_FORMAT(1e-13, 6e-5)
 #define ACCEL_TOL(expected) (BY_FORMAT(1e-13, 6e-6) * (400.0 + fabs(expected)))
 
@@ -93,7 +97,8 @@ static referred referred_situation(int i, uint32_t *state)
 {
   static const double speeds[] = { 0, 0.3, 1, 3, 20, 70 };
   const double speed = speeds[i / 3 % 6] * (i % 5 == 4 ? -1 : 1), wheel = 0.3 + 0.1 * fabs(speed);
-  referred t = { { speed, next_between(state, -1, 1), next_between(state, -0.8, 0.8) }, { next_between(state, -0.3, 0.3), speed, speed }, { 0, 0, 0 }, { 0 }, { 0 } };
+  referred t = { { speed, next_between(state, -1, 1), next_between(state, -0.8, 0.8) },
+    { next_between(state, -0.3, 0.3), speed, speed }, { 0, 0, 0 }, { 0 }, { 0 } };
   for (int a = 1; a < 3; a++) t.u[a] += next_between(state, -wheel, wheel);
   for (int a = 0; a < 3 && i % 4; a++) t.w[a] = next_between(state, -0.8, 1.5);
   single_track(car_table[i % 3], t.x, t.u, t.w, t.slip, t.accel);
@@ -126,7 +131,8 @@ static void test_accelerations_match_forces_in_newtons_over_mass_and_inertia(voi
   for (int i = 0; i < 600; i++) {
     const referred t = referred_situation(i, &state);
     const tse_params p = car(i % 3);
-    const accels a = vehicle_accels(&p, stiffness_at(&p, t.w[0], t.w[1], t.w[2]), slips_at(&p, &t), real(t.u[0]));
+    const accels a = vehicle_accels(
+        &p, stiffness_at(&p, t.w[0], t.w[1], t.w[2]), slips_at(&p, &t), real(t.u[0]));
     expect_near(t.accel[0], number(a.x), ACCEL_TOL(t.accel[0]), "accel_x", i);
     expect_near(t.accel[1], number(a.y), ACCEL_TOL(t.accel[1]), "accel_y", i);
     expect_near(t.accel[2], number(a.yaw), ACCEL_TOL(t.accel[2]), "yaw acceleration", i);
@@ -154,7 +160,8 @@ static void test_rear_longitudinal_stiffness_follows_the_front_by_its_share(void
   }
 }
 
-/* In reverse, at walking pace and forward: the power of every tyre force over the contact's sliding velocity is <= 0. */
+/* In reverse, at walking pace and forward: the power of every tyre force over the
+ * contact's sliding velocity is <= 0. */
 static void test_tyre_forces_oppose_the_velocity_of_their_contact_in_both_directions(void)
 {
   uint32_t state = 3;
@@ -207,7 +214,8 @@ static void test_slips_stay_bounded_and_continuous_through_standstill(void)
 
 /* ------------------------------------------------------------------- (6), (7), (9): the estimation form */
 
-/* The accelerations are linear in w, so a wide difference is exact but for rounding; in units of the sensor's sd. */
+/* The accelerations are linear in w, so a wide difference is exact but for rounding; in
+ * units of the sensor's sd. */
 static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
 {
   uint32_t state = 5;
@@ -216,16 +224,20 @@ static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
     const tse_params p = prepared(c);
     const situation s = any_situation(&state, -5.0, 70.0);
     const slips l = slips_of(&p, s);
-    const observation o = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
+    const observation o = particle_observation(
+        particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
     const accels at0 = vehicle_accels(&p, stiffness_at(&p, 0, 0, 0), l, s.u.steer);
     const double sd[2] = { number(c.accel_x_sd), number(c.accel_y_sd) };
-    const double d[2][3] = { { number(o.d11), number(o.d12), 0.0 }, { number(o.d21), number(o.d22), number(o.d23) } };
+    const double d[2][3] = { { number(o.d11), number(o.d12), 0.0 },
+      { number(o.d21), number(o.d22), number(o.d23) } };
     const double scale = 400.0 / 0.15;
     for (int b = 0; b < 3; b++) {
       const accels up = vehicle_accels(&p, stiffness_at(&p, b == 0, b == 1, b == 2), l, s.u.steer);
       const accels down = vehicle_accels(&p, stiffness_at(&p, -(b == 0), -(b == 1), -(b == 2)), l, s.u.steer);
-      expect_near((number(up.x) - number(down.x)) / 2 / sd[0], d[0][b], BY_FORMAT(1e-14, 1e-6) * scale, "d1", b);
-      expect_near((number(up.y) - number(down.y)) / 2 / sd[1], d[1][b], BY_FORMAT(1e-14, 1e-6) * scale, "d2", b);
+      expect_near(
+          (number(up.x) - number(down.x)) / 2 / sd[0], d[0][b], BY_FORMAT(1e-14, 1e-6) * scale, "d1", b);
+      expect_near(
+          (number(up.y) - number(down.y)) / 2 / sd[1], d[1][b], BY_FORMAT(1e-14, 1e-6) * scale, "d2", b);
     }
     expect_near(number(at0.x) / sd[0], number(o.h1), BY_FORMAT(1e-14, 1e-6) * scale, "h1", i);
     expect_near(number(at0.y) / sd[1], number(o.h2), BY_FORMAT(1e-14, 1e-6) * scale, "h2", i);
@@ -239,13 +251,16 @@ static void test_row_of_a_missing_measurement_vanishes_and_the_other_stays(void)
   for (int i = 0; i < 50; i++) {
     const situation s = any_situation(&state, 0.0, 40.0);
     const slips l = slips_of(&p, s);
-    const observation both = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
-    const observation only_y = particle_observation(particle_observation_gains(&p, TSE_R(0), TSE_R(1)), l, s.u.steer);
-    const observation only_x = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(0)), l, s.u.steer);
+    const observation both = particle_observation(
+        particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
+    const observation only_y = particle_observation(
+        particle_observation_gains(&p, TSE_R(0), TSE_R(1)), l, s.u.steer);
+    const observation only_x = particle_observation(
+        particle_observation_gains(&p, TSE_R(1), TSE_R(0)), l, s.u.steer);
     TEST_ASSERT_TRUE(both.d11 != TSE_R(0) && both.d23 != TSE_R(0));
     TEST_ASSERT_TRUE(!(only_y.d11 != TSE_R(0)) && !(only_y.d12 != TSE_R(0)) && !(only_y.h1 != TSE_R(0)));
-    TEST_ASSERT_TRUE(!(only_x.d21 != TSE_R(0)) && !(only_x.d22 != TSE_R(0)) && !(only_x.d23 != TSE_R(0)) &&
-                     !(only_x.h2 != TSE_R(0)));
+    TEST_ASSERT_TRUE(!(only_x.d21 != TSE_R(0)) && !(only_x.d22 != TSE_R(0)) && !(only_x.d23 != TSE_R(0))
+        && !(only_x.h2 != TSE_R(0)));
     expect_bits(both.d21, only_y.d21, "d21");
     expect_bits(both.d22, only_y.d22, "d22");
     expect_bits(both.d23, only_y.d23, "d23");
@@ -256,8 +271,9 @@ static void test_row_of_a_missing_measurement_vanishes_and_the_other_stays(void)
   }
 }
 
-/* g = Ts [daX/dw; daY/dw; dr'/dw], written out as in algorithm.md section 1, against the step's own derivative in w.
- * Truncation: h times the tyres' rates (up to 30/s at 10 m/s); rounding: 20 m/s 2^-24 over h in float. */
+/* g = Ts [daX/dw; daY/dw; dr'/dw], written out as in algorithm.md section 1, against the
+ * step's own derivative in w. Truncation: h times the tyres' rates (up to 30/s at 10
+ * m/s); rounding: 20 m/s 2^-24 over h in float. */
 static void test_state_prediction_depends_on_w_as_g_says(void)
 {
   uint32_t state = 7;
@@ -272,8 +288,8 @@ static void test_state_prediction_depends_on_w_as_g_says(void)
     const double xf = c[4] * number(l.s_front), xr = c[8] * c[5] * number(l.s_rear);
     const double yf = c[6] * number(l.a_front), yr = c[7] * number(l.a_rear);
     const double g[3][3] = { { (xf + xr) / c[0], -yf * delta / c[0], 0 },
-                             { xf * delta / c[0], yf / c[0], yr / c[0] },
-                             { c[2] * xf * delta / c[1], c[2] * yf / c[1], -c[3] * yr / c[1] } };
+      { xf * delta / c[0], yf / c[0], yr / c[0] },
+      { c[2] * xf * delta / c[1], c[2] * yf / c[1], -c[3] * yr / c[1] } };
     for (int b = 0; b < 3; b++) {
       motion up = s.m, down = s.m;
       step(&p, &up, stiffness_at(&p, 0.5 * (b == 0), 0.5 * (b == 1), 0.5 * (b == 2)), s.u, s.u, h);
@@ -293,7 +309,8 @@ static double distance(motion m, const double *end)
   return fabs(number(m.x) - end[0]) + fabs(number(m.y) - end[1]) + fabs(number(m.r) - end[2]);
 }
 
-/* Step: 1/16 of the fastest tyre mode's time constant, so the error is the leading term: at most 1e-3 of the change. */
+/* Step: 1/16 of the fastest tyre mode's time constant, so the error is the leading term:
+ * at most 1e-3 of the change. */
 static void test_trajectories_match_a_fine_integration_of_the_same_equations(void)
 {
   for (int i = 0; i < DRIVES; i++) {
@@ -301,10 +318,12 @@ static void test_trajectories_match_a_fine_integration_of_the_same_equations(voi
     const tse_params p = car((int)t[0]);
     const int steps = (int)ceil(16 * t[1] / t[17]);
     const motion m = drive(&p, motion_from(t + 2), stiffness_at(&p, t[11], t[12], t[13]), inputs_from(t + 5),
-                           inputs_from(t + 8), t[1], steps);
-    /* rounding in float: one unit in the last place of the speed per step, at random; a systematic one would be 3e-2 */
+        inputs_from(t + 8), t[1], steps);
+    /* rounding in float: one unit in the last place of the speed per step, at random; a
+     * systematic one would be 3e-2 */
     const double rounding = BY_FORMAT(0, 3e-7 * (1 + fabs(t[14])) * sqrt(steps));
-    expect_near(0, distance(m, t + 14), 1e-3 * distance(motion_from(t + 2), t + 14) + rounding, "distance to the end", i);
+    expect_near(0, distance(m, t + 14), 1e-3 * distance(motion_from(t + 2), t + 14) + rounding,
+        "distance to the end", i);
   }
 }
 
@@ -320,7 +339,8 @@ static void test_halving_the_step_divides_the_error_by_four(void)
     const int steps = (int)ceil(16 * t[1] / t[17]);
     double error[4];
     for (int j = 0; j < 4; j++)
-      error[j] = distance(drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], steps << j), t + 14);
+      error[j] = distance(
+          drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], steps << j), t + 14);
     /* the leading term of the error is h^2, the next one h^3: the ratio tends to 4 */
     expect_near(4.0, error[1] / error[2], 0.5, "error at h/2 over error at h/4", i);
     expect_near(4.0, error[2] / error[3], 0.25, "error at h/4 over error at h/8", i);
@@ -332,44 +352,51 @@ static const double lateral_speeds[] = { 0.5, 1.5, 4, 10, 20, 40, 70 };
 /* Rates of vel_y and yaw rate by themselves, linear at constant speed. */
 static void lateral_matrix(const double *c, double v, double A[2][2])
 {
-  const double over = fmax(v, 1), mass = c[0] * over, inertia = c[1] * over, moment = c[3] * c[7] - c[2] * c[6];
+  const double over = fmax(v, 1), mass = c[0] * over, inertia = c[1] * over,
+               moment = c[3] * c[7] - c[2] * c[6];
   A[0][0] = -(c[6] + c[7]) / mass, A[0][1] = moment / mass - v;
   A[1][0] = moment / inertia, A[1][1] = -(c[2] * c[2] * c[6] + c[3] * c[3] * c[7]) / inertia;
 }
 
-/* Amplitudes of 1e-6: what is not linear is 1e-6 smaller still; in fixed point of 1e-3, where a step of the format is 2e-7 of it, and
- * a step of 0.25 ms, whose smallest is a 60 000th, rounds by as much. Tolerance: (h rate)^2 with rates to 250/s. */
+/* Amplitudes of 1e-6: what is not linear is 1e-6 smaller still; in fixed point of 1e-3,
+ * where a step of the format is 2e-7 of it, and a step of 0.25 ms, whose smallest is a 60
+ * 000th, rounds by as much. Tolerance: (h rate)^2 with rates to 250/s. */
 static void test_lateral_motion_at_constant_speed_matches_the_matrix_exponential(void)
 {
   const double small = BY_NUMBER(1e-6, 1e-6, 1e-3), h = 1e-4;
   uint32_t state = 3;
   for (int i = 0; i < 3 * ROWS(lateral_speeds); i++) {
-    const double *const c = car_table[i % 3], v = lateral_speeds[i / 3], over = fmax(v, 1), duration = v < 3 ? 0.2 : 0.6;
+    const double *const c = car_table[i % 3], v = lateral_speeds[i / 3], over = fmax(v, 1),
+                        duration = v < 3 ? 0.2 : 0.6;
     const double from = next_between(&state, -1, 1), to = next_between(&state, -1, 1);
     const double x[2] = { next_between(&state, -1, 1), next_between(&state, -1, 1) };
     const tse_params p = car(i % 3);
-    const double start[3] = { v, small * x[0], small * x[1] }, u0[3] = { small * from, v, v }, u1[3] = { small * to, v, v };
+    const double start[3] = { v, small * x[0], small * x[1] }, u0[3] = { small * from, v, v },
+                 u1[3] = { small * to, v, v };
     double A[2][2], end[2] = { x[0], x[1] };
     lateral_matrix(c, v, A);
-    for (int k = 0; k < (int)(duration / h + 0.5); k++) { /* exp(A h) as a series, the steering angle of the middle */
+    for (int k = 0; k < (int)(duration / h + 0.5);
+        k++) { /* exp(A h) as a series, the steering angle of the middle */
       const double delta = (from + (to - from) * (k + 0.5) * h / duration) * v / over;
-      const double b[2] = { A[0][0] * end[0] + A[0][1] * end[1] + c[6] / c[0] * delta, A[1][0] * end[0] + A[1][1] * end[1] + c[2] * c[6] / c[1] * delta };
+      const double b[2] = { A[0][0] * end[0] + A[0][1] * end[1] + c[6] / c[0] * delta,
+        A[1][0] * end[0] + A[1][1] * end[1] + c[2] * c[6] / c[1] * delta };
       double term[2] = { h * b[0], h * b[1] };
       for (int n = 2; n < 8; n++) {
-        const double next[2] = { h / n * (A[0][0] * term[0] + A[0][1] * term[1]), h / n * (A[1][0] * term[0] + A[1][1] * term[1]) };
+        const double next[2] = { h / n * (A[0][0] * term[0] + A[0][1] * term[1]),
+          h / n * (A[1][0] * term[0] + A[1][1] * term[1]) };
         for (int a = 0; a < 2; a++) end[a] += term[a], term[a] = next[a];
       }
     }
-    const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u0), inputs_from(u1), duration,
-                           (int)(duration / 0.00025));
+    const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u0),
+        inputs_from(u1), duration, (int)(duration / 0.00025));
     const double size = fabs(end[0]) + fabs(end[1]) + 0.1;
     expect_near(end[0], number(m.y) / small, BY_FORMAT(1e-4, 5e-4) * size, "vel_y", i);
     expect_near(end[1], number(m.r) / small, BY_FORMAT(1e-4, 5e-4) * size, "yaw rate", i);
   }
 }
 
-/* r/delta = v/(L + K v^2), K = m (lr/Cf - lf/Cr)/L; vy = r (lr - m lf v^2/(L Cr)). Steps of 10 ms: the stationary point
- * of the method is the model's own. */
+/* r/delta = v/(L + K v^2), K = m (lr/Cf - lf/Cr)/L; vy = r (lr - m lf v^2/(L Cr)). Steps
+ * of 10 ms: the stationary point of the method is the model's own. */
 static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(void)
 {
   const double speeds[] = { 0.5, 1.0, 3.0, 10.0, 20.0, 40.0, 70.0 };
@@ -378,21 +405,26 @@ static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(
     const tse_params p = car(k);
     for (int i = 0; i < ROWS(speeds); i++) {
       const double v = speeds[i], angle = BY_NUMBER(1e-6, 1e-6, 1e-4), wheelbase = c[2] + c[3];
-      /* below 1 m/s slip is taken over 1 m/s: the tyres' part scales with v * 1 instead of v^2 */
+      /* below 1 m/s slip is taken over 1 m/s: the tyres' part scales with v * 1 instead
+       * of v^2 */
       const double vv = v < 1.0 ? v : v * v;
       const double understeer = c[0] / wheelbase * (c[3] / c[6] - c[2] / c[7]);
-      const double gain = v / (wheelbase + understeer * vv), vel_y = gain * (c[3] - c[0] * c[2] * vv / (wheelbase * c[7]));
+      const double gain = v / (wheelbase + understeer * vv),
+                   vel_y = gain * (c[3] - c[0] * c[2] * vv / (wheelbase * c[7]));
       const double u[3] = { angle, v, v }, start[3] = { v, 0, 0 };
-      const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), 60.0, 6000);
+      const motion m = drive(
+          &p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), 60.0, 6000);
       expect_near(gain, number(m.r) / angle, BY_FORMAT(1e-8, 1e-4) * fabs(gain), "yaw gain", i);
-      expect_near(vel_y, number(m.y) / angle, BY_FORMAT(1e-8, 1e-4) * (fabs(vel_y) + fabs(gain)), "vel_y gain", i);
+      expect_near(
+          vel_y, number(m.y) / angle, BY_FORMAT(1e-8, 1e-4) * (fabs(vel_y) + fabs(gain)), "vel_y gain", i);
     }
   }
 }
 
-/* The linearised step is the stability function of the method, so the Jacobian is complete in what is stiff: lateral motion
- * at amplitudes of 1e-6; and the longitudinal one, which is linear as it stands below 1 m/s, and above it as long as the
- * wheels are faster, also in the inner stage. */
+/* The linearised step is the stability function of the method, so the Jacobian is
+ * complete in what is stiff: lateral motion at amplitudes of 1e-6; and the longitudinal
+ * one, which is linear as it stands below 1 m/s, and above it as long as the wheels are
+ * faster, also in the inner stage. */
 static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_order_two(void)
 {
   const double small = BY_NUMBER(1e-6, 1e-6, 1e-3), gamma = 1 - sqrt(0.5);
@@ -406,7 +438,8 @@ static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_ord
     lateral_matrix(c, v, A);
     for (int a = 0; a < 2; a++) end[a] = x[a] + (1 - 2 * gamma) * h * (A[a][0] * x[0] + A[a][1] * x[1]);
     for (int n = 0; n < 2; n++) {
-      const double a = 1 - gamma * h * A[0][0], b = -gamma * h * A[0][1], d = -gamma * h * A[1][0], e = 1 - gamma * h * A[1][1];
+      const double a = 1 - gamma * h * A[0][0], b = -gamma * h * A[0][1], d = -gamma * h * A[1][0],
+                   e = 1 - gamma * h * A[1][1];
       const double y = (e * end[0] - b * end[1]) / (a * e - b * d);
       end[1] = (a * end[1] - d * end[0]) / (a * e - b * d);
       end[0] = y;
@@ -420,11 +453,13 @@ static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_ord
     const double z = -h * (c[4] + c[5]) / c[0] / fmax(v, 1);
     if (v >= 1 && z < -1) continue;
     step(&p, &slow, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), h);
-    expect_near(v - 0.25 * (1 + (1 - 2 * gamma) * z) / (1 - gamma * z) / (1 - gamma * z), number(slow.x), BY_FORMAT(1e-13, 1e-5), "vel_x", i);
+    expect_near(v - 0.25 * (1 + (1 - 2 * gamma) * z) / (1 - gamma * z) / (1 - gamma * z), number(slow.x),
+        BY_FORMAT(1e-13, 1e-5), "vel_x", i);
   }
 }
 
-/* Squared distance from rolling with the wheels, yaw with I/m. Returned: its value at the end; *largest on the way. */
+/* Squared distance from rolling with the wheels, yaw with I/m. Returned: its value at the
+ * end; *largest on the way. */
 static double settle(const tse_params *p, stiffness k, double v, double h, double duration, double *largest)
 {
   const double u[3] = { 0, v, v };
@@ -440,8 +475,9 @@ static double settle(const tse_params *p, stiffness k, double v, double h, doubl
   return energy;
 }
 
-/* From standstill to 70 m/s, steps of 10 to 50 ms, tyres from a tenth of nominal to twenty times (rates to 6000/s). A car
- * at speed weathervanes before the tyres catch it: how far, a step of 0.5 ms tells; a coarse one may not go 5 % further. */
+/* From standstill to 70 m/s, steps of 10 to 50 ms, tyres from a tenth of nominal to
+ * twenty times (rates to 6000/s). A car at speed weathervanes before the tyres catch it:
+ * how far, a step of 0.5 ms tells; a coarse one may not go 5 % further. */
 static void test_disturbances_never_grow_and_die_out_at_any_speed_and_step(void)
 {
   const double speeds[] = { 0.0, 0.05, 0.3, 0.8, 1.0, 1.4, 2.0, 5.0, 20.0, 70.0 };
@@ -469,7 +505,8 @@ static void test_car_at_rest_stays_at_rest_exactly(void)
   const tse_real zero = 0;
   motion m = { 0, 0, 0 };
   const double u0[3] = { -0.5, 0, 0 }, u1[3] = { 0.5, 0, 0 };
-  for (int i = 0; i < 1000; i++) step(&p, &m, stiffness_at(&p, 0.3, -0.2, 0.1), inputs_from(u0), inputs_from(u1), 0.05);
+  for (int i = 0; i < 1000; i++)
+    step(&p, &m, stiffness_at(&p, 0.3, -0.2, 0.1), inputs_from(u0), inputs_from(u1), 0.05);
   TEST_ASSERT_TRUE(!(m.x != zero) && !(m.y != zero) && !(m.r != zero));
 }
 
@@ -477,7 +514,8 @@ static void test_free_rolling_straight_ahead_is_kept_exactly(void)
 {
   const tse_params p = car(0);
   const double start[3] = { 31.25, 0, 0 }, u[3] = { 0, 31.25, 31.25 };
-  const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0.3, -0.2, 0.1), inputs_from(u), inputs_from(u), 10.0, 1000);
+  const motion m = drive(
+      &p, motion_from(start), stiffness_at(&p, 0.3, -0.2, 0.1), inputs_from(u), inputs_from(u), 10.0, 1000);
   expect_bits(real(31.25), m.x, "vel_x");
   TEST_ASSERT_TRUE(!(m.y != TSE_R(0)) && !(m.r != TSE_R(0)));
 }
@@ -488,7 +526,8 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
   const stiffness k = stiffness_at(&p, 0.3, -0.2, 0.1);
   for (int i = 0; i < DRIVES; i++) {
     const double *const t = single_track_drive(i);
-    const double start[3] = { t[2], -t[3], -t[4] }, u0[3] = { -t[5], t[6], t[7] }, u1[3] = { -t[8], t[9], t[10] };
+    const double start[3] = { t[2], -t[3], -t[4] }, u0[3] = { -t[5], t[6], t[7] },
+                 u1[3] = { -t[8], t[9], t[10] };
     const motion left = drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], 100);
     const motion right = drive(&p, motion_from(start), k, inputs_from(u0), inputs_from(u1), t[1], 100);
     expect_mirrored(left.x, right.x, "vel_x");

@@ -1,11 +1,13 @@
 /* tests/unit/number/test_random.c <-> src/number/random.h
  *
- * Reference values: Random123's vectors, threefry in the general form of Salmon et al. (SC11, section 4.1), and the
- * distributions of t and F from the incomplete beta function.
+ * Reference values: Random123's vectors, threefry in the general form of Salmon et al.
+ * (SC11, section 4.1), and the distributions of t and F from the incomplete beta
+ * function.
  *
- * Distributions are compared by Kolmogorov-Smirnov distances and chi-squares of seeded samples. A sound generator exceeds
- * each limit with probability 1e-5 (KS: 2.47/sqrt(N); counts and correlations: 4.42 sigma), one of all limits here with less
- * than 1e-2; the numbers are the same in every run, so a test that passes once passes always. */
+ * Distributions are compared by Kolmogorov-Smirnov distances and chi-squares of seeded
+ * samples. A sound generator exceeds each limit with probability 1e-5 (KS: 2.47/sqrt(N);
+ * counts and correlations: 4.42 sigma), one of all limits here with less than 1e-2; the
+ * numbers are the same in every run, so a test that passes once passes always. */
 #include <stdlib.h>
 
 #include "number/random.h"
@@ -41,8 +43,9 @@ static double ks_distance(double *x, double (*cdf)(double))
   return worst;
 }
 
-/* Each share of the sample below the quantile of p has mean p and sd sqrt(p (1-p)/N): at percents, and into both tails, the
- * distance is below the KS limit and 4.42 sd.   Returned: 1 when within both. */
+/* Each share of the sample below the quantile of p has mean p and sd sqrt(p (1-p)/N): at
+ * percents, and into both tails, the distance is below the KS limit and 4.42 sd.
+ * Returned: 1 when within both. */
 static int follows(const double *x, double (*cdf)(double, double), double nu)
 {
   static const double tail[] = { 0.0005, 0.001, 0.002, 0.005, 0.995, 0.998, 0.999, 0.9995 };
@@ -90,8 +93,8 @@ static void expect_words(const uint32_t counter[2], const uint32_t key[2], const
 static void test_words_are_threefry2x32_20(void)
 {
   static const uint32_t published[3][6] = { { 0, 0, 0, 0, 0x6b200159u, 0x99ba4efeu }, /* of Random123 */
-                                            { 0xffffffffu, 0xffffffffu, 0xffffffffu, 0xffffffffu, 0x1cb996fcu, 0xbb002be7u },
-                                            { 0x243f6a88u, 0x85a308d3u, 0x13198a2eu, 0x03707344u, 0xc4923a9cu, 0x483df7a0u } };
+    { 0xffffffffu, 0xffffffffu, 0xffffffffu, 0xffffffffu, 0x1cb996fcu, 0xbb002be7u },
+    { 0x243f6a88u, 0x85a308d3u, 0x13198a2eu, 0x03707344u, 0xc4923a9cu, 0x483df7a0u } };
   for (int i = 0; i < 3; i++) expect_words(published[i], published[i] + 2, published[i] + 4);
   uint32_t state = 3;
   for (int i = 0; i < 200; i++) {
@@ -113,12 +116,10 @@ static int ascending_words(const void *a, const void *b)
 /* threefry permutes the counter: two equal results would be two equal counters. */
 static void test_no_two_steps_purposes_or_particles_share_their_words(void)
 {
-  static const uint32_t purposes[] = { RANDOM_DRAW_A, RANDOM_DRAW_B, RANDOM_RESAMPLE, RANDOM_START_A, RANDOM_START_B,
-                                       RANDOM_START_C, RANDOM_SIM_STIFFNESS_A, RANDOM_SIM_STIFFNESS_B, RANDOM_SIM_NOISE_A, RANDOM_SIM_NOISE_B,
-                                       RANDOM_SIM_NOISE_C, RANDOM_SIM_WALK_A, RANDOM_SIM_WALK_B };
-  enum { STEPS = 8,
-         PARTICLES = 520,
-         ALL = STEPS * ROWS(purposes) * PARTICLES };
+  static const uint32_t purposes[] = { RANDOM_DRAW_A, RANDOM_DRAW_B, RANDOM_RESAMPLE, RANDOM_START_A,
+    RANDOM_START_B, RANDOM_START_C, RANDOM_SIM_STIFFNESS_A, RANDOM_SIM_STIFFNESS_B, RANDOM_SIM_NOISE_A,
+    RANDOM_SIM_NOISE_B, RANDOM_SIM_NOISE_C, RANDOM_SIM_WALK_A, RANDOM_SIM_WALK_B };
+  enum { STEPS = 8, PARTICLES = 520, ALL = STEPS * ROWS(purposes) * PARTICLES };
   static uint64_t all[ALL];
   int n = 0;
   for (uint32_t step = 0; step < STEPS; step++)
@@ -170,16 +171,19 @@ static void normal_samples(void)
   }
 }
 
-/* Distributions of 1e5 numbers do not see half a percent; the formula of Box & Muller with libm does. */
+/* Distributions of 1e5 numbers do not see half a percent; the formula of Box & Muller
+ * with libm does. */
 static void test_normal_numbers_are_those_of_box_and_muller(void)
 {
   uint32_t state = 1;
   for (int i = 0; i < 2000; i++) {
     const uint32_t a = next_word(&state), b = next_word(&state);
-    const double radius = sqrt(-2 * log(number(r_uniform(a)))), angle = 6.283185307179586 * number(r_uniform(b));
+    const double radius = sqrt(-2 * log(number(r_uniform(a)))),
+                 angle = 6.283185307179586 * number(r_uniform(b));
     tse_real n1, n2;
     random_normal2(a, b, &n1, &n2);
-    expect_near(radius * cos(angle), number(n1), BY_FORMAT(1e-12, 3e-6), "first", i); /* 7 times the errors in real_ops.h */
+    expect_near(radius * cos(angle), number(n1), BY_FORMAT(1e-12, 3e-6), "first",
+        i); /* 7 times the errors in real_ops.h */
     expect_near(radius * sin(angle), number(n2), BY_FORMAT(1e-12, 3e-6), "second", i);
   }
 }
@@ -232,7 +236,8 @@ static void combine(double *out, double a, double b, double c)
   for (int i = 0; i < SAMPLES; i++) out[i] = a * sample_of[0][i] + b * sample_of[1][i] + c * sample_of[2][i];
 }
 
-/* As for the normal numbers: Bailey's formulas with libm. rr loses nu times the relative error of exp2. */
+/* As for the normal numbers: Bailey's formulas with libm. rr loses nu times the relative
+ * error of exp2. */
 static void test_student_variates_are_those_of_bailey(void)
 {
   uint32_t state = 2;
@@ -247,16 +252,21 @@ static void test_student_variates_are_those_of_bailey(void)
     const double rr = nu * (pow(u[0], -2 / nu) - 1), qq = (nu + 2) * (pow(u[2], -2 / (nu + 2)) - 1);
     const double turn = 6.283185307179586, third = sqrt(qq * (nu + rr) / (nu + 2)) * cos(turn * u[3]);
     student(w, nu, t);
-    /* the error of a root is that of its argument over twice the root, and never above the root of the error */
+    /* the error of a root is that of its argument over twice the root, and never above
+     * the root of the error */
     const double noise = BY_FORMAT(1e-13, 1e-6) * (nu + rr), size = fmax(sqrt(rr), sqrt(noise));
-    const double noise3 = BY_FORMAT(1e-13, 1e-6) * (nu + 2 + qq) * (1 + rr / nu), size3 = fmax(fabs(third), sqrt(noise3));
-    expect_near(sqrt(rr) * cos(turn * u[1]), t[0], noise / size + BY_FORMAT(1e-12, 2e-6) * (1 + sqrt(rr)), "t1", i);
-    expect_near(sqrt(rr) * sin(turn * u[1]), t[1], noise / size + BY_FORMAT(1e-12, 2e-6) * (1 + sqrt(rr)), "t2", i);
+    const double noise3 = BY_FORMAT(1e-13, 1e-6) * (nu + 2 + qq) * (1 + rr / nu),
+                 size3 = fmax(fabs(third), sqrt(noise3));
+    expect_near(
+        sqrt(rr) * cos(turn * u[1]), t[0], noise / size + BY_FORMAT(1e-12, 2e-6) * (1 + sqrt(rr)), "t1", i);
+    expect_near(
+        sqrt(rr) * sin(turn * u[1]), t[1], noise / size + BY_FORMAT(1e-12, 2e-6) * (1 + sqrt(rr)), "t2", i);
     expect_near(third, t[2], noise3 / size3 + BY_FORMAT(1e-12, 2e-6) * (1 + fabs(third) + sqrt(qq)), "t3", i);
   }
 }
 
-/* Jointly spherical t: every projection on a unit vector has the t distribution with the same degrees of freedom. */
+/* Jointly spherical t: every projection on a unit vector has the t distribution with the
+ * same degrees of freedom. */
 static void test_each_student_variate_and_every_projection_has_the_t_distribution(void)
 {
   for (int k = 0; k < ROWS(dof_table); k++) {
@@ -269,7 +279,8 @@ static void test_each_student_variate_and_every_projection_has_the_t_distributio
   }
 }
 
-/* One chi-square for all three: (t1^2 + t2^2 + t3^2)/3 ~ F(3, nu), (t1^2 + t2^2)/2 ~ F(2, nu). Independent t would not. */
+/* One chi-square for all three: (t1^2 + t2^2 + t3^2)/3 ~ F(3, nu), (t1^2 + t2^2)/2 ~ F(2,
+ * nu). Independent t would not. */
 static void test_three_student_variates_share_one_chi_square(void)
 {
   for (int k = 0; k < ROWS(dof_table); k++) {
@@ -286,10 +297,13 @@ static void test_three_student_variates_share_one_chi_square(void)
   }
 }
 
-static double sphere_cdf(double x) { return 0.5 * (1.0 + x); } /* Archimedes: a coordinate on the sphere is uniform */
+static double sphere_cdf(double x)
+{
+  return 0.5 * (1.0 + x);
+} /* Archimedes: a coordinate on the sphere is uniform */
 
-/* 8 octants times 6 orders of the absolute values are 48 congruent parts of the sphere; chi-square with 47 degrees of
- * freedom, upper 1e-5 quantile 100.3. */
+/* 8 octants times 6 orders of the absolute values are 48 congruent parts of the sphere;
+ * chi-square with 47 degrees of freedom, upper 1e-5 quantile 100.3. */
 static void test_directions_are_uniform_on_the_sphere(void)
 {
   const double dofs[] = { 5, 11, 101 };
@@ -297,10 +311,12 @@ static void test_directions_are_uniform_on_the_sphere(void)
     int count[48] = { 0 };
     student_samples(dofs[k]);
     for (int i = 0; i < SAMPLES; i++) {
-      const double a = sample_of[0][i], b = sample_of[1][i], c = sample_of[2][i], radius = sqrt(a * a + b * b + c * c);
+      const double a = sample_of[0][i], b = sample_of[1][i], c = sample_of[2][i],
+                   radius = sqrt(a * a + b * b + c * c);
       const int octant = (a < 0) + 2 * (b < 0) + 4 * (c < 0);
       const int order = (fabs(a) < fabs(b)) + 2 * (fabs(b) < fabs(c)) + 4 * (fabs(a) < fabs(c));
-      static const int place[8] = { 0, 1, 2, -1, -1, 3, 4, 5 }; /* a < c < b and the like: two of eight cannot be */
+      static const int place[8] = { 0, 1, 2, -1, -1, 3, 4,
+        5 }; /* a < c < b and the like: two of eight cannot be */
       TEST_ASSERT_TRUE(place[order] >= 0);
       count[octant * 6 + place[order]]++;
       sample_of[3][i] = a / radius;
@@ -308,7 +324,8 @@ static void test_directions_are_uniform_on_the_sphere(void)
       sample_of[5][i] = c / radius;
     }
     double chi_square = 0;
-    for (int j = 0; j < 48; j++) chi_square += (count[j] - SAMPLES / 48.0) * (count[j] - SAMPLES / 48.0) / (SAMPLES / 48.0);
+    for (int j = 0; j < 48; j++)
+      chi_square += (count[j] - SAMPLES / 48.0) * (count[j] - SAMPLES / 48.0) / (SAMPLES / 48.0);
     TEST_ASSERT_TRUE(chi_square < 100.3);
     for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(ks_distance(sample_of[a], sphere_cdf) < KS_LIMIT);
   }
@@ -325,7 +342,8 @@ static void test_extreme_words_give_finite_numbers(void)
       tse_real a, b;
       student(u, dofs[k], t);
       random_normal2(u[0], u[1], &a, &b);
-      TEST_ASSERT_TRUE(isfinite(t[0]) && isfinite(t[1]) && isfinite(t[2]) && r_is_finite(a) && r_is_finite(b));
+      TEST_ASSERT_TRUE(
+          isfinite(t[0]) && isfinite(t[1]) && isfinite(t[2]) && r_is_finite(a) && r_is_finite(b));
       TEST_ASSERT_TRUE(fabs(number(a)) < 6.7 && fabs(number(b)) < 6.7); /* sqrt(2 ln 2^32) */
     }
 }

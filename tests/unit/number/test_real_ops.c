@@ -1,7 +1,9 @@
-/* tests/unit/number/test_real_ops.c <-> src/number/real_ops.h, in the format it is compiled for.
+/* tests/unit/number/test_real_ops.c <-> src/number/real_ops.h, in the format it is
+ * compiled for.
  *
- * Reference values: libm in double, whose error (1 ulp, 2.2e-16) is small beside the tolerances. Arguments are exact in
- * every format, except that fixed skips those it cannot hold. */
+ * Reference values: libm in double, whose error (1 ulp, 2.2e-16) is small beside the
+ * tolerances. Arguments are exact in every format, except that fixed skips those it
+ * cannot hold. */
 #include "number/real_ops.h"
 #include "unit_support.h"
 
@@ -13,8 +15,9 @@
 #define TSE_BITS 32
 #endif
 
-/* Tolerance of an elementary function: fixed + relative * |expected|. The figures are the errors documented
- * in real_ops.h, which are bounds of the polynomials plus the rounding of their evaluation. */
+/* Tolerance of an elementary function: fixed + relative * |expected|. The figures are the
+ * errors documented in real_ops.h, which are bounds of the polynomials plus the rounding
+ * of their evaluation. */
 #if defined(TSE_REAL_FLOAT)
 #define FIXED_LOG2   0.0
 #define REL_LOG2     2.3e-7
@@ -74,7 +77,8 @@ static void check(void (*expect)(double), double x)
   if (held_exactly(held(x))) expect(held(x));
 }
 
-static void check_positive(void (*expect)(double)) /* beside 1, at the seams of log2, powers of two, and any */
+static void check_positive(
+    void (*expect)(double)) /* beside 1, at the seams of log2, powers of two, and any */
 {
   uint32_t state = 20;
   for (int k = -20; k <= 10; k++) check(expect, ldexp(1.0, k));
@@ -90,7 +94,8 @@ static void check_positive(void (*expect)(double)) /* beside 1, at the seams of 
 static void check_octaves(void (*expect)(double)) /* whole numbers, beside 0, at the seams of exp2, and any */
 {
   uint32_t state = 21;
-  for (int k = -24; k <= 12; k++) check(expect, k), check(expect, k + 0.5 - STEP), check(expect, k + 0.5), check(expect, k + 0.5 + STEP);
+  for (int k = -24; k <= 12; k++)
+    check(expect, k), check(expect, k + 0.5 - STEP), check(expect, k + 0.5), check(expect, k + 0.5 + STEP);
   for (int k = -3; k <= 3; k++) check(expect, k * STEP);
   for (int i = 0; i < 200; i++) {
     check(expect, next_between(&state, -1, 1));
@@ -113,11 +118,9 @@ static void test_log2_of_a_power_of_two_is_exact(void)
 #if defined(TSE_REAL_FIXED)
   const int lowest = -TSE_FRACTION_BITS, highest = 58 - TSE_FRACTION_BITS;
 #else
-  const int lowest = -126, highest = 127;         /* the normal numbers of float */
+  const int lowest = -126, highest = 127; /* the normal numbers of float */
 #endif
-  for (int k = lowest; k <= highest; k++) {
-    expect_same(k, r_log2(real(ldexp(1.0, k))), "log2(2^k)");
-  }
+  for (int k = lowest; k <= highest; k++) { expect_same(k, r_log2(real(ldexp(1.0, k))), "log2(2^k)"); }
 }
 
 static void test_log2_of_a_broken_argument_is_defined(void)
@@ -156,9 +159,7 @@ static void test_exp2_of_a_whole_number_is_exact(void)
 #else
   const int lowest = -120, highest = 120;
 #endif
-  for (int k = lowest; k <= highest; k++) {
-    expect_same(ldexp(1.0, k), r_exp2(r_from_int(k)), "exp2(k)");
-  }
+  for (int k = lowest; k <= highest; k++) { expect_same(ldexp(1.0, k), r_exp2(r_from_int(k)), "exp2(k)"); }
 }
 
 static void test_exp2_saturates_instead_of_overflowing(void)
@@ -221,9 +222,11 @@ static void test_atan2_matches_the_reference_in_every_quadrant(void)
   for (int quadrant = 0; quadrant < 4; quadrant++) {
     const double y = quadrant & 1 ? -1 : 1, x = quadrant & 2 ? -1 : 1;
     expect_atan2(3 * y, 3 * x);
-    for (int e = -1; e <= 1; e++) expect_atan2(0.41421356 * y + e * STEP, x); /* the seam: an eighth of a half turn */
+    for (int e = -1; e <= 1; e++)
+      expect_atan2(0.41421356 * y + e * STEP, x); /* the seam: an eighth of a half turn */
     for (int i = 0; i < 100; i++)
-      expect_atan2(y * next_between(&state, 0, 1) * exp2(next_between(&state, -8, 10)), x * next_between(&state, 0, 1) * exp2(next_between(&state, -8, 10)));
+      expect_atan2(y * next_between(&state, 0, 1) * exp2(next_between(&state, -8, 10)),
+          x * next_between(&state, 0, 1) * exp2(next_between(&state, -8, 10)));
   }
 }
 
@@ -263,8 +266,13 @@ static void test_uniform_follows_the_upper_bits_of_the_word(void)
   uint32_t state = 4;
   for (int i = 0; i < 20000; i++) {
     const uint32_t word = next_word(&state);
-    /* The middle of the cell of 2^-31 (of fixed, whatever it can hold) or 2^-23 into which word / 2^32 falls. */
-    const double cell = sizeof(tse_real) == 8 ? (held_exactly(ldexp(1.0, -33)) && !held_exactly(ldexp(1.0, -50)) ? ldexp(1.0, -32) : ldexp(1.0, held_exactly(ldexp(1.0, -50)) ? -31 : 1 - TSE_BITS)) : ldexp(1.0, -23);
+    /* The middle of the cell of 2^-31 (of fixed, whatever it can hold) or 2^-23 into
+     * which word / 2^32 falls. */
+    const double cell = sizeof(tse_real) == 8
+        ? (held_exactly(ldexp(1.0, -33)) && !held_exactly(ldexp(1.0, -50))
+                  ? ldexp(1.0, -32)
+                  : ldexp(1.0, held_exactly(ldexp(1.0, -50)) ? -31 : 1 - TSE_BITS))
+        : ldexp(1.0, -23);
     const double expected = (floor(word * ldexp(1.0, -32) / cell) + 0.5) * cell;
     expect_same(expected, r_uniform(word), "uniform");
   }
@@ -277,8 +285,12 @@ static void test_floor_rounds_down_on_both_sides_of_zero(void)
     TEST_ASSERT_EQUAL_INT32((int32_t)floor(x[i]), r_floor_to_int(real(x[i])));
   }
 #if defined(TSE_REAL_FIXED)
-  TEST_ASSERT_EQUAL_INT32(INT64_MIN >> TSE_FRACTION_BITS < INT32_MIN ? INT32_MIN : INT64_MIN >> TSE_FRACTION_BITS, r_floor_to_int(INT64_MIN));
-  TEST_ASSERT_EQUAL_INT32(INT64_MAX >> TSE_FRACTION_BITS > INT32_MAX ? INT32_MAX : INT64_MAX >> TSE_FRACTION_BITS, r_floor_to_int(INT64_MAX));
+  TEST_ASSERT_EQUAL_INT32(
+      INT64_MIN >> TSE_FRACTION_BITS < INT32_MIN ? INT32_MIN : INT64_MIN >> TSE_FRACTION_BITS,
+      r_floor_to_int(INT64_MIN));
+  TEST_ASSERT_EQUAL_INT32(
+      INT64_MAX >> TSE_FRACTION_BITS > INT32_MAX ? INT32_MAX : INT64_MAX >> TSE_FRACTION_BITS,
+      r_floor_to_int(INT64_MAX));
 #else
   TEST_ASSERT_EQUAL_INT32(INT32_MIN, r_floor_to_int(real(-1e30)));
   TEST_ASSERT_TRUE(r_floor_to_int(real(1e30)) >= 2147483520);
@@ -320,9 +332,7 @@ static void test_settings_survive_the_way_there_and_back(void)
     expect_same(x[i], real(x[i]), "setting");
     TEST_ASSERT_TRUE(held_exactly(x[i]));
   }
-  for (int32_t n = -2047; n <= 2047; n++) {
-    expect_same(n, r_from_int(n), "from_int");
-  }
+  for (int32_t n = -2047; n <= 2047; n++) { expect_same(n, r_from_int(n), "from_int"); }
 }
 
 /* --------------------------------------------------------------------------------- accumulators */
@@ -362,29 +372,32 @@ static void test_a_share_is_the_quotient_by_a_whole_number(void)
 /* ---------------------------------------------------------------------------------------- fixed */
 #if defined(TSE_REAL_FIXED)
 
-static const int64_t extreme[] = { INT64_MIN, INT64_MIN + 1, -INT64_MAX / 2, -FIXED_MOST - 1, -FIXED_MOST, -FIXED_ONE - 1, -FIXED_ONE,
-                                   -((int64_t)1 << 32), -3, -2, -1, 0, 1, 2, 3, FIXED_ONE / 2, FIXED_ONE - 1, FIXED_ONE, FIXED_ONE + 1,
-                                   ((int64_t)1 << 32) - 1, (int64_t)1 << 32, FIXED_MOST - 1, FIXED_MOST, INT64_MAX / 2, 15 * FIXED_MOST, -15 * FIXED_MOST, INT64_MAX - 1, INT64_MAX };
+static const int64_t extreme[] = { INT64_MIN, INT64_MIN + 1, -INT64_MAX / 2, -FIXED_MOST - 1, -FIXED_MOST,
+  -FIXED_ONE - 1, -FIXED_ONE, -((int64_t)1 << 32), -3, -2, -1, 0, 1, 2, 3, FIXED_ONE / 2, FIXED_ONE - 1,
+  FIXED_ONE, FIXED_ONE + 1, ((int64_t)1 << 32) - 1, (int64_t)1 << 32, FIXED_MOST - 1, FIXED_MOST,
+  INT64_MAX / 2, 15 * FIXED_MOST, -15 * FIXED_MOST, INT64_MAX - 1, INT64_MAX };
 
 /* Products and quotients in long-hand, from 128 bits. */
 __extension__ typedef __int128 wide;
 
-static int64_t limited(wide x) { return (int64_t)(x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST
-                                                                                                : x); }
+static int64_t limited(wide x)
+{
+  return (int64_t)(x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST : x);
+}
 
-static int64_t nearest_up(wide n)                /* n / FIXED_ONE, ties towards +infinity */
+static int64_t nearest_up(wide n) /* n / FIXED_ONE, ties towards +infinity */
 {
   const wide x = n + FIXED_ONE / 2;
   return limited(x / FIXED_ONE - (x % FIXED_ONE < 0 ? 1 : 0));
 }
 
-static int64_t nearest_away(wide n, wide d)      /* n / d, ties away from zero, d != 0 */
+static int64_t nearest_away(wide n, wide d) /* n / d, ties away from zero, d != 0 */
 {
   const wide an = n < 0 ? -n : n, ad = d < 0 ? -d : d, q = (2 * an + ad) / (2 * ad);
   return limited((n < 0) != (d < 0) ? -q : q);
 }
 
-static int64_t any_size(uint32_t *state)         /* words of all magnitudes */
+static int64_t any_size(uint32_t *state) /* words of all magnitudes */
 {
   const uint64_t word = (uint64_t)next_word(state) << 32 | next_word(state);
   return (int64_t)(word - ((uint64_t)1 << 63)) / ((int64_t)1 << (next_word(state) >> 26 & 62u));
@@ -401,9 +414,7 @@ static void expect_product_and_quotient(int64_t a, int64_t b)
   if (is_sum(a) && is_sum(b)) { /* what processors without 128 bits run */
     TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), fixed_mul_halves(a, b));
   }
-  if (b != 0) {
-    TEST_ASSERT_EQUAL_INT64(nearest_away((wide)a * FIXED_ONE, b), r_div(a, b));
-  }
+  if (b != 0) { TEST_ASSERT_EQUAL_INT64(nearest_away((wide)a * FIXED_ONE, b), r_div(a, b)); }
   TEST_ASSERT_EQUAL_INT64(limited((wide)a + b), r_add_sat(a, b));
 }
 
@@ -411,16 +422,14 @@ static void test_fixed_products_and_quotients_round_to_nearest_and_saturate(void
 {
   uint32_t state = 6;
   for (int i = 0; i < ROWS(extreme); i++) {
-    for (int j = 0; j < ROWS(extreme); j++) {
-      expect_product_and_quotient(extreme[i], extreme[j]);
-    }
+    for (int j = 0; j < ROWS(extreme); j++) { expect_product_and_quotient(extreme[i], extreme[j]); }
   }
   for (int i = 0; i < 300000; i++) {
     const int64_t a = any_size(&state);
     expect_product_and_quotient(a, any_size(&state));
   }
-  TEST_ASSERT_EQUAL_INT64(1, r_mul(1, TSE_R(0.5)));            /* a tie goes up ... */
-  TEST_ASSERT_EQUAL_INT64(0, r_mul(-1, TSE_R(0.5)));           /* ... also below zero */
+  TEST_ASSERT_EQUAL_INT64(1, r_mul(1, TSE_R(0.5)));  /* a tie goes up ... */
+  TEST_ASSERT_EQUAL_INT64(0, r_mul(-1, TSE_R(0.5))); /* ... also below zero */
 }
 
 /* Every divisor, and dividends at both ends of a quotient, and of the range. */
@@ -437,13 +446,16 @@ static void test_fixed_digits_are_quotients_rounded_down(void)
 
 static void test_fixed_products_of_words_are_exact(void)
 {
-  const uint32_t word[] = { 0, 1, 2, 0x7fff, 0x8000, 0xffff, 0x10000, 0x7fff7fff, 0x7fffffff, 0x80000000u, 0x80008000u, 0xffff0000u, 0xffff8000u, 0xffffffffu };
+  const uint32_t word[] = { 0, 1, 2, 0x7fff, 0x8000, 0xffff, 0x10000, 0x7fff7fff, 0x7fffffff, 0x80000000u,
+    0x80008000u, 0xffff0000u, 0xffff8000u, 0xffffffffu };
   uint32_t state = 9;
   for (int i = 0; i < 200000; i++) {
-    const uint32_t a = i < ROWS(word) * ROWS(word) ? word[i / ROWS(word)] : next_word(&state), b = i < ROWS(word) * ROWS(word) ? word[i % ROWS(word)] : next_word(&state);
+    const uint32_t a = i < ROWS(word) * ROWS(word) ? word[i / ROWS(word)] : next_word(&state),
+                   b = i < ROWS(word) * ROWS(word) ? word[i % ROWS(word)] : next_word(&state);
     const int64_t product = (int64_t)(int32_t)a * (int32_t)b;
     TEST_ASSERT_TRUE(fixed_product((int32_t)a, (int32_t)b) == product);
-    TEST_ASSERT_EQUAL_INT32((int32_t)((product + ((int64_t)1 << 31)) >> 32), fixed_product_upper((int32_t)a, (int32_t)b));
+    TEST_ASSERT_EQUAL_INT32(
+        (int32_t)((product + ((int64_t)1 << 31)) >> 32), fixed_product_upper((int32_t)a, (int32_t)b));
     TEST_ASSERT_TRUE(fixed_product_unsigned(a, b) == (uint64_t)a * b);
   }
 }
@@ -463,9 +475,9 @@ static void test_fixed_results_leave_room_for_sums(void)
     for (int j = 0; j < ROWS(extreme); j++) {
       const int64_t a = extreme[i], b = extreme[j];
       tse_real s, c;
-      r_sincos_turn(a, &s, &c);                              /* also: no undefined behaviour anywhere */
-      const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_atan2(a, b), r_sqrt(a), r_log2(a),
-                                  r_exp2(a), s, c, r_sqr(a), r_from_int(r_floor_to_int(a)), r_from_q24(r_to_q24(a)) };
+      r_sincos_turn(a, &s, &c); /* also: no undefined behaviour anywhere */
+      const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_atan2(a, b), r_sqrt(a),
+        r_log2(a), r_exp2(a), s, c, r_sqr(a), r_from_int(r_floor_to_int(a)), r_from_q24(r_to_q24(a)) };
       for (int k = 0; k < ROWS(result); k++) {
         TEST_ASSERT_TRUE(result[k] <= INT64_MAX / 15 && result[k] >= -(INT64_MAX / 15));
       }
@@ -479,7 +491,8 @@ static void test_fixed_square_root_is_nearest_for_every_kind_of_argument(void)
   for (int i = 0; i < 300000; i++) {
     const int64_t x = i < 100000 ? i : any_size(&state);
     const wide root = r_sqrt(x), square = (wide)(x < 0 ? 0 : x) * FIXED_ONE;
-    /* root - 1/2 <= sqrt(square) <= root + 1/2, squared, without the quarter that integers cannot reach */
+    /* root - 1/2 <= sqrt(square) <= root + 1/2, squared, without the quarter that
+     * integers cannot reach */
     TEST_ASSERT_TRUE(square <= root * root + root);
     TEST_ASSERT_TRUE(root == 0 || square > root * root - root);
   }
@@ -491,9 +504,7 @@ static void test_fixed_log2_and_exp2_stay_near_double_everywhere(void)
   uint32_t state = 12;
   for (int i = 0; i < 300000; i++) {
     const int64_t x = any_size(&state);
-    if (x > 0) {
-      expect_of(log2((double)x) - TSE_FRACTION_BITS, r_log2(x), FIXED_LOG2, "log2", number(x));
-    }
+    if (x > 0) { expect_of(log2((double)x) - TSE_FRACTION_BITS, r_log2(x), FIXED_LOG2, "log2", number(x)); }
   }
   for (int i = 0; i < 300000; i++) {
     const tse_real x = r_mul(TSE_R(60), r_uniform(next_word(&state))) - TSE_R(34);
@@ -502,7 +513,8 @@ static void test_fixed_log2_and_exp2_stay_near_double_everywhere(void)
   }
 }
 
-/* By steps that a Q30 polynomial resolves; and by single ones no further down than its error. */
+/* By steps that a Q30 polynomial resolves; and by single ones no further down than its
+ * error. */
 static void test_fixed_log2_and_exp2_do_not_decrease(void)
 {
   int64_t last = r_log2(1);
@@ -530,7 +542,7 @@ static void test_fixed_sine_cosine_and_arc_stay_near_double_everywhere(void)
     expect_of(sin(2 * pi * number(t)), s, FIXED_SINCOS, "sin", number(t));
     expect_of(cos(2 * pi * number(t)), c, FIXED_SINCOS, "cos", number(t));
     r_sincos_turn(t - TSE_R(3), &s1, &c1);
-    TEST_ASSERT_TRUE(s == s1 && c == c1);                     /* whole turns drop out */
+    TEST_ASSERT_TRUE(s == s1 && c == c1); /* whole turns drop out */
     const int64_t y = any_size(&state), x = any_size(&state);
     if (y != 0 || x != 0) {
       expect_of(atan2((double)y, (double)x), r_atan2(y, x), FIXED_ATAN2, "atan2", number(y));
@@ -550,13 +562,14 @@ static void test_fixed_numbers_go_in_and_out_by_the_nearest(void)
   TEST_ASSERT_EQUAL_INT64(TSE_S(0.1), tse_setting_of(0.1));
 }
 
-/* Of every size, and of what only just rounds: the same bits as a conversion to float makes. */
+/* Of every size, and of what only just rounds: the same bits as a conversion to float
+ * makes. */
 static void test_fixed_settings_have_the_single_precision_bits_of_other_formats(void)
 {
   uint32_t state = 13;
   for (int i = 0; i < 300000; i++) {
     const int64_t x = any_size(&state);
-    const float single = (float)x;                            /* rounds once; the scale is exact */
+    const float single = (float)x; /* rounds once; the scale is exact */
     uint32_t bits;
     memcpy(&bits, &single, sizeof bits);
     TEST_ASSERT_EQUAL_HEX32(x == 0 ? 0 : bits - ((uint32_t)TSE_FRACTION_BITS << 23), r_single_bits(x));
@@ -575,9 +588,7 @@ static uint32_t digest(uint32_t hash, tse_real x)
 #else
   bits = bits_of(x);
 #endif
-  for (size_t i = 0; i < sizeof x; i++) {
-    hash = (hash ^ (uint32_t)(bits >> (8 * i) & 255u)) * 16777619u;
-  }
+  for (size_t i = 0; i < sizeof x; i++) { hash = (hash ^ (uint32_t)(bits >> (8 * i) & 255u)) * 16777619u; }
   return hash;
 }
 

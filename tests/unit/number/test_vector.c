@@ -1,4 +1,5 @@
-/* tests/unit/number/test_vector.c <-> src/number/vector.h: rows against the same in double. */
+/* tests/unit/number/test_vector.c <-> src/number/vector.h: rows against the same in
+ * double. */
 #include "number/vector.h"
 #include "unit_support.h"
 
@@ -20,11 +21,15 @@ static void any_row(tse_short *x, double most, uint32_t *seed)
 
 static void any_numbers(tse_real *x, double most, uint32_t *seed)
 {
-  for (int i = 0; i < N; i++) x[i] = next_uniform(seed) < 0.3 ? TSE_R(0) : real(next_between(seed, -most, most));
+  for (int i = 0; i < N; i++)
+    x[i] = next_uniform(seed) < 0.3 ? TSE_R(0) : real(next_between(seed, -most, most));
 }
 
 /* 2^-28 .. 2^5, of both signs. */
-static double any_factor(uint32_t *seed) { return ldexp(next_between(seed, -1, 1), 5 - (int)(next_word(seed) % 34)); }
+static double any_factor(uint32_t *seed)
+{
+  return ldexp(next_between(seed, -1, 1), 5 - (int)(next_word(seed) % 34));
+}
 
 static void test_a_number_of_a_row_is_the_nearest_and_stops(void)
 {
@@ -32,7 +37,9 @@ static void test_a_number_of_a_row_is_the_nearest_and_stops(void)
   for (int n = 0; n < 1000; n++) {
     const double x = any_factor(&seed);
     expect_near(x, number_of(short_of(x)), 0.5 * STEP + RELATIVE * fabs(x), "nearest", n);
-    if (fabs(x) < 16) expect_near(x, number(r_long_scaled(r_short_scaled(real(x), ROW_UP), ROW_UP)), STEP / 16 + RELATIVE * fabs(x), "scaled", n);
+    if (fabs(x) < 16)
+      expect_near(x, number(r_long_scaled(r_short_scaled(real(x), ROW_UP), ROW_UP)),
+          STEP / 16 + RELATIVE * fabs(x), "scaled", n);
   }
 #if defined(TSE_REAL_FIXED)
   const double most = number_of(SHORT_MOST - 1);
@@ -52,7 +59,9 @@ static void test_a_row_more_is_that_of_each_number(void)
     any_row(y, 3, &seed);
     memcpy(was, y, sizeof y);
     r_add_row(y, x, r_factor(real(a), 0), N);
-    for (int i = 0; i < N; i++) expect_near(number_of(was[i]) + a * number_of(x[i]), number_of(y[i]), (0.51 + 2 * fabs(a)) * STEP + 10 * RELATIVE * (3 + fabs(a)), "y + a x", i);
+    for (int i = 0; i < N; i++)
+      expect_near(number_of(was[i]) + a * number_of(x[i]), number_of(y[i]),
+          (0.51 + 2 * fabs(a)) * STEP + 10 * RELATIVE * (3 + fabs(a)), "y + a x", i);
   }
 }
 
@@ -61,7 +70,9 @@ static void test_two_rows_that_change_each_other_do_so_in_the_order_that_is_said
   uint32_t seed = 3;
   for (int n = 0; n < 2000; n++) {
     tse_short x[N], y[N], u[N], w[N];
-    const double a = next_between(&seed, -2, 2), b = n % 3 ? next_between(&seed, -0.4, 0.4) : next_between(&seed, -2, 2), near = 8 * STEP + 40 * RELATIVE;
+    const double a = next_between(&seed, -2, 2),
+                 b = n % 3 ? next_between(&seed, -0.4, 0.4) : next_between(&seed, -2, 2),
+                 near = 8 * STEP + 40 * RELATIVE;
     any_row(x, 3, &seed);
     any_row(y, 3, &seed);
     memcpy(u, y, sizeof y);
@@ -82,7 +93,8 @@ static void test_two_rows_that_change_each_other_do_so_in_the_order_that_is_said
   }
 }
 
-/* What is done with two rows at once is what is done with one after the other, to the bit. */
+/* What is done with two rows at once is what is done with one after the other, to the
+ * bit. */
 static void test_two_rows_together_are_two_in_turn(void)
 {
   uint32_t seed = 13;
@@ -123,7 +135,9 @@ static void test_rows_that_are_scaled_are_multiplied_as_if_they_were_not(void)
     for (int i = 0; i < N; i++) y[i] = short_of(0.25);
     const r_scaled scaled = r_scaled_of(x, N, room);
     r_add_row(y, scaled.m, r_factor(real(a), scaled.up), N);
-    for (int i = 0; i < N; i++) expect_near(0.25 + a * number(x[i]), number_of(y[i]), STEP + 10 * RELATIVE + fabs(number(x[i])) * BY_NUMBER(0, 0, QUANTUM), "y + a x", i);
+    for (int i = 0; i < N; i++)
+      expect_near(0.25 + a * number(x[i]), number_of(y[i]),
+          STEP + 10 * RELATIVE + fabs(number(x[i])) * BY_NUMBER(0, 0, QUANTUM), "y + a x", i);
   }
 }
 
@@ -144,7 +158,8 @@ static void test_a_sum_of_products_is_rounded_once(void)
       size += fabs(number(h[i]) * number_of(x[i]));
     }
     const tse_short *const row = r_row(h, N, room, &right);
-    const double near = BY_NUMBER(1e-14, 1e-6, ldexp(1, -26)) * size + 4 * most * BY_NUMBER(0, 0, N * ldexp(1, -27)) + BY_NUMBER(0, 0, QUANTUM);
+    const double near = BY_NUMBER(1e-14, 1e-6, ldexp(1, -26)) * size
+        + 4 * most * BY_NUMBER(0, 0, N * ldexp(1, -27)) + BY_NUMBER(0, 0, QUANTUM);
     expect_near(sum, number(r_sum(TSE_R(0.125), x, row, right, N)), near, "row", n);
     r_sparse_of(h, N, &s);
     expect_near(sum, number(r_sum_sparse(TSE_R(0.125), x, &s, s.count)), near, "what is not 0 of it", n);
@@ -155,16 +170,19 @@ static void test_quotients_by_one_number_share_its_reciprocal(void)
 {
   uint32_t seed = 6;
   for (int n = 0; n < 5000; n++) {
-    const tse_real d = real(fabs(ldexp(next_between(&seed, 0.5, 1), 10 - (int)(next_word(&seed) % 30)))), x = real(any_factor(&seed));
+    const tse_real d = real(fabs(ldexp(next_between(&seed, 0.5, 1), 10 - (int)(next_word(&seed) % 30)))),
+                   x = real(any_factor(&seed));
     const r_divided over = r_divisor(d);
     const double q = number(x) / number(d);
     if (fabs(q) > 1e6) continue;
     expect_near(q, number(r_by(x, over)), RELATIVE * fabs(q) + BY_NUMBER(0, 0, QUANTUM), "x/d", n);
     const tse_short one = r_short(TSE_R(1));
-    expect_near(q, number(r_times(one, r_quotient(x, over, 0))), RELATIVE * fabs(q) + BY_NUMBER(0, 0, QUANTUM), "as a factor", n);
+    expect_near(q, number(r_times(one, r_quotient(x, over, 0))),
+        RELATIVE * fabs(q) + BY_NUMBER(0, 0, QUANTUM), "as a factor", n);
     const tse_real more = real(number(d) * next_uniform(&seed)), was = d - more, x0 = real(fabs(number(x)));
     if (!(was > TSE_R(0))) continue;
-    expect_near(number(x0) * number(was) / number(d), number(r_left(x0, was, more, over)), 4 * RELATIVE * number(x0) + BY_NUMBER(0, 0, 2 * QUANTUM), "what is left", n);
+    expect_near(number(x0) * number(was) / number(d), number(r_left(x0, was, more, over)),
+        4 * RELATIVE * number(x0) + BY_NUMBER(0, 0, 2 * QUANTUM), "what is left", n);
     TEST_ASSERT_TRUE(!(r_left(x0, d, TSE_R(0), over) != x0)); /* nothing is taken */
   }
 }
@@ -175,22 +193,29 @@ static tse_short slope_sum(tse_short from, const tse_short *slope, tse_short *x,
   return from;
 }
 
-/* Slopes: x to/over is what r_short() has for one of a row, within what a slope holds; sums of them are rounded once. */
+/* Slopes: x to/over is what r_short() has for one of a row, within what a slope holds;
+ * sums of them are rounded once. */
 static void test_slopes_are_brought_into_units_and_multiply_rows(void)
 {
   uint32_t seed = 8;
   const double step = BY_NUMBER(0, 0, ldexp(1, -23)), most = 1e4;
   for (int n = 0; n < 2000; n++) {
-    const double to = next_between(&seed, 0.005, 0.5), over = next_between(&seed, 0.01, 0.5), x = next_between(&seed, -3, 3) * (n % 2 ? 0.01 : 1);
-    const double ratio = number(real(x)) * number(real(to)) / number(real(over)), held = BY_NUMBER(ratio, ratio, fmax(-16, fmin(16, ratio)));
+    const double to = next_between(&seed, 0.005, 0.5), over = next_between(&seed, 0.01, 0.5),
+                 x = next_between(&seed, -3, 3) * (n % 2 ? 0.01 : 1);
+    const double ratio = number(real(x)) * number(real(to)) / number(real(over)),
+                 held = BY_NUMBER(ratio, ratio, fmax(-16, fmin(16, ratio)));
     const r_factored unit = r_unit(real(to)), own = r_over_unit(real(over));
     const tse_short slope = r_slope_in_units(r_short_scaled(real(x), ROW_UP), unit, own, real(most));
     tse_short one = short_of(1);
     /* of what is scaled by 2^ROW_UP a step is 2^-26, times 1/over */
     const double near = 2 * RELATIVE * fabs(ratio) + step + BY_NUMBER(0, 0, ldexp(1.5, -25)) / over;
-    if (fabs(ratio) < 15.9) expect_near(held, number_of(slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);
+    if (fabs(ratio) < 15.9)
+      expect_near(held, number_of(slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);
     else TEST_ASSERT_TRUE(fabs(number_of(slope_sum(short_of(0), &slope, &one, 1))) > 15);
-    if (fabs(x / over) < 250) expect_near(number(real(x)) / number(real(over)), number_of(r_short_over(r_short_scaled(real(x), ROW_UP), own, real(most))), near + 0.5 * STEP + RELATIVE * fabs(x / over), "of a row", n);
+    if (fabs(x / over) < 250)
+      expect_near(number(real(x)) / number(real(over)),
+          number_of(r_short_over(r_short_scaled(real(x), ROW_UP), own, real(most))),
+          near + 0.5 * STEP + RELATIVE * fabs(x / over), "of a row", n);
   }
   for (int n = 0; n < 500; n++) {
     tse_short slope[N], x[N];
@@ -202,7 +227,9 @@ static void test_slopes_are_brought_into_units_and_multiply_rows(void)
       sum += number(real(s)) * number_of(x[i]);
     }
     const tse_short from = r_slope(real(0.75));
-    if (fabs(sum) < 200) expect_near(0.75 + sum, number_of(slope_sum(from, slope, x, N)), 0.5 * STEP + N * 4 * step + 400 * RELATIVE, "a sum", n);
+    if (fabs(sum) < 200)
+      expect_near(0.75 + sum, number_of(slope_sum(from, slope, x, N)),
+          0.5 * STEP + N * 4 * step + 400 * RELATIVE, "a sum", n);
   }
 }
 
@@ -210,7 +237,8 @@ static void test_the_product_of_two_of_rows_is_that_of_their_numbers(void)
 {
   uint32_t seed = 12;
   for (int n = 0; n < 2000; n++) {
-    const tse_short a = short_of(next_between(&seed, -250, 250) * (n % 3 ? 0.001 : 1)), b = short_of(next_between(&seed, -250, 250) * (n % 2 ? 0.01 : 1));
+    const tse_short a = short_of(next_between(&seed, -250, 250) * (n % 3 ? 0.001 : 1)),
+                    b = short_of(next_between(&seed, -250, 250) * (n % 2 ? 0.01 : 1));
     const tse_real product = r_mul_short(a, b), same = r_mul(r_long(a), r_long(b));
     TEST_ASSERT_EQUAL_MEMORY(&same, &product, sizeof same);
   }
@@ -223,7 +251,10 @@ static void test_a_factor_knows_its_number(void)
     const double x = n % 10 ? any_factor(&seed) : ldexp(any_factor(&seed), -30);
     for (int up = -4; up < 8; up += 4) {
       const double scaled = x * BY_NUMBER(1, 1, ldexp(1, up));
-      if (fabs(scaled) < 200) expect_near(scaled, number_of(r_short_of(r_factor(real(x), up), real(x), up)), 0.5 * STEP + 2 * RELATIVE * fabs(scaled) + BY_NUMBER(0, 0, ldexp(QUANTUM, up)), "as a number of a row", n);
+      if (fabs(scaled) < 200)
+        expect_near(scaled, number_of(r_short_of(r_factor(real(x), up), real(x), up)),
+            0.5 * STEP + 2 * RELATIVE * fabs(scaled) + BY_NUMBER(0, 0, ldexp(QUANTUM, up)),
+            "as a number of a row", n);
     }
   }
 }
@@ -243,8 +274,12 @@ static void test_sums_element_by_element(void)
     const double near = BY_NUMBER(1e-12, 1e-4, 1e-6);
     const tse_short rate = r_end_rate(r_minus(r_plus(r_product(c[0], x[0]), c[1], x[1]), c[2], x[2]));
     expect_near(sum, number_of(rate), BY_NUMBER(near, near, 1e-5), "rate", n);
-    expect_near(m[0] + 0.01 * sum, number(r_long_scaled(r_plus_times(x[0], r_factor(real(0.01), ROW_UP), rate), ROW_UP)), near, "x + h rate", n);
+    expect_near(m[0] + 0.01 * sum,
+        number(r_long_scaled(r_plus_times(x[0], r_factor(real(0.01), ROW_UP), rate), ROW_UP)), near,
+        "x + h rate", n);
     const double least = m[0] + a[1] * m[1] / 60;
-    expect_near(least, number(r_long_scaled(r_end(r_plus(r_start(x[0]), r_coef(real(a[1] / 60)), x[1])), ROW_UP)), near, "x + a y", n);
+    expect_near(least,
+        number(r_long_scaled(r_end(r_plus(r_start(x[0]), r_coef(real(a[1] / 60)), x[1])), ROW_UP)), near,
+        "x + a y", n);
   }
 }

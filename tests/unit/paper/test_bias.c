@@ -1,5 +1,5 @@
-/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18); and (17), paper_forget() in learn.c. The update (19) together with the draw that it
- * needs: test_learn.c. */
+/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18); and (17), paper_forget() in
+ * learn.c. The update (19) together with the draw that it needs: test_learn.c. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -15,10 +15,7 @@ static tse_config settings(void)
   return c;
 }
 
-static tse_params params(void)
-{
-  return prepared(settings());
-}
+static tse_params params(void) { return prepared(settings()); }
 
 /* A filter of which nothing else is read. */
 static void know(double gamma, double nu)
@@ -54,7 +51,8 @@ static void test_one_sample_time_forgets_by_lambda(void)
   expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", 0);
 }
 
-/* Lambda *= lambda and nu *= lambda: their quotient, which the particles carry, stays. So does everything else. */
+/* Lambda *= lambda and nu *= lambda: their quotient, which the particles carry, stays. So
+ * does everything else. */
 static void test_forgetting_changes_only_gamma_and_nu(void)
 {
   const tse_params p = params();
@@ -76,7 +74,8 @@ static void test_degrees_of_freedom_never_fall_below_six(void)
   expect_near(6, number(filter.nu), 0, "nu", 0);
 }
 
-/* However long it takes: the mean is as unknown as one sample leaves it, or as at the start, and nu is at its least. */
+/* However long it takes: the mean is as unknown as one sample leaves it, or as at the
+ * start, and nu is at its least. */
 static void test_what_is_forgotten_is_not_forgotten_further(void)
 {
   static const double dt[] = { 60, 600, 3600 };
@@ -88,7 +87,8 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
       const tse_params p = prepared(c);
       know(0.05, 40);
       forget_for(&p, &filter, real(dt[i]));
-      expect_near(fmin(0.05 * exp2(-dt[i] / 0.01 * log2(lambda[k])), fmax(1, number(p.gamma0))), number(filter.gamma), 1e-3, "gamma", i);
+      expect_near(fmin(0.05 * exp2(-dt[i] / 0.01 * log2(lambda[k])), fmax(1, number(p.gamma0))),
+          number(filter.gamma), 1e-3, "gamma", i);
       TEST_ASSERT_TRUE(number(filter.nu) >= 6 && number(filter.nu) <= 40);
       filter.gamma = TSE_R(0);
       forget_for(&p, &filter, real(dt[i]));
@@ -108,8 +108,9 @@ static void test_the_mean_may_forget_faster_than_the_covariance(void)
   expect_near(40 * 0.98 * 0.98, number(filter.nu), REL * 40, "nu", 0);
 }
 
-/* Innovations of c sigma that stay: smoothed with gain g they become c (1 - (1 - g)^n); white ones of variance one would leave
- * g/(2 - g). The factor falls by 0.05 for each multiple of that beyond 3, to forgetting_change at most. */
+/* Innovations of c sigma that stay: smoothed with gain g they become c (1 - (1 - g)^n);
+ * white ones of variance one would leave g/(2 - g). The factor falls by 0.05 for each
+ * multiple of that beyond 3, to forgetting_change at most. */
 static void test_the_mean_forgets_faster_where_innovations_last(void)
 {
   static const double off[] = { 0, 0.2, 0.45, 2 };
@@ -133,7 +134,8 @@ static void test_the_mean_forgets_faster_where_innovations_last(void)
   }
 }
 
-/* (16) adds a sample, (17) forgets: nu tends to lambda/(1 - lambda), gamma to (1 - lambda)/lambda. */
+/* (16) adds a sample, (17) forgets: nu tends to lambda/(1 - lambda), gamma to (1 -
+ * lambda)/lambda. */
 static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
 {
   const tse_params p = params();
@@ -143,7 +145,8 @@ static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
     filter.nu = real(number(filter.nu) + 1);
     forget_for(&p, &filter, p.sample_time);
   }
-  expect_near(0.98 / 0.02, number(filter.nu), BY_FORMAT(1e-9, 2e-3), "nu", 0); /* errors add over 1/(1 - lambda) samples */
+  expect_near(0.98 / 0.02, number(filter.nu), BY_FORMAT(1e-9, 2e-3), "nu",
+      0); /* errors add over 1/(1 - lambda) samples */
   expect_near(0.02 / 0.98, number(filter.gamma), BY_FORMAT(1e-12, 1e-6), "gamma", 0);
 }
 

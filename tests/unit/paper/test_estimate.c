@@ -1,5 +1,6 @@
-/* tests/unit/paper/test_estimate.c <-> src/paper/estimate.c: (26), (27), against sums over the
- * particles written down plainly in long double, with the mean known before the squares are summed. */
+/* tests/unit/paper/test_estimate.c <-> src/paper/estimate.c: (26), (27), against sums
+ * over the particles written down plainly in long double, with the mean known before the
+ * squares are summed. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -7,8 +8,9 @@ static tse_filter_paper f;
 static tse_config config;
 static tse_params p;
 
-/* Rounding of a weighted sum over n particles, relative to the largest term, and of the variance taken about the first
- * value: a few ulp (2^-52, 2^-23) times sqrt(n) times the ratio of distance to spread, which is below 4 here. */
+/* Rounding of a weighted sum over n particles, relative to the largest term, and of the
+ * variance taken about the first value: a few ulp (2^-52, 2^-23) times sqrt(n) times the
+ * ratio of distance to spread, which is below 4 here. */
 #define RELATIVE BY_FORMAT(4e-15, 3e-6)
 #define RELATIVE_SD BY_FORMAT(4e-14, 2e-5)
 
@@ -22,7 +24,8 @@ static void start(int32_t n)
   for (int a = 0; a < 3; a++) f.bias_var[a] = real(0.04 * (a + 1));
 }
 
-/* Particles about typical values; Lambda/nu stays positive definite. What stands beyond n must not count. */
+/* Particles about typical values; Lambda/nu stays positive definite. What stands beyond n
+ * must not count. */
 static void fill(uint32_t *state, double spread)
 {
   for (int32_t i = 0; i < TSE_STRIDE; i++) {
@@ -37,8 +40,8 @@ static void fill(uint32_t *state, double spread)
       f.p.bias[a][i] = real(wild * (0.5 - 0.4 * a + 0.2 * next_between(state, -1.0, 1.0)));
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(wild * 1e-3 * next_between(state, -1.0, 1.0));
-    for (int a = 0; a < 3; a++) f.p.lam[a == 0 ? 0 : a == 1 ? 3
-                                                            : 5][i] = real(wild * next_between(state, 0.002, 0.02) * (a + 1));
+    for (int a = 0; a < 3; a++)
+      f.p.lam[a == 0 ? 0 : a == 1 ? 3 : 5][i] = real(wild * next_between(state, 0.002, 0.02) * (a + 1));
   }
 }
 
@@ -62,7 +65,8 @@ static long double variance_of(const tse_real *value)
 {
   const long double mean = weighted_mean(value);
   long double sum = 0.0L;
-  for (int32_t i = 0; i < p.particles; i++) sum += weight_of(i) * (number(value[i]) - mean) * (number(value[i]) - mean);
+  for (int32_t i = 0; i < p.particles; i++)
+    sum += weight_of(i) * (number(value[i]) - mean) * (number(value[i]) - mean);
   return sum / total();
 }
 
@@ -83,9 +87,11 @@ static void expect_all_estimates(void)
   for (int a = 0; a < 3; a++) {
     const double mean = (double)weighted_mean(f.p.x[a]), sd = (double)sqrtl(variance_of(f.p.x[a]));
     expect_near(mean, x[a], RELATIVE * fabs(mean), "state", a);
-    expect_near(sd, x_sd[a], RELATIVE_SD * sd + QUANTUM / sd, "sd of state", a); /* of what a variance is rounded by */
+    expect_near(sd, x_sd[a], RELATIVE_SD * sd + QUANTUM / sd, "sd of state",
+        a); /* of what a variance is rounded by */
   }
-  expect_near(atan2((double)weighted_mean(f.p.x[1]), (double)weighted_mean(f.p.x[0])), number(y.sideslip), RELATIVE, "sideslip", 0);
+  expect_near(atan2((double)weighted_mean(f.p.x[1]), (double)weighted_mean(f.p.x[0])), number(y.sideslip),
+      RELATIVE, "sideslip", 0);
 
   const double nu = number(f.nu), gamma = number(f.gamma);
   for (int a = 0; a < 3; a++) {
@@ -153,12 +159,15 @@ static void test_identical_particles_have_no_spread_of_their_own(void)
   paper_estimate(&p, &f, &y);
   expect_near(0.0, number(y.vel_x_sd), 0.0, "vel_x_sd", 0);
   expect_near(number(f.p.x[0][0]), number(y.vel_x), 0.0, "vel_x", 0);
-  expect_near(number(p.sd[1]) * sqrt(0.08), number(y.bias_sd[1]), RELATIVE, "bias_sd is that of the Kalman filter", 1);
-  expect_near(number(y.stiffness_spread[2]) * sqrt(0.0123), number(y.stiffness_sd[2]), RELATIVE, "sqrt(gamma Sigma)", 2);
+  expect_near(number(p.sd[1]) * sqrt(0.08), number(y.bias_sd[1]), RELATIVE,
+      "bias_sd is that of the Kalman filter", 1);
+  expect_near(number(y.stiffness_spread[2]) * sqrt(0.0123), number(y.stiffness_sd[2]), RELATIVE,
+      "sqrt(gamma Sigma)", 2);
 }
 
-/* 20 m/s and particles a few millimetres a second apart: E[x^2] - E[x]^2 would lose everything in single precision, whose
- * step at 20 m/s is 2 um/s; the sd, 3 mm/s, must still be right to a thousandth. */
+/* 20 m/s and particles a few millimetres a second apart: E[x^2] - E[x]^2 would lose
+ * everything in single precision, whose step at 20 m/s is 2 um/s; the sd, 3 mm/s, must
+ * still be right to a thousandth. */
 static void test_millimetres_a_second_on_twenty_metres_a_second_survive(void)
 {
   uint32_t state = 5;
@@ -174,21 +183,18 @@ static void test_millimetres_a_second_on_twenty_metres_a_second_survive(void)
 
 static void test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant(void)
 {
-  static const double v[][2] = { { 10.0, 1.0 }, { -10.0, 1.0 }, { -10.0, -1.0 }, { 10.0, -1.0 }, { 0.5, 2.0 }, { 0.02, 0.0 }, { 0.0, 0.02 } };
+  static const double v[][2] = { { 10.0, 1.0 }, { -10.0, 1.0 }, { -10.0, -1.0 }, { 10.0, -1.0 }, { 0.5, 2.0 },
+    { 0.02, 0.0 }, { 0.0, 0.02 } };
   tse_output y;
   uint32_t state = 6;
   start(16);
   fill(&state, 1.0);
   for (int k = 0; k < ROWS(v); k++) {
-    for (int32_t i = 0; i < 16; i++) {
-      f.p.x[0][i] = real(v[k][0]), f.p.x[1][i] = real(v[k][1]);
-    }
+    for (int32_t i = 0; i < 16; i++) { f.p.x[0][i] = real(v[k][0]), f.p.x[1][i] = real(v[k][1]); }
     paper_estimate(&p, &f, &y);
     expect_near(atan2(v[k][1], v[k][0]), number(y.sideslip), BY_FORMAT(1e-13, 1e-6), "sideslip", k);
   }
-  for (int32_t i = 0; i < 16; i++) {
-    f.p.x[0][i] = real(-0.009), f.p.x[1][i] = real(0.009);
-  }
+  for (int32_t i = 0; i < 16; i++) { f.p.x[0][i] = real(-0.009), f.p.x[1][i] = real(0.009); }
   paper_estimate(&p, &f, &y);
   expect_near(0.0, number(y.sideslip), 0.0, "sideslip at standstill", 0);
 }

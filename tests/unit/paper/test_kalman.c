@@ -1,12 +1,14 @@
-/* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
- * Kalman filter (turning: single_track.h), evidence included, with resampling on. */
+/* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and
+ * Gaussian, it must agree with a Kalman filter (turning: single_track.h), evidence
+ * included, with resampling on. */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "single_track.h"
 
 static tse_filter_paper f;
 
-static const double omega = 60, sd_of[3] = { 0.15, 0.15, 0.0035 }, bias_sd[3] = { 0.05, 0.05, 0.002 }, bias_walk[3] = { 0.002, 0.002, 0.0001 };
+static const double omega = 60, sd_of[3] = { 0.15, 0.15, 0.0035 }, bias_sd[3] = { 0.05, 0.05, 0.002 },
+                    bias_walk[3] = { 0.002, 0.002, 0.0001 };
 static const double x_sd[3] = { 0, 0.005, 0.003 }, spread = 0.05, row_time = 0.01;
 
 static tse_config settings(void) /* the car is that of the defaults, car_table[0] */
@@ -39,9 +41,10 @@ enum { STEPS = 160 };
 static double estimate_of[SEEDS][STEPS][11]; /* vel_y, yaw rate, 3 biases; their sds; log evidence */
 static int resampled;
 
-/* Constant wheel speeds, a slowly swaying steering angle. With mean and spread of the stiffness known, w is white Gaussian noise that
- * enters the motion and the accelerometers at once; vel_y, yaw rate and biases then are linear and Gaussian, except that d depends on
- * the slip angle, which is known to 1 %. */
+/* Constant wheel speeds, a slowly swaying steering angle. With mean and spread of the
+ * stiffness known, w is white Gaussian noise that enters the motion and the
+ * accelerometers at once; vel_y, yaw rate and biases then are linear and Gaussian, except
+ * that d depends on the slip angle, which is known to 1 %. */
 static struct {
   double steer, y[3], evidence, mean[5], sd[5];
 } kalman_turning[STEPS];
@@ -51,20 +54,24 @@ static void run_kalman_filter(void)
   const double v = 0.33 * omega;
   double truth[9] = { v };
   uint32_t seed = 1961;
-  dense_kalman k = { car_table[0], { v }, { { 0 } }, { sd_of[0], sd_of[1], sd_of[2] }, { bias_walk[0], bias_walk[1], bias_walk[2] }, spread, 1 };
+  dense_kalman k = { car_table[0], { v }, { { 0 } }, { sd_of[0], sd_of[1], sd_of[2] },
+    { bias_walk[0], bias_walk[1], bias_walk[2] }, spread, 1 };
   for (int a = 0; a < 3; a++) {
     truth[a] += x_sd[a] * next_normal(&seed), truth[6 + a] = bias_sd[a] * next_normal(&seed);
-    k.cov[a][a] = x_sd[a] * x_sd[a], k.cov[3 + a][3 + a] = spread * spread, k.cov[6 + a][6 + a] = bias_sd[a] * bias_sd[a];
+    k.cov[a][a] = x_sd[a] * x_sd[a], k.cov[3 + a][3 + a] = spread * spread,
+    k.cov[6 + a][6 + a] = bias_sd[a] * bias_sd[a];
   }
   for (int n = 0; n < STEPS; n++) {
-    const double from = single(0.03 * sin(6.283185307179586 * 0.4 * row_time * n)), to = single(0.03 * sin(6.283185307179586 * 0.4 * row_time * (n + 1)));
+    const double from = single(0.03 * sin(6.283185307179586 * 0.4 * row_time * n)),
+                 to = single(0.03 * sin(6.283185307179586 * 0.4 * row_time * (n + 1)));
     const double u0[3] = { from, v, v }, u1[3] = { to, v, v };
     double *const y = kalman_turning[n].y;
     for (int a = 0; a < 3; a++) truth[3 + a] = spread * next_normal(&seed);
     dense_observe(k.car, truth, u0, y);
     for (int a = 0; a < 3; a++) y[a] = single(y[a] + sd_of[a] * next_normal(&seed));
     kalman_turning[n].steer = from;
-    kalman_turning[n].evidence = dense_update(&k, u0, y, n == 0 ? 3 : 7); /* without a first yaw rate the filter starts straight ahead */
+    kalman_turning[n].evidence = dense_update(
+        &k, u0, y, n == 0 ? 3 : 7); /* without a first yaw rate the filter starts straight ahead */
     for (int a = 0; a < 5; a++) {
       const int at = a < 2 ? 1 + a : 4 + a;
       kalman_turning[n].mean[a] = k.mean[at];
@@ -76,7 +83,8 @@ static void run_kalman_filter(void)
   }
 }
 
-/* Mean and sd of bias a given all rows up to now: the output is taken before the row's own bias update. */
+/* Mean and sd of bias a given all rows up to now: the output is taken before the row's
+ * own bias update. */
 static void bias_now(const tse_params *p, int a, double *mean, double *sd)
 {
   double sum = 0.0, first = 0.0, second = 0.0;
@@ -90,7 +98,8 @@ static void bias_now(const tse_params *p, int a, double *mean, double *sd)
   *sd = number(p->sd[a]) * sqrt(number(f.bias_var[a]) + second / sum - (first / sum) * (first / sum));
 }
 
-/* Mean stiffness known exactly (gamma = 0), its spread known almost (1000 degrees of freedom, hardly any forgetting). */
+/* Mean stiffness known exactly (gamma = 0), its spread known almost (1000 degrees of
+ * freedom, hardly any forgetting). */
 static void run_turning(int32_t scheme)
 {
   resampled = 0;
@@ -129,13 +138,18 @@ static void over_seeds(int k, int column, double *mean, double *standard_error)
 }
 
 /* Tolerances, for the mean over SEEDS runs:
- *   means     4.5 standard errors of that mean, measured over the seeds (Student-t with 23 degrees of freedom: chance
- *             2e-4 for one number), and 2 % of the Kalman filter's sd for what is not linear: d known to 1 %, second-order
+ *   means     4.5 standard errors of that mean, measured over the seeds (Student-t with
+ *             23 degrees of freedom: chance
+ *             2e-4 for one number), and 2 % of the Kalman filter's sd for what is not
+ *             linear: d known to 1 %, second-order
  *             integration, Student-t with 998 degrees of freedom instead of a normal
- *   sds       likewise 4.5 standard errors, and 3 %: N particles underestimate a sd by 1/(2 N_eff), and do so again in every
+ *   sds       likewise 4.5 standard errors, and 3 %: N particles underestimate a sd by
+ *             1/(2 N_eff), and do so again in every
  *             generation that shares its ancestors
- *   evidence  of one row: 4.5 standard errors and (q^2 - 10 q + 15)/(4 nu), the Student-t's first term, below 0.03 for
- *             q = z'S^-1 z up to 16; of all rows: exp(sum) is unbiased, so its mean over the seeds is compared */
+ *   evidence  of one row: 4.5 standard errors and (q^2 - 10 q + 15)/(4 nu), the
+ *             Student-t's first term, below 0.03 for
+ *             q = z'S^-1 z up to 16; of all rows: exp(sum) is unbiased, so its mean over
+ *             the seeds is compared */
 static void expect_agreement_with_the_kalman_filter(void)
 {
   for (int k = 0; k < STEPS; k++) {
@@ -186,10 +200,11 @@ static void test_turning_agrees_with_a_kalman_filter_with_the_other_ways_of_resa
 
 /* ------------------------------------------------------------------ straight: exact per particle */
 
-/* Wheels roll freely straight ahead: no slip, so every particle is one scalar Kalman filter per bias (here in double), whose
- * innovations have a Student-t density with nut = nu - 2 degrees of freedom and the scale (nut-2)/nut (R + P). What differs is
- * rounding: the two logs of gamma functions (series good to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28 degrees of freedom), in float
- * the measurements' 6e-8 times (nut + 3)/2. */
+/* Wheels roll freely straight ahead: no slip, so every particle is one scalar Kalman
+ * filter per bias (here in double), whose innovations have a Student-t density with nut =
+ * nu - 2 degrees of freedom and the scale (nut-2)/nut (R + P). What differs is rounding:
+ * the two logs of gamma functions (series good to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28
+ * degrees of freedom), in float the measurements' 6e-8 times (nut + 3)/2. */
 static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
 {
   tse_config c = settings();
@@ -198,25 +213,30 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
   const tse_params p = prepared(c);
   double total = 0.0, expected_total = 0.0, nu = 30, bias[3], mean[3] = { 0 }, var[3];
   uint32_t seed = 1960;
-  for (int a = 0; a < 3; a++) var[a] = pow(bias_sd[a], 2), bias[a] = bias_sd[a] * next_between(&seed, -1.7, 1.7);
+  for (int a = 0; a < 3; a++)
+    var[a] = pow(bias_sd[a], 2), bias[a] = bias_sd[a] * next_between(&seed, -1.7, 1.7);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   for (int k = 0; k < 250; k++) {
-    const int drawn = (int)(next_word(&seed) % 7) + 1, mask = k == 0 ? 3 : k % 3 == 0 ? drawn
-                                                                                      : 7; /* without a first yaw rate */
+    const int drawn = (int)(next_word(&seed) % 7) + 1,
+              mask = k == 0 ? 3
+        : k % 3 == 0        ? drawn
+                            : 7; /* without a first yaw rate */
     const double nut = nu - 2;
     double y[3], used = 0, log_det = 0, q = 0;
     for (int a = 0; a < 3; a++) y[a] = (float)(bias[a] + number(p.sd[a]) * next_between(&seed, -1.7, 1.7));
     const tse_input u = row(0.0, y, mask);
     const tse_real *const read[3] = { &u.accel_x, &u.accel_y, &u.yaw_rate };
     for (int a = 0; a < 3; a++) {
-      const double r = pow(number(p.sd[a]), 2), s = r + var[a], z = number(*read[a]) - mean[a], gain = var[a] / s;
+      const double r = pow(number(p.sd[a]), 2), s = r + var[a], z = number(*read[a]) - mean[a],
+                   gain = var[a] / s;
       if (mask >> a & 1) {
         used++, log_det += log((nut - 2) / nut * s), q += z * z / ((nut - 2) / nut * s);
         mean[a] += gain * z;
         var[a] = pow(1 - gain, 2) * var[a] + gain * gain * r;
       }
     }
-    const double evidence = lgamma((nut + used) / 2) - lgamma(nut / 2) - used / 2 * log(nut * 3.141592653589793) - log_det / 2 - (nut + used) / 2 * log1p(q / nut);
+    const double evidence = lgamma((nut + used) / 2) - lgamma(nut / 2)
+        - used / 2 * log(nut * 3.141592653589793) - log_det / 2 - (nut + used) / 2 * log1p(q / nut);
     tse_output out;
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &out) >= 0);
     expect_near(evidence, number(out.log_evidence), BY_FORMAT(5e-9, 1e-4), "log evidence", k);

@@ -1,7 +1,9 @@
-/* tests/unit/paper/test_learn.c <-> src/paper/learn.c, bias.c: the draw (25), the statistics (16), the biases (19).
+/* tests/unit/paper/test_learn.c <-> src/paper/learn.c, bias.c: the draw (25), the
+ * statistics (16), the biases (19).
  *
- * References: the exact conditional of the joint Student-t in dense matrices and SI units (paper_cases.h); the batch posterior of the conjugate Normal-inverse-Wishart; a dense Kalman
- * update in long double. */
+ * References: the exact conditional of the joint Student-t in dense matrices and SI units
+ * (paper_cases.h); the batch posterior of the conjugate Normal-inverse-Wishart; a dense
+ * Kalman update in long double. */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "paper_cases.h"
@@ -39,10 +41,7 @@ static update_case update_case_of(int k)
   return c;
 }
 
-static tse_params params_of(const update_case *c)
-{
-  return prepared(config_of(&c->car, TSE_MAX_PARTICLES));
-}
+static tse_params params_of(const update_case *c) { return prepared(config_of(&c->car, TSE_MAX_PARTICLES)); }
 
 /* Every particle the same; they differ by their random numbers only. */
 static void fill(const tse_params *p, const update_case *c, uint32_t step)
@@ -78,15 +77,13 @@ static void learn_from(const tse_params *p, const update_case *c, uint32_t step,
 
 /* ---------------------------------------------------------------------------------------- (25) */
 
-enum { T_LEVELS = 55,
-       F_LEVELS = 22 };
+enum { T_LEVELS = 55, F_LEVELS = 22 };
 
 /* Levels at which distributions are compared, by percents and into the tails. */
 static double t_level(int j)
 {
   static const double tail[6] = { 0.0005, 0.002, 0.005, 0.995, 0.998, 0.9995 };
-  return j < 3 ? tail[j] : j < 52 ? (j - 2) / 50.0
-                                  : tail[j - 49];
+  return j < 3 ? tail[j] : j < 52 ? (j - 2) / 50.0 : tail[j - 49];
 }
 
 static double f_level(int j)
@@ -98,12 +95,14 @@ static double f_level(int j)
 #define REPEAT 100
 #define DRAWS ((double)REPEAT * TSE_MAX_PARTICLES)
 
-/* If the draw is right, e = white (w - mean) is spherical Student-t: mean 0, covariance dof/(dof - 2) I, each direction's
- * distribution t(dof), and |e|^2/3 is F(3, dof), which holds only if one chi-square serves all three. */
+/* If the draw is right, e = white (w - mean) is spherical Student-t: mean 0, covariance
+ * dof/(dof - 2) I, each direction's distribution t(dof), and |e|^2/3 is F(3, dof), which
+ * holds only if one chi-square serves all three. */
 static void test_draws_follow_the_exact_conditional_given_the_sample(void)
 {
   /* projections: the axes and two oblique ones */
-  static const double axis[5][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 }, { 0.6, 0.64, 0.48 }, { 0.48, -0.6, 0.64 } };
+  static const double axis[5][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 }, { 0.6, 0.64, 0.48 },
+    { 0.48, -0.6, 0.64 } };
   for (int k = 0; k < UPDATE_CASES; k++) {
     const update_case example = update_case_of(k), *const c = &example;
     const tse_params p = params_of(c);
@@ -133,23 +132,30 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
         for (int j = 0; j < F_LEVELS; j++) below_f[j] += ratio < f_quantile[j];
       }
     }
-    /* 4.5 standard errors; fourth moments of t(dof): 3 (dof - 2)/(dof - 4) times the squared variance */
+    /* 4.5 standard errors; fourth moments of t(dof): 3 (dof - 2)/(dof - 4) times the
+     * squared variance */
     const double var = c->w.dof / (c->w.dof - 2.0), kurtosis = 3.0 * (c->w.dof - 2.0) / (c->w.dof - 4.0);
     for (int a = 0; a < 3; a++) {
       expect_near(0.0, mean[a], 4.5 * sqrt(var / DRAWS), "mean of whitened draws", 10 * k + a);
-      expect_near(var, product[a][a], 4.5 * var * sqrt((kurtosis - 1.0) / DRAWS), "variance of whitened draws", 10 * k + a);
+      expect_near(var, product[a][a], 4.5 * var * sqrt((kurtosis - 1.0) / DRAWS),
+          "variance of whitened draws", 10 * k + a);
       const int b = (a + 1) % 3;
-      expect_near(0.0, product[a][b], 4.5 * var * sqrt(kurtosis / 3.0 / DRAWS), "covariance of whitened draws", 10 * k + a);
+      expect_near(0.0, product[a][b], 4.5 * var * sqrt(kurtosis / 3.0 / DRAWS),
+          "covariance of whitened draws", 10 * k + a);
     }
-    /* Kolmogorov and Smirnov at the tabulated levels: 1.95/sqrt(n) is exceeded by chance once in a thousand */
+    /* Kolmogorov and Smirnov at the tabulated levels: 1.95/sqrt(n) is exceeded by chance
+     * once in a thousand */
     for (int n = 0; n < 5; n++)
       for (int j = 0; j < T_LEVELS; j++)
-        expect_near(t_level(j), below_t[n][j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of a projection", 100 * n + j);
+        expect_near(t_level(j), below_t[n][j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of a projection",
+            100 * n + j);
     for (int j = 0; j < F_LEVELS; j++)
       expect_near(f_level(j), below_f[j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of the length", j);
-    /* the tails, where the sup norm is blind: expected count 25.6 beyond the outermost levels, Poisson */
+    /* the tails, where the sup norm is blind: expected count 25.6 beyond the outermost
+     * levels, Poisson */
     for (int n = 0; n < 5; n++) {
-      const double tail = below_t[n][0] + DRAWS - below_t[n][T_LEVELS - 1], expected = 2.0 * t_level(0) * DRAWS;
+      const double tail = below_t[n][0] + DRAWS - below_t[n][T_LEVELS - 1],
+                   expected = 2.0 * t_level(0) * DRAWS;
       expect_near(expected, tail, 4.5 * sqrt(expected), "draws in the tails", n);
     }
   }
@@ -163,13 +169,15 @@ static void test_draws_differ_between_steps_seeds_and_particles(void)
   static tse_real first[3][TSE_STRIDE];
   learn_from(&p, c, 5, &y);
   memcpy(first, f.p.w, sizeof first);
-  for (int32_t i = 1; i < p.particles; i++) TEST_ASSERT_TRUE(first[0][i] < first[0][i - 1] || first[0][i] > first[0][i - 1]);
+  for (int32_t i = 1; i < p.particles; i++)
+    TEST_ASSERT_TRUE(first[0][i] < first[0][i - 1] || first[0][i] > first[0][i - 1]);
   learn_from(&p, c, 5, &y);
   TEST_ASSERT_EQUAL_MEMORY(first, f.p.w, sizeof first);
   for (int k = 0; k < 2; k++) {
     if (k) p.seed[0]++;
     learn_from(&p, c, k ? 5 : 6, &y);
-    for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[k][i] < f.p.w[k][i] || first[k][i] > f.p.w[k][i]);
+    for (int32_t i = 0; i < p.particles; i++)
+      TEST_ASSERT_TRUE(first[k][i] < f.p.w[k][i] || first[k][i] > f.p.w[k][i]);
   }
 }
 
@@ -207,9 +215,11 @@ static void learn_repeatedly(const tse_params *p, const update_case *c)
   }
 }
 
-/* Normal-inverse-Wishart posterior of n samples at once (Gelman et al., Bayesian Data Analysis, 3.6):
+/* Normal-inverse-Wishart posterior of n samples at once (Gelman et al., Bayesian Data
+ * Analysis, 3.6):
  *   kappa0 = 1/gamma;  mu_n = (kappa0 mu + n wbar)/(kappa0 + n);  nu_n = nu + n
- *   Lambda_n = Lambda + sum (w - wbar)(w - wbar)' + kappa0 n/(kappa0 + n) (wbar - mu)(wbar - mu)' */
+ *   Lambda_n = Lambda + sum (w - wbar)(w - wbar)' + kappa0 n/(kappa0 + n) (wbar -
+ *   mu)(wbar - mu)' */
 static void test_updates_one_by_one_equal_the_batch_posterior(void)
 {
   for (int k = 0; k < UPDATE_CASES; k++) {
@@ -217,7 +227,8 @@ static void test_updates_one_by_one_equal_the_batch_posterior(void)
     const tse_params p = params_of(c);
     const long double kappa = 1.0L / c->prior.gamma, n = STEPS;
     learn_repeatedly(&p, c);
-    expect_near((double)(1.0L / (kappa + n)), number(f.gamma), BY_FORMAT(1e-14, 5e-6) / (double)(kappa + n), "gamma", k);
+    expect_near((double)(1.0L / (kappa + n)), number(f.gamma), BY_FORMAT(1e-14, 5e-6) / (double)(kappa + n),
+        "gamma", k);
     expect_near(c->prior.nu + STEPS, number(f.nu), BY_FORMAT(1e-12, 1e-4), "nu", k);
     for (int32_t i = 0; i < p.particles; i += 7) {
       long double bar[3] = { 0 };
@@ -229,17 +240,20 @@ static void test_updates_one_by_one_equal_the_batch_posterior(void)
         for (int b = a; b < 3; b++, at++) {
           long double lambda = c->prior.nu * c->q.scale[at];
           lambda += kappa * n / (kappa + n) * (bar[a] - c->q.mu[a]) * (bar[b] - c->q.mu[b]);
-          for (int step = 0; step < STEPS; step++) lambda += (drawn[step][a][i] - bar[a]) * (drawn[step][b][i] - bar[b]);
+          for (int step = 0; step < STEPS; step++)
+            lambda += (drawn[step][a][i] - bar[a]) * (drawn[step][b][i] - bar[b]);
           /* Lambda/nu is of order 0.01: 1e-6 of it in float, times sqrt(30) steps */
-          expect_near((double)lambda / (c->prior.nu + STEPS), number(f.p.lam[at][i]), BY_FORMAT(1e-15, 2e-7), "Lambda/nu", 10 * i + at);
+          expect_near((double)lambda / (c->prior.nu + STEPS), number(f.p.lam[at][i]), BY_FORMAT(1e-15, 2e-7),
+              "Lambda/nu", 10 * i + at);
         }
       }
     }
   }
 }
 
-/* Sigma = lam nu/(nu - 4): no diagonal element above spread_max^2. Against the same step without a limit: what is taken is a share of
- * Lambda, the same for all six elements, and nothing where the limit is not reached. */
+/* Sigma = lam nu/(nu - 4): no diagonal element above spread_max^2. Against the same step
+ * without a limit: what is taken is a share of Lambda, the same for all six elements, and
+ * nothing where the limit is not reached. */
 static void test_lambda_is_scaled_down_to_the_largest_spread(void)
 {
   const update_case example = update_case_of(0), *const c = &example;
@@ -260,7 +274,8 @@ static void test_lambda_is_scaled_down_to_the_largest_spread(void)
       for (int m = 0; m < 6; m++) l[m] = number(unlimited.p.lam[m][i]);
       const double share = fmin(1.0, limit / fmax(fmax(l[0], l[3]), l[5]));
       limited += share < 1.0;
-      for (int m = 0; m < 6; m++) expect_near(share * l[m], number(f.p.lam[m][i]), BY_FORMAT(1e-15, 2e-8), "Lambda/nu", 10 * k + m);
+      for (int m = 0; m < 6; m++)
+        expect_near(share * l[m], number(f.p.lam[m][i]), BY_FORMAT(1e-15, 2e-8), "Lambda/nu", 10 * k + m);
     }
     TEST_ASSERT_EQUAL_INT(k > 0, limited > 0);
     TEST_ASSERT_EQUAL_MEMORY(unlimited.p.w, f.p.w, sizeof f.p.w);
@@ -280,14 +295,16 @@ static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(v
       learn_from(&p, c, 77, &y);
       for (int a = 0; a < 3; a++) {
         const double sd = number(p.sd[a]), before = c->prior.bias_var[a] * sd * sd;
-        const double gain = mask >> a & 1 ? before / (before + sd * sd) : 0.0; /* P and R are diagonal, so the dense K is */
+        const double gain = mask >> a & 1 ? before / (before + sd * sd)
+                                          : 0.0; /* P and R are diagonal, so the dense K is */
         const double after = (1.0 - gain) * before * (1.0 - gain) + gain * sd * sd * gain; /* Joseph */
         expect_near(after, number(f.bias_var[a]) * sd * sd, BY_FORMAT(1e-14, 1e-6) * before, "P", 10 * k + a);
         for (int32_t i = 0; i < p.particles; i += 3) {
           double left = c->y[a] - c->h[a] - c->q.bias[a];
           for (int b = 0; b < 3; b++) left -= c->d[a][b] * number(f.p.w[b][i]);
           /* float: h carries 1e-6 of some 10 m/s2 from the rounding of the wheel speeds */
-          expect_near(c->q.bias[a] + gain * left, sd * number(f.p.bias[a][i]), BY_FORMAT(1e-12, 2e-4) * sd, "bias", 100 * mask + a);
+          expect_near(c->q.bias[a] + gain * left, sd * number(f.p.bias[a][i]), BY_FORMAT(1e-12, 2e-4) * sd,
+              "bias", 100 * mask + a);
         }
       }
     }
@@ -344,9 +361,11 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
       f.filter.step++;
       for (int a = 0; a < 3; a++)
         for (int32_t i = 0; i < p.particles; i++) {
-          const double slack = BY_FORMAT(1e-15, 1e-6); /* mu is a mean of numbers within the bounds, rounded */
+          const double slack = BY_FORMAT(
+              1e-15, 1e-6); /* mu is a mean of numbers within the bounds, rounded */
           TEST_ASSERT_TRUE(f.p.w[a][i] >= p.w_low && f.p.w[a][i] <= p.w_max);
-          TEST_ASSERT_TRUE(number(f.p.mu[a][i]) >= number(p.w_low) - slack && number(f.p.mu[a][i]) <= number(p.w_max) + slack);
+          TEST_ASSERT_TRUE(number(f.p.mu[a][i]) >= number(p.w_low) - slack
+              && number(f.p.mu[a][i]) <= number(p.w_max) + slack);
         }
     }
     for (int m = 0; m < 6; m++)

@@ -1,6 +1,7 @@
 /* tests/unit/paper/test_move.c <-> src/paper/move.c: (7)
  *
- * particle_step() itself is tested in test_vehicle.c; here: who is moved, in how many steps, between which inputs. */
+ * particle_step() itself is tested in test_vehicle.c; here: who is moved, in how many
+ * steps, between which inputs. */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "single_track.h"
@@ -39,8 +40,8 @@ static void set_inputs(tse_filter_paper *f, inputs u)
 static inputs mix(inputs a, inputs b, double share)
 {
   return inputs_of(number(a.steer) + share * (number(b.steer) - number(a.steer)),
-                   number(a.v_front) + share * (number(b.v_front) - number(a.v_front)),
-                   number(a.v_rear) + share * (number(b.v_rear) - number(a.v_rear)));
+      number(a.v_front) + share * (number(b.v_front) - number(a.v_front)),
+      number(a.v_rear) + share * (number(b.v_rear) - number(a.v_rear)));
 }
 
 /* Every particle somewhere else, every byte of the filter something. */
@@ -57,13 +58,14 @@ static void scatter(tse_filter_paper *f)
 }
 
 /* Particle i of f in the given number of equal steps. */
-static void expected_end(const tse_params *p, const tse_filter_paper *f, int i, inputs u0, inputs u1, double dt, int steps,
-                         double end[3])
+static void expected_end(const tse_params *p, const tse_filter_paper *f, int i, inputs u0, inputs u1,
+    double dt, int steps, double end[3])
 {
   tse_real x = f->p.x[0][i], y = f->p.x[1][i], r = f->p.x[2][i];
   const stiffness k = vehicle_stiffness(p, f->p.w[0][i], f->p.w[1][i], f->p.w[2][i]);
   for (int s = 0; s < steps; s++)
-    particle_step(p, &x, &y, &r, k, mix(u0, u1, (double)s / steps), mix(u0, u1, (double)(s + 1) / steps), real(dt / steps));
+    particle_step(p, &x, &y, &r, k, mix(u0, u1, (double)s / steps), mix(u0, u1, (double)(s + 1) / steps),
+        real(dt / steps));
   end[0] = number(x);
   end[1] = number(y);
   end[2] = number(r);
@@ -76,8 +78,10 @@ static double distance(const tse_filter_paper *f, int i, const double end[3])
   return d;
 }
 
-/* Steps of at most 1.5 sample times: ceil(dt/(1.5 Ts)). One step more or fewer lands further away than rounding. */
-static void test_long_time_steps_are_divided_into_the_fewest_equal_steps_of_at_most_one_and_a_half_samples(void)
+/* Steps of at most 1.5 sample times: ceil(dt/(1.5 Ts)). One step more or fewer lands
+ * further away than rounding. */
+static void test_long_time_steps_are_divided_into_the_fewest_equal_steps_of_at_most_one_and_a_half_samples(
+    void)
 {
   static const struct {
     double sample_time, dt;
@@ -119,8 +123,9 @@ static void test_long_time_steps_are_divided_into_the_fewest_equal_steps_of_at_m
   }
 }
 
-/* The tyres' damping turns by a quarter in v/(4 D), D = max(Cx/m, Cy/m, (lf^2 Cyf + lr^2 Cyr)/I) = 168.4 m/s2 here, 29.7 ms at
- * 20 m/s; not below hold_speed, and at most eight times in 1.5 sample times. v: mean of both axles, of both rows. */
+/* The tyres' damping turns by a quarter in v/(4 D), D = max(Cx/m, Cy/m, (lf^2 Cyf + lr^2
+ * Cyr)/I) = 168.4 m/s2 here, 29.7 ms at 20 m/s; not below hold_speed, and at most eight
+ * times in 1.5 sample times. v: mean of both axles, of both rows. */
 static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
 {
   static const struct {
@@ -149,13 +154,14 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
     c.longitudinal_stiffness_front = setting(of_setting(c.longitudinal_stiffness_front) * row[j].stiffer);
     c.longitudinal_stiffness_rear = setting(of_setting(c.longitudinal_stiffness_rear) * row[j].stiffer);
     const tse_params p = prepared(c);
-    const inputs u0 = inputs_of(0.0, row[j].front, row[j].rear - 0.25), u1 = inputs_of(0.0, row[j].front, row[j].rear + 0.25);
+    const inputs u0 = inputs_of(0.0, row[j].front, row[j].rear - 0.25),
+                 u1 = inputs_of(0.0, row[j].front, row[j].rear + 0.25);
     TEST_ASSERT_EQUAL_INT32(row[j].steps, vehicle_steps(&p, real(row[j].dt), u0, u1));
   }
 }
 
-/* Sample time 7 ms: 30 ms are bridged in three steps of 10 ms, 10 ms in one. The same numbers but for the rounding of the
- * inputs between. */
+/* Sample time 7 ms: 30 ms are bridged in three steps of 10 ms, 10 ms in one. The same
+ * numbers but for the rounding of the inputs between. */
 static void test_row_of_30_ms_equals_three_rows_of_10_ms_whose_inputs_lie_on_a_line(void)
 {
   const tse_params p = params(0.007);
@@ -173,7 +179,8 @@ static void test_row_of_30_ms_equals_three_rows_of_10_ms_whose_inputs_lie_on_a_l
       expect_near(number(other.p.x[a][i]), number(filter.p.x[a][i]), BY_FORMAT(1e-13, 2e-5), "state", a);
 }
 
-/* Long rows and short ones see the same motion: the distance falls with the square of the step. */
+/* Long rows and short ones see the same motion: the distance falls with the square of the
+ * step. */
 static void test_result_depends_on_the_row_length_in_second_order_only(void)
 {
   const inputs u0 = inputs_of(0.0, 20.1, 20.2), u1 = inputs_of(0.06, 20.8, 20.9);
@@ -208,18 +215,19 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
     memset(&filter, 0, sizeof filter);
     set_inputs(&filter, inputs_of(t[5], t[6], t[7]));
     for (int i = 0; i < PADDED; i++)
-      for (int a = 0; a < 3; a++) {
-        filter.p.x[a][i] = real(t[2 + a]), filter.p.w[a][i] = real(t[11 + a]);
-      }
+      for (int a = 0; a < 3; a++) { filter.p.x[a][i] = real(t[2 + a]), filter.p.w[a][i] = real(t[11 + a]); }
     propagate(&p, &filter, inputs_of(t[8], t[9], t[10]), real(t[1]));
-    /* (step/time constant)^2/12 of the change, see test_vehicle.c; float: rounding of 667 steps */
+    /* (step/time constant)^2/12 of the change, see test_vehicle.c; float: rounding of 667
+     * steps */
     const double change = fabs(t[14] - t[2]) + fabs(t[15] - t[3]) + fabs(t[16] - t[4]);
-    const double tol = change * (0.0015 / t[17]) * (0.0015 / t[17]) + BY_FORMAT(1e-9, 4e-6 * (10 + fabs(t[14])));
+    const double tol = change * (0.0015 / t[17]) * (0.0015 / t[17])
+        + BY_FORMAT(1e-9, 4e-6 * (10 + fabs(t[14])));
     expect_near(0, distance(&filter, COUNT - 1, t + 14), tol, "distance", j);
   }
 }
 
-/* As printed: x + Ts (f + g w) at the last row's state and inputs, from forces in newtons. */
+/* As printed: x + Ts (f + g w) at the last row's state and inputs, from forces in
+ * newtons. */
 static void test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row(void)
 {
   tse_config c = config_by(tse_config_paper);
@@ -236,11 +244,13 @@ static void test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row(voi
       x[a] = number(other.p.x[a][i]);
       w[a] = number(other.p.w[a][i]);
     }
-    const double fx_front = 1.6e5 * (1 + w[0]) * (front - x[0]) / fmax(front, x[0]), fx_rear = 1.6e5 * (1 + w[0]) * (rear - x[0]) / fmax(rear, x[0]);
-    const double fy_front = 1.2e5 * (1 + w[1]) * (steer - (x[1] + 1.25 * x[2]) / x[0]), fy_rear = 1.4e5 * (1 + w[2]) * (1.5 * x[2] - x[1]) / x[0];
+    const double fx_front = 1.6e5 * (1 + w[0]) * (front - x[0]) / fmax(front, x[0]),
+                 fx_rear = 1.6e5 * (1 + w[0]) * (rear - x[0]) / fmax(rear, x[0]);
+    const double fy_front = 1.2e5 * (1 + w[1]) * (steer - (x[1] + 1.25 * x[2]) / x[0]),
+                 fy_rear = 1.4e5 * (1 + w[2]) * (1.5 * x[2] - x[1]) / x[0];
     const double end[3] = { x[0] + h * ((fx_front + fx_rear - fy_front * steer) / 1900 + x[1] * x[2]),
-                            x[1] + h * ((fy_front + fy_rear + fx_front * steer) / 1900 - x[0] * x[2]),
-                            x[2] + h * (1.25 * (fy_front + fx_front * steer) - 1.5 * fy_rear) / 3000 };
+      x[1] + h * ((fy_front + fy_rear + fx_front * steer) / 1900 - x[0] * x[2]),
+      x[2] + h * (1.25 * (fy_front + fx_front * steer) - 1.5 * fy_rear) / 3000 };
     expect_near(0, distance(&filter, i, end), BY_FORMAT(1e-11, 2e-5), "distance", i);
   }
 }
@@ -268,7 +278,8 @@ static void test_every_particle_moves_none_beyond_the_padding_and_nothing_but_th
   propagate(&p, &filter, inputs_of(0.05, 20.9, 20.7), real(0.05));
   for (int a = 0; a < 3; a++) {
     for (int i = 0; i < COUNT; i++) TEST_ASSERT_TRUE(filter.p.x[a][i] != other.p.x[a][i]);
-    TEST_ASSERT_EQUAL_MEMORY(&other.p.x[a][PADDED], &filter.p.x[a][PADDED], (TSE_STRIDE - PADDED) * sizeof(tse_real));
+    TEST_ASSERT_EQUAL_MEMORY(
+        &other.p.x[a][PADDED], &filter.p.x[a][PADDED], (TSE_STRIDE - PADDED) * sizeof(tse_real));
   }
   memcpy(filter.p.x, other.p.x, sizeof other.p.x);
   TEST_ASSERT_EQUAL_MEMORY(&other, &filter, sizeof filter);
@@ -292,10 +303,12 @@ static void test_order_of_the_particles_does_not_matter_bit_for_bit(void)
       TEST_ASSERT_EQUAL_MEMORY(&filter.p.x[a][(5 * i + 7) % PADDED], &other.p.x[a][i], sizeof(tse_real));
 }
 
-/* Wheels that jump, tyres that grip like rails, a particle that is no number: all of them end inside what a car can do. */
+/* Wheels that jump, tyres that grip like rails, a particle that is no number: all of them
+ * end inside what a car can do. */
 static void test_no_particle_leaves_the_speeds_of_a_car(void)
 {
-  static const double start[][3] = { { 1e30, -1e30, 1e30 }, { NAN, NAN, NAN }, { INFINITY, -INFINITY, INFINITY }, { 150, 190, -19 } };
+  static const double start[][3] = { { 1e30, -1e30, 1e30 }, { NAN, NAN, NAN },
+    { INFINITY, -INFINITY, INFINITY }, { 150, 190, -19 } };
   const tse_params p = params(0.01);
   scatter(&filter);
   set_inputs(&filter, inputs_of(0.5, 130, -130));
@@ -305,12 +318,14 @@ static void test_no_particle_leaves_the_speeds_of_a_car(void)
     }
   propagate(&p, &filter, inputs_of(-0.5, -130, 130), real(0.1));
   for (int i = 0; i < PADDED; i++) {
-    TEST_ASSERT_TRUE(fabs(number(filter.p.x[0][i])) <= 200 && fabs(number(filter.p.x[1][i])) <= 200); /* false for NaN */
+    TEST_ASSERT_TRUE(
+        fabs(number(filter.p.x[0][i])) <= 200 && fabs(number(filter.p.x[1][i])) <= 200); /* false for NaN */
     TEST_ASSERT_TRUE(fabs(number(filter.p.x[2][i])) <= 20);
   }
 }
 
-/* Decay ends in zero, not in denormal numbers; in fixed point at the last steps of the format, which have none. */
+/* Decay ends in zero, not in denormal numbers; in fixed point at the last steps of the
+ * format, which have none. */
 static void test_decaying_states_become_zero(void)
 {
   const tse_params p = params(0.01);

@@ -1,16 +1,12 @@
 /* tests/unit/paper/test_resample.c <-> src/paper/resample.c
  *
- * Properties that define a resampler: unbiased (the expected number of copies is n q), each scheme's own bound on the
- * copies of one particle, and how much it scatters. Random numbers come from the step number, so every figure below is
- * the same in every run. */
+ * Properties that define a resampler: unbiased (the expected number of copies is n q),
+ * each scheme's own bound on the copies of one particle, and how much it scatters. Random
+ * numbers come from the step number, so every figure below is the same in every run. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
-enum { SYSTEMATIC,
-       STRATIFIED,
-       RESIDUAL,
-       MULTINOMIAL,
-       SCHEMES };
+enum { SYSTEMATIC, STRATIFIED, RESIDUAL, MULTINOMIAL, SCHEMES };
 #define MOST TSE_MAX_PARTICLES
 
 static const uint32_t seed[2] = { 2016u, 0x7473650au };
@@ -51,8 +47,9 @@ static void draw(int32_t scheme, int32_t n, uint32_t step)
   }
 }
 
-/* Mean copies over DRAWS draws against n q. The copies of one particle scatter no more than multinomial ones,
- * variance n q (1 - q), whatever the scheme; 4.5 standard errors for 4 x 24 comparisons (chance 7e-4). */
+/* Mean copies over DRAWS draws against n q. The copies of one particle scatter no more
+ * than multinomial ones, variance n q (1 - q), whatever the scheme; 4.5 standard errors
+ * for 4 x 24 comparisons (chance 7e-4). */
 #define DRAWS 4000
 
 static void test_every_scheme_gives_n_q_copies_on_average(void)
@@ -74,7 +71,8 @@ static void test_every_scheme_gives_n_q_copies_on_average(void)
   }
 }
 
-/* n q may be off by the rounding of the cumulative sum: n times half an ulp of it, with a reserve of 4. */
+/* n q may be off by the rounding of the cumulative sum: n times half an ulp of it, with a
+ * reserve of 4. */
 #define ROUNDING(n) (BY_FORMAT(2.0e-16, 1.2e-7) * (n) * (n))
 
 static void test_copies_keep_within_the_bounds_of_each_scheme(void)
@@ -88,15 +86,16 @@ static void test_copies_keep_within_the_bounds_of_each_scheme(void)
       draw(scheme, n, step);
       for (int32_t i = 0; i < n; i++) {
         const double nq = n * number(weight[i]) / total;
-        if (scheme == SYSTEMATIC) {                                        /* floor(n q) or one more */
+        if (scheme == SYSTEMATIC) { /* floor(n q) or one more */
           TEST_ASSERT_TRUE(copies[i] > nq - 1.0 - slack && copies[i] < nq + 1.0 + slack);
-        } else if (scheme == STRATIFIED) {                                 /* an interval n q wide touches that many strata */
+        } else if (scheme == STRATIFIED) { /* an interval n q wide touches that many strata */
           TEST_ASSERT_TRUE(copies[i] > nq - 2.0 - slack && copies[i] < nq + 2.0 + slack);
-        } else if (scheme == RESIDUAL) {                                   /* floor(n q) for sure; the rest touches two strata */
+        } else if (scheme == RESIDUAL) { /* floor(n q) for sure; the rest touches two strata */
           TEST_ASSERT_TRUE(copies[i] >= floor(nq - slack) && copies[i] < nq + 2.0 + slack);
         }
       }
-      /* also for the first k particles together: what makes the schemes differ from each other */
+      /* also for the first k particles together: what makes the schemes differ from each
+       * other */
       double ahead = 0.0;
       int32_t taken = 0;
       for (int32_t i = 0; i < n; i++) {
@@ -122,14 +121,15 @@ static double scatter_of(int32_t scheme, int32_t n, int32_t i, double nq)
 
 static void test_schemes_scatter_as_theory_says(void)
 {
-  /* n = 20. Particle 7 has n q = 1 from 6.5 to 7.5, half of it in each of two strata. Variance of its copies:
-   *   systematic 0     residual 0     stratified 2 (1/2)(1/2)     multinomial n q (1 - q) = 0.95
-   * Particle 19 has n q = 1.5 from 18.5 to 20: systematic 1/4, residual (one for sure, half of another) at most 1/4,
-   * stratified 1/4, multinomial 1.5 (1 - 1.5/20) = 1.3875. A variance over 2000 draws has a standard error of 3-4 %. */
+  /* n = 20. Particle 7 has n q = 1 from 6.5 to 7.5, half of it in each of two strata.
+   * Variance of its copies:
+   *   systematic 0     residual 0     stratified 2 (1/2)(1/2)     multinomial n q (1 - q)
+   *                                   = 0.95
+   * Particle 19 has n q = 1.5 from 18.5 to 20: systematic 1/4, residual (one for sure,
+   * half of another) at most 1/4, stratified 1/4, multinomial 1.5 (1 - 1.5/20) = 1.3875.
+   * A variance over 2000 draws has a standard error of 3-4 %. */
   const int32_t n = 20;
-  for (int32_t i = 0; i < n; i++) weight[i] = real((i == 0 ? 0.5 : i == 19 ? 1.5
-                                                                           : 1.0) /
-                                                   2.0);
+  for (int32_t i = 0; i < n; i++) weight[i] = real((i == 0 ? 0.5 : i == 19 ? 1.5 : 1.0) / 2.0);
   expect_near(0.0, scatter_of(SYSTEMATIC, n, 7, 1.0), 0.0, "systematic", 7);
   expect_near(0.0, scatter_of(RESIDUAL, n, 7, 1.0), 0.0, "residual", 7);
   expect_near(0.5, scatter_of(STRATIFIED, n, 7, 1.0), 0.15 * 0.5, "stratified", 7);
@@ -140,8 +140,9 @@ static void test_schemes_scatter_as_theory_says(void)
   expect_near(1.3875, scatter_of(MULTINOMIAL, n, 19, 1.5), 0.15 * 1.3875, "multinomial", 19);
 }
 
-/* Pearson's statistic of all copies over many multinomial draws follows chi-square with n - 1 degrees of freedom: mean
- * n - 1, variance 2 (n - 1). A scheme that spreads its draws evenly would give far too little, a wrong one too much. */
+/* Pearson's statistic of all copies over many multinomial draws follows chi-square with n
+ * - 1 degrees of freedom: mean n - 1, variance 2 (n - 1). A scheme that spreads its draws
+ * evenly would give far too little, a wrong one too much. */
 static void test_multinomial_copies_pass_a_chi_square_test(void)
 {
   const int32_t n = 32;
@@ -160,8 +161,9 @@ static void test_multinomial_copies_pass_a_chi_square_test(void)
   TEST_ASSERT_TRUE(chi2 > 13.1); /* scipy.stats.chi2.ppf([0.002, 0.998], 31) = 12.5 (rounded up), 58.3 */
   TEST_ASSERT_TRUE(chi2 < 58.3);
 
-  /* and draw by draw, so that evenly spread ones are told from independent ones: the mean over draws of each draw's
-   * statistic is n - 1, whatever the weights; its scatter is sqrt(2 n/DRAWS) and a little more; 5 of them */
+  /* and draw by draw, so that evenly spread ones are told from independent ones: the mean
+   * over draws of each draw's statistic is n - 1, whatever the weights; its scatter is
+   * sqrt(2 n/DRAWS) and a little more; 5 of them */
   double mean = 0.0;
   for (uint32_t step = 0; step < DRAWS; step++) {
     draw(MULTINOMIAL, n, step);
@@ -194,8 +196,10 @@ static void test_a_particle_without_weight_is_never_chosen(void)
   uint32_t state = 3;
   for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
     for (uint32_t step = 0; step < 300; step++) {
-      for (int32_t i = 0; i < 48; i++) weight[i] = real(i % 3 == 1 && step > 150 ? ldexp(ceil(256.0 * next_uniform(&state)), -8) : 0.0);
-      weight[step > 150 ? 25 : alone[step % 3]] = TSE_R(1); /* multiples of 1/256: the sums are exact in every format */
+      for (int32_t i = 0; i < 48; i++)
+        weight[i] = real(i % 3 == 1 && step > 150 ? ldexp(ceil(256.0 * next_uniform(&state)), -8) : 0.0);
+      weight[step > 150 ? 25 : alone[step % 3]] = TSE_R(
+          1); /* multiples of 1/256: the sums are exact in every format */
       draw(scheme, 48, step);
       for (int32_t i = 0; i < 48; i++) TEST_ASSERT_TRUE(weight[i] > TSE_R(0) || copies[i] == 0);
     }
@@ -261,11 +265,13 @@ static void test_copying_moves_every_field_of_a_particle_and_leaves_the_padding(
   for (int r = 0; r < 19; r++)
     for (int32_t i = 0; i < TSE_STRIDE; i++)
       expect_near(number(tag(r, i < n ? ancestor[i] : i)), number(row[r][i]), 0.0, "row of the particles", i);
-  TEST_ASSERT_EQUAL_UINT64(sizeof q, (size_t)sizeof(tse_real) * TSE_STRIDE * 19u); /* the list is the struct */
+  TEST_ASSERT_EQUAL_UINT64(
+      sizeof q, (size_t)sizeof(tse_real) * TSE_STRIDE * 19u); /* the list is the struct */
 }
 
 #if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
-/* Weights so small that shares of them round up: positions beyond the sum of all weights, whose places the last ancestor takes. */
+/* Weights so small that shares of them round up: positions beyond the sum of all weights,
+ * whose places the last ancestor takes. */
 static void test_positions_that_rounding_leaves_beyond_all_weights_take_the_last_ancestor(void)
 {
   const tse_real least = (tse_real)(sizeof(tse_real) == 4 ? 1.401298464324817e-45 : 4.9406564584124654e-324);
@@ -280,8 +286,9 @@ static void test_positions_that_rounding_leaves_beyond_all_weights_take_the_last
 }
 #endif
 
-/* With a kernel the Lambdas of equal particles become exp(k n - k^2/2) of what they were: mean 1, variance exp(k^2) - 1, their shape
- * as before; within 4.5 standard errors (4 k for the variance's: the tail is longer than a normal one's). Without one not a bit. */
+/* With a kernel the Lambdas of equal particles become exp(k n - k^2/2) of what they were:
+ * mean 1, variance exp(k^2) - 1, their shape as before; within 4.5 standard errors (4 k
+ * for the variance's: the tail is longer than a normal one's). Without one not a bit. */
 static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
 {
   static tse_filter_paper f;
@@ -300,7 +307,8 @@ static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
     paper_resample(&p, &f);
     for (int32_t i = 0; i < p.particles; i++) {
       const double scale = number(f.p.lam[0][i]) / 0.25;
-      for (int m = 1; m < 6; m++) expect_near(scale * 0.25 * (m + 1), number(f.p.lam[m][i]), BY_FORMAT(1e-14, 1e-6), "shape", i);
+      for (int m = 1; m < 6; m++)
+        expect_near(scale * 0.25 * (m + 1), number(f.p.lam[m][i]), BY_FORMAT(1e-14, 1e-6), "shape", i);
       if (!on) expect_near(1.0, scale, 0.0, "without a kernel", i);
       mean += scale / n;
       square += scale * scale / n;

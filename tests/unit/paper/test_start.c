@@ -1,8 +1,9 @@
 /* tests/unit/paper/test_start.c <-> src/paper/start.c
  *
- * Statistics are taken over STEPS starts of COUNT particles each, seeded: means must lie within 4.42 sd/sqrt(n) of what
- * the settings say, standard deviations within 4.42 sd/sqrt(2 n), correlations within 4.42/sqrt(n); a sound start misses
- * each limit with probability 1e-5. */
+ * Statistics are taken over STEPS starts of COUNT particles each, seeded: means must lie
+ * within 4.42 sd/sqrt(n) of what the settings say, standard deviations within 4.42
+ * sd/sqrt(2 n), correlations within 4.42/sqrt(n); a sound start misses each limit with
+ * probability 1e-5. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -70,7 +71,8 @@ static void test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_set
   expect_uncorrelated(sample_of[1], sample_of[2], SAMPLES, "vel_y, yaw rate");
 }
 
-static void expect_start(const tse_config *c, const sample *y, double vel_x, double yaw_rate, const char *what)
+static void expect_start(
+    const tse_config *c, const sample *y, double vel_x, double yaw_rate, const char *what)
 {
   tse_config certain = *c;
   certain.initial_vel_x_sd = certain.initial_vel_y_sd = certain.initial_yaw_rate_sd = setting(0);
@@ -88,7 +90,8 @@ static void test_velocity_starts_at_the_wheels_or_at_the_setting_and_yaw_rate_at
 {
   tse_config c = settings();
   c.initial_vel_x = setting(17);
-  const sample with_gyro = row(20.5, 19.5, 0.25, 1), without = row(20.5, 19.5, 0.25, 0), backwards = row(-3, -3, 0, 1);
+  const sample with_gyro = row(20.5, 19.5, 0.25, 1), without = row(20.5, 19.5, 0.25, 0),
+               backwards = row(-3, -3, 0, 1);
   expect_start(&c, &with_gyro, 20, 0.25, "from the wheels");
   expect_start(&c, &without, 20, 0, "no gyro");
   expect_start(&c, &backwards, -3, 0, "reverse");
@@ -125,7 +128,8 @@ static void test_biases_start_with_the_variance_of_the_settings(void)
   const tse_params p = prepared(c);
   const double expected[3] = { 0.25, 0.0625, 4 };
   started_with(&p);
-  for (int a = 0; a < 3; a++) expect_near(expected[a], number(filter.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "variance", a);
+  for (int a = 0; a < 3; a++)
+    expect_near(expected[a], number(filter.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "variance", a);
 }
 
 static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding_with_none(void)
@@ -155,7 +159,8 @@ static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound
   }
 }
 
-/* A particle's start is a function of seed, step and its own index: with fewer particles the first ones are the same. */
+/* A particle's start is a function of seed, step and its own index: with fewer particles
+ * the first ones are the same. */
 static void test_a_start_is_a_function_of_seed_step_and_place_alone(void)
 {
   tse_config c = settings();
@@ -230,12 +235,14 @@ static void test_restart_subtracts_each_particles_own_gyro_bias(void)
   experienced();
   paper_place(&p, &filter, &y);
   for (int i = 0; i < PADDED; i++)
-    expect_near(0.25 - 0.005 * number(before.p.bias[2][i]), number(filter.p.x[2][i]), BY_FORMAT(1e-15, 1e-7), "yaw rate", i);
+    expect_near(0.25 - 0.005 * number(before.p.bias[2][i]), number(filter.p.x[2][i]), BY_FORMAT(1e-15, 1e-7),
+        "yaw rate", i);
   paper_place(&p, &filter, &none);
   for (int i = 0; i < PADDED; i++) expect_near(0, number(filter.p.x[2][i]), 0, "yaw rate without gyro", i);
 }
 
-/* A gyro that says what no car does, or a bias that is far off: the states start within what a car can do. */
+/* A gyro that says what no car does, or a bias that is far off: the states start within
+ * what a car can do. */
 static void test_states_start_within_what_a_car_can_do(void)
 {
   tse_config c = settings();
@@ -259,7 +266,8 @@ static void test_restart_keeps_everything_but_the_states_bit_for_bit(void)
   const sample y = row(30, 30, 0.25, 1);
   experienced();
   paper_place(&p, &filter, &y);
-  for (int i = 0; i < PADDED; i++) TEST_ASSERT_TRUE(filter.p.x[0][i] > TSE_R(20)); /* all of them were moved */
+  for (int i = 0; i < PADDED; i++)
+    TEST_ASSERT_TRUE(filter.p.x[0][i] > TSE_R(20)); /* all of them were moved */
   memcpy(filter.p.x, before.p.x, sizeof before.p.x);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }

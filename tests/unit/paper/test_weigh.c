@@ -1,5 +1,5 @@
-/* tests/unit/paper/test_weigh.c <-> src/paper/weigh.c: (22), (23) against the multivariate Student-t in SI units with dense
- * matrices (paper_cases.h). */
+/* tests/unit/paper/test_weigh.c <-> src/paper/weigh.c: (22), (23) against the
+ * multivariate Student-t in SI units with dense matrices (paper_cases.h). */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "paper_cases.h"
@@ -10,18 +10,17 @@ static tse_filter_paper f;
 
 /* Tolerance of a log density [nat]: fixed + relative |log density|.
  *   double  2.7e-14 of log2, times (nut + d)/2 up to 1000
- *   float   wheel speeds round to 1 um/s: 1e-7 of slip, 1e-4 sigma of acceleration, times an innovation of 5 sigma;
+ *   float   wheel speeds round to 1 um/s: 1e-7 of slip, 1e-4 sigma of acceleration, times
+ *           an innovation of 5 sigma;
  *           log2(1 + q/nut) keeps 6e-8, times (nut + d)/2 up to 1000: 1e-4 */
 #define FIXED BY_FORMAT(2e-10, 3e-3)
 #define RELATIVE BY_FORMAT(2e-12, 1e-5)
 
-/* The first term left out of the asymptotic series for Gamma(x + 1/2)/Gamma(x), x = nut/2 + 4: 399/(262144 x^5), 2e-7 at
- * the smallest nu. */
+/* The first term left out of the asymptotic series for Gamma(x + 1/2)/Gamma(x), x = nut/2
+ * + 4: 399/(262144 x^5), 2e-7 at the smallest nu. */
 static double series(double nu) { return 1.6e-3 * pow(0.5 * nu + 3.0, -5.0); }
 
-enum { WEIGH_PARTICLES = 16,
-       WEIGH_STEPS = 4,
-       WEIGH_CASES = 6 };
+enum { WEIGH_PARTICLES = 16, WEIGH_STEPS = 4, WEIGH_CASES = 6 };
 
 typedef struct weigh_case {
   paper_car car;
@@ -47,7 +46,8 @@ static weigh_case weigh_case_of(int k)
     c.mask[n] = n == 0 || n == WEIGH_STEPS - 1 ? 7 : (int)(next_word(&seed) % 6) + 1;
   }
   for (int i = 0; i < WEIGH_PARTICLES; i++) c.particle[i] = any_particle(&seed, &c.car, c.u[0], 0.02, 0.15);
-  for (int n = 0; n < WEIGH_STEPS; n++) any_sample(&seed, &c.car, &c.particle[n], c.u[n], c.y[n]); /* no density falls below 2^-120 */
+  for (int n = 0; n < WEIGH_STEPS; n++)
+    any_sample(&seed, &c.car, &c.particle[n], c.u[n], c.y[n]); /* no density falls below 2^-120 */
   return c;
 }
 
@@ -57,10 +57,7 @@ static double expected_density(const weigh_case *c, int i, int n, int mask)
   return conditional_of(&c->car, &c->prior, &c->particle[i], c->u[n], c->y[n], mask).log_density;
 }
 
-static tse_params params_of(const weigh_case *c)
-{
-  return prepared(config_of(&c->car, WEIGH_PARTICLES));
-}
+static tse_params params_of(const weigh_case *c) { return prepared(config_of(&c->car, WEIGH_PARTICLES)); }
 
 static void fill(const tse_params *p, const weigh_case *c)
 {
@@ -83,7 +80,8 @@ static tse_real weighed(const tse_params *p, const sample *y) /* as paper_update
   return paper_update_weights(p, &f, y, &c);
 }
 
-/* log density [nat, SI] of the sample under particle i: what paper_update_weights() adds to a log-weight that was 0. */
+/* log density [nat, SI] of the sample under particle i: what paper_update_weights() adds
+ * to a log-weight that was 0. */
 static double log_density(int32_t i, tse_real log2_evidence)
 {
   return LN2 * (number(f.p.logw[0][i]) + number(log2_evidence) - number(f.log_total)) + log(WEIGH_PARTICLES);
@@ -101,9 +99,11 @@ static void test_each_particles_density_is_the_students_t_for_every_combination_
       const tse_real evidence = weighed(&p, &y);
       for (int32_t i = 0; i < WEIGH_PARTICLES; i++) largest = fmax(largest, expected_density(c, i, 0, mask));
       for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
-        const double expected = fmax(expected_density(c, i, 0, mask), largest - 120.0 * LN2); /* less is no weight */
-        expect_near(expected, log_density(i, evidence), FIXED + RELATIVE * fabs(expected) + series(c->prior.nu), "log density",
-                    1000 * k + 100 * mask + i);
+        const double expected = fmax(
+            expected_density(c, i, 0, mask), largest - 120.0 * LN2); /* less is no weight */
+        expect_near(expected, log_density(i, evidence),
+            FIXED + RELATIVE * fabs(expected) + series(c->prior.nu), "log density",
+            1000 * k + 100 * mask + i);
       }
     }
   }
@@ -121,20 +121,24 @@ static void test_evidence_is_the_log_of_the_weighted_sum_over_several_rows(void)
       const sample y = sample_of_row(&p, c->u[step], c->y[step], c->mask[step]);
       const tse_real evidence = weighed(&p, &y);
       double largest = -1e300, sum = 0, kept = 0;
-      for (int i = 0; i < WEIGH_PARTICLES; i++) largest = fmax(largest, logw[i] += expected_density(c, i, step, c->mask[step]));
+      for (int i = 0; i < WEIGH_PARTICLES; i++)
+        largest = fmax(largest, logw[i] += expected_density(c, i, step, c->mask[step]));
       for (int i = 0; i < WEIGH_PARTICLES; i++) sum += exp(logw[i] - largest);
       const double expected = largest + log(sum);
-      for (int i = 0; i < WEIGH_PARTICLES; i++) kept += exp((logw[i] = fmax(logw[i] - largest, -120 * LN2))); /* less is no weight */
+      for (int i = 0; i < WEIGH_PARTICLES; i++)
+        kept += exp((logw[i] = fmax(logw[i] - largest, -120 * LN2))); /* less is no weight */
       for (int i = 0; i < WEIGH_PARTICLES; i++) logw[i] -= log(kept);
-      /* errors of earlier rows' weights stay in the weights: step + 1 times one row's tolerance */
+      /* errors of earlier rows' weights stay in the weights: step + 1 times one row's
+       * tolerance */
       const double tolerance = (step + 1) * (FIXED + RELATIVE * fabs(expected)) + series(c->prior.nu);
       expect_near(expected, LN2 * number(evidence), tolerance, "log evidence", 100 * k + step);
     }
   }
 }
 
-/* With the wheels rolling freely straight on there is no slip and d = 0, so the evidence of one row is the density of the
- * innovation itself: what remains to be wrong is the factor with the two gamma functions, for 1, 2 and 3 channels. */
+/* With the wheels rolling freely straight on there is no slip and d = 0, so the evidence
+ * of one row is the density of the innovation itself: what remains to be wrong is the
+ * factor with the two gamma functions, for 1, 2 and 3 channels. */
 static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void)
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
@@ -146,20 +150,23 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
   uint32_t seed = 1;
   for (int k = 0; k < ROWS(nus); k++)
     for (int mask = 1; mask < 8; mask++) {
-      const double nu = nus[k], nut = nu - 2, z[3] = { any(&seed, -3, 3), any(&seed, -3, 3), any(&seed, -3, 3) };
+      const double nu = nus[k], nut = nu - 2,
+                   z[3] = { any(&seed, -3, 3), any(&seed, -3, 3), any(&seed, -3, 3) };
       const sample y = sample_of_row(&p, straight, z, mask);
       double n = 0, q = 0; /* channels, of unit sd, scale (nut-2)/nut */
       for (int a = 0; a < 3; a++)
         if (mask >> a & 1) n++, q += z[a] * z[a] * nut / (nut - 2);
-      const double expected = lgamma((nut + n) / 2) - lgamma(nut / 2) - n / 2 * log((nut - 2) * 3.141592653589793) - (nut + n) / 2 * log1p(q / nut);
+      const double expected = lgamma((nut + n) / 2) - lgamma(nut / 2)
+          - n / 2 * log((nut - 2) * 3.141592653589793) - (nut + n) / 2 * log1p(q / nut);
       memset(&f, 0, sizeof f);
       f.nu = real(nu), f.gamma = real(0.1), f.log_total = TSE_R(4);
       for (int32_t i = 0; i < 16; i++) f.p.x[0][i] = y.u.v_front;
       const tse_real evidence = weighed(&p, &y);
-      /* double: log2's 2.7e-14 times (nut + 3)/2 log2(1 + q/nut), plus as much for each other log; float: log2(1 + q/nut)
-       * keeps 6e-8, times (nut + 3)/2, and the other logs 2.3e-7 of up to 20 */
-      expect_near(expected, LN2 * number(evidence), series(nu) + BY_FORMAT(1e-12 + 2e-15 * nu, 2e-5 + 1.2e-7 * nu),
-                  "log evidence", 10 * k + mask);
+      /* double: log2's 2.7e-14 times (nut + 3)/2 log2(1 + q/nut), plus as much for each
+       * other log; float: log2(1 + q/nut) keeps 6e-8, times (nut + 3)/2, and the other
+       * logs 2.3e-7 of up to 20 */
+      expect_near(expected, LN2 * number(evidence),
+          series(nu) + BY_FORMAT(1e-12 + 2e-15 * nu, 2e-5 + 1.2e-7 * nu), "log evidence", 10 * k + mask);
     }
 }
 
@@ -175,7 +182,7 @@ static void test_weights_are_the_powers_of_the_log_weights_and_padding_has_none(
       f.p.x[a][i] = f.p.x[a][0], f.p.mu[a][i] = f.p.mu[a][0], f.p.bias[a][i] = f.p.bias[a][0];
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = f.p.lam[k][0];
-    f.p.logw[0][i] = TSE_R(400);                           /* and one that would be the best by far */
+    f.p.logw[0][i] = TSE_R(400); /* and one that would be the best by far */
   }
   p.particles = 19;
   f.p.logw[0][16] = f.p.logw[0][17] = TSE_R(-1);
@@ -200,7 +207,8 @@ static void test_extreme_innovations_stay_finite(void)
   static const double turn[3] = { 1.2, 400.0, -400.0 };
   tse_config config = config_by(tse_config_paper);
   config.particles = 16;
-  config.accel_x_sd = config.accel_y_sd = setting(BY_NUMBER(0.001, 0.001, 0.01)); /* the limits: 50 000 and 600 000 sigma away */
+  config.accel_x_sd = config.accel_y_sd = setting(
+      BY_NUMBER(0.001, 0.001, 0.01)); /* the limits: 50 000 and 600 000 sigma away */
   config.yaw_rate_sd = setting(BY_NUMBER(1e-5, 1e-5, 1e-3));
   config.longitudinal_stiffness_front = config.cornering_stiffness_rear = setting(BY_NUMBER(1e7, 1e7, 5e5));
   config.mass = setting(BY_NUMBER(50, 50, 600));
@@ -222,7 +230,8 @@ static void test_extreme_innovations_stay_finite(void)
     }
 }
 
-/* A far sample must not make the filter forget which particle explains it better, though all densities underflow. */
+/* A far sample must not make the filter forget which particle explains it better, though
+ * all densities underflow. */
 static void test_order_of_particles_survives_where_densities_underflow(void)
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
