@@ -113,8 +113,8 @@ def test_an_effect_is_a_row_and_its_function_word_for_word_as_contributing_says(
         file.write("\n" + row)
     edit(
         copy / "src" / "model" / "catalogue.h",
-        "/* clang-format off: table ",
-        function + "\n/* clang-format off: table ",
+        "// clang-format off: table ",
+        function + "\n// clang-format off: table ",
     )
     assert "src/model/catalogue.h" in written(copy)
     name, without, with_it = said(copy, EFFECT)

@@ -47,8 +47,8 @@ HEAD = r"^(?!typedef\b|enum\b|extern\b)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)(?:\s*
 BODY = r"(?:\s*\{.*\}[^\n]*|\s*\{[^\n]*\n(?:[^}\n][^\n]*\n|\n)*\})"  # in one line, or to the first brace in column 0
 FUNCTION = re.compile(HEAD + BODY, re.M)
 FORMATS = {"number/fixed.c", "number/real_ops.h"}  # the same operations for each number format
-TABLE = re.compile(r" */\* clang-format off: table .*?/\* clang-format on: end of table \*/\n", re.S)
-MOST_LINES = 40  # of a body, braces not counted
+TABLE = re.compile(r" *// clang-format off: table .*?// clang-format on: end of table\n", re.S)
+MAX_LINES = 60  # of a function: a screen of lines of at most 110 columns
 
 
 def functions():
@@ -100,4 +100,4 @@ def test_a_macro_of_a_public_header_is_a_constant():
 
 
 def test_no_function_is_longer_than_a_screen():
-    assert not [x for x in functions() if x[2] > MOST_LINES]
+    assert not [x for x in functions() if x[2] > MAX_LINES]

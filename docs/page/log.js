@@ -27,8 +27,8 @@ const CHANGES = [
 
 // Note above an estimate that differs from that of the command
 const ITSELF =
-  "The car is taken as an ordinary one of its mass and axles. " +
-  "`tselab estimate` and Python calibrate such a car on the log first, " +
+  "Not calibrated on this log: the car is taken as an ordinary one of its mass and axles. " +
+  "`tselab estimate` and Python calibrate it first, " +
   "so theirs is surer and some percent off this one; --no-calibrate gives these numbers.";
 
 // Return the panels of a chart over a growing table. columns(): name -> values. truth(s):

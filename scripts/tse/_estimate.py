@@ -110,9 +110,9 @@ class Result(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What the log says of the tyres, as `tselab estimate` ends; before it, if the car was to be calibrated on the log itself,
-        what that found: its stiffness differs from what Filter and C say of an ordinary car."""
-        itself = self.vehicle.found[:1] if self.calibration is not None and self.vehicle is not None else []
+        """What the log says of the tyres, as `tselab estimate` ends. Of a car that nobody has calibrated, the first line says
+        what the calibration on the log itself has found, or that there was none: C, FMU, page and Filter have none."""
+        itself = self.vehicle.found[:1] if self.vehicle is not None else []
         return (*itself, *(line for f in self._found()[0] for line in f.lines()))
 
     @property

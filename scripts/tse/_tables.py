@@ -72,8 +72,8 @@ class Status(IntEnum):
     RANGE = 9
     """A number reached the end of the range of the number format: it stops there, or the sample was dropped."""
     IMPLAUSIBLE = 10
-    """The channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times
-    too large it is."""
+    """The channels contradict each other: a wrong unit, sign or axle, or one comes late; fault_channel says which,
+    fault_factor how many times too large it is."""
 
 
 class Row(TypedDict, total=False):
@@ -278,4 +278,4 @@ class Estimate(EstimateBase):
     """Cornering stiffness in effect, rear axle: force over slip at this row's slip and load [N/rad]."""
     fault_factor: float
     """How many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor:
-    exchanged, stuck."""
+    exchanged, stuck, late."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
-from tselab.options import FILE, JOBS, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
+from tselab.options import FILE, JOBS, PAGES, PROGRESS, ROAD, Written, folded, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.calibration.result import CalibrationResult
@@ -144,10 +144,11 @@ def calibrate(
     if verbose:
         for group in result.groups:
             text += [f"  {f.words}" for f in group.members if f.shown]
-    for line in text if verbose else summarise_result(result, stiffness):
+    for line in text if verbose else folded(summarise_result(result, stiffness)):
         click.echo(line)
-    for line in result.notes:
-        click.echo(f"note: {line}", err=True)
+    notes = [f"note: {line}" for line in result.notes]
+    for line in notes if verbose else folded(notes):
+        click.echo(line, err=True)
     if not verbose:
         click.echo(f"More: --verbose, {html}")
     click.echo(f"Written: {', '.join(written)}")

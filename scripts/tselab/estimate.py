@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from tselab.options import (
     Lazy,
     Written,
     check_range,
+    fold,
     for_programs,
     key_values,
     reading,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 MOST_FINDINGS = 12  # stretches of road with --verbose
-MOST_LINES, COLUMNS = 12, 100  # without it
+MOST_LINES = 12  # without it
 MOST_EVENTS, MOST_NOTES = 4, 2
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 
@@ -322,13 +322,6 @@ def say_shortly(
             f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if page else ', or --report PAGE.html'}"
         )
     say_written(written)
-
-
-def fold(text: str) -> list[str]:
-    """The lines of a text on a terminal."""
-    return textwrap.wrap(
-        text, COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
 
 
 def say_written(written: dict[str, Path | None]) -> None:

@@ -12,7 +12,19 @@ import click
 
 from tse.library.errors import UserError
 from tse.library.files import check_writable, make_directory, resolve_path, write_atomically
-from tselab.options import FILE, JOBS, JSON, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
+from tselab.options import (
+    FILE,
+    JOBS,
+    JSON,
+    PAGES,
+    PROGRESS,
+    ROAD,
+    Written,
+    folded,
+    for_programs,
+    reading,
+    saying,
+)
 
 if TYPE_CHECKING:
     from tse.log.rows import Reading
@@ -175,19 +187,31 @@ def _run(
     if result.undetectable:
         ids = ", ".join(d.id for d in result.undetectable)
         lines.append(f"These logs could not have shown, at its typical size: {ids}.")
-    for line in lines if verbose else [*_answer(result), *changes(result)]:
+    for line in lines if verbose else [*folded(_answer(result)), *_worth(result)]:
         click.echo(line)
-    for line in result.notes:
-        click.echo(f"note: {line}", err=True)
+    notes = [f"note: {line}" for line in result.notes]
+    for line in notes if verbose else folded(notes):
+        click.echo(line, err=True)
     for line in words(written.gain) if verbose else ():
         click.echo(line)
-    click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")
+    for line in folded([f"Written to {out}: {', '.join(f.name for f in written.files)}"]):
+        click.echo(line)
     return result.exit_code
 
 
 def _answer(result: Any) -> list[str]:
     """Return the sentences without what is left of each channel, which the stages say, too."""
     return [line for line in result.words if not line.startswith("Still left: ")]
+
+
+def _worth(result: Any) -> list[str]:
+    """Return the residuals in a few lines: of the held-out logs, where there are any."""
+    from tse.gaps.run import stages
+    from tse.gaps.run.workflow import FIT
+
+    held = next((part for part in result.stages if part != FIT), FIT)
+    title = "fitted logs" if held == FIT else "held-out logs"
+    return stages.short(result.stages[held], title) if held in result.stages else []
 
 
 @gap.command(cls=Run, short_help="A formula for what no effect of the catalogue explains.")

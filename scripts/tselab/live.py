@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 EACH = 0.25  # s between two looks at the three lines
 LONGEST = 86400.0  # s
+NOT_CALIBRATED = "not calibrated: the car is taken as an ordinary one of its class; tselab calibrate makes the answer surer"
 
 
 @click.command()
@@ -127,7 +128,8 @@ def live(
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2 bad
     input. Ctrl-C is the usual end.
     """
-    from tse.car.config import check_effect, make_config
+    from tse.calibration.own import is_uncalibrated
+    from tse.car.config import check_effect, make_config, unused_friction
     from tse.car.vehicle import read_vehicle
     from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
     from tse.estimation.answer import answer
@@ -158,15 +160,18 @@ def live(
     for key, value in key_values(pairs).items():
         config.set(key, value, source="option --set")
     check_effect(list(key_values(pairs)), config)
+    notes += unused_friction(vehicle, config)
+    car = NOT_CALIBRATED if is_uncalibrated(vehicle) else ""
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     folder = out or Path(time.strftime("live-%Y%m%d-%H%M%S"))
     opener = bus_opener(interface, channel, **_bus_options(bus_pairs))
     with _stopped() as stopped, _Lines(as_json) as lines:
         drive = Live(opener, databases, vehicle, config, signals, folder, learnt, rate, lines.say)
-        page = Page(drive) if browser else None
+        page = Page(drive, car=car) if browser else None
         try:
             for line in (
                 *([f"started from: {learnt.note}"] if learnt else []),
+                *([car] if car else []),
                 *notes,
                 f"recorded in {folder}; Ctrl-C ends it",
             ):

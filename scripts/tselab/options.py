@@ -4,7 +4,7 @@ import os
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,22 @@ import click
 
 from tse.library.errors import NoFile, UserError
 
+COLUMNS = 100  # of what a command prints without --verbose
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
+
+
+def fold(text: str) -> list[str]:
+    """Return the lines of a text on a terminal."""
+    indent = text[: len(text) - len(text.lstrip())] + "  "
+    return textwrap.wrap(
+        text, COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def folded(texts: Iterable[str]) -> list[str]:
+    """Return the lines of texts on a terminal."""
+    return [line for text in texts for line in fold(text)]
 
 
 class Written(click.Path):

@@ -19,7 +19,11 @@ MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.option(
-    "--write", "out", metavar="SIGNALS.toml", type=Written(".toml"), help="Write the proposal there."
+    "--write",
+    "out",
+    metavar="SIGNALS.toml",
+    type=Written(".toml"),
+    help="Write the proposal: a bare name beside the log, where 'tselab estimate' looks for signals.toml.",
 )
 @click.option(
     "--vehicle",
@@ -70,6 +74,8 @@ def signals(
     from tse.readers.readers import read_recording
     from tse.report.results import say_json
 
+    if out is not None and out == Path(out.name):
+        out = log_path.parent / out
     check_writable(out)
     if out is not None and out.exists():
         raise UserError(f"{out}: is there already: remove it first, or name another file")

@@ -128,7 +128,7 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     by_hand = read_signals(tmp_path / "signals.toml")
     (tmp_path / "signals.toml").unlink()
     done = tselab_here("estimate", "--verbose", path, "--vehicle", car, "--out", tmp_path / "e.csv")
-    assert done.code == 2 and "tselab signals fahrt.csv --write signals.toml" in done.err
+    assert done.code == 2 and f"tselab signals {path} --write signals.toml" in done.err
     done = tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml")
     assert done.code == 0, done.err
     proposed = read_signals(tmp_path / "signals.toml")

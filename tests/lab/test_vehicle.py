@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from tse.car.config import NOT_IN_FILTER, make_config
+from tse.car.config import NOT_IN_FILTER, make_config, unused_friction
 from tse.car.vehicle import (
     REQUIRED,
     fill_sensors,
@@ -141,6 +141,19 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
         class_of("tyre_saturation_shape"),
         class_of("grip"),
     ]
+
+
+@pytest.mark.parametrize(("friction", "notes"), [(1.0, 0), (1.25, 1)])
+def test_a_friction_of_a_car_that_nobody_has_calibrated_is_said_not_to_be_used(tmp_path, friction, notes):
+    car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n")
+    config, _ = make_config(car, None)
+    said = unused_friction(car, config)
+    assert [
+        s for s in said if "not used by the filter: its grip starts at 1; --set grip=0.8 states it" in s
+    ] == said
+    assert len(said) == notes
+    config.set("grip", 1 / friction)
+    assert unused_friction(car, config) == []
 
 
 @pytest.mark.parametrize(("friction", "notes"), [(1.25, 0), (0.95, 1)])

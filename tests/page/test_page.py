@@ -51,6 +51,11 @@ def built():
     return page.PAGE
 
 
+def test_the_page_that_git_holds_is_of_these_sources():
+    """No compiler is needed to see it. After a change of the library or of docs/page: scripts/dev/page.py --ship."""
+    assert page.shipped_digest() == page.digest(), "scripts/dev/page.py --ship"
+
+
 @pytest.fixture(scope="module")
 def browser():
     """Return the path of a browser."""

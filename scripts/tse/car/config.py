@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from tse.car.vehicle import Vehicle, make_filter_values
+from tse.car.vehicle import FRICTION, Vehicle, make_filter_values
 from tse.library.core import CONFIG, Config, SettingError, library
 from tse.library.errors import UserError
 from tse.library.files import read_toml
 from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, CheckedLog
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
+SAME_GRIP = 0.01  # relative: a friction that is stated and the filter's grip
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
 # Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
 NOT_IN_FILTER = ("longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
@@ -81,6 +82,26 @@ def make_config(
     asked = {key for key, x in config.as_dict().items() if x != values.get(key)}
     _check_optional(config, log, asked)
     return config.complete(), notes
+
+
+def unused_friction(vehicle: Vehicle, config: Config) -> list[str]:
+    """Return a note where a friction that the vehicle file states is another than the filter's grip.
+
+    Of a car that nobody has calibrated the filter starts from the grip of an ordinary car."""
+    inverse = vehicle.values.get(FRICTION, 0.0)
+    exact = config.grip == 0  # then the library takes the friction
+    if (
+        config.form != 0
+        or exact
+        or vehicle.calibration
+        or inverse <= 0
+        or abs(config.grip * inverse - 1) < SAME_GRIP
+    ):
+        return []
+    return [
+        f"{vehicle.path.name}: effects.tyre_saturation.inverse_friction is {inverse:.3g} and not used by the filter: its grip "
+        f"starts at {config.grip:.3g}; --set grip={1 / inverse:.3g} states it (tselab simulate and gap use it as it is)"
+    ]
 
 
 def check_effect(names: Collection[str], config: Config) -> None:

@@ -359,8 +359,8 @@ def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]
     if mean is not None and FRICTION in values and abs(values[FRICTION] - mean) > 1e-3 * abs(mean):
         found.append(
             f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: "
-            f"the filter's grip is that of [calibration], {mean:.3g}; without that table yours is used, and "
-            "the sds of an ordinary car"
+            f"the filter's grip is that of [calibration], 1/{mean:.3g}; "
+            f"--set grip={1 / max(values[FRICTION], MIN_INVERSE_FRICTION):.3g} states it"
         )
     return found
 

@@ -543,10 +543,10 @@ def _describe_unnamed(path: Path, recording: Recording) -> str:
     own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {list_names(own)}, not {list_names(missing)}" if own else ""
-    name = shlex.quote(path.name)
+    name = shlex.quote(str(path))
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
         f"({list_names(c.name for c in recording)}){has}\n"
-        f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, "
-        "it is used"
+        f"  'tselab signals {name} --write signals.toml' proposes one, beside the log, "
+        "where it is used"
     )

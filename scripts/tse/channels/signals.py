@@ -116,7 +116,9 @@ def find_signals(
     file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
     how = signals.how if signals is not None else ReadOptions()
-    return signals, replace(how, databases=(*databases, *how.databases))
+    given = {p.resolve() for p in databases}
+    more = (p for p in how.databases if p.resolve() not in given)
+    return signals, replace(how, databases=(*databases, *more))
 
 
 def list_channels() -> list[str]:

@@ -10,8 +10,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.calibration.own import STOPPED, OwnCalibration, calibrate_once, is_uncalibrated, keep_class
-from tse.car.config import check_effect, make_config
+from tse.calibration.own import (
+    NOT_ASKED,
+    STOPPED,
+    OwnCalibration,
+    calibrate_once,
+    is_uncalibrated,
+    keep_class,
+)
+from tse.car.config import check_effect, make_config, unused_friction
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import (
     MAX_CHECKED_ROWS,
@@ -133,6 +140,7 @@ def assemble(
     for key, value in settings.items():
         config.set(key, value, source=source)
     check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
+    notes += unused_friction(vehicle, config)
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
@@ -162,6 +170,8 @@ def assemble(
             made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
             made.doubts.append(made.notes[0])
         return replace(made, own=found)
+    if form == "default" and is_uncalibrated(stated) and not vehicle.found:
+        vehicle.found.append(NOT_ASKED)
     late = [] if said or form != "default" else check_lateral_delay(lively, config)
     if strict and late:
         raise UserError(f"{log.path}: option --strict: {late[0]}")

@@ -4,6 +4,7 @@ rows of the filter that runs here. That page has a filter of its own, which coul
 from __future__ import annotations
 
 import json
+import math
 import threading
 from array import array
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -13,6 +14,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from tse.car.vehicle import DRIVEN
 from tse.estimation.answer import answer
 from tse.estimation.regimes import REGIMES
 from tse.library.core import NOMINAL, REASON, STIFFNESS, library
@@ -33,15 +35,19 @@ class Page:
         The drive.
     port : int
         0: any that is free.
+    car : str
+        What is said of the car first: that nobody has calibrated it.
     """
 
-    def __init__(self, live: Live, port: int = 0):
+    def __init__(self, live: Live, port: int = 0, car: str = ""):
         self._live = live
+        self._car = car
         self._lock = threading.Lock()
         self._gone = 0  # rows that are not kept any more
         self._last = -np.inf
         names = ["time", *(f"{s}{x}" for s in STIFFNESS for x in ("", "_sd", "_valid", "_reason")), *REGIMES]
         self._columns = {n: array("d") for n in names}
+        self._rear = live.config.driven_axle == DRIVEN["rear"]  # along the car, the axle that drives is shown
         codes = library().codes(REASON)
         self._reasons = [codes[k].name for k in sorted(codes)]
         page = self
@@ -66,7 +72,8 @@ class Page:
             self._last = t
             row = {"time": t, **{p: float(o[p]) for p in REGIMES}}
             for s in STIFFNESS:
-                by = getattr(self._live.config, NOMINAL[s]) / 1000
+                nominal = "longitudinal_stiffness_rear" if self._rear and s == "cx_front" else NOMINAL[s]
+                by = getattr(self._live.config, nominal) / 1000
                 reason = int(o[f"{s}_valid"])
                 row |= {s: float(o[s]) * by, f"{s}_sd": float(o[f"{s}_sd"]) * by, f"{s}_valid": float(reason == 0),
                         f"{s}_reason": float(reason)}  # fmt: skip
@@ -113,7 +120,8 @@ class Page:
             last = min(count, first + AT_A_TIME)
             part = slice(first - self._gone, last - self._gone)
             columns = {
-                n: [None if v != v else float(f"{v:.6g}") for v in x[part]] for n, x in self._columns.items()
+                n: [float(f"{v:.6g}") if math.isfinite(v) else None for v in x[part]]
+                for n, x in self._columns.items()
             }
             columns["time"] = [round(t, 3) for t in self._columns["time"][part]]
         drive, said = self._live.drive, self._live.said
@@ -123,6 +131,8 @@ class Page:
             "next": last,
             "columns": columns,
             "reasons": self._reasons,
+            "car": self._car,
+            "along": "Rear" if self._rear else "Front",
             "answer": answer(self._live.now(), self._live.config),
             "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, {1e3 * drive.delay:.0f} ms behind",
             "events": said[events:],

@@ -81,6 +81,16 @@ def stages(
     }
 
 
+def short(channels: Mapping[str, Stage], title: str) -> list[str]:
+    """Return a line for all channels of a part of the logs, and one for each."""
+    head = f"Off the simulation, {title}: as the file says, calibrated, with what is named (noise)"
+    rows = [
+        f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}({s.noise:.2g})"
+        for c, s in channels.items()
+    ]
+    return [head, *rows]
+
+
 def words(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
     """Return a line for each channel of each part of the logs. `title`: of a part."""
     return [
