@@ -25,7 +25,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "docs" / "page"
 SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # what the page of `tselab live` has, too
 BUILD = ROOT / "build" / "page"

@@ -24,8 +24,8 @@ from tse.channels.agree import (
     MAX_CHECKED_ROWS,
     PERHAPS,
     check_car,
+    check_lateral_delay,
     find_false_stops,
-    late_across,
     select_certain,
 )
 from tse.channels.log import read_log
@@ -172,7 +172,7 @@ def assemble(
         return replace(made, own=found)
     if form == "default" and is_uncalibrated(stated) and not vehicle.found:
         vehicle.found.append(NOT_ASKED)
-    late = [] if said or form != "default" else late_across(lively, config)
+    late = [] if said or form != "default" else check_lateral_delay(lively, config)
     if strict and late:
         raise UserError(f"{log.path}: option --strict: {late[0]}")
     notes = [

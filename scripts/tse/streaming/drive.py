@@ -23,7 +23,7 @@ from tse.car.vehicle import Vehicle
 from tse.channels.agree import check_car, select_certain
 from tse.channels.look import Proposal
 from tse.channels.proposal import format_headline, format_signals, propose
-from tse.channels.signals import Signals, read_signals
+from tse.channels.signals import SignalsFile, read_signals
 from tse.channels.stream import Stream
 from tse.estimation import regimes
 from tse.estimation.estimate import (
@@ -274,7 +274,7 @@ class Live:
         The car.
     config : Config
         Settings of the filter.
-    signals : Signals or None
+    signals : SignalsFile or None
         Which signal is which channel; None: they are proposed from what comes.
     folder : Path or None
         Where the drive is recorded; None: nowhere.
@@ -292,7 +292,7 @@ class Live:
         databases: Sequence[Path],
         vehicle: Vehicle,
         config: Config,
-        signals: Signals | None,
+        signals: SignalsFile | None,
         folder: Path | None,
         learnt: Learnt | None = None,
         rate: float | None = None,
@@ -322,7 +322,7 @@ class Live:
             raise
         self._copy_inputs()
         self._proposing: threading.Thread | None = None
-        self._proposed: Signals | None = None
+        self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
         self._origin = float("nan")  # s of the bus that is 0 in the record
@@ -498,7 +498,7 @@ class Live:
                 f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); it listens on"
             )
 
-    def _begin_with(self, signals: Signals) -> None:
+    def _begin_with(self, signals: SignalsFile) -> None:
         self._signals = signals
         self.stream = Stream(self.databases, signals, self.vehicle, self._rate)
         for text in self.stream.notes:
@@ -511,7 +511,7 @@ class Live:
         stream = self.stream
         assert stream is not None
         behind = 0.0 if came else now - self._last_frame
-        times, columns = stream.rows(stream.time + behind)
+        times, columns = stream.make_rows(stream.time + behind)
         for text in stream.notes:
             self._say_once(text)
         stream.notes.clear()
