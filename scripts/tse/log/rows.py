@@ -278,28 +278,8 @@ def check_log(
     if missing:
         raise UserError(f"{path}: {', '.join(missing)} is missing{_suggest_remedy(missing)}")
     data = {name: table.pop(name) for name in needed}
-    for f in library().channels:
-        if f.name in absent:
-            data[f.name] = np.full(len(time), np.nan)
-            if f.name not in SIDES:
-                notes.append(f"{f.name} is not in the log: what only it shows is not known")
-            continue
-        for name in parts[f.name]:
-            _check_channel(path, data, line, f, notes, name, place)
-    for name in data:
-        _drop_code(data, name, notes)
-        _drop_written_zeros(data, name, notes)
-    _drop_stuck(data, parts, notes)
-    if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
-        raise UserError(
-            f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
-        )
-    per_turn: dict[str, float] = {}
-    for axle, pair in sides.items():
-        if axle not in absent:
-            mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
-            data[axle] = mean
-            del mean
+    _check_channels(path, data, parts, absent, line, notes, place)
+    per_turn = _join_wheels(data, {a: pair for a, pair in sides.items() if a not in absent}, notes)
     _drop_computed(data, notes)
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
@@ -329,6 +309,47 @@ def check_log(
         stand_in=stand_in,
         turn=per_turn,
     )
+
+
+def _check_channels(
+    path: Path,
+    data: dict[str, np.ndarray],
+    parts: Mapping[str, Sequence[str]],
+    absent: Collection[str],
+    line: np.ndarray,
+    notes: list[str],
+    place: str,
+) -> None:
+    """Refuse impossible columns and drop wrong values; absent channels become missing.
+
+    `parts`: columns of each channel."""
+    for f in library().channels:
+        if f.name in absent:
+            data[f.name] = np.full(len(line), np.nan)
+            if f.name not in SIDES:
+                notes.append(f"{f.name} is not in the log: what only it shows is not known")
+            continue
+        for name in parts[f.name]:
+            _check_channel(path, data, line, f, notes, name, place)
+    for name in data:
+        _drop_code(data, name, notes)
+        _drop_written_zeros(data, name, notes)
+    _drop_stuck(data, parts, notes)
+    if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
+        raise UserError(
+            f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
+        )
+
+
+def _join_wheels(
+    data: dict[str, np.ndarray], sides: Mapping[str, Sequence[str]], notes: list[str]
+) -> dict[str, float]:
+    """Replace wheels by the mean of their axle; return their differences per yaw rate."""
+    per_turn = {}
+    for axle, pair in sides.items():
+        mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
+        data[axle] = mean
+    return per_turn
 
 
 def _replace_axle(data: dict[str, np.ndarray], axle: str, notes: list[str]) -> None:

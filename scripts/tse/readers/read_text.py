@@ -4,7 +4,7 @@ import itertools
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -58,12 +58,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     decimal = how.decimal or _find_decimal(cells[first:])
     if decimal is None and separator != ",":  # all numbers are whole so far: the car stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:
-            further = (
-                _find_decimal([_split_line(path, x, separator)])
-                for x in itertools.islice(file, first, None)
-                if "," in x or "." in x
-            )
-            decimal = next(filter(None, further), None)
+            decimal = _find_first_decimal(path, itertools.islice(file, first, None), separator)
     decimal = decimal or "."
     of = dict(zip(names, units or [""] * len(names), strict=False))
     long = _find_long_table(names, cells[first:])
@@ -352,6 +347,12 @@ def _take_names(
             "one name per column is needed"
         )
     return [c.strip().strip('"') for c in cells[: max(width, 1)]]
+
+
+def _find_first_decimal(path: Path, lines: Iterable[str], separator: str) -> str | None:
+    """Return the decimal sign of the first line that has one."""
+    further = (_find_decimal([_split_line(path, x, separator)]) for x in lines if "," in x or "." in x)
+    return next(filter(None, further), None)
 
 
 def _find_decimal(rows: list[list[str]]) -> str | None:
