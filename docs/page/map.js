@@ -235,7 +235,7 @@ function rowsOf(table, map, car, lib) {
   for (const f of lib.channels) {
     const parts = picked[f.name]?.map((x) => Float64Array.from(keep, (i) => x[i]));
     data[f.name] = !parts ? new Float64Array(keep.length).fill(NaN) : parts.length === 1 ? parts[0] : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
-    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
+    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: quantities that only it shows stay unknown`);
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
     throw new Wrong(`${name}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres`);
@@ -345,7 +345,7 @@ function straight(given) {
     for (let k = i; k < t.length; k++) t[k] += back + usual;
     highest = t[i];
   }
-  if (sets.length) notes.push(`the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ${brief(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): what follows is bridged, one usual step later`);
+  if (sets.length) notes.push(`the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ${brief(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): the rest continues one usual step later`);
   if (late.size) notes.push(`${late.size} entries are out of order: left out`);
   let at = kept.filter((i) => !late.has(i)), time = Float64Array.from(at, (i) => t[i]);
   const same = [...time.keys()].filter((i) => i + 1 < time.length && time[i + 1] === time[i]);

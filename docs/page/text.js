@@ -97,7 +97,7 @@ function dialectOf(name, lines) {
   const cells = head.map((x) => cellsOf(x, separator)), widths = new Map();
   const numeric = (c) => c.some(isNumber) && c.filter(isData).length >= 0.5 * c.length;
   for (const c of cells) if (numeric(c)) widths.set(c.length, (widths.get(c.length) ?? 0) + 1);
-  if (!widths.size) throw new Wrong(`${name}: ${filled.length < 2 ? "has a header but no rows" : "no line of it is numbers"}; the first line names the columns, each further line is a row`);
+  if (!widths.size) throw new Wrong(`${name}: ${filled.length < 2 ? "has a header but no rows" : "no line holds numbers"}; the first line names the columns, each further line is a row`);
   const width = [...widths].sort((a, b) => b[1] - a[1])[0][0];
   const first = cells.findIndex((c, i) => c.length === width && numeric(c) && (i + 1 >= cells.length || cells[i + 1].length === width || !head[i + 1].trim()));
   let header = first - 1, units = null;

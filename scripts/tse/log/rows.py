@@ -327,7 +327,7 @@ def _check_channels(
         if f.name in absent:
             data[f.name] = np.full(len(line), np.nan)
             if f.name not in SIDES:
-                notes.append(f"{f.name} is not in the log: what only it shows is not known")
+                notes.append(f"{f.name} is not in the log: quantities that only it shows stay unknown")
             continue
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place)
@@ -395,7 +395,7 @@ def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]],
         if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > least:
             notes.append(
                 f"{name} is {value[first]:g} in every row, while {witness} changes: "
-                "it measures nothing and is taken as missing"
+                "it measures nothing and is treated as missing"
             )
             data[name] = np.full(len(value), np.nan)
 
@@ -417,7 +417,7 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
     value = data[name][rows.argmax()]
     notes.append(
         f"{name} is {value:g} in {rows.sum()} rows and at most {others.max():.3g} in the others: "
-        "no value, and missing"
+        "a code for no value, treated as missing"
     )
     data[name] = np.where(rows, np.nan, data[name])
 
@@ -444,7 +444,7 @@ def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]
         return
     notes.append(
         f"{name} is 0 in {zero.sum()} rows, between values far from it: "
-        "written where there is none, and missing"
+        "they stand for missing values and are treated as such"
     )
     data[name] = np.where(zero, np.nan, value)
 
@@ -461,7 +461,7 @@ def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
         explained = float(np.sum(x[both] * y[both])) ** 2 / (turned * across)
         if 1.0 - explained < MAX_COMPUTED_MISFIT**2:
             notes.append(
-                "accel_y is speed times yaw_rate to the digit: computed, not measured, and taken as missing"
+                "accel_y is speed times yaw_rate to the digit: computed, not measured, and treated as missing"
             )
             data["accel_y"] = np.full(len(y), np.nan)
             return

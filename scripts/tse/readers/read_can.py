@@ -56,7 +56,7 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     if not found and required:
         raise UserError(
             f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) "
-            "beside it that says what they mean: "
+            "beside it that describes them: "
             'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found
@@ -184,8 +184,8 @@ class Bus:
                 channels[name] = Channel(name, times, value, s.unit or "", (s.comment or "")[:200], states)
             if renamed:
                 notes.append(
-                    f"message {message} is there more than once: signals of {key & IDENTIFIER_MASK:#x} "
-                    f"on bus {bus[key >> BUS_SHIFT]} are called as {renamed}"
+                    f"message {message} appears more than once: signals of {key & IDENTIFIER_MASK:#x} "
+                    f"on bus {bus[key >> BUS_SHIFT]} are named like {renamed}"
                 )
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
@@ -376,11 +376,11 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if not frames and not len(times):
             what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
-                f"{path}: is damaged, or not {what} as its maker writes it: {str(error)[:120]}"
+                f"{path}: is damaged, or not {what} as its tool writes it: {str(error)[:120]}"
             ) from None
         notes.append(
             f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): "
-            "what is before is used"
+            "the part before is used"
         )
     if frames:
         decode()

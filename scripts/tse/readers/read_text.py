@@ -139,7 +139,7 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
         cars = columns[3].nunique()
-        notes.append(f"it is of {cars} cars: each name begins with what is in column {titles[3]}")
+        notes.append(f"it has {cars} cars: each name begins with the content of column {titles[3]}")
     if (count := name.nunique()) > MAX_LONG_NAMES:
         raise UserError(
             f"{path}: a long table with {count:,} names in column {titles[1]}; "
@@ -189,7 +189,7 @@ def translate_parser_errors(path: Path) -> Iterator[None]:
         raise UserError(f"{path}: is not a well-formed CSV: {str(error)[:150]}") from None
 
 
-BINARY_MESSAGE = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
+BINARY_MESSAGE = "{}: is a binary file of an unknown format; a log as text, MF4, BLF ... is needed"
 
 
 def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, str]:
@@ -286,7 +286,7 @@ def _find_layout(
         is_table = max((len(c) for c in cells), default=0) > 1 and separator != " "
         if is_table and sum(bool(c) for c in cells) <= 2:
             raise UserError(f"{path}: has a header but no rows")
-        raise UserError(f"{path}: is no table: no line of it is numbers; read are {FORMATS}")
+        raise UserError(f"{path}: is no table: no line holds numbers; readable: {FORMATS}")
     width = widths.most_common(1)[0][0]
     good = [len(c) == width and is_row(c) for c in cells]
     first = next(
