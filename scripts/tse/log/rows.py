@@ -580,10 +580,26 @@ def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
 
 
 def average(log: CheckedLog, seconds: float) -> CheckedLog:
-    """Return the log averaged over blocks of `seconds`.
+    """Return the log averaged over blocks.
 
-    Every channel and reference becomes its mean over the block, at the block's mean time.
-    White noise falls with the square root of the rows of a block."""
+    Parameters
+    ----------
+    log : CheckedLog
+        The log, of any sampling.
+    seconds : float
+        Length of a block, s.
+
+    Returns
+    -------
+    CheckedLog
+        Every channel and reference is its mean over the block, at the block's mean time.
+        White noise falls with the square root of the rows of a block.
+
+    Raises
+    ------
+    UserError
+        `seconds` is out of range, or a block has a single row.
+    """
     f = library().field(CONFIG, "sample_time")
     if not f.low <= seconds <= f.high:
         raise UserError(f"option --average: {seconds:g} is outside its range {f.low:g} .. {f.high:g} s")

@@ -46,7 +46,20 @@ EXTENDED_SHIFT, BUS_SHIFT = 29, 32
 def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     """Return the databases of the options, or all databases beside the log.
 
-    `required`: raise a UserError if there is none."""
+    Parameters
+    ----------
+    path : Path
+        The log.
+    how : ReadOptions
+        Options: the databases.
+    required : bool
+        Refuse a log without a database.
+
+    Raises
+    ------
+    UserError
+        A database of the options does not exist, or a required one is missing.
+    """
     if how.databases:
         for p in how.databases:
             if not p.is_file():
@@ -271,7 +284,26 @@ def _make_pattern(s: Any) -> tuple[object, ...]:
 def decode_signals(
     message: Any, signals: Sequence[Any], data: Sequence[bytes]
 ) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
-    """Yield each signal with the frames that contain it and its values there."""
+    """Decode the frames of a message.
+
+    Parameters
+    ----------
+    message : cantools.database.can.Message
+        The message.
+    signals : sequence of cantools.database.can.Signal
+        Its needed signals.
+    data : sequence of bytes, (frames,)
+        The frames.
+
+    Yields
+    ------
+    signal
+        One of `signals` that the frames contain.
+    ndarray of int, (entries,)
+        Numbers of the frames that contain it.
+    ndarray, (entries,)
+        Its physical values.
+    """
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
     whole = long >= width
