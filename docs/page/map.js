@@ -324,7 +324,7 @@ function checkRows(table, map, car, lib) {
       : parts.length === 1
         ? parts[0]
         : joinAxle(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
-    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
+    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: quantities that only it shows stay unknown`);
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
     throw new Wrong(
@@ -493,8 +493,7 @@ function straighten(given) {
     notes.push(
       `the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ` +
         `${formatNumber(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): ` +
-        "what follows is bridged, one usual " +
-        "step later",
+        "the rest continues one usual step later",
     );
   if (late.size) notes.push(`${late.size} entries are out of order: left out`);
   let at = kept.filter((i) => !late.has(i)),

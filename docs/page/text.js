@@ -125,7 +125,7 @@ function findDialect(name, lines) {
   for (const c of cells) if (numeric(c)) widths.set(c.length, (widths.get(c.length) ?? 0) + 1);
   if (!widths.size)
     throw new Wrong(
-      `${name}: ${filled.length < 2 ? "has a header but no rows" : "no line of it is numbers"}; the ` +
+      `${name}: ${filled.length < 2 ? "has a header but no rows" : "no line holds numbers"}; the ` +
         "first line names the columns, each further line is a row",
     );
   const width = [...widths].sort((a, b) => b[1] - a[1])[0][0];
