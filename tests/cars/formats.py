@@ -1,8 +1,9 @@
-"""Float and fixed point beside double, on the same calibrated cars (README.md).
+"""Compare float and fixed point with double, on the same calibrated cars (README.md).
 
     python -m tests.cars.formats --keep DIR --first SEED [--cars N] [--out FILE]
 
-DIR: that of `python -m tests.cars.study --keep DIR`. Each build reads the same logs with the same settings.
+DIR: that of `python -m tests.cars.study --keep DIR`. Each build reads the same logs with
+the same settings.
 """
 
 import sys
@@ -23,7 +24,7 @@ REALS = ("double", "float", "fixed")
 
 
 def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str, Any]]:
-    """Return a row per build: its score on a drive, and how far its estimates are from those in double, in sd of these."""
+    """Return a row for each build: its score, and its difference from double in sd."""
     log, _, truth = driven(car / "test", road)
     rows, first = [], None
     for real, lib in builds.items():
@@ -38,7 +39,7 @@ def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str,
 
 
 def table(runs: pd.DataFrame) -> list[str]:
-    """A line per build."""
+    """Return a line for each build."""
 
     def three(values: list[float], digits: int) -> str:
         return " / ".join(f"{v:.{digits}f}" for v in values)

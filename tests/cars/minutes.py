@@ -1,6 +1,7 @@
-"""What more minutes of calibration bring: the same cars, calibrated on the first minutes of their drives (README.md).
+"""Calibrate the same cars on the first minutes of their drives (README.md).
 
-    python -m tests.cars.minutes --keep DIR --first SEED [--cars N] [--minutes M ...] [--out FILE]
+    python -m tests.cars.minutes --keep DIR --first SEED [--cars N] [--minutes M ...]
+        [--out FILE]
 
 DIR: that of `python -m tests.cars.study --keep DIR`.
 """
@@ -18,7 +19,7 @@ from tse.calibration import output, workflow
 
 
 def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
-    """Return the logs of FIT that end after so many minutes, written to INTO; none where all are shorter."""
+    """Write the logs of FIT, cut to some minutes, to INTO; empty: all are shorter."""
     into.mkdir(exist_ok=True)
     paths, cut = [], False
     for path in sorted(fit.glob("log_*.csv")):
@@ -31,7 +32,8 @@ def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
 
 
 def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
-    """Return a row per road: estimates of the drives in CAR/test, calibrated on so many minutes of each in CAR/fit."""
+    """Return a row for each road: estimates of CAR/test, calibrated on minutes of
+    CAR/fit."""
     folder = car / f"fit-{minutes:g}"
     logs, vehicle = shortened(car / "fit", minutes, folder), folder / "calibrated.toml"
     if logs:

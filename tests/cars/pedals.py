@@ -1,10 +1,11 @@
-"""Longitudinal stiffness with and without a brake switch and wheel torques, on driven cars (tests.cars.study).
+"""Estimate longitudinal stiffness with and without brake switch and wheel torques.
 
     python -m tests.cars.pedals --drives DIR [--out FILE]
 
-The switch is on from 50 N of braking. Torques are off by a scale - 7 % of a model of the engine, 10 % of each axle's brakes, sd -
-by 5 .. 20 N m of noise, and late by up to 60 ms. *Not said*: the vehicle file does not say which axle is driven, as of a car whose
-other axle is driven on demand.
+DIR: driven cars (tests.cars.study). The switch is on from 50 N of brake force. Torques
+have a scale error (sd 7 % for a model of the engine, 10 % for the brakes of each axle),
+5 .. 20 N m of noise, and up to 60 ms of latency. *Not said*: the vehicle file has no
+driven axle, as for a car whose other axle is driven on demand.
 """
 
 import argparse
@@ -27,7 +28,8 @@ KEY = "cx_front"
 
 
 def runs(car: Path) -> list[dict[str, Any]]:
-    """Return the scores of a calibrated car on its test drives, a line for each road and way."""
+    """Return the scores of a calibrated car on its test drives, a line for each road
+    and way."""
     truth, found = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")), []
     for n, road in enumerate(ROADS):
         log, table, true = driven(car / "test", road)

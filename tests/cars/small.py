@@ -1,10 +1,11 @@
-"""The build with TSE_SMALL beside the full filter and the constant of the calibration, on the same calibrated cars (README.md)
-and on real logs.
+"""Compare the build with TSE_SMALL with the full filter and with a constant (README.md).
 
-    python -m tests.cars.small --keep DIR --first SEED [--cars N] [--real DIR] [--out FILE]
+    python -m tests.cars.small --keep DIR --first SEED [--cars N] [--real DIR]
+        [--out FILE]
 
-DIR: that of `python -m tests.cars.study --keep DIR`; with --real that of `python -m tests.cars.real --keep DIR`: two drives of
-one car, each with the calibration of the other.
+DIR: that of `python -m tests.cars.study --keep DIR`, with the same calibrated cars; with
+--real that of `python -m tests.cars.real --keep DIR`: two drives of one car, each with
+the calibration of the other.
 """
 
 import json
@@ -39,7 +40,10 @@ FULL, LITTLE, FIXED = "full", "small", "small, fixed point"
 
 
 def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[dict[str, Any]]:
-    """Return a row per build and one of the constant: score and squared errors beside the secants without relaxation."""
+    """Return a row for each build and the constant: score and squared errors.
+
+    Errors are against the secants without relaxation.
+    """
     log, reference, _ = driven(car / "test", road)
     truth = relaxed(reference, json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")))
     time = log.time - log.time[0]
@@ -58,8 +62,10 @@ def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[di
 
 
 def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None]) -> list[list[str]]:
-    """Return lines of a real log with the calibration of another of the same car: nobody knows these tyres, the speed across is
-    measured."""
+    """Return lines of a real log with the calibration of another log of the same car.
+
+    The tyres are unknown; the lateral velocity is measured.
+    """
     log = read_log(DATA / name / "data.csv")
     time, lines = log.time - log.time[0], []
     for who, lib in builds.items():
@@ -82,7 +88,8 @@ def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None])
 
 
 def table(runs: pd.DataFrame) -> list[str]:
-    """A line per road and build; no longitudinal stiffness in the small one."""
+    """Return a line for each road and build; the small one has no longitudinal
+    stiffness."""
 
     def rms(group: pd.DataFrame) -> str:
         return " / ".join(

@@ -1,10 +1,11 @@
-"""The estimator with and without a measured velocity: real logs whose velocity is known, and driven cars (tests.cars.study).
+"""Estimate with and without a measured velocity: real logs, and driven cars.
 
     python -m tests.cars.velocity [--data DIR] [--drives DIR] [--out FILE]
 
-Of a real log the INS's own velocity is given, or a GNSS speed and course that are made of it; what the sideslip is compared with
-is then the same INS: its noise and its mounting are in both. Of a driven car the truth is known. A GNSS comes ten times a second,
-0.1 s late behind the gyro, with noise of 0.1 m/s and 0.5 deg; an INS in every row with noise of 0.03 m/s.
+A real log has the velocity of its INS, or GNSS speed and course derived from it. The
+sideslip is compared with the same INS, so its noise and mounting are in both. The truth
+of a driven car (tests.cars.study) is known. A GNSS comes ten times a second, 0.1 s behind
+the gyro, with noise of 0.1 m/s and 0.5 deg; an INS in every row with noise of 0.03 m/s.
 """
 
 import argparse
@@ -33,7 +34,10 @@ FAST = {"real": 8.0, "car": 3.0}  # m/s: rows that count
 def measured(
     way: str, log: Log, vx: np.ndarray, vy: np.ndarray, rate: np.ndarray, clock: float, seed: int
 ) -> dict[str, np.ndarray]:
-    """Return the columns of a way to measure the velocity. vx, vy, rate: true, (rows,); clock: how late the gyro is, s."""
+    """Return the columns of a velocity sensor.
+
+    vx, vy, rate: true, (rows,). clock: latency of the gyro, s.
+    """
     t, random = log.time - log.time[0], np.random.default_rng(seed)
     if way == "none":
         return {}
@@ -58,12 +62,13 @@ def measured(
 
 
 def late(columns: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return the settings that go with these columns."""
+    """Return the settings for these columns."""
     return {"velocity_latency": LATE} if "gnss_course" in columns else {}
 
 
 def sideslip(out: np.ndarray, log: Log, vx: np.ndarray, vy: np.ndarray, least: float) -> dict[str, float]:
-    """Return how far the sideslip is off, rms in deg, and how often the 95 % interval of vel_y holds."""
+    """Return the rms error of the sideslip, deg, and the coverage of the interval of
+    vel_y."""
     t = log.time - log.time[0]
     x, y = (np.interp(t - out["estimate_age"], t, v) for v in (vx, vy))
     counts = (t > SETTLED) & (out["vel_x"] > least) & np.isfinite(x) & np.isfinite(y)
@@ -87,7 +92,8 @@ def real_rows(data: Path) -> list[str]:
         )
         t = log.time - log.time[0]
         for way in WAYS:
-            # the gyro is what the heading is made of; its bias is in both, and so in neither
+            # the gyro is what the heading is made of; its bias is in both, and so in
+            # neither
             columns = measured(way, log, vx, vy, rate, 0.0, 1)
             out, config = estimated(data / name / "vehicle.toml", log, columns, late(columns))
             end = (t > t[-1] * 2 / 3) & (out["vel_x"] > FAST["real"])
