@@ -1,5 +1,4 @@
-"""Compare longitudinal stiffness by calibration, by a regression of straight rows, and by
-class.
+"""Compare longitudinal stiffness by calibration, straight rows and class.
 
     python -m tests.cars.along [--cars N] [--first SEED] [--seeds S] [--straight D]
         [--out FILE]

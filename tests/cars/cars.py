@@ -49,7 +49,8 @@ GRAVITY = 9.81  # m/s2
 AIR = 1.2  # kg/m3
 CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
 
-PARAMETERS = {  # name: unit and meaning; front and rear where the name says so, stiffness and masses of wheels are of one wheel
+# unit and meaning by name; stiffness and masses of wheels are those of one wheel
+PARAMETERS = {
     "mass": "kg, as driven",
     "yaw_inertia": "kg m2, whole car",
     "roll_inertia": "kg m2, body about its centre of gravity",
@@ -211,7 +212,7 @@ def draw_car(
     """
     u = rng.uniform
     p: dict[str, float] = {}
-    size = u(0.0, 1.0)  # small car .. large car; what belongs together follows it
+    size = u(0.0, 1.0)  # small car .. large car; other sizes follow it
     p["mass"] = float(np.clip(1100 + 1100 * size + u(-100, 200), 1100, 2300))
     wheelbase = 2.42 + 0.52 * size + u(-0.06, 0.06)
     driven = str(rng.choice(["front", "rear", "both"], p=[0.6, 0.22, 0.18]))
@@ -319,7 +320,7 @@ def _share_flexibility(p: dict[str, float], rng: np.random.Generator, wheelbase:
     front, rear = weight * p["lr"] / wheelbase, weight * p["lf"] / wheelbase
     per_g_rear = 1 / u(12.0, 19.0)  # slip angle per g of the rear axle with its suspension, rad
     per_g_front = per_g_rear + math.radians(u(0.8, 3.2))
-    suspension, steering = u(-0.05, 0.1), u(0.12, 0.32)  # shares of the flexibility that are not the tyre's
+    suspension, steering = u(-0.05, 0.1), u(0.12, 0.32)  # shares of the flexibility beside the tyre
     p["cornering_rear"] = 0.5 * rear / (per_g_rear * (1 - suspension))
     p["compliance_rear"] = suspension * per_g_rear / rear
     p["cornering_front"] = 0.5 * front / (per_g_front * (1 - steering))
@@ -348,7 +349,7 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
             "wheel_speed_rear": float(np.clip(wheel_latency + u(-0.01, 0.01), 0, 0.06)),
         },
         "jitter": 0.003,  # s, uniform, either side
-        "late": 0.005,  # share of the rows whose message is not there yet: the last one is held
+        "late": 0.005,  # share of the rows with a missing message: the last one is held
         "period": {c: wheels if c.startswith("wheel") else 0.01 for c in CHANNELS},
         "steering_wheel_step": float(rng.choice([0.1, 0.1, 0.04])) * degree,
         "steering_wheel_offset": float(u(-1.0, 1.0)) * degree,

@@ -16,14 +16,14 @@ from .model import Fleet
 from .road import Road, Surface
 
 CONTROL = 0.01  # s
-FREEST = 8.0  # rad/s, most that hands turn a steering wheel
+MAX_HAND_RATE = 8.0  # rad/s, of the steering wheel
 LOOK = 0.8  # s, how far ahead speed is read from the road
 TRAITS = {  # of a driver, drawn uniformly
     "preview": (1.3, 1.9),  # s
     "least_preview": (4.0, 5.5),  # m
     "gain": (0.6, 0.9),  # 1, of the correction
     "attention": (0.1, 0.4),  # s, mean time between two corrections
-    "startles": (0.15, 0.4),  # m, miss at the preview point beyond which it is noticed at once
+    "startles": (0.15, 0.4),  # m, error at the preview point with an immediate correction
     "arms": (8.5, 14.0),  # rad/s
     "arms_damping": (0.75, 0.95),
     "misjudged": (-0.1, 0.1),  # 1, of the understeer
@@ -156,7 +156,7 @@ class Drivers:
         self.turning += CONTROL * (
             w * w * (wanted - self.steering_wheel) - 2 * t["arms_damping"] * w * self.turning
         )
-        self.turning = np.clip(self.turning, -FREEST, FREEST)
+        self.turning = np.clip(self.turning, -MAX_HAND_RATE, MAX_HAND_RATE)
         self.turning = np.where(f.vx < 0.3, 0.8 * self.turning, self.turning)
         self.steering_wheel = self.steering_wheel + CONTROL * self.turning
 

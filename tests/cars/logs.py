@@ -1,5 +1,4 @@
-"""Make logs with their truth from cars, roads, drivers and sensors: as arrays or
-files."""
+"""Make logs with their truth from cars, roads, drivers and sensors."""
 
 import json
 from dataclasses import dataclass, replace
@@ -15,9 +14,9 @@ from .road import ROADS, SCENARIOS, Road, Surface, draw_roads
 from .sensors import FINE, ROW, SLOPES, STATES, Motion, log_of, pedals_of
 
 SETTLE = 2.0  # s driven before the log begins
-BATCH = 20  # cars side by side: more are no faster per car, and take memory
+BATCH = 20  # cars side by side: more are not faster by car, and take memory
 COLUMNS = ("time", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
-PEDALS = ("brake", "wheel_torque_front", "wheel_torque_rear")  # what a log has besides, when it is asked for
+PEDALS = ("brake", "wheel_torque_front", "wheel_torque_rear")  # optional columns of a log
 # Of the reference file, at the times of the rows without any latency. Columns that a
 # log's reader would draw have no place in the log.
 REFERENCE = (
@@ -56,8 +55,8 @@ REFERENCE = (
     "road_friction",
     "road_stiffness",
 )
-BRAKES = 50.0  # N, of all wheels, from which the brake switch is on
-LEAST_SLIP, LEAST_ANGLE, LEAST_SPEED = 5e-4, 2e-3, 2.0  # 1, rad, m/s: no secant below
+BRAKES = 50.0  # N, brake force of all wheels at which the switch is on
+MIN_SLIP, MIN_ANGLE, MIN_SPEED = 5e-4, 2e-3, 2.0  # 1, rad, m/s: no secant below
 
 
 @dataclass
@@ -317,15 +316,15 @@ def _finish(
     log, latency = log_of(car, Motion(time, state), rows, rng)
 
     seen = {name: record.reference[settle:, k, i].astype(float) for k, name in enumerate(RECORDED)}
-    ok = seen["vel_x"] > LEAST_SPEED
+    ok = seen["vel_x"] > MIN_SPEED
     taken = {name: seen[name] for name in RECORDED if name.endswith("_tyre")}
     found = {"time": rows, **{name: x for name, x in seen.items() if name not in taken}}
-    for axis, slip, least in (("x", "slip", LEAST_SLIP), ("y", "alpha", LEAST_ANGLE)):
+    for axis, slip, least in (("x", "slip", MIN_SLIP), ("y", "alpha", MIN_ANGLE)):
         for axle in ("front", "rear"):
             name, force = f"c{axis}_{axle}", seen[f"f{axis}_{axle}"]
             found[name] = _secant(force, seen[f"{slip}_{axle}"], least, ok)
             found[f"{name}_tyre"] = _secant(force, taken[f"{name}_tyre"], least, ok)
-    found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], LEAST_ANGLE, ok)
+    found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], MIN_ANGLE, ok)
     found["cy_rear_axle"] = 1 / (1 / found["cy_rear_tyre"] + car.parameters["compliance_rear"])
     began = float(surface.time[i])
     event = (

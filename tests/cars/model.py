@@ -27,12 +27,14 @@ import numpy as np
 from .cars import AIR, GRAVITY, Car, roll_arm, sprung
 
 STEP = 0.00125  # s
-LOW_SPEED = 2.5  # m/s below which the carcass is damped: the rolling that damps it at speed is not there
-CARCASS_DAMPING = 0.5  # of the critical damping of a quarter of the car on the carcass of its tyre
-MOST_SLIP = 0.6  # of a carcass; on the flat of the curve, so that letting go does not take long
-LEAST_LOAD = 10.0  # N, so that a wheel in the air divides nothing by zero
+LOW_SPEED = 2.5  # m/s: below, the carcass is damped, as rolling does at speed
+CARCASS_DAMPING = 0.5  # share of the critical damping of a quarter car on its carcass
+MAX_CARCASS_SLIP = 0.6  # of a carcass: on the flat of the curve, so that it recovers soon
+MIN_WHEEL_LOAD = 10.0  # N, avoids a division by 0 for a wheel in the air
 STATES = 9  # of the body: vx, vy, r, and heave, roll, pitch, each followed by its rate
-SUMS = 7  # over the wheels: force along, across, yaw moment, springs, their roll and pitch moments, moment about kingpins
+# sums over the wheels: force along, across, yaw moment, springs, their roll and pitch
+# moments, moment about kingpins
+SUMS = 7
 
 
 def _wheels(front: np.ndarray, rear: np.ndarray) -> np.ndarray:
@@ -146,7 +148,7 @@ class Fleet:
         carcass = stiffness / np.array([p.relaxation_x, p.relaxation_y])[:, None, None]  # N/m
         damping = 2 * CARCASS_DAMPING * np.sqrt(carcass * p.mass / 4)
         self.slip_by_damping = damping / stiffness  # s/m: as slip, per m/s of the contact patch
-        self.spin_damping = h * self.radius**2 * damping[0]  # kg m2: what makes that implicit for the spin
+        self.spin_damping = h * self.radius**2 * damping[0]  # kg m2: makes the damping implicit for the spin
         self.deflection = full(p.radius_by_deflection / p.tyre_spring)  # m/N
         self.by_peak_load = full(1 / p.cornering_peak_load)
         # cornering stiffness 2 c u/(1 + u^2), u = load/peak load, through its value at
@@ -232,7 +234,7 @@ class Fleet:
             self.steer = self.steer + h * self.dsteer
             angle = self.roll_steer * u_roll
             angle += self.toe
-            outer = self.ackermann * self.steer * self.steer  # the inner wheel turns more, whichever it is
+            outer = self.ackermann * self.steer * self.steer  # the inner wheel turns more
             angle[0, 0] += self.steer + outer
             angle[0, 1] += self.steer - outer
             angle[1] -= p.compliance_rear * self.side_rear
@@ -242,7 +244,7 @@ class Fleet:
             u, v = u_vx - self.y * u_r, u_vy + self.x * u_r
             along = u * cos + v * sin
             load = np.maximum(
-                (ground if uneven is None else ground[k]) - self.tyre_spring * travel, LEAST_LOAD
+                (ground if uneven is None else ground[k]) - self.tyre_spring * travel, MIN_WHEEL_LOAD
             )
             radius = free_radius - self.deflection * load
             # -- slips: first-order relaxation over the distance rolled
@@ -250,7 +252,7 @@ class Fleet:
             np.subtract(u * sin, v * cos, out=sliding[1])
             np.copyto(rolled, np.abs(along))
             slip = (self.slip + self.relax * sliding) / (self.relax * rolled + 1.0)
-            slip = np.minimum(np.maximum(slip, -MOST_SLIP), MOST_SLIP)
+            slip = np.minimum(np.maximum(slip, -MAX_CARCASS_SLIP), MAX_CARCASS_SLIP)
             self.slip = slip
             if slow:
                 fade = np.maximum(1 - rolled[0] / LOW_SPEED, 0)

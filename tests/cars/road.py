@@ -1,5 +1,4 @@
-"""Draw roads at random, with events: curvature, speed, lanes, slopes, unevenness,
-surface.
+"""Draw roads at random: curvature, speed, lanes, slopes, unevenness, events.
 
 Events are ice, water and a flat tyre. Roads are given over their length on a grid of 1 m;
 arrays are (points, cars). Curvature is positive to the left, grade uphill, and bank with
@@ -51,7 +50,7 @@ class Road:
     stop_at: np.ndarray
     stop_for: np.ndarray
     roughness: np.ndarray  # 1 per car: of the unevenness, relative to class A of ISO 8608
-    starts_at: np.ndarray  # places in the table of unevenness, per car, points
+    starts_at: np.ndarray  # points: places in the table of unevenness, by car
 
     def at(self, profile: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Interpolate a profile at places, m, (cars,)."""

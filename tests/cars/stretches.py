@@ -1,5 +1,4 @@
-"""Compare the answer for each stretch of road with the truth, on calibrated cars
-(README.md).
+"""Compare the answer for each stretch of road with the truth (README.md).
 
     python -m tests.cars.stretches --calibrated DIR [--cars N] [--first SEED]
         [--out FILE]

@@ -1,5 +1,4 @@
-"""Calibrate ordinary cars on drives of their own, and estimate them on others
-(README.md).
+"""Calibrate ordinary cars, and estimate them on other drives (README.md).
 
     python -m tests.cars.study [--cars N] [--first SEED] [--minutes M] [--jobs J]
         [--keep DIR] [--out FILE]
@@ -24,7 +23,7 @@ from tqdm import tqdm
 
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
-from tests.cars.logs import LEAST_ANGLE
+from tests.cars.logs import MIN_ANGLE
 from tse.calibration import output, workflow
 from tse.calibration.result import CalibrationResult
 from tse.car.config import make_config
@@ -63,7 +62,7 @@ PHYSICAL = {
     "gyro_scale_error": "yaw_rate_scale",
 }
 RELATIVE = ("yaw_inertia", "relaxation_length", "wheel_radius_front", "wheel_radius_rear")
-STIFF = {  # of an axle, with what steering and suspension give in: linear_stiffness of truth.json
+STIFF = {  # of an axle with steering and suspension: linear_stiffness of truth.json
     "longitudinal_stiffness_front": "cx_front", "longitudinal_stiffness_rear": "cx_rear",
     "cornering_stiffness_front": "cy_front_effective", "cornering_stiffness_rear": "cy_rear_effective",
 }  # fmt: skip
@@ -91,13 +90,13 @@ def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndar
     for axle, column in (("front", TRUTH["cy_front"]), ("rear", TRUTH["cy_rear"])):
         force, known = reference[f"fy_{axle}"].to_numpy(float), np.isfinite(made[column])
         angle = np.interp(time, time[known], force[known] / made[column][known])
-        stiff = truth["linear_stiffness"]  # what gives in beside the tyre does so at once
+        stiff = truth["linear_stiffness"]  # compliance beside the tyre acts at once
         length = truth["parameters"]["relaxation_y"] * stiff[f"cy_{axle}_effective"] / stiff[f"cy_{axle}"]
         share = -np.expm1(-np.diff(time, prepend=time[0]) * speed / length)
         late = np.zeros(len(angle))
         for k in range(1, len(angle)):
             late[k] = late[k - 1] + share[k] * (angle[k] - late[k - 1])
-        large = known & (np.abs(late) > LEAST_ANGLE)
+        large = known & (np.abs(late) > MIN_ANGLE)
         made[column] = np.where(large, force / np.where(large, late, 1.0), np.nan)
     return truth_of(made)
 

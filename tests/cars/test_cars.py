@@ -1,5 +1,4 @@
-"""The generator of ordinary cars against independent physics, and its logs against
-truth."""
+"""The generator of ordinary cars against independent physics."""
 
 import json
 from dataclasses import replace
@@ -530,7 +529,7 @@ def test_no_sensor_tells_rear_tyres_from_a_suspension_that_gives_in_with_their_f
     (car,) = make_cars(1, 3, clean=True)
     own, tyres = car.parameters, 2 * car.parameters["cornering_rear"]
     stiffer = 1.1 * tyres
-    soft = 1 / tyres - 1 / stiffer  # rad/N: what a suspension gives in, so that the axle is as before
+    soft = 1 / tyres - 1 / stiffer  # rad/N: compliance of a suspension that keeps the axle unchanged
     others = (
         {"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft},
         {"cornering_rear": stiffer / 2},

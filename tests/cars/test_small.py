@@ -1,5 +1,4 @@
-"""The build with TSE_SMALL on a drive: fixed point against double, and the full
-filter."""
+"""The build with TSE_SMALL on a drive, against double and the full filter."""
 
 import numpy as np
 import pytest
