@@ -180,7 +180,7 @@ class LogPane {
 
   put(names, from) { for (const name of names) this.desk.set(name, from[name]); }
 
-  // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tse/car/vehicle.py).
+  // What the page does not show: of a car that is not known exactly it is that of its class (make_filter_values() in scripts/tse/car/vehicle.py).
   prior() {
     const shown = this.desk.settings(), names = this.lib.groups.flat();
     if (this.lib.groups[1].some((name) => shown[name] !== 0)) this.desk.defaults();
