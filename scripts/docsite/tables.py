@@ -92,6 +92,7 @@ def format_number(x: float) -> str:
 
 
 def _format_range(f: Field) -> str:
+    """Format the range of a setting."""
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 

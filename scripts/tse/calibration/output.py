@@ -155,6 +155,7 @@ def _collect_start(
 
 
 def _format_band(f: NumberFinding) -> str:
+    """Format the interval of a number as the end of a comment."""
     if not f.shown:
         return ", not shown by these logs"
     return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"

@@ -136,6 +136,7 @@ def _make_cache_path(name: str) -> Path | None:
 
 
 def _select_part(log: Log, seconds: float) -> Log:
+    """Return the part of a log with the most motion."""
     return liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 

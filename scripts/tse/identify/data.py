@@ -72,10 +72,12 @@ class PreparedLog:
 
     @property
     def name(self) -> str:
+        """Name of the file without its suffix."""
         return self.path.stem
 
     @property
     def channels(self) -> list[str]:
+        """Compared channels that the log has."""
         return [c for c in COMPARED_CHANNELS if c in self.measured]
 
     @property

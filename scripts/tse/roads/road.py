@@ -276,6 +276,7 @@ def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
 
 
 def _format_range(name: str) -> str:
+    """Format the allowed range of a column."""
     unit, low, high = COLUMN_RANGES[name]
     return f"{low:g} .. {high:g}{'' if unit == '1' else f' {unit}'}"
 
@@ -347,4 +348,5 @@ def write_road(road: Road, path: Path) -> None:
 
 
 def _format_cell(x: float, digits: int) -> str:
+    """Format a number of road.csv; NaN as an empty cell."""
     return "" if np.isnan(x) else f"{x:.{digits}f}"

@@ -131,6 +131,7 @@ def _follow_speed(
 
 
 def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
+    """Return the columns of a log from the outputs of the simulator."""
     return pd.DataFrame({"time": time, **{name: outputs[name] for name in columns()[1:]}})
 
 
