@@ -153,7 +153,7 @@ def prepare(log: Log, config: Config) -> PreparedLog:
     notes = []
     if absent:
         notes.append(
-            f"{log.path.name}: has no {', '.join(absent)}: unknowns that only they show keep their prior"
+            f"{log.path.name}: without {', '.join(absent)}: unknowns that only they show keep their prior"
         )
     if not stretches:
         notes.append(
