@@ -71,7 +71,10 @@ PARAMETERS = {
     "tyre_spring": "N/m, vertical",
     "roll_centre_front": "m above the road",
     "roll_centre_rear": "m above the road",
-    "pitch_centre": "m above the road: what links, not springs, carry of the longitudinal transfer (anti-dive, anti-squat)",
+    "pitch_centre": (
+        "m above the road: what links, not springs, carry of the longitudinal transfer "
+        "(anti-dive, anti-squat)"
+    ),
     "radius_front": "m, effective rolling radius at static load and low speed, worn",
     "radius_rear": "m",
     "radius_by_deflection": "1, loss of rolling radius per vertical deflection",
@@ -101,7 +104,9 @@ PARAMETERS = {
     "steering_frequency": "rad/s, of the second-order lag from steering wheel to road wheels",
     "steering_damping": "1",
     "ackermann": "1, share of the full difference between both angles",
-    "compliance_rear": "rad/N, turn of the rear wheels out of the bend per side force of the axle; negative: into it",
+    "compliance_rear": (
+        "rad/N, turn of the rear wheels out of the bend per side force of the axle; negative: into it"
+    ),
     "roll_steer_front": "rad/rad, front wheels turn against the turn (understeer)",
     "roll_steer_rear": "rad/rad, rear wheels turn into the turn (understeer)",
     "toe_front": "rad, of one wheel, inwards",

@@ -221,13 +221,14 @@ def main(arguments: list[str]) -> int:
         ]
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
 
-`python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after
-`python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`: {cars} cars with 14 degrees of freedom on
-{" and ".join(ON)}, the event at a third of each drive or as soon as the car is calm. Front longitudinal / front cornering / rear
-cornering, as secants at the slip of each row, and at no slip.
-*reported*: a change or sliding has more than half of the probability. *Shows after*: the same filter, started at the
-change with an sd of {CHANGE_SD:g} of each stiffness, knows one so well that by the true change, median of the minute, it is
-not that of before, with 95 %; {AFTER:g} s: it never does.
+`python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}`
+after `python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`:
+{cars} cars with 14 degrees of freedom on {" and ".join(ON)}, the event at a third of each drive or
+as soon as the car is calm. Front longitudinal / front cornering / rear cornering, as secants at the
+slip of each row, and at no slip. *reported*: a change or sliding has more than half of the
+probability. *Shows after*: the same filter, started at the change with an sd of {CHANGE_SD:g} of
+each stiffness, knows one so well that by the true change, median of the minute, it is not that of
+before, with 95 %; {AFTER:g} s: it never does.
 
 """
     given.out.write_text(head + "\n".join(table(pd.DataFrame(found))) + "\n", encoding="utf-8")

@@ -51,7 +51,10 @@ def table(runs: pd.DataFrame) -> list[str]:
             shares(g, what, of, 1) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         rows.append([*cells, three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3)])
-    head = "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|from double, rms [sd of the estimate]"
+    head = (
+        "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
+        "from double, rms [sd of the estimate]"
+    )
     return markdown_table(head.split("|"), rows, 6)
 
 
@@ -66,10 +69,11 @@ def main(arguments: list[str]) -> int:
     )
     head = f"""# Float and fixed point beside double, on cars
 
-`python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: {len(jobs)} drives of
-{given.cars} calibrated cars with 14 degrees of freedom; each build reads the same logs with the same settings. Front
-longitudinal / front cornering / rear cornering; median error, *valid*, *off*, *holds* as in [cars](cars-fresh.md).
+`python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after `python -m
+tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: {len(jobs)} drives of
+{given.cars} calibrated cars with 14 degrees of freedom; each build reads the same logs with the
+same settings. Front longitudinal / front cornering / rear cornering; median error, *valid*, *off*,
+*holds* as in [cars](cars-fresh.md).
 
 """
     given.out.write_text(head + "\n".join(table(runs)) + "\n", encoding="utf-8")

@@ -114,8 +114,9 @@ def main(arguments: list[str]) -> int:
     scratch.unlink()
     text = f"""# Rows that come late
 
-`python -m tests.cars.late --calibrated DIR --seed {given.seed}` after `python -m tests.cars.study --keep DIR`:
-{len(cars)} calibrated cars on a mountain road. Front / rear cornering stiffness; bias: the largest of the cars.
+`python -m tests.cars.late --calibrated DIR --seed {given.seed}` after `python -m tests.cars.study
+--keep DIR`: {len(cars)} calibrated cars on a mountain road. Front / rear cornering stiffness; bias:
+the largest of the cars.
 
 """
     given.out.write_text(text + "\n".join(late_table(pd.DataFrame(delays))) + "\n", encoding="utf-8")

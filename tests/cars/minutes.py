@@ -65,11 +65,11 @@ def main(arguments: list[str]) -> int:
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
     head = f"""# Minutes of calibration
 
-`python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars} cars with
-14 degrees of freedom, calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on
-another of each. Front longitudinal / front cornering / rear cornering; rows
-after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
+`python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after `python -m
+tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars}
+cars with 14 degrees of freedom, calibrated on the first minutes of a drive on each of
+{", ".join(ROADS)}, and estimated on another of each. Front longitudinal / front cornering / rear
+cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
 
 """
     text = (

@@ -104,7 +104,10 @@ def of_real(scratch: Path) -> list[str]:
                 said = made.found["why"]
             keys = ("cy_front", "cy_front valid", "cy_rear", "cy_rear valid", "changes", "sideslip")
             lines.append([name, who, *(r[key] for key in keys), said])
-    head = "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|sideslip off by, rms [deg]"
+    head = (
+        "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|"
+        "sideslip off by, rms [deg]"
+    )
     return markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
 
 
@@ -121,17 +124,18 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`:
 what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
-- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the posterior is the
-  prior of the cornering stiffness. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
-  a drive of each road, to compare with; of the first cars.
-- A narrower prior than the posterior keeps what all rows show together, and is surer than they are; a wider one lets the filter
-  learn the stiffness anew, with its own errors.
+- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the posterior
+  is the prior of the cornering stiffness. The lines below it: other shares, and the sd of the
+  class. *{OTHERS}*: `tselab calibrate` on a drive of each road, to compare with; of the first cars.
+- A narrower prior than the posterior keeps what all rows show together, and is surer than they are;
+  a wider one lets the filter learn the stiffness anew, with its own errors.
 
 ## Cars with 14 degrees of freedom
 
-{given.cars} cars, a drive of each of {", ".join(ROADS)}; the calibration was used in {used} of {given.cars * len(ROADS)}. Front
-longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s; *off*: share of the valid ones that are more than
-{100 * OFF:.0f} % from the secant; *holds*: of all rows with a truth.
+{given.cars} cars, a drive of each of {", ".join(ROADS)}; the calibration was used in {used} of
+{given.cars * len(ROADS)}. Front longitudinal / front cornering / rear cornering; rows after
+{SETTLED:g} s; *off*: share of the valid ones that are more than {100 * OFF:.0f} % from the secant;
+*holds*: of all rows with a truth.
 
 """
     text += "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
@@ -139,8 +143,9 @@ longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s; *off*
 
 ## Real logs
 
-Columns as in [real logs](real.md); *valid*: of the rows in whose last 20 s the lateral acceleration exceeded 1 m/s2. The 250 LM by
-regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
+Columns as in [real logs](real.md); *valid*: of the rows in whose last 20 s the lateral acceleration
+exceeded 1 m/s2. The 250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114
+162] kN/rad.
 
 """
     text += "\n".join(real)

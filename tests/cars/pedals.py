@@ -66,7 +66,10 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     cars = sorted(p for p in given.drives.glob("car*") if (p / "found.json").is_file())
     table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in runs(car)])
-    head = "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|95 % interval holds [%]|changes"
+    head = (
+        "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|"
+        "95 % interval holds [%]|changes"
+    )
     rows = [
         line(list(key), group)
         for parts in (table.assign(road="all"), table)
@@ -76,12 +79,14 @@ def main(arguments: list[str]) -> int:
     who = read_vehicle(cars[0] / "fit" / "car.toml").name
     text = f"""# Longitudinal stiffness with brake switch and wheel torques
 
-`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: {len(cars)} calibrated cars of tests/cars from
-{who} on; front longitudinal stiffness against the secant of the row, rows after 20 s and above 3 m/s. The switch is
-on from 50 N of braking; torques are off by a scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise,
-and late by up to 60 ms. *Not said*: the file of a car with one driven axle does not say which, as of one whose other axle is
-driven on demand. *both*: driven axles share the torque as they share the load, within a tenth. The front tyres of a rear-driven
-car show a stiffness only while it brakes, that is with more load than at rest.
+`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: {len(cars)}
+calibrated cars of tests/cars from {who} on; front longitudinal stiffness against the secant of the
+row, rows after 20 s and above 3 m/s. The switch is on from 50 N of braking; torques are off by a
+scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise, and late by up to 60
+ms. *Not said*: the file of a car with one driven axle does not say which, as of one whose other
+axle is driven on demand. *both*: driven axles share the torque as they share the load, within a
+tenth. The front tyres of a rear-driven car show a stiffness only while it brakes, that is with more
+load than at rest.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")

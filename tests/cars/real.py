@@ -167,15 +167,16 @@ def main(arguments: list[str]) -> int:
     lines += ["| " + " | ".join(r[key] for key in heads) + " |" for r in rows]
     text = f"""# Real logs
 
-`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an ordinary car of its class), and
-with calibrations of the whole log, of its halves and of another log of the same car. *Sd of the calibration*: its posterior
-of front and rear cornering stiffness, with the mass as in the file; *were the rest known*: latencies, steering ratio, inertia
-and all else that it finds beside them. Stiffness at no slip with its 95 % interval: medians of the last third, above
-{FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the
-lateral acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the stiffness of the
-vehicle file, or that of the class. The reference of vel_y is as good as its alignment to the car, which was fitted: 0.3 deg of
-sideslip are a heading that is 0.3 deg off. The 250 LM by regression with the sideslip known: front 82 [78 92], rear
-121 [114 162] kN/rad.
+`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an
+ordinary car of its class), and with calibrations of the whole log, of its halves and of another log
+of the same car. *Sd of the calibration*: its posterior of front and rear cornering stiffness, with
+the mass as in the file; *were the rest known*: latencies, steering ratio, inertia and all else that
+it finds beside them. Stiffness at no slip with its 95 % interval: medians of the last third, above
+{FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the lateral
+acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the
+stiffness of the vehicle file, or that of the class. The reference of vel_y is as good as its
+alignment to the car, which was fitted: 0.3 deg of sideslip are a heading that is 0.3 deg off. The
+250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")

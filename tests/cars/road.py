@@ -23,13 +23,19 @@ SCENARIOS = {
     "dry": "nothing happens",
     "ice": "friction 0.25 .. 0.4 of the dry road's, stiffness 0.4 .. 0.65, from a place on",
     "split": "the same on one side of the car only",
-    "aquaplaning": "for 3 s front tyres at 0.1 .. 0.25 of friction, 0.15 .. 0.4 of stiffness, rear ones in their wake 0.4 .. 0.7",
+    "aquaplaning": (
+        "for 3 s front tyres at 0.1 .. 0.25 of friction, 0.15 .. 0.4 of stiffness, rear ones "
+        "in their wake 0.4 .. 0.7"
+    ),
     "low_limit": "friction 0.45 .. 0.6, the same stiffness, from a place on",
     "snow": "friction 0.4 .. 0.55 of the dry road's, stiffness 0.55 .. 0.75, from a place on",
     "wet": "friction 0.7 .. 0.85 of the dry road's, stiffness 0.75 .. 0.85, from a place on",
     "front_axle": "tyres of the front axle lose 20 % of stiffness within 20 s",
     "rear_axle": "tyres of the rear axle lose 20 % of stiffness within 20 s",
-    "pressure": "one tyre loses pressure over 1 .. 3 min: stiffness across 0.6 .. 0.8, along 1.0 .. 1.1, radius -0.5 .. -1 %",
+    "pressure": (
+        "one tyre loses pressure over 1 .. 3 min: stiffness across 0.6 .. 0.8, along 1.0 .. "
+        "1.1, radius -0.5 .. -1 %"
+    ),
 }
 
 LASTS = {"aquaplaning": 3.0}  # s; all others stay

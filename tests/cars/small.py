@@ -132,10 +132,11 @@ def main(arguments: list[str]) -> int:
     head = f"""# A smaller state
 
 `python -m tests.cars.small --keep DIR --first {given.first} --cars {given.cars} --real DIR` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`: {len(jobs)} drives of
-{given.cars} calibrated cars with 14 degrees of freedom, by the full filter, by the build with `TSE_SMALL` and by the constant of
-the calibration. Front / rear cornering; median error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant
-without relaxation; *rms error*: of all rows with a truth.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`:
+{len(jobs)} drives of {given.cars} calibrated cars with 14 degrees of freedom, by the full filter,
+by the build with `TSE_SMALL` and by the constant of the calibration. Front / rear cornering; median
+error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant without relaxation;
+*rms error*: of all rows with a truth.
 
 """
     text = (
@@ -146,12 +147,15 @@ without relaxation; *rms error*: of all rows with a truth.
         for name, other in (SAME_CAR[0], SAME_CAR[0][::-1]):
             lines += of_log(name, other, given.real, builds)
         text += """
-Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep DIR`): stiffness at no slip with
-its 95 % interval, median of the last third; valid of lively rows, as in [real logs](real.md). Nobody knows these tyres; the
-speed across is measured.
+Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep
+DIR`): stiffness at no slip with its 95 % interval, median of the last third; valid of lively rows,
+as in [real logs](real.md). Nobody knows these tyres; the speed across is measured.
 
 """
-        columns = "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|95 % interval of vel_y holds [%]"
+        columns = (
+            "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
+            "95 % interval of vel_y holds [%]"
+        )
         text += "\n".join(markdown_table(columns.split("|"), lines, 5)) + "\n"
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {len(jobs)} drives")

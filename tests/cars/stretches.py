@@ -143,12 +143,12 @@ def main(arguments: list[str]) -> int:
 
 `python -m tests.cars.stretches --calibrated DIR --cars {given.cars} --first {given.first}` after
 `python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR` and
-`python -m tests.cars.events --calibrated DIR --first {given.first}`: cars with 14 degrees of freedom; front longitudinal / front
-cornering / rear cornering.
-Truth: median of the secants of a stretch's rows. The stretches are those between the changes that the filter reports: one that
-it misses makes two roads one stretch, of which one value is true of neither. *{CONSTANT}*: no filter; of cars that are not
-calibrated the stiffness of their class. *{MEAN}*: of the stretches that have some. *off*: more than {100 * OFF:.0f} %; shares
-are of all stretches of the line.
+`python -m tests.cars.events --calibrated DIR --first {given.first}`: cars with 14 degrees of
+freedom; front longitudinal / front cornering / rear cornering. Truth: median of the secants of a
+stretch's rows. The stretches are those between the changes that the filter reports: one that it
+misses makes two roads one stretch, of which one value is true of neither. *{CONSTANT}*: no filter;
+of cars that are not calibrated the stiffness of their class. *{MEAN}*: of the stretches that have
+some. *off*: more than {100 * OFF:.0f} %; shares are of all stretches of the line.
 """
     given.out.write_text(head + "\n".join(text) + "\n", encoding="utf-8")
     print(f"{given.out}: {len(drives)} drives")

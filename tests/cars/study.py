@@ -317,7 +317,10 @@ def table(runs: pd.DataFrame) -> list[str]:
                 f"{100 * group['fault'].mean():.1f}",
             ]
         )
-    head = "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour|rows at fault [%]"
+    head = (
+        "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
+        "changes an hour|rows at fault [%]"
+    )
     return markdown_table(head.split("|"), lines, 6)
 
 
@@ -355,7 +358,10 @@ def physical_table(found: pd.DataFrame) -> list[str]:
             cells.append(f"{off.median():.2g}, {off.max():.2g}")
         holds = (group["off"].abs() < 1.96 * group["sd"])[group["sd"].notna()]
         rows.append([*cells, f"{100 * float(holds.mean()):.0f}" if len(holds) else "-"])
-    head = "number|shown in|off by, before: median, largest|off by, found: median, largest|95 % interval holds [%]"
+    head = (
+        "number|shown in|off by, before: median, largest|off by, found: median, largest|"
+        "95 % interval holds [%]"
+    )
     return markdown_table(head.split("|"), rows)
 
 
@@ -404,18 +410,20 @@ def main(arguments: list[str]) -> int:
     converged = int(runs.groupby("car")["converged"].first().sum())
     head = f"""# Ordinary cars with 14 degrees of freedom, calibrated
 
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`: {given.cars} cars, each
-calibrated on one drive of {given.minutes:g} minutes on each of {", ".join(ROADS)} ({converged} of {given.cars} searches
-converged) and estimated on another of each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear
-cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s. *Valid*: share of the rows that have a truth; *off*: share
-of the valid ones whose secant is more than {100 * OFF:.0f} % from the true one; *95 % interval holds*: share of all rows with
-a truth; *median error*: of the rows of a log, median over the cars. *{CONSTANT}*: the calibrated file's own stiffness in
-every row, no filter. *{BEST}*: the median of the car's true secants in every row; no constant is nearer, what is off
-there is how far the secant itself moves. *{TYRES}*: the same estimates
-beside the rear tyres without the suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*:
-the output of the stiffness at no slip beside that of the axle with static load and no slip. *{RELAXED}*: the true
-force over the slip angle that the tyres have relaxed to.
-Nothing happens on these drives: every change and fault is a false one. Latencies are those behind the gyro.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`:
+{given.cars} cars, each calibrated on one drive of {given.minutes:g} minutes on each of
+{", ".join(ROADS)} ({converged} of {given.cars} searches converged) and estimated on another of
+each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear cornering;
+rows after {SETTLED:g} s and above {SLOW:g} m/s. *Valid*: share of the rows that have a truth;
+*off*: share of the valid ones whose secant is more than {100 * OFF:.0f} % from the true one; *95 %
+interval holds*: share of all rows with a truth; *median error*: of the rows of a log, median over
+the cars. *{CONSTANT}*: the calibrated file's own stiffness in every row, no filter. *{BEST}*: the
+median of the car's true secants in every row; no constant is nearer, what is off there is how far
+the secant itself moves. *{TYRES}*: the same estimates beside the rear tyres without the
+suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*: the
+output of the stiffness at no slip beside that of the axle with static load and no slip.
+*{RELAXED}*: the true force over the slip angle that the tyres have relaxed to. Nothing happens on
+these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """
     text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))

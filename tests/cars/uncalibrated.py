@@ -110,11 +110,12 @@ def main(arguments: list[str]) -> int:
     lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
 
-`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator,
-{len(maneuvers.MANEUVERS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds, of two
-cars: *{CARS[0]}*, its stiffness is off the class's by a factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*,
-whose yaw inertia is off the class's, too. The filter knows mass, axles, radii and driven axle, and the class.
-Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
+`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of
+the simulator, {len(maneuvers.MANEUVERS)} manoeuvres x relaxation of {lengths} m x roll of {rolls}
+rad per m/s2 x {given.seeds} seeds, of two cars: *{CARS[0]}*, its stiffness is off the class's by a
+factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*, whose yaw inertia is off
+the class's, too. The filter knows mass, axles, radii and driven axle, and the class. Front
+longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
 *Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
 """
     text = head

@@ -80,7 +80,10 @@ def sideslip(out: np.ndarray, log: Log, vx: np.ndarray, vy: np.ndarray, least: f
 
 
 def real_rows(data: Path) -> list[str]:
-    head = "log|velocity|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|interval of vel_y holds [%]"
+    head = (
+        "log|velocity|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
+        "interval of vel_y holds [%]"
+    )
     lines = []
     for name in (n for n in REAL if (data / n / "data.csv").is_file()):
         log = read_log(data / name / "data.csv")
@@ -115,7 +118,10 @@ def real_rows(data: Path) -> list[str]:
 
 
 def car_rows(drives: Path) -> list[str]:
-    head = "road|vehicle file|velocity|sideslip off by, rms [deg]|interval of vel_y holds [%]|median error, front / rear [%]"
+    head = (
+        "road|vehicle file|velocity|sideslip off by, rms [deg]|interval of vel_y holds [%]|"
+        "median error, front / rear [%]"
+    )
     found: list[dict[str, Any]] = []
     for car in sorted(p for p in drives.glob("car*") if (p / "calibrated.toml").is_file()):
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
@@ -162,12 +168,14 @@ def main(arguments: list[str]) -> int:
     parts = [real_rows(given.data), car_rows(given.drives) if given.drives else []]
     text = """# With and without a measured velocity
 
-`python -m tests.cars.velocity --drives DIR`: an ordinary car of its class unless it is said to be calibrated. GNSS: ten times a
-second, 0.1 s late, 0.1 m/s, 0.5 deg; INS: every row, 0.03 m/s. Real logs: made of the INS's own velocity, which the sideslip is
-compared with, too; stiffness at no slip with its 95 % interval, medians of the last third. The 250 LM by regression with the
-sideslip known: at no slip, by a brush curve, front 82 [78 92], rear 121 [114 162] kN/rad; linear, below 4 m/s2, 68 [64 73], 105
-[99 113]. An extended Kalman filter of 40 lines, brush tyres, friction 1: 75, 125 kN/rad and 0.66 deg; with a GNSS course 86, 151
-and 0.35. Where both wheel speeds are one signal, as on the real logs, speed along the car is not used.
+`python -m tests.cars.velocity --drives DIR`: an ordinary car of its class unless it is said to be
+calibrated. GNSS: ten times a second, 0.1 s late, 0.1 m/s, 0.5 deg; INS: every row, 0.03 m/s. Real
+logs: made of the INS's own velocity, which the sideslip is compared with, too; stiffness at no slip
+with its 95 % interval, medians of the last third. The 250 LM by regression with the sideslip known:
+at no slip, by a brush curve, front 82 [78 92], rear 121 [114 162] kN/rad; linear, below 4 m/s2, 68
+[64 73], 105 [99 113]. An extended Kalman filter of 40 lines, brush tyres, friction 1: 75, 125
+kN/rad and 0.66 deg; with a GNSS course 86, 151 and 0.35. Where both wheel speeds are one signal, as
+on the real logs, speed along the car is not used.
 
 """
     given.out.write_text(text + "\n\n".join("\n".join(p) for p in parts if p) + "\n", encoding="utf-8")

@@ -125,7 +125,8 @@ def test_memory_is_that_of_one_process() -> None:
     """
     code = (
         "import sys; from measured import measured\n"
-        "for mb in (400, 1): print(*measured(sys.executable, '-c', f'x = bytearray({mb} << 20); raise SystemExit(10)', codes=[10]))"
+        "for mb in (400, 1): print(*measured(sys.executable, '-c', "
+        "f'x = bytearray({mb} << 20); raise SystemExit(10)', codes=[10]))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=scale.ROOT, capture_output=True, text=True, check=True
