@@ -352,7 +352,9 @@ def test_anchors_are_those_of_a_forge():
     assert links.list_anchors(text) == {"a_b-and-c-e---f", "twice", "twice-1", "own"}
 
 
-BLOCKS = sorted({(m[1], m[2]) for p in FILES for m in fill.PAGE_BLOCK.finditer(p.read_text(encoding="utf-8"))})
+BLOCKS = sorted(
+    {(m[1], m[2]) for p in FILES for m in fill.PAGE_BLOCK.finditer(p.read_text(encoding="utf-8"))}
+)
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda b: b[1])
