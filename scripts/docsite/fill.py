@@ -4,8 +4,9 @@
     .venv/bin/python -m docsite.fill --check     write nothing; fail if a block is stale
 
 A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with
-`<!-- end -->`. X is a file of the repository, a function of docsite.tables or of this
-module, or symptom/CASE of docsite.symptoms. The text between both comments is replaced.
+`<!-- end -->`. X is a file of the repository, a function make_X() of docsite.tables or of
+this module, or symptom/CASE of docsite.symptoms. The text between both comments is
+replaced.
 """
 
 import enum
@@ -26,7 +27,7 @@ PAGE_BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", f
 LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}
 
 
-def effects() -> str:
+def make_effects() -> str:
     """Return the table of all effects and a section for each."""
     known = tables.library().effects
     anchors = {e.id: links.make_slug(f"{e.id}: {e.title}") for e in known.values()}
@@ -84,7 +85,7 @@ def format_signature(name: str, thing: Any) -> str:
     )
 
 
-def python_api() -> str:
+def make_python_api() -> str:
     """Return signature and docstring of the public names of tse and their members."""
     import tse
 
@@ -122,7 +123,11 @@ def make_block(kind: str, what: str) -> str:
     if what.endswith(".md"):
         return "\n" + strip_title((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
     of, _, name = what.rpartition("/")
-    text = symptoms.show_case(name) if of == "symptom" else (globals().get(what) or getattr(tables, what))()
+    if of == "symptom":
+        text = symptoms.show_case(name)
+    else:
+        make = globals().get(f"make_{what}") or getattr(tables, f"make_{what}")
+        text = make()
     lines = [line.rstrip() for line in strip_title(text).splitlines()]
     return "\n" + re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n\n"
 

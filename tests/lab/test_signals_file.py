@@ -272,7 +272,11 @@ BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, word
     "Excel": ("x.xlsx", b"PK\3\4".ljust(60, b"\0"), ["save the sheet as CSV"]),
     "zip": ("x.zip", b"PK\3\4".ljust(60, b"\0"), ["unpack it first"]),
     "database for a log": ("x.dbc", b'VERSION ""\n', ["this is the database", "--database"]),
-    "a picture": ("x.png", b"\x89PNG\r\n\x1a\n\0\0".ljust(60, b"\0"), ["binary file of an unknown format", "MF4"]),
+    "a picture": (
+        "x.png",
+        b"\x89PNG\r\n\x1a\n\0\0".ljust(60, b"\0"),
+        ["binary file of an unknown format", "MF4"],
+    ),
     "no time": (
         "x.csv",
         b"lrw;vl\n1,5;2\n1,4;3\n1,3;3\n1,5;4\n",

@@ -361,7 +361,7 @@ BLOCKS = sorted(
 def test_a_table_that_is_written_in_is_current(block):
     """`.venv/bin/python -m docsite.fill` writes them anew."""
     kind, what = block
-    now = fill.made(kind, what)
+    now = fill.make_block(kind, what)
     for path in FILES:
         for m in fill.PAGE_BLOCK.finditer(path.read_text(encoding="utf-8")):
             if (m[1], m[2]) == block:

@@ -140,6 +140,7 @@ def _make_cache_path(name: str) -> Path | None:
 
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
+    """Return the part of a log with the most motion."""
     return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 

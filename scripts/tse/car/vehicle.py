@@ -548,6 +548,7 @@ def is_set(config: Config, effect: EffectRow) -> bool:
 
 
 def _set(config: Config, key: str, value: Any, source: str) -> None:
+    """Set and check one setting. UserError: no number, or outside its range."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise UserError(f"{source}: {value!r} is not a number; allowed: {config.fields[key].range_text}")
     try:
@@ -562,6 +563,7 @@ def _set(config: Config, key: str, value: Any, source: str) -> None:
 
 
 def _check_facts(path: Path, vehicle: Vehicle) -> None:
+    """Check descriptive keys, and the wheelbase against lf + lr."""
     for key in ("wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height"):
         value = vehicle.facts.get(key)
         if value is not None and (

@@ -120,7 +120,7 @@ def find(
     return Roads(logs)
 
 
-def _judged(kind: str, road: Knots, ended: CarFit, compute_road_sd: np.ndarray) -> FoundRoad:
+def _judged(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
     """Return how large a profile is, and how likely it is that there is one.
 
     The sd of the rms is that of independent values, each as sure as they are on average."""
@@ -128,7 +128,7 @@ def _judged(kind: str, road: Knots, ended: CarFit, compute_road_sd: np.ndarray) 
     nats = sum(ended.equations.compute_road_evidence(p, ended.z, KNOT_SD) for p in places)
     size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))
     values = sum(p.stop - p.start for p in places)
-    sd = float(np.sqrt(np.mean(np.concatenate([compute_road_sd[p] for p in places]) ** 2) / values))
+    sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
     odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MOST_ODDS)))
     ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
     return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
