@@ -41,6 +41,15 @@ SECTIONS = dict.fromkeys(
 )  # table: file that has it beside others
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
+# End of the text of a setting, by its column `filter`, in tables with settings of both filters.
+ONLY_IN = ("vehicle", "sensors", "filter")
+ONLY = {"default": "; default filter", "paper": "; paper's filter"}
+# Begin of the text about an effect, by its column `filter`.
+USES = {
+    "both": "both filters use it",
+    "default": "the default filter uses it, the paper's does not",
+    "none": "no filter uses it, simulator and replay do",
+}
 Row = dict[str, Any]
 
 
@@ -56,21 +65,28 @@ def file_of(name: str) -> str:
 
 
 def settings(name: str) -> dict[str, Row]:
-    """Return the settings of a table, by their names: defaults, ranges, units, texts.
+    """Return the settings of a table by their names: defaults, ranges, units, texts.
 
-    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car that is known exactly."""
+    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car that is known
+    exactly; filter: the filters whose estimate the setting moves, "both" unless the row states another.
+    """
     table = read(name)
     if name == "formula":
         table = table["setting"]
     if name == "effects":
         table = {
-            f"{i}_{p}": {**row, "effect": i} for i, e in table.items() for p, row in e["parameter"].items()
+            f"{i}_{p}": {"filter": e["filter"], **row, "effect": i}
+            for i, e in table.items()
+            for p, row in e["parameter"].items()
         }
     ordinary = read("uncalibrated")["setting"]
     return {
         n: {
             "unit": "",
+            "filter": "both",
+            "replaced_by": "",
             **row,
+            "text": row["text"] + (ONLY.get(row.get("filter"), "") if name in ONLY_IN else ""),
             "whole": not isinstance(row["default"], float),
             "exact": row["default"],
             "default": ordinary.get(n, {"value": row["default"]})["value"],
@@ -244,6 +260,42 @@ def copied(group: str) -> Iterator[str]:
 
 
 # ---- effects, formula
+
+
+def estimator_text(effect: Row) -> str:
+    """Return the sentence about the use of an effect by the filters."""
+    parts = [USES[effect["filter"]]]
+    if "remark" in effect:
+        parts.append(effect["remark"])
+    for name, row in effect["parameter"].items():
+        if other := row.get("replaced_by"):
+            parts.append(f"{name} counts only while {other} is 0")
+    return "; ".join(parts)
+
+
+def described_effects() -> list[str]:
+    """Return the rows of tse_describe_effects()."""
+    rows = []
+    for i, e in read("effects").items():
+        early = e.get("early", {"title": "", "below": 0.0})
+        rows += [
+            f"{{ {text(i)}, {text(e['hook'])}, {text(e['title'])},",
+            f"  {text(e['entry'])}, {text(e['channels'])},",
+            f"  {text(e['alike'])},",
+            f"  {text(estimator_text(e))},",
+            f"  TSE_EFFECT_{i}, {text(e['filter'])}, {text(e['occurrence'])},",
+            f"  {text(early['title'])}, {c(early['below'])} }},",
+        ]
+    return rows
+
+
+def described_settings() -> list[str]:
+    """Return the rows of tse_describe_settings(), in the order of tse_config."""
+    return [
+        f"{{ {text(n)}, {text(group)}, {text(r['filter'])}, {text(r['replaced_by'])} }},"
+        for group in CONFIG
+        for n, r in settings(group).items()
+    ]
 
 
 def effect_numbers() -> list[str]:
@@ -427,15 +479,8 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     # effects, formula
     "effect_places": lambda: packed(f"TSE_EFFECT_{i}," for i in read("effects")),
     "effect_members": lambda: packed(f"{n}," for n in settings("effects")),
-    "effects_described": lambda: [
-        "{ "
-        + ", ".join(
-            text(x)
-            for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator")))
-        )
-        + f", TSE_EFFECT_{i} }},"
-        for i, e in read("effects").items()
-    ],
+    "effects_described": described_effects,
+    "settings_described": described_settings,
     "constant_effects": lambda: hooked("CONSTANT"),
     "acting_effects": lambda: hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
     "formula_places": lambda: packed(

@@ -56,7 +56,7 @@ def effects() -> str:
         text += [
             f"\n## {e.id}: {e.title}\n\n{tables.cell(tables.equation_of(e.id))}\n",
             f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.cell(e.channels)}. Looks like {alike}. "
-            f"In an estimator that has it: {tables.cell(e.estimator)}.\n",
+            f"Estimate: {tables.cell(e.estimator)}.\n",
             tables.table(
                 ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
                 parameters,

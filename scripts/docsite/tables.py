@@ -1,6 +1,5 @@
 """Pages and tables that are made from the tables of the library, which are those of src/tables."""
 
-import functools
 import math
 import re
 import warnings
@@ -90,16 +89,9 @@ def _range(f: Field) -> str:
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 
-@functools.cache
 def group_of(setting: str) -> str:
-    """The table that has this setting."""
-    if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
-        return "effects"
-    for name in GROUPS:
-        rows = sources.read(name)
-        if setting in (rows["setting"] if name == "formula" else rows):
-            return name
-    raise ValueError(f"setting {setting} stands in no table of src/tables")
+    """Return the table of src/tables that has a setting."""
+    return library().settings[setting].table
 
 
 def settings(fields: Iterable[Field]) -> str:
@@ -110,11 +102,12 @@ def settings(fields: Iterable[Field]) -> str:
             number(f.default),
             _range(f),
             cell(f.unit if not f.is_integer else "integer"),
+            library().settings[f.name].filter,
             cell(f.text),
         ]
         for f in fields
     ]
-    return table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+    return table(["member", "type", "default", "range", "unit", "filter", "meaning"], rows, right=(2,))
 
 
 def config_page() -> str:
@@ -131,6 +124,7 @@ def config_page() -> str:
         "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
         "`tse.Filter(settings=...)`, and parameters of the FMUs.\n\n"
         "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range it is 0: not set. "
+        "`filter`: the filters whose estimate a setting moves, `default`, `paper` or both; none: simulator and replay alone. "
         "These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
         + uncalibrated()
         + "\n"

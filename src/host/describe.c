@@ -23,6 +23,12 @@ const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count)
   return effect_parameters;
 }
 
+const tse_setting_row *tse_describe_settings(int32_t *count)
+{
+  if (count) *count = (int32_t)(sizeof setting_rows / sizeof setting_rows[0]);
+  return setting_rows;
+}
+
 #define ROWS(which, table, bytes)                              \
   case which:                                                  \
     if (count) *count = (int32_t)(sizeof table / sizeof table[0]); \

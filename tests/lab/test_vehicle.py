@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from tse.car.config import NOT_IN_FILTER, make_config
+from tse.car.config import make_config
 from tse.car.vehicle import (
     REQUIRED,
     calibration_toml,
@@ -93,12 +93,19 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
     assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
     slips = BARE + "[effects.combined_slip]\nfactor = 100.0\n"
     assert "effects.combined_slip" in make_config(read(tmp_path, slips), None)[1][0]
-    found = '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'  # it is what a calibration finds
+    found = '[calibration]\nnames = ["combined_slip_factor"]\nmean = [100.0]\ncovariance = [[25.0]]\n'
     assert make_config(read(tmp_path, slips + "[uncertainty]\nmodel_sd = 0.03\n" + found), None)[1] == []
-    assert set(NOT_IN_FILTER) <= set(library().effects)
+    grip = BARE + "[effects.tyre_saturation]\ninverse_friction = 1.25\n"
+    (note,) = make_config(read(tmp_path, grip), None)[1]
+    assert note == (
+        "effects.tyre_saturation.inverse_friction = 1.25: not used while grip = 1; with grip = 0 it is"
+    )
+    assert make_config(read(tmp_path, grip), None, options={"grip": 0.0})[1] == []
     text = (Path(__file__).resolve().parents[2] / "src" / "EQUATIONS.md").read_text()
     listed = text.split("Not applied: ")[1].split("Simulator and replay")[0]
-    assert {i for i in library().effects if f"`{i}`" in listed} == set(NOT_IN_FILTER)
+    effects = library().effects.values()
+    unused = {e.id for e in effects if e.filter == "none"} - {"exact_kinematics"}  # that is always there
+    assert {e.id for e in effects if f"`{e.id}`" in listed} == unused
 
 
 def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):

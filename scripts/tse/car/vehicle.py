@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tse.car.formula import Formula, read_formula
-from tse.library.core import ALL, CONFIG, NOMINAL, Config, Effect, SettingError, library
+from tse.library.core import ALL, NOMINAL, Config, Effect, SettingError, library
 from tse.library.errors import UserError, meant
 from tse.library.files import read_toml
 from tse.log.noise import kinematic_misfit, noise_of
@@ -181,8 +181,7 @@ def stiffness_words(vehicle: Vehicle) -> str:
 
 def vehicle_settings() -> list[str]:
     """Names of the settings that belong in a vehicle file."""
-    names = [f.name for f in library().fields(CONFIG)]
-    return names[: names.index(uncertainty_settings()[0])]
+    return list(library().settings_in("vehicle"))
 
 
 def uncertainty_settings() -> list[str]:
@@ -192,23 +191,17 @@ def uncertainty_settings() -> list[str]:
 
 def sensor_settings() -> list[str]:
     """Names of the settings that belong in its [sensors] table."""
-    names = [f.name for f in library().fields(CONFIG)]
-    others = {
-        p.setting for e in library().effects.values() for p in e.parameters
-    }  # they have tables of their own
-    others |= set(latency_settings().values()) | set(formula_settings())
-    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
+    return list(library().settings_in("sensors", "velocity", "pedals", "road"))
 
 
 def latency_settings() -> dict[str, str]:
     """Settings that belong in its [latency] table, rows of src/tables/sensors.toml, by their keys there: the channels."""
-    settings = {f"{c.name}_latency": c.name for c in library().channels}
-    return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
+    return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
 def formula_settings() -> list[str]:
     """Names of the settings of a formula of the user, rows of src/tables/formula.toml."""
-    return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
+    return list(library().settings_in("formula"))
 
 
 def default_vehicle() -> Vehicle:

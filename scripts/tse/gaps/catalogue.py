@@ -69,8 +69,11 @@ class Effect:
     id: str
     title: str
     channels: str
-    relatives: tuple[str, ...]  # ids of the catalogue that it says look alike
+    relatives: tuple[str, ...]  # ids of its look-alikes in the catalogue
     parameters: tuple[Parameter, ...]
+    occurrence: str = "SENSOR"  # how often cars have it: the column of src/tables/effects.toml
+    early: str = ""  # title of a value below early_below, which is of messages or the IMU; "": none
+    early_below: float = 0.0
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:
@@ -86,13 +89,10 @@ class Effect:
         return (*self.strengths, *self.shapes)
 
 
-IN_THE_MODEL = ("exact_kinematics",)  # on by default: nothing that may be missing
-
-
 @functools.cache
 def catalogue() -> dict[str, Effect]:
-    """Return every effect that may be missing by its id, in the library's order."""
-    rows = {i: e for i, e in library().effects.items() if i not in IN_THE_MODEL}
+    """Return the effects that a vehicle file may lack by their ids, in the library's order."""
+    rows = {i: e for i, e in library().effects.items() if e.occurrence != "IN_MODEL"}
     return {
         e.id: Effect(
             e.id, e.title, e.channels, tuple(x for x in e.look_alikes if x in rows),
@@ -103,6 +103,15 @@ def catalogue() -> dict[str, Effect]:
                 )
                 for p in e.parameters
             ),
+            e.occurrence, e.early, e.early_below,
         )
         for e in rows.values()
     }  # fmt: skip
+
+
+@functools.cache
+def signed_delays() -> frozenset[str]:
+    """Return the settings of delays that a fit may make negative: a negative delay is an early message."""
+    return frozenset(
+        p.name for e in catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low
+    )

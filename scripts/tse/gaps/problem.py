@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car
+from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car, signed_delays
 from tse.gaps.parallel import is_copy
 from tse.identify.data import CHANNELS, Prepared, blocks, simulate
 from tse.identify.knots import KNOT, KNOT_SD, PROFILES
@@ -27,10 +27,8 @@ STIFFNESS = tuple(
 )
 
 
-# What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
+# Latencies of channels beyond those of the vehicle file. They shift the measurements: the simulation has no such setting.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
-SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
-NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Problem:
         self.jobs = max(1, jobs)
         self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
         self.nominal = config.as_dict()
-        self.given = {name: self.nominal[name] for name in SIGNED_DELAYS}
+        self.given = {name: self.nominal[name] for name in signed_delays()}
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
@@ -169,7 +167,8 @@ class Problem:
     def model(self, values: Mapping[Key, float]) -> Config:
         """Settings of the effects."""
         values = of_the_car(self.fixed | dict(values))
-        return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
+        others = {*NOMINAL, *LATENT, *signed_delays()}
+        return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
         """Over the vehicle file's."""
@@ -180,7 +179,7 @@ class Problem:
         """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
         after the logged angle, or the whole IMU is behind what drives the model."""
         values = self.fixed | dict(values)
-        if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
+        if LATENT.isdisjoint(values) and signed_delays().isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
         steering = (

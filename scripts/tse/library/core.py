@@ -98,8 +98,12 @@ class Effect:
     entry_points: tuple[str, ...]
     channels: str
     look_alikes: tuple[str, ...]  # ids, or what else looks like it
-    estimator: str  # how an estimator that has it uses it
+    estimator: str  # how the filters use it
     bit: int
+    filter: str  # both, default or none: the filters whose estimate it moves
+    occurrence: str  # SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
+    early: str  # title of a value below early_below, which is of messages or the IMU; "": there is none
+    early_below: float
     parameters: tuple[EffectParameter, ...]
 
     @property
@@ -109,6 +113,15 @@ class Effect:
     @property
     def shapes(self) -> tuple[EffectParameter, ...]:
         return tuple(p for p in self.parameters if not p.strength)
+
+
+@dataclass(frozen=True)
+class SettingUse:
+    """The use of one setting of Config."""
+
+    table: str  # of src/tables: vehicle, uncertainty, sensors, latency, velocity, ...
+    filter: str  # both, default, paper or none: the filters whose estimate it moves
+    replaced_by: str  # the setting that the filter uses instead while that is not 0; "": there is none
 
 
 @dataclass(frozen=True)
@@ -130,7 +143,13 @@ class _CEffect(ctypes.Structure):
             for name in ("id", "hook", "title", "entry", "channels", "alike", "estimator")
         ),
         ("bit", ctypes.c_int32),
+        *((name, ctypes.c_char_p) for name in ("filter", "occurrence", "early")),
+        ("early_below", ctypes.c_double),
     ]
+
+
+class _CSettingRow(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_char_p) for name in ("name", "table", "filter", "replaced_by")]
 
 
 class _CEffectParameter(ctypes.Structure):
@@ -245,35 +264,43 @@ class Library:
             f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
             for f in self.fields(FORMULA_OP)
         }
-        names = [
-            f.name for f in self.fields(CONFIG)
-        ]  # rows of uncertainty.toml: between the vehicle's and the sensors'
-        self.uncertainties = tuple(
-            names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")]
-        )
+        self.settings = self._read_settings()
+        self.uncertainties = self.settings_in("uncertainty")
+
+    def _table(self, function: str, row: type) -> list:
+        """Return the rows that a function of the library describes."""
+        count = ctypes.c_int32()
+        rows = self.function(function, ctypes.POINTER(row))(ctypes.addressof(count))
+        return [rows[i] for i in range(count.value)]
+
+    def _read_settings(self) -> dict[str, SettingUse]:
+        """Return the use of every setting, in the order of Config."""
+        return {
+            r.name.decode(): SettingUse(r.table.decode(), r.filter.decode(), r.replaced_by.decode())
+            for r in self._table("tse_describe_settings", _CSettingRow)
+        }
+
+    def settings_in(self, *tables: str) -> tuple[str, ...]:
+        """Return the settings of some tables of src/tables, in the order of Config."""
+        return tuple(name for name, use in self.settings.items() if use.table in tables)
 
     def _read_effects(self) -> dict[str, Effect]:
-        """The catalogue of effects, in its order."""
-        count = ctypes.c_int32()
-
-        def table(name: str, row: type) -> list:
-            rows = self.function(name, ctypes.POINTER(row))(ctypes.addressof(count))
-            return [rows[i] for i in range(count.value)]
-
+        """Return the catalogue of effects, in its order."""
         parameters = [
             EffectParameter(
                 *(getattr(r, n).decode() for n in ("effect", "name", "setting", "unit", "text")),
                 r.strength > 0, r.sign, r.default, r.low, r.high, (r.typical_low, r.typical_high), r.negligible, r.strength < 0,
             )
-            for r in table("tse_describe_effect_parameters", _CEffectParameter)
+            for r in self._table("tse_describe_effect_parameters", _CEffectParameter)
         ]  # fmt: skip
         return {
             r.id.decode(): Effect(
                 r.id.decode(), r.hook.decode(), r.title.decode(), tuple(r.entry.decode().split(", ")), r.channels.decode(),
-                tuple(r.alike.decode().split(", ")), r.estimator.decode(), r.bit,
+                tuple(r.alike.decode().split(", ")), r.estimator.decode(), r.bit, r.filter.decode(),
+                r.occurrence.decode(), r.early.decode(), r.early_below,
                 tuple(p for p in parameters if p.effect == r.id.decode()),
             )
-            for r in table("tse_describe_effects", _CEffect)
+            for r in self._table("tse_describe_effects", _CEffect)
         }  # fmt: skip
 
     def function(self, name: str, restype: Any = ctypes.c_int, argtypes: list | None = None) -> Any:

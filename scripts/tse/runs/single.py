@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tse.calibration.own import STOPPED, Own, calibrated, of_class, uncalibrated
-from tse.car.config import check_effect, make_config
+from tse.car.config import check_effect, make_config, unused_notes
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
 from tse.channels.log import read_log
@@ -126,6 +126,7 @@ def assemble(
     for key, value in settings.items():
         config.set(key, value, source=source)
     check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
+    notes += unused_notes(config, settings)
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")

@@ -12,21 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.gaps.catalogue import Effect, Parameter, catalogue
-from tse.gaps.problem import SIGNED_DELAYS
+from tse.gaps.catalogue import Effect, Parameter, catalogue, signed_delays
 from tse.identify import unknowns
-from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 
-SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
-           "gyro_scale")  # fmt: skip
-# What every car has, more or less: that it shows is no surprise.
-EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation", "tyre_saturation", "combined_slip",
-             "lateral_load_transfer", "longitudinal_load_transfer")  # fmt: skip
-# Not asked: what a stiffness takes up at any size, altogether or but for a twentieth (aligning_moment, on the logs of two
-# generators): forms are known no better than that, so that what is left of it is what any other tyre leaves. And what slows a car:
-# wheel speeds drive the model, and what is left of it in accel_x is what any road is, too.
-ABSORBED = ("steering_compliance", "aligning_moment", "aero_drag", "rolling_resistance")
+# Not searched, by their column `occurrence`. ROAD: profiles of the road have a search of their own (infer/roads.py),
+# and a road that leans or climbs all along is a bias. ABSORBED: a stiffness takes the effect up, altogether or but for
+# a twentieth (aligning_moment, on the logs of two generators); the forms of tyres are known no better. What slows the
+# car is among them: wheel speeds drive the model, and in accel_x the rest of it looks like any road.
+NOT_SEARCHED = ("ROAD", "ABSORBED")
 EXPECTED = 1.0  # how many of all other effects a car lacks before anybody has looked
 SENSOR_SHARE = 0.1  # of cars, that a given sensor error is there
 EVERY_SHARE = 0.15  # that what every car has is large enough to matter, and not in the file
@@ -135,18 +129,17 @@ def known_of(vehicle: Vehicle) -> list[Effect]:
 def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     """All that is asked, in the order of the catalogue."""
     known = list(catalogue().values() if effects is None else effects)
-    asked = [e for e in known if e.id not in (*PROFILES, *ABSORBED)]
-    physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
-    share = EXPECTED / max(len(physics), 2)  # of a list of one, too, it may not be there
-    # profiles of roads: naming.py; what leans or climbs all along is a bias
-    found, late = [], latencies()
-    for e in (*asked, *late, lean()):
-        sensor = e.id in (*SENSORS, SUPERELEVATION) or e in late
-        if any(p.name in SIGNED_DELAYS for p in e.parameters):
+    searched = [e for e in known if e.occurrence not in NOT_SEARCHED]
+    physics = [e for e in searched if e.occurrence == "SOME_CARS"]
+    share = EXPECTED / max(len(physics), 2)  # the only effect of a list may be absent, too
+    shares = {"SENSOR": SENSOR_SHARE, "EVERY_CAR": EVERY_SHARE, "SOME_CARS": share}
+    found = []
+    for e in (*searched, *latencies(), lean()):
+        if any(p.name in signed_delays() for p in e.parameters):
             e = replace(
                 e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters)
             )
-        p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share
+        p = shares[e.occurrence]
         found.append(Hypothesis(e, math.log(p / (1 - p))))
     return found
 

@@ -12,23 +12,17 @@ import numpy as np
 from scipy.stats import norm
 
 from tse.car.vehicle import latency_settings
-from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car
+from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car, signed_delays
 from tse.gaps.fit import Fit, excess, excess_of, fit
 from tse.gaps.infer.folds import held_out
 from tse.gaps.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.gaps.infer.roads import FoundRoad
 from tse.gaps.infer.search import Judged, Search, judge
-from tse.gaps.problem import SIGNED_DELAYS, STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-EARLY = {  # delays below zero
-    "steering_delay": "steering angle logged late, so the wheels turn before it",
-    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
-    "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
-}
-LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
 # share of the probability that an effect or something in its place is missing, from which that something is a look-alike:
 # evidence is good to two nats, by which mass and yaw inertia, which no log tells apart, differ
 ALIKE_AT = 0.02
@@ -72,17 +66,16 @@ class Named:
 
     @property
     def message(self) -> bool:
-        """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
-        way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
-        known = catalogue().get(self.effect.id)
-        if known is None:
+        """Whether it is a late message or a low pass of the IMU, and no effect of the car: a value below
+        the column `early` of the catalogue, or a latency."""
+        e = catalogue().get(self.effect.id)
+        if e is None:
             return self.effect.id != SUPERELEVATION
-        least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
-        return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
+        return bool(e.early) and any(self.values.get(p.name, p.default) < e.early_below for p in e.strengths)
 
     @property
     def title(self) -> str:
-        return EARLY.get(self.effect.id, self.effect.title) if self.message else self.effect.title
+        return self.effect.early if self.message and self.effect.early else self.effect.title
 
 
 @dataclass
@@ -334,7 +327,7 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     the road is not of the car."""
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != SUPERELEVATION)
-    others = {*SIGNED_DELAYS, *latency_settings().values(), *road}
+    others = {*signed_delays(), *latency_settings().values(), *road}
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

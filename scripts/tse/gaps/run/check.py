@@ -13,7 +13,7 @@ from tse.car.vehicle import read_vehicle
 from tse.gaps.catalogue import catalogue
 from tse.gaps.fit import fit, gap
 from tse.gaps.infer import detect
-from tse.gaps.infer.hypotheses import ABSORBED, threshold
+from tse.gaps.infer.hypotheses import threshold
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
 from tse.identify.data import prepare_all
@@ -36,7 +36,8 @@ class Check:
         """Of the command: can what is in these logs be named?"""
         if not any(d.visible for d in self.effects):
             return NOTHING
-        return USABLE if all(d.visible for d in self.effects if d.id not in ABSORBED) else IN_PART
+        searched = [d for d in self.effects if catalogue()[d.id].occurrence != "ABSORBED"]
+        return USABLE if all(d.visible for d in searched) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""

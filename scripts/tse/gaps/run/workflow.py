@@ -12,7 +12,7 @@ import numpy as np
 from tse.car.formula import Formula
 from tse.car.vehicle import GRAVITY, Vehicle, fill_sensors, latency_settings, read_vehicle
 from tse.channels.agree import read_agreeing
-from tse.gaps.catalogue import Key, catalogue, of_the_car
+from tse.gaps.catalogue import Key, catalogue, of_the_car, signed_delays
 from tse.gaps.fit import NOISE_LIMIT, Change, Fit, compare, excess, gap
 from tse.gaps.infer import detect, remainder, where
 from tse.gaps.infer import formula_search as search
@@ -417,8 +417,9 @@ def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
     ] + [
         {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
         for n in late
-        if n.effect.id == name.LOW_PASS
+        if n.effect.early
         for p in n.effect.strengths[:1]
+        if p.name not in signed_delays()
     ]
 
 
