@@ -1,5 +1,7 @@
 """The catalogue of effects in Python: read from the library, in vehicle files, in the replay of a log."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,8 @@ from test_consider import DT, ROWS, late, logged
 
 from conftest import RAN, simulated, tselab_here
 from tse.car.vehicle import is_set, read_vehicle
+from tse.gaps.catalogue import signed_delays
+from tse.identify.knots import PROFILES
 from tse.library.core import (
     REPLAY_LOG,
     STIFFNESS,
@@ -20,7 +24,9 @@ from tse.library.core import (
     library,
 )
 from tse.library.errors import UserError
+from tse.library.files import read_toml
 
+ROOT = Path(__file__).resolve().parents[2]
 BARE = """mass = 1900.0
 lf = 1.25
 lr = 1.5
@@ -48,7 +54,7 @@ def straight(rows=300, speed=20.0, **more):
 def test_every_effect_has_strengths_that_are_settings_and_off_but_the_kinematics():
     config = Config.exact()
     catalogue = library().effects
-    assert len(catalogue) == 33
+    assert list(catalogue) == list(read_toml(ROOT / "src" / "tables" / "effects.toml"))
     for effect in catalogue.values():
         assert effect.strengths
         for p in effect.parameters:
@@ -66,6 +72,18 @@ def test_look_alikes_are_effects_or_are_known_otherwise():
             assert alike in library().effects or alike in others, (effect.id, alike)
             if alike in library().effects:
                 assert effect.id in library().effects[alike].look_alikes, (alike, effect.id)
+
+
+def test_roads_with_a_profile_are_those_of_the_catalogue():
+    assert {e.id for e in library().effects.values() if e.occurrence == "ROAD"} == set(PROFILES)
+    known = {"SENSOR", "EVERY_CAR", "SOME_CARS", "ROAD", "ABSORBED", "IN_MODEL"}
+    assert {e.occurrence for e in library().effects.values()} == known
+
+
+def test_effects_that_are_early_below_a_size_have_a_title_for_it():
+    early = {e.id: e.early_below for e in library().effects.values() if e.early}
+    assert early == {"steering_delay": 0.0, "steering_lag": 0.02, "imu_delay": 0.0}
+    assert signed_delays() == {"steering_delay_time", "imu_delay_time"}
 
 
 def test_effects_of_a_vehicle_file_are_settings(tmp_path):
