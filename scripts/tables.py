@@ -322,6 +322,22 @@ def hooked(*hooks: str) -> list[str]:
     ]
 
 
+def formula_limits() -> list[str]:
+    """Return the limits of a formula and the count of its numbers, as constants of C."""
+    table = read("formula")
+    numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
+    rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}
+    rows["TSE_FORMULA_NUMBERS"] = (numbers, "numbers, formula_a ..")
+    return [f"#define {f'{n} {value}':<24} /* {what} */" for n, (value, what) in rows.items()]
+
+
+def described_limits() -> list[str]:
+    """Return the rows of TSE_STRUCT_FORMULA_LIMIT."""
+    return coded(
+        {n.removeprefix("TSE_"): {"code": r["value"], **r} for n, r in read("formula")["limit"].items()}
+    )
+
+
 def formula_operations() -> Iterator[str]:
     rows = read("formula")["operation"].items()
     yield from listed(
@@ -483,6 +499,8 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     "settings_described": described_settings,
     "constant_effects": lambda: hooked("CONSTANT"),
     "acting_effects": lambda: hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
+    "formula_limits": formula_limits,
+    "formula_limits_described": described_limits,
     "formula_places": lambda: packed(
         f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items()
     ),

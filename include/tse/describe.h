@@ -29,6 +29,7 @@ typedef enum tse_struct {
   TSE_STRUCT_REPLAY_OUT,
   TSE_STRUCT_FORMULA_PLACE, /* src/tables/formula.toml */
   TSE_STRUCT_FORMULA_OP,    /* how many operands it takes in `def`, its kind as a letter n, s, p, m */
+  TSE_STRUCT_FORMULA_LIMIT, /* limits of a formula; the limit in `offset` */
   TSE_STRUCTS
 } tse_struct;
 

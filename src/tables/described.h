@@ -284,6 +284,15 @@ static const tse_field formula_places[] = {
   /* end of table */
 };
 
+static const tse_field formula_limits[] = {
+  /* table: formula_limits_described */
+  { "FORMULA_OPS", 'c', 33, 0.0, 1.0, -1.0, "", "operations of a program" },
+  { "FORMULA_STACK", 'c', 8, 0.0, 1.0, -1.0, "", "values on the stack" },
+  { "FORMULA_MEMORIES", 'c', 3, 0.0, 1.0, -1.0, "", "operations that remember" },
+  { "FORMULA_LATE", 'c', 1, 0.0, 1.0, -1.0, "", "operations late" },
+  /* end of table */
+};
+
 #define NUMBER_OP(name, code, takes, unit, text) { #name, 'n', code, takes, 1.0, -1.0, unit, text },
 #define SIGNAL_OP(name, code, takes, unit, text) { #name, 's', code, takes, 1.0, -1.0, unit, text },
 #define PLAIN_OP(name, code, takes, unit, text) { #name, 'p', code, takes, 1.0, -1.0, unit, text },

@@ -14,8 +14,11 @@ import pytest
 from tse.car.config import check_effect, make_config, unused_notes
 from tse.car.vehicle import read_vehicle
 from tse.library.core import Config, EffectParameter, Filter, SettingError, SimConfig, Simulator, library
+from tse.library.files import read_toml
+from tse.log.rows import OPTIONAL, ROAD, TORQUES, VELOCITIES
 
-PAGES = Path(__file__).resolve().parents[2] / "docs" / "pages"
+ROOT = Path(__file__).resolve().parents[2]
+PAGES, TABLES = ROOT / "docs" / "pages", ROOT / "src" / "tables"
 ROWS, DT = 2400, 0.01
 HALF, DAY = 1600, 86400  # the drive goes on a day later, with what the filter has learnt
 CAR = """mass = 1900.0
@@ -274,6 +277,20 @@ def test_the_page_of_settings_says_whose_they_are(setting):
     assert stated == {0: "none", 1: "".join(moved), 2: "both"}[len(moved)]
     if found := re.search("; (default|paper's) filter$", meaning):
         assert moved == {found[1].removesuffix("'s")}
+
+
+# ---- what Python repeats of a table, for its hints
+
+
+def test_optional_channels_of_a_log_are_those_of_the_table():
+    table = read_toml(TABLES / "input.toml")
+    assert tuple(r["name"] for r in table["velocity"]) == VELOCITIES
+    assert tuple(r["name"] for r in table["road"]) == tuple(ROAD)
+    assert {r["name"] for r in table["pedal"]} == {"brake", *TORQUES}
+    for field in library().optional:
+        unit, low, high, text, _ = OPTIONAL[field.name]
+        assert (unit, low, high) == (field.unit, field.low, field.high)
+        assert text.partition(",")[0] == re.split("[,;(]", field.text)[0].strip()
 
 
 # ---- a column that is wrong

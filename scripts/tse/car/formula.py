@@ -22,11 +22,6 @@ from tse.library.errors import UserError, meant
 from tse.library.files import atomic, read_toml
 from tse.log.units import registry
 
-# The limits of src/model/formula.h. Slots, formula_a .., are as many as the table has NUMBER operations.
-MOST_OPERATIONS = 33
-MOST_STACK = 8
-MOST_MEMORIES = 3
-MOST_LATE = 1
 MOST_VALUE = 1e6  # a larger result, and what is no number, counts as 0
 PER_CODE = 3  # operations in one formula_code_<k>, a byte each, the lowest first
 # Of the text. Longer or deeper ones fit no program, and are refused before Python's parser or the recursion here sees them.
@@ -57,6 +52,11 @@ UNIT_STYLE = 'units are written as in rad, m/s2, rad s2/m, kg m2, 1/s, Hz; "1" i
 class FormulaError(UserError):
     """A formula that is refused. The text names key, what is wrong and what is allowed; parse() and read_formula() put the file
     before it."""
+
+
+def _limit_of(name: str) -> int:
+    """Return a limit of a formula, [limit] of src/tables/formula.toml."""
+    return library().formula_limits[name]
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Formula:
         }
         for i, letter in enumerate(_letters()):
             settings[f"formula_{letter}"] = float(slots[i]) if i < len(slots) else 0.0
-        for k in range(MOST_OPERATIONS // PER_CODE):
+        for k in range(_limit_of("FORMULA_OPS") // PER_CODE):
             codes = self.operations[PER_CODE * k : PER_CODE * (k + 1)]
             settings[f"formula_code_{k + 1}"] = float(int.from_bytes(bytes(codes), "little"))
         return settings
@@ -393,21 +393,23 @@ class _Compiler:
             for s in self.steps
             if s not in self.units and s in self.table and self.table[s].kind == "MEMORY"
         ]
-        if len(self.steps) > MOST_OPERATIONS:
+        if len(self.steps) > _limit_of("FORMULA_OPS"):
             raise self.wrong(
                 node,
-                f"is beyond the {MOST_OPERATIONS} operations that are allowed (powers count as products)",
+                f"is beyond the {_limit_of('FORMULA_OPS')} operations that are allowed (powers count as products)",
             )
-        if self.depth > MOST_STACK:
+        if self.depth > _limit_of("FORMULA_STACK"):
             raise self.wrong(
                 node,
-                f"needs more than the {MOST_STACK} values in hand that are allowed: put long terms first",
+                f"needs more than the {_limit_of('FORMULA_STACK')} values in hand that are allowed: put long terms first",
             )
-        if len(memories) > MOST_MEMORIES:
+        if len(memories) > _limit_of("FORMULA_MEMORIES"):
             listed = ", ".join(op.name for op in self.table.values() if op.kind == "MEMORY")
-            raise self.wrong(node, f"is beyond the {MOST_MEMORIES} that are allowed of {listed} together")
-        if memories.count("late") > MOST_LATE:
-            raise self.wrong(node, f"is beyond the {MOST_LATE} 'late' that is allowed")
+            raise self.wrong(
+                node, f"is beyond the {_limit_of('FORMULA_MEMORIES')} that are allowed of {listed} together"
+            )
+        if memories.count("late") > _limit_of("FORMULA_LATE"):
+            raise self.wrong(node, f"is beyond the {_limit_of('FORMULA_LATE')} 'late' that is allowed")
 
     def visit(self, node: ast.expr, level: int) -> Any:
         """Write the operations of this part of the text. Returned: its dimension."""

@@ -20,8 +20,8 @@ from tse.library.errors import UserError, meant
 
 CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
-FORMULA_PLACE, FORMULA_OP = range(11, 13)
-STRUCTS = 13
+FORMULA_PLACE, FORMULA_OP, FORMULA_LIMIT = range(11, 14)
+STRUCTS = 14
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
 ALL = "; 'tselab settings' lists all"
 GRIP = "grip"  # judged as they are: grip_valid and a reason
@@ -259,6 +259,7 @@ class Library:
 
         self.effects = self._read_effects()
         kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
+        self.formula_limits = {f.name: f.offset for f in self.fields(FORMULA_LIMIT)}
         self.formula_places = {f.name: f for f in self.fields(FORMULA_PLACE)}
         self.formula_ops = {
             f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
