@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Write the skeleton of an effect: its row, its function, its test, its line among the equations.
+"""Write the skeleton of an effect: its row, function, test and line of equations.
 
-    python3 scripts/new_effect.py brake_pull --hook BODY --parameter arm --unit m --low -0.5 --high 0.5 \\
-        --typical 0.01 0.05
+    python3 scripts/new_effect.py brake_pull --hook BODY --parameter arm --unit m \\
+        --low -0.5 --high 0.5 --typical 0.01 0.05
 
-Afterwards everything builds, and two tests fail: the new one until the formula is written, and that of the
-look-alikes until the row states one. CONTRIBUTING.md, "Add an effect", explains each part. The row states
-what the skeleton does: simulator and replay call the function; the filters do not, but for the settings that
-a CONSTANT effect changes. If the name is taken or a value makes no sense, nothing is written: exit code 2 and
-a sentence that says why. Needs Python only.
+Afterwards everything builds. Two tests fail: the new one until the formula is written,
+and that of the look-alikes until the row states one. CONTRIBUTING.md, "Add an effect",
+explains each part. The row states what the skeleton does: simulator and replay call the
+function. The filters do not, but they read the settings that a CONSTANT effect changes.
+If the name is taken or a value makes no sense, nothing is written: exit code 2 and a
+sentence that says why. Needs Python only.
 """
 
 import argparse
@@ -105,7 +106,10 @@ class Refused(Exception):
 
 
 def check_asked(asked: argparse.Namespace, rows: str) -> None:
-    """Raise Refused if a name is taken or a value makes no sense. `rows`: text of effects.toml."""
+    """Raise Refused if a name is taken or a value makes no sense.
+
+    `rows`: text of effects.toml.
+    """
     if not re.fullmatch(r"[a-z][a-z0-9_]{2,39}", asked.name):
         raise Refused(f"{asked.name}: a name has 3 .. 40 small letters, digits and _, a letter first")
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,29}", asked.parameter):

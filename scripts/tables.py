@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Write what C sources and headers have of the tables in src/tables/*.toml: structs, enumerations, rows.
+"""Write what C sources and headers have of the tables in src/tables/*.toml: structs,
+enumerations, rows.
 
-scripts/tables.py            write
-scripts/tables.py --check    change nothing; fails, and names the files, where something would be
+scripts/tables.py            write scripts/tables.py --check    change nothing; fails, and
+names the files, where something would be
 
-A file says where: between `/* table: NAME */` and `/* end of table */` stands what REGIONS has of that name.
+A file says where: between `/* table: NAME */` and `/* end of table */` stands what
+REGIONS has of that name.
 """
 
 import argparse
@@ -41,7 +43,8 @@ SECTIONS = dict.fromkeys(
 )  # table: file that has it beside others
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
-# End of the text of a setting, by its column `filter`, in tables with settings of both filters.
+# End of the text of a setting, by its column `filter`, in tables with settings of both
+# filters.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; default filter", "paper": "; paper's filter"}
 # Begin of the text about an effect, by its column `filter`.
@@ -67,8 +70,9 @@ def file_of(name: str) -> str:
 def settings(name: str) -> dict[str, Row]:
     """Return the settings of a table by their names: defaults, ranges, units, texts.
 
-    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car that is known
-    exactly; filter: the filters whose estimate the setting moves, "both" unless the row states another.
+    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car
+    that is known exactly; filter: the filters whose estimate the setting moves, "both"
+    unless the row states another.
     """
     table = read(name)
     if name == "formula":
@@ -106,7 +110,9 @@ def c(x: float | int | str) -> str:
 
 
 def start(row: Row, of: str = "default") -> str:
-    """Return the default, which is the most where a build allows no more. of: exact: of a car that is known exactly."""
+    """Return the default, which is the most where a build allows no more. of: exact: of a
+    car that is known exactly.
+    """
     default, most = c(row[of]), c(row["most"])
     return f"{default} < {most} ? {default} : {most}" if isinstance(row["most"], str) else default
 
@@ -148,7 +154,10 @@ def struct(rows: dict[str, Row], real: str) -> list[str]:
 
 def field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
     """Return a row of tse_describe()."""
-    return f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, {text(says)} }},"
+    return (
+        f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, "
+        f"{text(says)} }},"
+    )
 
 
 def fmu_name(group: str, name: str) -> str:
@@ -157,10 +166,13 @@ def fmu_name(group: str, name: str) -> str:
 
 
 def settings_lists() -> Iterator[str]:
-    """Yield a list of settings for each of their tables; that of the effects is made of their parameters."""
+    """Yield a list of settings for each of their tables; that of the effects is made of
+    their parameters.
+    """
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
-            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, {start(r, 'exact')}, "
+            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, "
+            f"{start(r, 'exact')}, "
             f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
             for n, r in settings(group).items()
         ]
@@ -207,10 +219,14 @@ def output_members() -> list[str]:
 
 
 def hashed_outputs() -> list[str]:
-    """All but of which time the estimates are: no channel is late in the recorded drives."""
+    """Return the outputs of the hash of a recorded drive.
+
+    estimate_age is not among them: no channel is late in these drives.
+    """
     rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
     return [
-        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }},"
+        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), "
+        f"{int(r['kind'] in ('flag', 'reason', 'code'))} }},"
         for n, r in rows
     ]
 
@@ -223,7 +239,8 @@ def codes(table: str) -> list[str]:
 
 def coded(rows: dict[str, Row]) -> list[str]:
     return [
-        f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, {text(r['text'])} }},"
+        f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, "
+        f"{text(r['text'])} }},"
         for n, r in rows.items()
     ]
 
@@ -239,7 +256,9 @@ def constants() -> list[str]:
 
 
 def config_groups() -> list[str]:
-    """Where the rows of some tables begin among those of their kind, and how many there are."""
+    """Where the rows of some tables begin among those of their kind, and how many there
+    are.
+    """
     parts = []
     reals = [n for n, r in config().items() if not r["whole"]]
     wholes = [n for n, r in config().items() if r["whole"]]
@@ -299,14 +318,17 @@ def described_settings() -> list[str]:
 
 
 def effect_numbers() -> list[str]:
-    """How many tse_real struct tse_effects holds: its settings, and the ten numbers of mass and formula."""
+    """How many tse_real struct tse_effects holds: its settings, and the ten numbers of
+    mass and formula.
+    """
     return [f"#define TSE_EFFECT_NUMBERS {len(settings('effects')) + 10}"]
 
 
 def effect_parameters() -> Iterator[str]:
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
-        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {c(r['default'])}, {c(r['exact'])}, {c(r['least'])}, "
+        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {c(r['default'])}, "
+        f"{c(r['exact'])}, {c(r['least'])}, "
         f"{c(r['most'])}, {text(r['unit'])}, {text(r['text'])}, "
         f"{roles[r['role']]}, {r['sign']}, {', '.join(c(x) for x in (*r['typical'], r['negligible']))})"
         for n, r in settings("effects").items()
@@ -353,7 +375,9 @@ def formula_operations() -> Iterator[str]:
 
 
 def truths() -> list[tuple[str, str, str, Row]]:
-    """Return group, name, member and row of what a simulated row has besides what the car logs."""
+    """Return group, name, member and row of what a simulated row has besides what the car
+    logs.
+    """
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 
@@ -383,7 +407,10 @@ def output_row(name: str, r: Row) -> str:
     if r["kind"] == "reason":
         name = name.removesuffix("_valid")
         valid = "grip_valid" if name == "grip" else f"valid[{index}"
-        return f"REASON({name}, {r['member']}, {valid}, {text('the grip' if name == 'grip' else 'the stiffness')})"
+        return (
+            f"REASON({name}, {r['member']}, {valid}, "
+            f"{text('the grip' if name == 'grip' else 'the stiffness')})"
+        )
     if r["kind"] == "stiffness":
         place = of.removeprefix("stiffness").removeprefix("_") or "mean"
         return f"STIFFNESS({head}, {place}[{index}, {text(r['unit'])}, {says})"

@@ -1,6 +1,9 @@
-"""Files that a change touches. A new effect, threshold and output are put into a copy of the sources, in the
-files that CONTRIBUTING names and no other. scripts/tables.py writes the rest, and the library that is built
-of it has them."""
+"""Files that a change touches.
+
+A new effect, threshold and output are put into a copy of the sources, in the files that
+CONTRIBUTING names and no other. scripts/tables.py writes the rest, and the library that
+is built of it has them.
+"""
 
 import re
 import shutil
@@ -61,7 +64,8 @@ int main(void)
   tse_config_exact(&c);
   u.dt = 0.01;
   u.wheel_speed_front = u.wheel_speed_rear = 60;
-  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || tse_step(&p, &f, &u, &y) < 0) return 1;
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;
+  if (tse_step(&p, &f, &u, &y) < 0) return 1;
   for (int32_t i = 0; i < count; i++) {
     double x;
     memcpy(&x, (const char *)&y + row[i].offset, sizeof x);
@@ -109,7 +113,8 @@ int main(void)
   return 0;
 }
 """
-# What a hook's function may do, in place of its first body; without it, a call that has no effect.
+# What a hook's function may do, in place of its first body; without it, a call that has
+# no effect.
 ACTS = {
     "CONSTANT": ("(void)c;", "c->mass += r_mul(c->mass, c->NAME_strength);"),
     "INPUT": ("return steer;", "return steer + e->NAME_strength;"),
@@ -168,8 +173,11 @@ def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
         "out->n_eff = NEWS;\n  out->log_evidence = ",
     )
     assert written(copy) == ["src/tables/constants.h"]
-    subprocess.run(["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
-                   cwd=copy, check=True)  # fmt: skip
+    subprocess.run(
+        ["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
+        cwd=copy,
+        check=True,
+    )
 
 
 def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
@@ -190,7 +198,7 @@ def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     assert unit == "m/s" and float(x) == 2 * float(half) > 0
 
 
-# ---- scripts/new_effect.py: what it makes builds without a warning in every hook, is off at 0, and waits for its formula.
+# ---- scripts/new_effect.py: its skeleton builds without a warning in every hook
 
 
 UNITY = ROOT / ".venv" / "share" / "unity" / "src"
@@ -206,8 +214,19 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
     for hook in HOOKS:
         done = new_effect(copy, f"try_{hook.lower()}", "--hook", hook)
         assert done.returncode == 0, done.stderr
-    flags = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-DTSE_REAL_DOUBLE=1",
-             "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]  # fmt: skip
+    flags = [
+        "-std=c99",
+        "-fsyntax-only",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Wshadow",
+        "-Werror",
+        "-DTSE_REAL_DOUBLE=1",
+        "-DTSE_MAX_PARTICLES=64",
+        "-Iinclude",
+        "-Isrc",
+    ]
     subprocess.run(
         ["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"],
         cwd=copy,
@@ -251,8 +270,23 @@ def its_test(copy: Path) -> str:
 
 @pytest.mark.skipif(not UNITY.is_dir(), reason="Unity is not there: scripts/setup.sh")
 def test_its_test_fails_in_one_place_which_says_what_to_write_and_finds_a_jump_at_0(copy):
-    done = new_effect(copy, "brake_pull", "--hook", "BODY", "--parameter", "arm", "--unit", "m", "--low", -0.5, "--high", 0.5,
-                      "--typical", 0.01, 0.05)  # fmt: skip
+    done = new_effect(
+        copy,
+        "brake_pull",
+        "--hook",
+        "BODY",
+        "--parameter",
+        "arm",
+        "--unit",
+        "m",
+        "--low",
+        -0.5,
+        "--high",
+        0.5,
+        "--typical",
+        0.01,
+        0.05,
+    )
     assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
     output = its_test(copy)
     assert "2 Tests 1 Failures" in output and "write the formula of brake_pull" in output

@@ -1,6 +1,8 @@
-"""One truth about settings and effects: the columns `filter` and `replaced_by` of src/tables, the notes of a
-run and the pages say what the estimate does. Every setting and every parameter of an effect is set to its
-typical size, and the estimate is compared with the one without it."""
+"""One truth about settings and effects: the columns `filter` and `replaced_by` of
+src/tables, the notes of a run and the pages say what the estimate does. Every setting
+and every parameter of an effect is set to its typical size, and the estimate is
+compared with the one without it.
+"""
 
 import functools
 import re
@@ -41,7 +43,9 @@ WITH = {
 
 @functools.cache
 def simulated() -> tuple[np.ndarray, np.ndarray]:
-    """Return what a driver does and what the car logs: sweeps, braking until wheels lock, a wet road."""
+    """Return what a driver does and what the car logs: sweeps, braking until wheels lock,
+    a wet road.
+    """
     t = DT * np.arange(ROWS)
     simulator = Simulator(Config.exact({"wheel_noise_sd": 0.04}), SimConfig({"seed": 3, "noise": 2.0}))
     driver, log = simulator.inputs(ROWS), simulator.outputs(ROWS)
@@ -61,7 +65,9 @@ def simulated() -> tuple[np.ndarray, np.ndarray]:
 
 @functools.cache
 def rows(name: str) -> np.ndarray:
-    """Return the rows of the drive for a filter: for the default one with velocity, pedals and a road."""
+    """Return the rows of the drive for a filter: for the default one with velocity,
+    pedals and a road.
+    """
     driver, log = simulated()
     made = Filter(Config.exact()).inputs(ROWS)
     for channel in library().channels:
@@ -90,7 +96,9 @@ def rows(name: str) -> np.ndarray:
 
 
 def estimate(settings: Mapping[str, float], name: str) -> np.ndarray:
-    """Return the outputs of the drive in two parts, the second one with what the first has taught."""
+    """Return the outputs of the drive in two parts, the second one with what the first
+    has taught.
+    """
     config, log = Config(settings).complete(), rows(name)
     first, second = Filter(config), Filter(config)
     out = first.outputs(ROWS)
@@ -124,7 +132,9 @@ def parameter_of(setting: str) -> EffectParameter | None:
 
 
 def company(setting: str) -> dict[str, float]:
-    """Return settings with which another one has an effect: strengths beside a shape, and nothing in its place."""
+    """Return settings with which another one has an effect: strengths beside a shape, and
+    nothing in its place.
+    """
     found = dict(WITH.get(setting, {}))
     if (p := parameter_of(setting)) and not p.strength:
         found |= {s.setting: s.typical[1] for s in library().effects[p.effect].strengths}
@@ -134,7 +144,9 @@ def company(setting: str) -> dict[str, float]:
 
 
 def values(setting: str, now: float) -> list[float]:
-    """Return values to try: the typical size of a parameter of an effect, else the ends of the range."""
+    """Return values to try: the typical size of a parameter of an effect, else the ends
+    of the range.
+    """
     field, p = Config().fields[setting], parameter_of(setting)
     ends = p.typical if p else (field.low, field.high)
     if p and p.typical[0] == p.typical[1]:
@@ -145,7 +157,9 @@ def values(setting: str, now: float) -> list[float]:
 
 
 def moves(setting: str, name: str) -> bool | None:
-    """Return whether a setting moves any output of a filter; None: every value that was tried is refused."""
+    """Return whether a setting moves any output of a filter; None: every value that was
+    tried is refused.
+    """
     around = base(name) | company(setting)
     now, moved = getattr(Config(around).complete(), setting), None
     for value in values(setting, now):

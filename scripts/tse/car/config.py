@@ -1,4 +1,6 @@
-"""Settings of a run: defaults, then the vehicle file, the sampling of the log, --config and the options."""
+"""Settings of a run: defaults, then the vehicle file, the sampling of the log, --config
+and the options.
+"""
 
 import re
 from collections.abc import Collection, Mapping
@@ -14,15 +16,17 @@ from tse.library.files import read_toml
 from tse.log.rows import ROAD, TORQUES, VELOCITIES, Log
 
 GAP_IN_SAMPLES = 5  # min max_gap, in sample times
-# Both wheel speeds are one signal if their ratio in at least MANY rows, above ROLLING rad/s, differs by less than
-# SAME_RATIO from row to row.
+# Both wheel speeds are one signal if their ratio in at least MANY rows, above ROLLING
+# rad/s, differs by less than SAME_RATIO from row to row.
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
     "longitudinal stiffness is not estimated"
 )
-FILTERS = ("default", "paper")  # by the setting `form`: values of the column `filter` of src/tables
-TUNING = ("filter", "sensors")  # tables of src/tables whose settings are of a filter, and of no car
+# by the setting `form`: values of the column `filter` of src/tables
+FILTERS = ("default", "paper")
+# tables of src/tables whose settings are of a filter, and of no car
+TUNING = ("filter", "sensors")
 FORMS = {"default": "form default", "paper": "form robust or paper"}
 
 
@@ -59,14 +63,16 @@ def make_config(
     options: Mapping[str, Any] | None = None,
     form: str = "default",
 ) -> tuple[Config, list[str]]:
-    """Return the settings of a run and notes: what follows from the log, and which settings are not used.
+    """Return the settings of a run and notes: what follows from the log, and which
+    settings are not used.
 
     Parameters
     ----------
     vehicle : Vehicle
         A vehicle file, as read.
     log : Log or None
-        The log of the run. It gives the sample time and shows whether both wheel speeds are one signal.
+        The log of the run. It gives the sample time and shows whether both wheel speeds
+        are one signal.
     filter_file : Path or None
         A file of further settings, --config.
     options : Mapping or None
@@ -77,7 +83,8 @@ def make_config(
     Raises
     ------
     UserError
-        A setting is outside its range, or an optional channel or a setting about one would have no effect.
+        A setting is outside its range, or an optional channel or a setting about one
+        would have no effect.
     """
     values = filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
@@ -125,7 +132,8 @@ def is_used(name: str, config: Config) -> bool:
 def check_effect(names: Collection[str], config: Config) -> None:
     """Refuse settings of the other filter, which would have no effect.
 
-    Settings of the car are accepted, since a vehicle file serves both filters: unused_notes() lists them.
+    Settings of the car are accepted, since a vehicle file serves both filters:
+    unused_notes() lists them.
 
     Parameters
     ----------
@@ -146,7 +154,9 @@ def check_effect(names: Collection[str], config: Config) -> None:
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return the settings about optional channels, rows of src/tables/sensors.toml, by the channels."""
+    """Return the settings about optional channels, rows of src/tables/sensors.toml, by
+    the channels.
+    """
     tables = {VELOCITIES: "velocity", TORQUES: "pedals", ROAD: "road"}
     return {channels: list(library().settings_in(table)) for channels, table in tables.items()}
 
@@ -154,8 +164,8 @@ def optional_settings() -> dict[tuple[str, ...], list[str]]:
 def _check_optional(config: Config, log: Log | None, asked: Collection[str]) -> None:
     """Refuse an optional channel, or a setting about one, that has no effect.
 
-    `asked` are the settings of this run alone: a vehicle file is for all logs of its car, with an INS or
-    without.
+    `asked` are the settings of this run alone: a vehicle file is for all logs of its car,
+    with an INS or without.
     """
     if log is None:
         return
@@ -236,7 +246,9 @@ def wheels_are_one(log: Log) -> bool:
 
 
 def set_sampling(config: Config, sample_time: float) -> list[str]:
-    """Set sample_time and max_gap for rows that are usually `sample_time` s apart; return notes."""
+    """Set sample_time and max_gap for rows that are usually `sample_time` s apart; return
+    notes.
+    """
     f = config.fields["sample_time"]
     used = min(max(sample_time, f.low), f.high)
     config.sample_time = used
@@ -266,7 +278,8 @@ def c_settings(vehicle: Vehicle) -> str:
         f"/* {title}. Written by tselab, not by hand. */",
         "#ifndef TSE_CAR_H",
         "#define TSE_CAR_H",
-        "#ifndef TSE_VERSION /* the header of the library was not included before, in whatever layout it is */",
+        "#ifndef TSE_VERSION /* the header of the library was not included before, "
+        "in whatever layout it is */",
         "#if defined __has_include",
         '#if !__has_include("tse/tse.h")',
         "#define TSE_IS_FLAT /* tse.h and tse.c in a folder of include files themselves */",

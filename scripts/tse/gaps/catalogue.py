@@ -107,18 +107,33 @@ def catalogue() -> dict[str, Effect]:
     rows = {i: e for i, e in library().effects.items() if e.occurrence != "IN_MODEL"}
     return {
         e.id: Effect(
-            e.id, e.title, e.channels, tuple(x for x in e.look_alikes if x in rows),
+            e.id,
+            e.title,
+            e.channels,
+            tuple(x for x in e.look_alikes if x in rows),
             tuple(
                 Parameter(
-                    p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text,
+                    p.setting,
+                    p.name,
+                    p.strength,
+                    p.unit,
+                    p.default,
+                    p.low,
+                    p.high,
+                    *p.typical,
+                    p.negligible,
+                    p.sign,
+                    p.text,
                     given=p.given,
                 )
                 for p in e.parameters
             ),
-            e.occurrence, e.early, e.early_below,
+            e.occurrence,
+            e.early,
+            e.early_below,
         )
         for e in rows.values()
-    }  # fmt: skip
+    }
 
 
 @functools.cache

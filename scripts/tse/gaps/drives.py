@@ -1,7 +1,10 @@
-"""A library of manoeuvres as inputs of the model: steering angle and wheel speeds, without noise, for planning.
+"""A library of manoeuvres as inputs of the model: steering angle and wheel speeds,
+without noise, for planning.
 
-The wheels turn as the car would need them: each axle rolls along its own way through the bend, and slips as the force asks for
-that changes the speed and overcomes what the steered wheels brake."""
+The wheels turn as the car would need them: each axle rolls along its own way through the
+bend, and slips as the force asks for that changes the speed and overcomes what the
+steered wheels brake.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,9 @@ ROUNDS = 3  # of finding wheel speeds and motion across from each other
 
 @dataclass(frozen=True)
 class Candidate:
-    """One manoeuvre: pieces that are driven one after the other, each a steering angle and a speed over time."""
+    """One manoeuvre: pieces that are driven one after the other, each a steering angle
+    and a speed over time.
+    """
 
     name: str
     pieces: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -55,8 +60,10 @@ def prepared(candidate: Candidate, config: Config) -> list[Prepared]:
 
 
 def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
-    """Wheel speeds, rad/s, of the nominal car that goes through these angles at these speeds: those of straight driving give its
-    motion across, which hardly depends on them, and that gives the speeds over ground of the steered wheels."""
+    """Wheel speeds, rad/s, of the nominal car that goes through these angles at these
+    speeds: those of straight driving give its motion across, which hardly depends on
+    them, and that gives the speeds over ground of the steered wheels.
+    """
     share, length = c.exact_kinematics_share, c.lf + c.lr
     across = turning = side = np.zeros(len(steer))
     for _ in range(ROUNDS):

@@ -1,5 +1,7 @@
-"""Least squares of a problem over stiffness and effect parameters, and what a fit is worth, also on manoeuvres that it has not
-seen: rms over noise before and after with paired block-bootstrap intervals."""
+"""Least squares of a problem over stiffness and effect parameters, and what a fit is
+worth, also on manoeuvres that it has not seen: rms over noise before and after with
+paired block-bootstrap intervals.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from tse.gaps.catalogue import Key, Parameter
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK
 
-# rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+# rms over noise up to which nothing is left to explain: noise is known to some percent,
+# inputs are smoothed
 NOISE_LIMIT = 1.2
 MOST_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
@@ -62,7 +65,8 @@ def fit(
             residuals(x)
         return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
-    with np.errstate(divide="ignore", invalid="ignore"):  # of parameters that change nothing
+    # of parameters that change nothing
+    with np.errstate(divide="ignore", invalid="ignore"):
         result = least_squares(
             residuals,
             x0,
@@ -81,7 +85,9 @@ def fit(
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: how many blocks of residual say as much as one independent one (integrated autocorrelation, at least 1)."""
+    """Per channel: how many blocks of residual say as much as one independent one
+    (integrated autocorrelation, at least 1).
+    """
     found = {}
     for channel, _ in problem.used():
         top = bottom = None
@@ -94,19 +100,25 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)
-        pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)  # Geyer's initial positive sequence
+        # Geyer's initial positive sequence
+        pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
         end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
         found[channel] = max(1.0, 1.0 + 2.0 * float(pairs[:end].sum()))
     return found
 
 
 def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: rms of the residual over what the sensor's noise would leave; 1: nothing but noise."""
+    """Per channel: rms of the residual over what the sensor's noise would leave; 1:
+    nothing but noise.
+    """
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
 def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: energy above the sensors' noise. A floor under the noise is no reason to see less of a gap."""
+    """Per channel: energy above the sensors' noise.
+
+    A floor under the noise is no reason to see less of a gap.
+    """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
         for c, rows in problem.used()
@@ -119,9 +131,11 @@ def excess(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def covariance(problem: Problem, f: Fit) -> np.ndarray:
-    """Of the parameters, with residuals as correlated as they are: sandwich with the autocorrelation of each channel.
+    """Of the parameters, with residuals as correlated as they are: sandwich with the
+    autocorrelation of each channel.
 
-    What the noise alone would give is 2 to 15 times too small where forms differ."""
+    What the noise alone would give is 2 to 15 times too small where forms differ.
+    """
     length = lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
     for channel, t in length.items():

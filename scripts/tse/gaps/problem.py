@@ -1,8 +1,10 @@
-"""The comparison: a simulation of all logs against what was measured, whitened by the sensors' noise.
+"""The comparison: a simulation of all logs against what was measured, whitened by the
+sensors' noise.
 
-Stiffness and effect parameters are the same over all logs; the bias of each sensor is one number per log, found in closed
-form (residuals are linear in it). Residuals are means over blocks of 40 ms, in units of what the sensor's noise leaves of
-them: a perfect model has residuals of size one.
+Stiffness and effect parameters are the same over all logs; the bias of each sensor is one
+number per log, found in closed form (residuals are linear in it). Residuals are means
+over blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
+has residuals of size one.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ STIFFNESS = tuple(
 )
 
 
-# Latencies of channels beyond those of the vehicle file. They shift the measurements: the simulation has no such setting.
+# Latencies of channels beyond those of the vehicle file. They shift the measurements: the
+# simulation has no such setting.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 
 
@@ -53,7 +56,8 @@ class Problem:
         self.notes = [n for log in logs for n in log.notes]
         self.config = config
         self.jobs = max(1, jobs)
-        self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
+        # values that are not fitted, and not those of the settings
+        self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
         self.given = {name: self.nominal[name] for name in signed_delays()}
         if self.logs:  # a drift is one over the time of the longest log
@@ -77,8 +81,9 @@ class Problem:
         return other
 
     def measure(self, values: Mapping[Key, float]) -> None:
-        """Put what a car with these values would measure in the place of what was measured, with a thousandth of the noise, so that
-        a perfect fit has an end."""
+        """Put what a car with these values would measure in the place of what was
+        measured, with a thousandth of the noise, so that a perfect fit has an end.
+        """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
             self.weight > 0, 0.001 * noise / np.maximum(self.weight, 1e-300), 0.0
@@ -87,18 +92,31 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
-        """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
+        """What is fitted to say how strong an effect is: its strengths, or the profile of
+        a road in each log.
+        """
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
         return tuple(
             Parameter(
-                Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
-                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
+                Own(effect.id, i, k),
+                "profile",
+                True,
+                p.unit,
+                0.0,
+                p.low,
+                p.high,
+                0.0,
+                prior,
+                p.negligible,
+                0,
+                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m",
+                prior,
             )
             for i in range(len(self.logs))
             for k in range(self._knots(i))
-        )  # fmt: skip
+        )
 
     def _knots(self, i: int) -> int:
         return int(self.logs[i].distance[-1] // KNOT) + 2
@@ -139,22 +157,30 @@ class Problem:
         return np.where(w > 0, y, 0.0), w, rows
 
     def _noise_energy(self) -> np.ndarray:
-        """Of each entry, what the noise that was found leaves of its square: 1, less where a floor raised the noise."""
+        """Of each entry, what the noise that was found leaves of its square: 1, less
+        where a floor raised the noise.
+        """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Each channel that there is, and which entries of the residual vector are measured values of it."""
+        """Each channel that there is, and which entries of the residual vector are
+        measured values of it.
+        """
         for c in np.unique(self.rows.channel):
             yield CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:
-        """What was measured, one value per entry of the residual vector; NaN where it is missing."""
+        """What was measured, one value per entry of the residual vector; NaN where it is
+        missing.
+        """
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """An input or a measurement as blocks, one value per entry of the residual vector."""
+        """An input or a measurement as blocks, one value per entry of the residual
+        vector.
+        """
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
@@ -176,8 +202,11 @@ class Problem:
         return {k: values.get(k, 1.0) for k in NOMINAL}
 
     def later(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
-        after the logged angle, or the whole IMU is behind what drives the model."""
+        """How much later than the vehicle file says channels are logged, s.
+
+        Delays are latencies of either sign: the wheels turn after the logged angle, or
+        the whole IMU is behind what drives the model.
+        """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and signed_delays().isdisjoint(values):
             return {}
@@ -198,7 +227,8 @@ class Problem:
         """Profiles of the road along a log, linear between their values."""
         values = self.fixed | dict(values)
         found = {}
-        own = [k for k in values if isinstance(k, Own) and k.log == i]  # mostly none: this is asked often
+        # mostly none: this is asked often
+        own = [k for k in values if isinstance(k, Own) and k.log == i]
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
@@ -206,7 +236,7 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
-        """What the model says, one value per entry of the residual vector, without bias."""
+        """Return the prediction without bias, one value per entry of the residuals."""
         config, later, parts = self.model(values), self.later(values), []
         for i, log in enumerate(self.logs):
             simulated = simulate(
@@ -222,7 +252,8 @@ class Problem:
         """The same for many values, as many at once as there are jobs."""
         if self.jobs == 1 or len(asked) < 2 or is_copy():
             return [self.predict(values) for values in asked]
-        with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+        # the library runs without Python's lock
+        with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(self.predict, asked))
 
     def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -237,7 +268,7 @@ class Problem:
         return {n: np.concatenate(p) for n, p in parts.items()}
 
     def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Measured less predicted less bias, in units of the noise that a block has left."""
+        """Return measured less predicted less bias, in units of the noise of a block."""
         return self.whiten(self._measured - self.predict(values))
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
@@ -254,8 +285,10 @@ class Problem:
     def moved(
         self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
-        """What the model says with parameters moved by `reach` times their steps: by how much which of them, and predict(). Profile
-        values of different logs act on different residuals: one simulation serves one of each log."""
+        """What the model says with parameters moved by `reach` times their steps: by how
+        much which of them, and predict(). Profile values of different logs act on
+        different residuals: one simulation serves one of each log.
+        """
 
         def shifted(p: Parameter) -> float:
             x, h = values.get(p.name, p.default), reach * p.step

@@ -1,9 +1,12 @@
-"""Of long logs the stretches that say most: sets of effects and formulas are searched there, and what is found is fitted to all.
+"""Of long logs the stretches that say most: sets of effects and formulas are searched
+there, and what is found is fitted to all.
 
-What a stretch says is the information about stiffness and every effect of the catalogue (slopes where nothing is missing, channel
-by channel, sizes in units of what is typical) and about whatever the plain model leaves. The stretches are chosen one by one, each
-by how much it adds to ln det of the information of those that are there (a Bayesian D-optimal design, Chaloner & Verdinelli 1995):
-a second lane change adds less than the first braking.
+What a stretch says is the information about stiffness and every effect of the catalogue
+(slopes where nothing is missing, channel by channel, sizes in units of what is typical)
+and about whatever the plain model leaves. The stretches are chosen one by one, each by
+how much it adds to ln det of the information of those that are there (a Bayesian
+D-optimal design, Chaloner & Verdinelli 1995): a second lane change adds less than the
+first braking.
 """
 
 from __future__ import annotations
@@ -20,10 +23,12 @@ from tse.gaps.infer.space import REACH, STIFFNESS_SD
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BURN_IN, Prepared, Stretch
 
-MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
-PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
-# noise of a block: that a piece's information counts with: models are no better known than that, and with less the
-# first pieces are sure of everything
+# s: of logs, in which effects are searched: what is found is fitted to all of them
+MOST_SECONDS = 90.0
+# s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
+PIECE = 15.0
+# noise of a block: that a piece's information counts with: models are no better known
+# than that, and with less the first pieces are sure of everything
 ENTRY_SD = 30.0
 
 
@@ -33,10 +38,11 @@ def is_long(problem: Problem) -> bool:
 
 
 def excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
-    problem.
+    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly
+    longer. `baseline`: of this problem.
 
-    Cost: as many simulations of everything as the catalogue has parameters."""
+    Cost: as many simulations of everything as the catalogue has parameters.
+    """
     if not is_long(problem):
         return problem
     table, rows = _slopes(problem, baseline), problem.rows
@@ -58,8 +64,10 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
 
 
 def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
-    """Indices of pieces, the most telling first, until they are longer than `most`. `says`: their information, in units of what is
-    known without them."""
+    """Indices of pieces, the most telling first, until they are longer than `most`.
+
+    `says`: their information, in units of what is known without them.
+    """
     total = np.eye(len(says[0])) if says else np.zeros((0, 0))
     left, chosen, length = list(range(len(says))), [], 0.0
     while left and length < most:

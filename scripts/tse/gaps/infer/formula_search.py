@@ -1,8 +1,10 @@
-"""Which formula, at which place: forms are chosen in a linearisation, those with the largest expected gain are simulated
-with the stiffness and everything named fitted beside them, complexity has a price, and logs that were held out have the last word.
+"""Which formula, at which place: forms are chosen in a linearisation, those with the
+largest expected gain are simulated with the stiffness and everything named fitted
+beside them, complexity has a price, and logs that were held out have the last word.
 
-Worth of a formula, nats: sum over channels of half the independent values of its residual x ln of how much it falls, so that no
-channel drowns another; less PRICE for every operation and number.
+Worth of a formula, nats: sum over channels of half the independent values of its residual
+x ln of how much it falls, so that no channel drowns another; less PRICE for every
+operation and number.
 """
 
 from __future__ import annotations
@@ -22,21 +24,27 @@ from tse.gaps.problem import Problem
 from tse.gaps.respond import responses, signals
 from tse.identify.data import CHANNELS
 
-# nats: of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
+# nats: of an operation or a number: a library of some hundred forms times places times
+# sizes is some 12 nats
 PRICE = 2.0
 FITTED = 6  # candidates that are simulated
 PER_PLACE = 3  # of them at one place, most
 MOST_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
 LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
-LEAST_HARM = 0.01  # relative rise of a channel of the held-out logs by which it forbids a formula
+# relative rise of a channel of the held-out logs by which it forbids a formula
+LEAST_HARM = 0.01
 MOST_STEPS = 15  # of a fit
 CHUNK = 64  # forms that are looked at together: memory
-HALF = 0.5  # %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
+# %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
+HALF = 0.5
 
 
 @dataclass
 class Discovery:
-    """A formula, fitted: one that was tried, or what a search came to. `formula` None: nothing that is worth proposing."""
+    """A formula, fitted: one that was tried, or what a search came to.
+
+    `formula` None: nothing that is worth proposing.
+    """
 
     formula: Formula | None
     fit: Fit | None  # residuals and slopes of the problem as it is
@@ -62,7 +70,8 @@ class Frame:
     """What all candidates have in common."""
 
     problem: Problem
-    balanced: Problem  # each channel's residual is of size one before: none drowns another
+    # each channel's residual is of size one before: none drowns another
+    balanced: Problem
     last: Fit
     values: dict[str, float]
     length: dict[str, float]
@@ -91,7 +100,10 @@ class Frame:
 
 
 def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]) -> float:
-    """Nats by which residuals have fallen. `length`: of each channel, blocks that say as much as one independent one."""
+    """Nats by which residuals have fallen.
+
+    `length`: of each channel, blocks that say as much as one independent one.
+    """
     total = 0.0
     for c, mine in problem.used():
         one, two = (float(r[mine] @ r[mine]) for r in (before, after))
@@ -106,9 +118,13 @@ def price(term: Term) -> float:
 def discover(
     problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Discovery:
-    """The formula that explains most of what a fit leaves. `last`: of `problem`, with all that is named; `held`: logs that judge.
+    """The formula that explains most of what a fit leaves.
 
-    Cost: some ten simulations in full for each of about ten candidates; on the order of a minute for minutes of log."""
+    `last`: of `problem`, with all that is named; `held`: logs that judge.
+
+    Cost: some ten simulations in full for each of about ten candidates; on the order of a
+    minute for minutes of log.
+    """
     frame = Frame.of(problem, last)
     places = _places(problem)
     say(f"a formula: {sum(len(terms.forms(p)) for p in places)} forms at {len(places)} places")
@@ -149,7 +165,9 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
 
 
 def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
-    """(nats less price, place, form, coefficient) of every form at a place, beside everything that is fitted."""
+    """(nats less price, place, form, coefficient) of every form at a place, beside
+    everything that is fitted.
+    """
     known, found = terms.forms(place), []
     for k in range(0, len(known), CHUNK):
         part = known[k : k + CHUNK]
@@ -160,7 +178,9 @@ def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
 
 
 def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
-    """(nats, coefficient) of forms given by their values, of each log shape (blocks, forms)."""
+    """(nats, coefficient) of forms given by their values, of each log shape (blocks,
+    forms).
+    """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
     size = np.where(np.isfinite(size) & (size > 1e-12), size, np.inf)
@@ -185,7 +205,9 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tupl
 
 
 def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
-    """The formula with everything fitted; nothing where it does not fit in a program, or throws the car off its road."""
+    """The formula with everything fitted; nothing where it does not fit in a program, or
+    throws the car off its road.
+    """
     try:
         formula = terms.formula(place, term, coefficient)
     except FormulaError:
@@ -236,9 +258,11 @@ def _parameter(name: str, key: str, value: float, low: float, high: float, unit:
 
 
 def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
-    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse
-    by more than LEAST_HARM, and some are better. Without these something must be left to explain: a library of forms finds one
-    in any noise."""
+    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out
+    logs confirm: there no channel is worse by more than LEAST_HARM, and some are
+    better. Without these something must be left to explain: a library of forms finds
+    one in any noise.
+    """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
@@ -276,7 +300,10 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
-    """The same formula, fitted to more logs than it was found in. `last`: of these, with all that is named."""
+    """The same formula, fitted to more logs than it was found in.
+
+    `last`: of these, with all that is named.
+    """
     if found.formula is None:
         return found
     frame = Frame.of(problem, last)
@@ -288,7 +315,8 @@ def _stated(frame: Frame, c: Discovery) -> Discovery:
     """With what a person reads of it."""
     formula = _described(frame, c)
     words = [
-        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
+        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at "
+        f"{formula.place}. It is a formula, not a "
         "cause; where it was never driven it does not hold."
     ]
     return replace(c, formula=formula, words=words)

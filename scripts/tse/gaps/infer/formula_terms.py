@@ -1,7 +1,9 @@
-"""The library of forms: what may be added at a place, without its coefficient, and the sizes that a screening tries.
+"""The library of forms: what may be added at a place, without its coefficient, and the
+sizes that a screening tries.
 
-Everything is a product of what turns with the car (or pulls along it) and of what that depends on, or what such a signal becomes
-through play, dead time, lags, modes and rate limits. Units go with the text: the coefficient takes what is missing to that of the
+Everything is a product of what turns with the car (or pulls along it) and of what that
+depends on, or what such a signal becomes through play, dead time, lags, modes and rate
+limits. Units go with the text: the coefficient takes what is missing to that of the
 place.
 """
 
@@ -48,7 +50,10 @@ class Term:
 
 @dataclass(frozen=True)
 class Signal:
-    """What forms are made of. `sizes`: small, middle and large of what a driver does with it."""
+    """What forms are made of.
+
+    `sizes`: small, middle and large of what a driver does with it.
+    """
 
     text: str
     units: str
@@ -186,7 +191,9 @@ def _times(a: Term, b: Term) -> Term:
 
 
 def lateral() -> list[Term]:
-    """Forms for the places of LATERAL: odd in what turns the car, and what braking and speed alone may do."""
+    """Forms for the places of LATERAL: odd in what turns the car, and what braking and
+    speed alone may do.
+    """
     found = [_times(Term(s.text, s.unit), m) for s in TURNING for m in modulators()]
     for s in TURNING:
         found += shaped(s)
@@ -208,7 +215,8 @@ def longitudinal() -> list[Term]:
     found = [_times(Term(PULL.text, PULL.unit), m) for m in modulators() if "accel_x" not in m.text]
     found += [*shaped(PULL), *remembered(PULL), *caught(PULL, (0.1, 0.4), (3.0, 10.0))]
     for text, unit in (
-        ("vel_x*vel_x", (2, -2)), ("vel_x", (1, -1)), ("abs(accel_y)", SIDE.unit), ("accel_y*accel_y", (2, -4)),
+        ("vel_x*vel_x", (2, -2)), ("vel_x", (1, -1)),
+        ("abs(accel_y)", SIDE.unit), ("accel_y*accel_y", (2, -4)),
         ("accel_y*steer_angle", SIDE.unit), ("accel_y*yaw_rate", (1, -3)), ("yaw_rate*yaw_rate", (0, -2)),
         ("steer_angle*steer_angle", (0, 0)),
         ("abs(steer_angle)", (0, 0)), ("steer_angle", (0, 0)), ("accel_y", SIDE.unit), ("yaw_rate", YAW.unit),
@@ -217,9 +225,10 @@ def longitudinal() -> list[Term]:
     return found
 
 
-# What the catalogue has at a place, the signal that is in proportion first: imu_scale_ax, pitch_leak and a late accel_x;
-# imu_scale_ay, body_roll and a late accel_y; gyro_scale; steering_ratio, steering_lag and steering_delay. Their evidence was asked
-# for by these names, and a name is not to lose to itself: as a formula it says less and costs less.
+# What the catalogue has at a place, the signal that is in proportion first: imu_scale_ax,
+# pitch_leak and a late accel_x; imu_scale_ay, body_roll and a late accel_y; gyro_scale;
+# steering_ratio, steering_lag and steering_delay. Their evidence was asked for by these
+# names, and a name is not to lose to itself: as a formula it says less and costs less.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
@@ -249,7 +258,10 @@ def formula(place: str, term: Term, coefficient: float) -> Formula:
 
 
 def values_of(term: Term, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
-    """A form over one log, shape (rows,). `signals`: by their names in formulas; `dt`: s."""
+    """A form over one log, shape (rows,).
+
+    `signals`: by their names in formulas; `dt`: s.
+    """
     # at front_angle a number of any unit makes the form one of its place
     unit = unit_text((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))

@@ -1,6 +1,8 @@
-"""What is left after naming: is it the sensors' own, is it somewhere in time, does it go with what the car does?
+"""What is left after naming: is it the sensors' own, is it somewhere in time, does it go
+with what the car does?
 
-The sensors' own: noise in a band that row to row differences do not see, a bias that walks, lone spikes.
+The sensors' own: noise in a band that row to row differences do not see, a bias that
+walks, lone spikes.
 """
 
 from __future__ import annotations
@@ -36,7 +38,10 @@ class Remainder:
 def remainder(
     problem: Problem, residuals: np.ndarray, values: dict[str, float], limit: float
 ) -> list[Remainder]:
-    """Every channel. `values`: of the fit; `limit`: rms over noise up to which nothing is left."""
+    """Every channel.
+
+    `values`: of the fit; `limit`: rms over noise up to which nothing is left.
+    """
     large = {
         c.channel: c.condition for c in reversed(conditions(problem, residuals, values))
     }  # the strongest
@@ -71,7 +76,9 @@ def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
 
 
 def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
-    """The residual with lone blocks far out put back among their neighbours: cars do not jump there and back within 40 ms."""
+    """The residual with lone blocks far out put back among their neighbours: cars do not
+    jump there and back within 40 ms.
+    """
     near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
     calm = np.abs(e) < near
     inside = (
@@ -87,7 +94,9 @@ def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
 
 
 def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
-    """The residual less a bias that walks by `step` a block, as a smoother finds it in white noise of size one."""
+    """The residual less a bias that walks by `step` a block, as a smoother finds it in
+    white noise of size one.
+    """
     if step <= 0:
         return e
     # steady gain of the Kalman filter of a walk, forwards, then backwards
@@ -102,8 +111,10 @@ def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
 
 
 def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
-    """Always there in the same size, soon forgotten, no oscillation: what sensors with a low pass have. What a car or a road does
-    comes and goes with driving, lasts, or swings."""
+    """Always there in the same size, soon forgotten, no oscillation: what sensors with a
+    low pass have. What a car or a road does comes and goes with driving, lasts, or
+    swings.
+    """
     most = round(1.0 / BLOCK)
     c, energies = np.zeros(most + 1), []
     for i in np.unique(log):
@@ -123,7 +134,9 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
 
 
 def localised(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
-    """The shortest span of one log that holds half of the energy above the noise, if it is short against all."""
+    """The shortest span of one log that holds half of the energy above the noise, if it
+    is short against all.
+    """
     surplus = np.maximum(e**2 - 1.0, 0.0)
     total, n, best = surplus.sum(), len(e), None
     for i in np.unique(log):

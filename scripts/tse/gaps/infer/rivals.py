@@ -1,14 +1,18 @@
 """Names, a formula, or both: what explains most for what it costs to say.
 
-Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
-what the search named stands beside formulas for what these, or none, leave. Each of these worlds is worth
+Names that leave most of a gap, or close it by being many, may be a patchwork for
+something that the catalogue does not have. So what the search named stands beside
+formulas for what these, or none, leave. Each of these worlds is worth
 
-    sum over channels of ln likelihood of the residuals (search.py)  -  what it costs to say,
+    sum over channels of ln likelihood of the residuals (search.py)  -  what it costs to
+    say,
 
-a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py) and the odds that the catalogue lacks
-something. Held-out logs count as those that were fitted, with the numbers of
-these. A name stands if the worlds that have it are likely enough together. Fewer names without a formula are no world of their own:
-whether a name is worth having beside nothing is what the search has judged, in a model of what is left that is finer than this one.
+a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py)
+and the odds that the catalogue lacks something. Held-out logs count as those that were
+fitted, with the numbers of these. A name stands if the worlds that have it are likely
+enough together. Fewer names without a formula are no world of their own: whether a name
+is worth having beside nothing is what the search has judged, in a model of what is left
+that is finer than this one.
 """
 
 from __future__ import annotations
@@ -31,7 +35,8 @@ from tse.gaps.parallel import apart
 from tse.gaps.problem import Problem
 from tse.identify.data import CHANNELS
 
-LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
+# of the gap, that names must close where something is left: less is as good as nothing
+LEAST_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
 # why what the search named has no name in the end
 INSTEAD = "a formula explains about as much or more for what it costs"
@@ -117,8 +122,9 @@ def price_of(effect: str) -> float:
 def explained(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """A formula or none, the names, and all that were compared: the names of the likeliest world that are as likely as a name must
-    be."""
+    """A formula or none, the names, and all that were compared: the names of the
+    likeliest world that are as likely as a name must be.
+    """
     if naming.named and naming.closed < LEAST_TOGETHER:
         little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
@@ -141,7 +147,8 @@ def explained(
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
-    # whether a formula is worth reading beside these names is what its own search has judged, on the held-out logs, too
+    # whether a formula is worth reading beside these names is what its own search has
+    # judged, on the held-out logs, too
     last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
     share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
     named = [

@@ -80,11 +80,13 @@ def find(
     say: Callable[[str], None] = lambda _: None,
     read: Sequence[Log] = (),
 ) -> Roads:
-    """Return the roads of logs as data.prepare() leaves them; of logs whose road is known, none.
+    """Return the roads of logs as data.prepare() leaves them; of logs whose road is
+    known, none.
 
     read: the same logs as they were read; with them laps of one road have one profile.
 
-    Cost: one fit of car and road, and where one of two profiles is not shown another."""
+    Cost: one fit of car and road, and where one of two profiles is not shown another.
+    """
     logs = list(logs)
     own = [with_all(log) for log in logs if log.stretches]
     if any(log.road for log in own):
@@ -119,7 +121,8 @@ def find(
 def _judged(kind: str, road: Knots, ended: Fit, road_sd: np.ndarray) -> FoundRoad:
     """Return how large a profile is, and how likely it is that there is one.
 
-    The sd of the rms is that of independent values, each as sure as they are on average."""
+    The sd of the rms is that of independent values, each as sure as they are on average.
+    """
     places = [road.values(r, kind) for r in range(len(road.count))]
     nats = sum(ended.equations.worth(p, ended.z, KNOT_SD) for p in places)
     size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))

@@ -1,6 +1,8 @@
-"""What was found, for those who use it: the improved vehicle file, and a C header that sets tse_config to it.
+"""What was found, for those who use it: the improved vehicle file, and a C header that
+sets tse_config to it.
 
-What has no name is not written; nor is a profile of the road, which is not of the car."""
+What has no name is not written; nor is a profile of the road, which is not of the car.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,10 @@ def formula_files(out: Path, improved: Path) -> list[Path]:
 
 
 def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
-    """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
+    """The vehicle file with fitted stiffness and what was named.
+
+    `vehicle`: as the user wrote it, sensors not filled in.
+    """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]
     known = posterior(
@@ -106,7 +111,9 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
 
 
 def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
-    """Fitted stiffness as settings; the rear longitudinal one follows the front as the settings say."""
+    """Fitted stiffness as settings; the rear longitudinal one follows the front as the
+    settings say.
+    """
     found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
     follows = config.rear_longitudinal_follows_front
     rear = 1.0 + follows * (values.get("cx_front", 1.0) - 1.0)
@@ -130,8 +137,10 @@ def _group(key: str) -> str:
 
 
 def header(vehicle: Vehicle) -> str:
-    """A static inline function that sets tse_config as the estimator has it with the vehicle file: with the sds and the grip of the
-    posterior. Same file, same bytes: no date in it."""
+    """A static inline function that sets tse_config as the estimator has it with the
+    vehicle file: with the sds and the grip of the posterior. Same file, same bytes: no
+    date in it.
+    """
     slug = re.sub(r"\W+", "_", vehicle.name.lower(), flags=re.ASCII).strip("_") or "car"
     guard = f"TSE_EFFECTS_{slug.upper()}_H"
     fields = Config().fields
@@ -149,12 +158,15 @@ def header(vehicle: Vehicle) -> str:
         number = f"{int(value)}" if f.is_integer else f"(tse_setting){float(value)!r}"
         unit = "" if f.unit in ("", "1") else f"{f.unit}: "
         body.append(
-            f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */"
+            f"  c->{key:<{width}} = {number};  /* "
+            f"{_plain(unit + (parameter.text if parameter else f.text))} */"
         )
     return "\n".join(
         [
-            f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of this car show.",
-            f" * Written by tselab gap {__version__} from {_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
+            f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of "
+            "this car show.",
+            f" * Written by tselab gap {__version__} from "
+            f"{_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
             " beside which it lies; whoever changes one makes the other again.",
             " *",
             " *   tse_config c;",

@@ -60,7 +60,8 @@ class Check:
         lines = [text_table(rows, right=(2, 3, 5)), ""]
         seen = sum(d.visible for d in order)
         lines.append(
-            f"{seen} of {len(order)} effects would be named at their typical size ({threshold(len(order)):.1f} nats)."
+            f"{seen} of {len(order)} effects would be named at their typical size "
+            f"({threshold(len(order)):.1f} nats)."
         )
         if hidden := [d for d in order if not d.visible]:
             lines.append("The others would show in:")

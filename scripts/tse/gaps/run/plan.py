@@ -1,7 +1,9 @@
 """`tselab gap plan`: the manoeuvre that tells two effects apart.
 
-A car that has A at typical size drives each manoeuvre; B is fitted to it together with the stiffness. What B cannot copy is
-worth nats at the noise of the sensors; the worse of the two directions counts."""
+A car that has A at typical size drives each manoeuvre; B is fitted to it together with
+the stiffness. What B cannot copy is worth nats at the noise of the sensors; the worse of
+the two directions counts.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,17 @@ from tse.library.errors import UserError, meant
 from tse.report.tables import text_table
 
 NEED = 8.0  # nats: by which two effects are separable
-RIVAL_SHARE = 0.1  # of the nats by which an effect shows: the forms of a real car are not known better
+# of the nats by which an effect shows: the forms of a real car are not known better
+RIVAL_SHARE = 0.1
 NOTHING = 0.1  # nats: by which an effect shows: less is not excited
-EXACT = 1e-6  # relative change of the sum of squares at which a fit ends: without noise it is the whole difference
+# relative change of the sum of squares at which a fit ends: without noise it is the whole
+# difference
+EXACT = 1e-6
 MOST_STEPS = 30  # of a fit
 SAME = (
-    0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
+    # of the nats by which an effect shows: less is the integration's steps, and no model
+    # is that good
+    0.02
 )
 LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
 
@@ -42,7 +49,8 @@ class Option:
     seconds: float
     nats: float  # of the worse direction
     shows: float  # nats by which the weaker of the two shows at all
-    share: float  # of the nats by which an effect shows, those that the other one cannot take over
+    # of the nats by which an effect shows, those that the other one cannot take over
+    share: float
 
     @property
     def needed(self) -> float:
@@ -96,8 +104,10 @@ class Plan:
         ]
         if best.share < RIVAL_SHARE:
             lines.append(
-                f"The difference is only {100 * best.share:.0f} % of what either of them shows; 'tselab gap' asks for "
-                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: it will not exclude either."
+                f"The difference is only {100 * best.share:.0f} % of what either of them shows; "
+                "'tselab gap' asks for "
+                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: "
+                "it will not exclude either."
             )
         return "\n".join(lines)
 
@@ -154,7 +164,9 @@ def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -
 
 
 def nats(problem: Problem, residuals: np.ndarray) -> float:
-    """Expected for the true model against one that leaves this of a log without noise, when there is noise."""
+    """Expected for the true model against one that leaves this of a log without noise,
+    when there is noise.
+    """
     total = 0.0
     for c in np.unique(problem.rows.channel):
         mine = problem.rows.channel == c

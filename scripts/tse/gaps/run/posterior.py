@@ -1,8 +1,10 @@
-"""How well the improved car is known: the covariance of its stiffness, of what was named, and of what every car has a little of and
-these logs did not show, which moves no mean and widens the others.
+"""How well the improved car is known: the covariance of its stiffness, of what was named,
+and of what every car has a little of and these logs did not show, which moves no mean
+and widens the others.
 
-The covariance is that of the fit (identify/fit.py) at the values that stand. The prior of what has no name is what the vehicle
-file says of it in [uncertainty], or its class."""
+The covariance is that of the fit (identify/fit.py) at the values that stand. The prior of
+what has no name is what the vehicle file says of it in [uncertainty], or its class.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ from tse.identify.vehicle_file import model_sd
 from tse.library.core import NOMINAL
 from tse.log.rows import Log
 
-# Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and what was known of it stays.
+# Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and
+# what was known of it stays.
 SCALE = "mass_sd"
 
 
@@ -50,7 +53,9 @@ class Posterior:
         return float(np.sqrt(w @ self.covariance @ w))
 
     def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
-        """Settings of [uncertainty]: those of this posterior, not below what any model of a car leaves; the others as they were."""
+        """Settings of [uncertainty]: those of this posterior, not below what any model of
+        a car leaves; the others as they were.
+        """
         v = {key: vehicle.values[key] for key in uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
             return v  # known exactly
@@ -62,7 +67,9 @@ class Posterior:
         }
 
     def calibration(self) -> dict[str, Any]:
-        """Names, mean and covariance as tse.calibration has them: stiffness in ln over this file's."""
+        """Names, mean and covariance as tse.calibration has them: stiffness in ln over
+        this file's.
+        """
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
         ln = np.array([self.names[k] in NOMINAL for k in mine])
@@ -79,13 +86,16 @@ def posterior(
     logs: Sequence[Log] = (),
     spread: np.ndarray | None = None,
 ) -> Posterior:
-    """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with; `logs`: that were fitted, as they were
-    read; `spread`: covariance of ln stiffness over what may be missing in the place of what was named.
+    """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with;
+    `logs`: that were fitted, as they were read; `spread`: covariance of ln stiffness
+    over what may be missing in the place of what was named.
 
     A formula is not in the estimator: what it explains is what the model does not, there.
 
-    Where the model that wheels drive does not explain accel_x, its longitudinal stiffness is what smooths their noise, 13 .. 45 %
-    too soft of three multi-body cars: there it is what a calibration finds of the slip, or what was known before."""
+    Where the model that wheels drive does not explain accel_x, its longitudinal stiffness
+    is what smooths their noise, 13 .. 45 % too soft of three multi-body cars: there it is
+    what a calibration finds of the slip, or what was known before.
+    """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}
     asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0)]
