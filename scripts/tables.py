@@ -256,8 +256,8 @@ def constants() -> list[str]:
 
 
 def config_groups() -> list[str]:
-    """Where the rows of some tables begin among those of their kind, and how many there
-    are.
+    """Return the start and the count of the rows of some tables among those of their
+    kind.
     """
     parts = []
     reals = [n for n, r in config().items() if not r["whole"]]
@@ -318,8 +318,9 @@ def described_settings() -> list[str]:
 
 
 def effect_numbers() -> list[str]:
-    """How many tse_real struct tse_effects holds: its settings, and the ten numbers of
-    mass and formula.
+    """Return the count of tse_real of struct tse_effects, as a constant of C.
+
+    It holds the settings of the effects and ten numbers of mass and formula.
     """
     return [f"#define TSE_EFFECT_NUMBERS {len(settings('effects')) + 10}"]
 

@@ -85,8 +85,9 @@ def fit(
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: how many blocks of residual say as much as one independent one
-    (integrated autocorrelation, at least 1).
+    """Return the integrated autocorrelation of each channel, in blocks, at least 1.
+
+    So many blocks of residual count as one independent block.
     """
     found = {}
     for channel, _ in problem.used():
@@ -108,16 +109,16 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
 
 
 def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: rms of the residual over what the sensor's noise would leave; 1:
-    nothing but noise.
+    """Return the rms of the residual over the noise of the sensor, by channel; 1 is
+    noise.
     """
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
 def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: energy above the sensors' noise.
+    """Return the energy above the noise of the sensors, by channel.
 
-    A floor under the noise is no reason to see less of a gap.
+    A floor under the noise does not make the gap smaller.
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
@@ -126,15 +127,15 @@ def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
 
 
 def excess(problem: Problem, residuals: np.ndarray) -> float:
-    """The same of all channels."""
+    """Return the energy above the noise of the sensors, of all channels."""
     return sum(excess_of(problem, residuals).values())
 
 
 def covariance(problem: Problem, f: Fit) -> np.ndarray:
-    """Of the parameters, with residuals as correlated as they are: sandwich with the
-    autocorrelation of each channel.
+    """Return the covariance of the parameters, with correlated residuals.
 
-    What the noise alone would give is 2 to 15 times too small where forms differ.
+    It is a sandwich with the autocorrelation of each channel. The covariance of the noise
+    alone is 2 to 15 times too small where the forms of the model differ.
     """
     length = lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
@@ -164,7 +165,7 @@ class Change:
 
 
 def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, Change]:
-    """Per channel, from whitened residuals of the same logs under both models. Seeded."""
+    """Compare two models by whitened residuals of the same logs, by channel. Seeded."""
     rng = np.random.default_rng(SEED)
     found = {}
     for c, mine in problem.used():

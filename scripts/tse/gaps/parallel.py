@@ -19,20 +19,18 @@ _copy = False
 
 
 def is_copy() -> bool:
-    """Whether this is one of the copies: their number is that of the jobs, so that none
-    makes more.
-    """
+    """Return whether this process is a copy: a copy makes no copies."""
     return _copy
 
 
 def apart(
     jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x
 ) -> list[Any]:
-    """`do` of each, in this order, as many at once as there are jobs.
+    """Run `do` for each of `asked`, in this order, in as many processes as there are jobs.
 
-    Each is done in a copy of this process as it is now, which sends back what `light`
-    leaves of it; what it changes besides is lost. Systems other than Linux: in threads,
-    where it is not lost; of either, nothing may depend on it.
+    Each process is a copy of this one. It sends back `light` of the result, and its other
+    changes are lost. On systems other than Linux threads run, which keep their changes:
+    nothing may depend on either.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:

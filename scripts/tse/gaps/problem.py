@@ -71,18 +71,19 @@ class Problem:
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
 
     def of(self, logs: Sequence[Prepared]) -> Problem:
-        """The same of other logs."""
+        """Return the problem with other logs."""
         return Problem(logs, self.config, self.jobs)
 
     def holding(self, values: Mapping[Key, float]) -> Problem:
-        """The same with these values, too, which are not fitted."""
+        """Return the problem with further values that are not fitted."""
         other = copy.copy(self)
         other.fixed = self.fixed | dict(values)
         return other
 
     def measure(self, values: Mapping[Key, float]) -> None:
-        """Put what a car with these values would measure in the place of what was
-        measured, with a thousandth of the noise, so that a perfect fit has an end.
+        """Replace the measurements by those of a car with these values.
+
+        They have a thousandth of the noise, so that a perfect fit has an end.
         """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
@@ -92,9 +93,7 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
-        """What is fitted to say how strong an effect is: its strengths, or the profile of
-        a road in each log.
-        """
+        """Return the fitted strengths of an effect, or the road profiles of the logs."""
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
@@ -157,30 +156,25 @@ class Problem:
         return np.where(w > 0, y, 0.0), w, rows
 
     def _noise_energy(self) -> np.ndarray:
-        """Of each entry, what the noise that was found leaves of its square: 1, less
-        where a floor raised the noise.
+        """Return the expected square of the noise of each entry.
+
+        It is 1, and less where a floor raised the noise.
         """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Each channel that there is, and which entries of the residual vector are
-        measured values of it.
-        """
+        """Yield each channel and its measured entries of the residual vector."""
         for c in np.unique(self.rows.channel):
             yield CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:
-        """What was measured, one value per entry of the residual vector; NaN where it is
-        missing.
-        """
+        """Measurements, one value per entry of the residual vector; NaN: missing."""
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """An input or a measurement as blocks, one value per entry of the residual
-        vector.
-        """
+        """Return an input or a measurement in blocks, a value per entry of residuals."""
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
@@ -191,21 +185,21 @@ class Problem:
     # ---- residuals
 
     def model(self, values: Mapping[Key, float]) -> Config:
-        """Settings of the effects."""
+        """Return the settings of the effects."""
         values = of_the_car(self.fixed | dict(values))
         others = {*NOMINAL, *LATENT, *signed_delays()}
         return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """Over the vehicle file's."""
+        """Return the stiffness over that of the vehicle file."""
         values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) for k in NOMINAL}
 
     def later(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """How much later than the vehicle file says channels are logged, s.
+        """Return the latencies of channels beyond those of the vehicle file, s.
 
         Delays are latencies of either sign: the wheels turn after the logged angle, or
-        the whole IMU is behind what drives the model.
+        the whole IMU is behind the channels that drive the model.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and signed_delays().isdisjoint(values):
@@ -224,7 +218,7 @@ class Problem:
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
     def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
-        """Profiles of the road along a log, linear between their values."""
+        """Return the profiles of the road along a log, linear between their values."""
         values = self.fixed | dict(values)
         found = {}
         # mostly none: this is asked often
@@ -249,7 +243,7 @@ class Problem:
         return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
-        """The same for many values, as many at once as there are jobs."""
+        """Return predict() of many values, as many at once as there are jobs."""
         if self.jobs == 1 or len(asked) < 2 or is_copy():
             return [self.predict(values) for values in asked]
         # the library runs without Python's lock
@@ -257,7 +251,7 @@ class Problem:
             return list(pool.map(self.predict, asked))
 
     def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Quantities of the simulation, one value per entry of the residual vector."""
+        """Return quantities of the simulation, one value per entry of the residuals."""
         config = self.model(values)
         later = self.later(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
@@ -311,7 +305,7 @@ class Problem:
         parameters: Sequence[Parameter],
         reach: float = 1.0,
     ) -> np.ndarray:
-        """Slopes of the whitened residuals, by finite differences."""
+        """Return the slopes of the whitened residuals, by finite differences."""
         slopes = np.zeros((len(base), len(parameters)))
         for run, predicted in self.moved(values, parameters, reach):
             change = self.whiten(self._measured - predicted) - base

@@ -20,8 +20,9 @@ SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
 def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
-    """Of each log, a value a block: what forms are made of, from inputs and simulation,
-    by their names in formulas; and dt, s.
+    """Return the signals of formulas and dt, s, of each log, a value a block.
+
+    They are from inputs and simulation, by their names in formulas.
     """
     c, rows = problem.model(values), problem.rows
     simulated = problem.channels(values, SIMULATED)
@@ -49,7 +50,7 @@ def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.
 
 
 def _filled(x: np.ndarray) -> np.ndarray:
-    """Blocks without a value get their neighbours'."""
+    """Return blocks with gaps filled by their neighbours."""
     bad = ~np.isfinite(x)
     if bad.any() and not bad.all():
         x = x.copy()
@@ -86,7 +87,7 @@ def responses(
 def _moved(
     c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """`k`: stiffness over the settings'."""
+    """Return the simulation with a form. `k` is the stiffness over the settings'."""
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], SLOWEST), c.mass

@@ -42,8 +42,8 @@ class Detectable:
 
 
 def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
-    """Every effect with its smallest detectable size; of several strengths the one that
-    shows best.
+    """Return every effect with its smallest detectable size, by its most visible
+    strength.
     """
     need = threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
@@ -85,6 +85,6 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
 
 
 def _wave(slopes: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
-    """A profile of rms one that goes up and down every WAVE metres, in place of any."""
+    """Return a profile of rms one that goes up and down every WAVE metres."""
     place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT / WAVE)))[:, None]

@@ -33,15 +33,15 @@ ENTRY_SD = 30.0
 
 
 def is_long(problem: Problem) -> bool:
-    """Whether it is so long that MOST_SECONDS of it are worth being chosen."""
+    """Return whether logs are long enough for a choice of MOST_SECONDS."""
     return sum(log.seconds for log in problem.logs) > 2.0 * MOST_SECONDS
 
 
 def excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly
-    longer. `baseline`: of this problem.
+    """Return the stretches with the most information, MOST_SECONDS in all.
 
-    Cost: as many simulations of everything as the catalogue has parameters.
+    A problem that is hardly longer is returned as it is. `baseline` is the fit of this
+    problem. Cost: as many simulations of everything as the catalogue has parameters.
     """
     if not is_long(problem):
         return problem
@@ -64,9 +64,9 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
 
 
 def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
-    """Indices of pieces, the most telling first, until they are longer than `most`.
+    """Return the indices of pieces, most informative first, up to the length `most`.
 
-    `says`: their information, in units of what is known without them.
+    `says` is their information, in units of the prior.
     """
     total = np.eye(len(says[0])) if says else np.zeros((0, 0))
     left, chosen, length = list(range(len(says))), [], 0.0
@@ -79,7 +79,7 @@ def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> l
 
 
 def _pieces(log: Prepared) -> list[Stretch]:
-    """Stretches cut to PIECE; each begins anew, and its first second is not compared."""
+    """Cut stretches to PIECE. Each starts anew, and its first second is not compared."""
     found = []
     length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block
@@ -94,7 +94,7 @@ def _pieces(log: Prepared) -> list[Stretch]:
 
 
 def _slopes(problem: Problem, baseline: Fit) -> np.ndarray:
-    """Of the residuals, in units of prior sd, and the residuals themselves."""
+    """Return the slopes of the residuals, per prior sd, and the residuals."""
     asked = hypotheses()
     parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
     at = baseline.values | {p.name: start_of(p) for h in asked for p in h.effect.shapes}

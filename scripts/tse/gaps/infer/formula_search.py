@@ -100,9 +100,9 @@ class Frame:
 
 
 def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]) -> float:
-    """Nats by which residuals have fallen.
+    """Return the log likelihood, in nats, that residuals have gained.
 
-    `length`: of each channel, blocks that say as much as one independent one.
+    `length` is, of each channel, the blocks that count as one independent block.
     """
     total = 0.0
     for c, mine in problem.used():
@@ -118,7 +118,7 @@ def price(term: Term) -> float:
 def discover(
     problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Discovery:
-    """The formula that explains most of what a fit leaves.
+    """Find the formula that explains most of the residuals of a fit.
 
     `last`: of `problem`, with all that is named; `held`: logs that judge.
 
@@ -145,7 +145,7 @@ def _places(problem: Problem) -> list[str]:
 
 
 def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, str, Term, float]]:
-    """The most promising, but of one form one size, and not all at one place."""
+    """Return the most promising forms: one size of each form, and several places."""
     found: list[tuple[float, str, Term, float]] = []
     for one in listed:
         _, place, term, _ = one
@@ -165,8 +165,9 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
 
 
 def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
-    """(nats less price, place, form, coefficient) of every form at a place, beside
-    everything that is fitted.
+    """Return (nats less price, place, form, coefficient) of every form at a place.
+
+    Everything that is fitted is fitted with it.
     """
     known, found = terms.forms(place), []
     for k in range(0, len(known), CHUNK):
@@ -178,8 +179,8 @@ def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
 
 
 def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
-    """(nats, coefficient) of forms given by their values, of each log shape (blocks,
-    forms).
+    """Return (nats, coefficient) of forms by their values, an array (blocks, forms) a
+    log.
     """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
@@ -205,8 +206,10 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tupl
 
 
 def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
-    """The formula with everything fitted; nothing where it does not fit in a program, or
-    throws the car off its road.
+    """Return the formula with everything fitted, in a list.
+
+    The list is empty if the formula does not fit in a program, or makes the residuals
+    much worse.
     """
     try:
         formula = terms.formula(place, term, coefficient)
@@ -223,7 +226,7 @@ def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Di
 def refit(
     frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float
 ) -> Discovery:
-    """Stiffness, all that is named, and the numbers of a formula, together."""
+    """Fit stiffness, all names and the numbers of a formula together."""
     slots = formula.slots
     own = [
         _parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers
@@ -300,9 +303,9 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
-    """The same formula, fitted to more logs than it was found in.
+    """Fit the formula to more logs than it was found in.
 
-    `last`: of these, with all that is named.
+    `last` is the fit of these logs with all names.
     """
     if found.formula is None:
         return found
@@ -312,7 +315,7 @@ def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
 
 
 def _stated(frame: Frame, c: Discovery) -> Discovery:
-    """With what a person reads of it."""
+    """Return the formula with the sentences for a person."""
     formula = _described(frame, c)
     words = [
         f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at "
@@ -323,7 +326,7 @@ def _stated(frame: Frame, c: Discovery) -> Discovery:
 
 
 def _described(frame: Frame, c: Discovery) -> Formula:
-    """With how well its numbers are known, and where its signals have been."""
+    """Return the formula with the sds of its numbers and the ranges of its signals."""
     slots = c.formula.slots
     sd = dict(
         zip(

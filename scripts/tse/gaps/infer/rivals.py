@@ -70,7 +70,7 @@ class Worlds:
         self.known: list[World] = []
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
-        """One more. `last`: of the names; `discovery`: with a formula."""
+        """Add a world. `last` is the fit of its names, `discovery` its formula."""
         price, values = sum((price_of(n.effect.id) for n in naming.named), 0.0), last.values
         if discovery is not None:
             assert discovery.fit is not None
@@ -79,7 +79,7 @@ class Worlds:
         self.known.append(World(naming, discovery, price, self._residuals(last, values)))
 
     def weigh(self) -> None:
-        """The probability of each."""
+        """Compute the probability of each world."""
         value = np.array([-w.price for w in self.known], float)
         for c in CHANNELS:
             value += [ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
@@ -88,11 +88,11 @@ class Worlds:
             w.probability = float(p)
 
     def with_name(self, effect: str) -> float:
-        """Probability of the worlds that have it."""
+        """Return the probability of the worlds with a name."""
         return sum(w.probability for w in self.known if effect in w.names)
 
     def best(self) -> World:
-        """The likeliest of those whose names all stand."""
+        """Return the likeliest world whose names all stand."""
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
 
@@ -101,7 +101,7 @@ class Worlds:
         return [last.residuals] + ([] if held is None else [held.residuals(of_the_car(values))])
 
     def _square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
-        """Mean square in units of the noise, and of how many values."""
+        """Return mean square in units of the noise, and the count of values."""
         total, rows = 0.0, 0
         for p, r in zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True):
             mine = dict(p.used()).get(channel)
@@ -115,15 +115,16 @@ def ln_odds(probability: float) -> float:
 
 
 def price_of(effect: str) -> float:
-    """Nats that a name costs."""
+    """Return the prior cost of a name in nats."""
     return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ln_odds(ROAD_PROBABILITY))
 
 
 def explained(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """A formula or none, the names, and all that were compared: the names of the
-    likeliest world that are as likely as a name must be.
+    """Return a formula or None, the names, and all worlds that were compared.
+
+    The names are those of the likeliest world that are as likely as a name must be.
     """
     if naming.named and naming.closed < LEAST_TOGETHER:
         little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
@@ -177,6 +178,6 @@ def beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery
 
 
 def polished(problem: Problem, last: Fit) -> Fit:
-    """The same by least squares, as formulas are fitted."""
+    """Fit the same world by least squares, as formulas are fitted."""
     found = fit(problem.holding(last.values), last.parameters, last.values)
     return replace(found, values=last.values | found.values)

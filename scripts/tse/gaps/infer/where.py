@@ -58,8 +58,9 @@ class Entry:
 
 
 def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
-    """What conditions are made of, from inputs and the simulation only: never from what
-    was measured, whose noise is in the residual, too.
+    """Return the signals of conditions, from inputs and simulation.
+
+    Measurements are not among them: their noise is in the residual, too.
     """
     predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.quantity("steer_angle")
@@ -77,8 +78,9 @@ def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray
 
 
 def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
-    """Where the residual is large, strongest first; none that chance explains (Spearman;
-    Benjamini-Hochberg).
+    """Return the conditions in which the residual is large, strongest first.
+
+    Those that chance explains are left out (Spearman; Benjamini-Hochberg).
     """
     rows, found, p = problem.rows, [], []
     at = features(problem, values)

@@ -40,7 +40,7 @@ class Check:
         return USABLE if all(d.visible for d in searched) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
-        """For programs."""
+        """Return the result for programs."""
         return {
             "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
             "gap": self.gap,
@@ -49,7 +49,7 @@ class Check:
         }
 
     def text(self) -> str:
-        """For people."""
+        """Return the result for people."""
         order = sorted(self.effects, key=lambda d: (not d.visible, d.smallest / d.typical))
         rows = [["effect", "parameter", "smallest that shows", "typical", "visible", "taken up by stiffness"]]
         for d in order:

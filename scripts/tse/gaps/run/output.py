@@ -133,7 +133,7 @@ def road_files(out: Path, result: Result) -> list[Path]:
 
 
 def headline(result: Result) -> str:
-    """The verdict in a few words."""
+    """Return the verdict in a few words."""
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"
     if result.verdict == "not_in_catalogue":
@@ -186,7 +186,7 @@ def table(
 
 
 def log_names(problem: Problem) -> list[str]:
-    """Names of the logs; the same name from another folder gets a number."""
+    """Return the names of the logs. The same name from another folder gets a number."""
     seen: dict[str, int] = {}
     names = []
     for log in problem.logs:
@@ -244,7 +244,7 @@ def gain(
 
 
 def words(gained: Mapping[str, Any]) -> list[str]:
-    """For the terminal."""
+    """Return the text for the terminal."""
     shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
     return [
         f"The estimator's {NAMES[k][0].lower() + NAMES[k][1:]}: valid {old:.0f} -> {new:.0f} % of the time."

@@ -27,14 +27,14 @@ def _channels(table: pd.DataFrame) -> list[str]:
 
 
 def _logs(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Part and name of every log, or of the worst of many."""
+    """Return part and name of every log, or of the worst of many."""
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
     worst = energy.sort_values(ascending=False).head(MOST_LOGS).index
     return [key for key in energy.index if key in set(worst)]
 
 
 def overlay(table: pd.DataFrame) -> go.Figure:
-    """Measured, before, after, per channel; the log is chosen from a list."""
+    """Plot measured, before and after, per channel. The log is chosen from a list."""
     channels, logs = _channels(table), _logs(table)
     figure = make_subplots(len(channels), 1, shared_xaxes=True, vertical_spacing=0.05,
                            subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels])  # fmt: skip
@@ -78,8 +78,9 @@ def overlay(table: pd.DataFrame) -> go.Figure:
 
 
 def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
-    """Rms over noise before and after, per channel; the interval is that of the change
-    (paired blocks).
+    """Plot rms over noise before and after, per channel.
+
+    The interval is that of the change (paired blocks).
     """
     figure = make_subplots(1, len(parts), shared_yaxes=True, horizontal_spacing=0.06,
                            subplot_titles=[_part_title(p) for p in parts])  # fmt: skip
@@ -136,7 +137,7 @@ def _part_title(part: str) -> str:
 
 
 def picture(path: Path, table: pd.DataFrame, title: str) -> None:
-    """gap.png: the moment in which the gap closed most."""
+    """Draw gap.png: the moment in which the gap closed most."""
     with picture_of(path) as plt:
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
@@ -166,8 +167,10 @@ def picture(path: Path, table: pd.DataFrame, title: str) -> None:
 
 
 def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
-    """The seconds in which most of the gap closed, on a held-out log if there is one; if
-    none did, the worst.
+    """Return the seconds in which most of the gap closed.
+
+    They are of a held-out log if there is one. If the gap closed nowhere, they are the
+    worst.
     """
     t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
     won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)

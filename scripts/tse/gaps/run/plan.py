@@ -71,7 +71,7 @@ class Plan:
         return bool(self.options) and self.options[0].needed <= LONGEST
 
     def text(self, top: int) -> str:
-        """For people."""
+        """Return the plan for people."""
         pair = f"{self.first} and {self.second}"
         if not self.separable:
             shown = [o for o in self.options if o.shows >= NEED]
@@ -115,7 +115,7 @@ class Plan:
 def plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
 ) -> Plan:
-    """Every manoeuvre of the library for two effects, "A,B"."""
+    """Return every manoeuvre of the library for two effects, "A,B"."""
     first, second = pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
     candidates = library(config)
@@ -143,7 +143,9 @@ def pair(separate: str) -> tuple[Effect, Effect]:
 
 
 def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
-    """Nats of the worse direction, and of the weaker effect against stiffness alone."""
+    """Return nats of the worse direction, and of the weaker effect against stiffness
+    alone.
+    """
     problem = Problem(prepared(candidate, config), config)
     both, shows, shares = [], [], []
     for hidden, other in ((first, second), (second, first)):
@@ -164,8 +166,9 @@ def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -
 
 
 def nats(problem: Problem, residuals: np.ndarray) -> float:
-    """Expected for the true model against one that leaves this of a log without noise,
-    when there is noise.
+    """Return the expected evidence for the true model, in nats.
+
+    The other model leaves this residual of a log without noise.
     """
     total = 0.0
     for c in np.unique(problem.rows.channel):
@@ -176,7 +179,7 @@ def nats(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def typical(problem: Problem, e: Effect) -> dict[Key, float]:
-    """An effect at its typical size; a road goes up and down every WAVE metres."""
+    """Return an effect at its typical size. A road goes up and down every WAVE metres."""
     if e.id in PROFILES:
         p = e.strengths[0]
         amplitude = np.sqrt(2.0) * p.scale

@@ -47,7 +47,9 @@ class Posterior:
         return {str(n): float(x) for n, x in zip(self.names, self.values, strict=True) if n in NOMINAL}
 
     def sd(self, name: str) -> float:
-        """Of a parameter; of the scale of accel_y with what roll adds to it."""
+        """Return the sd of a parameter; of the scale of accel_y with the part of the
+        roll.
+        """
         weights = dict([(name, 1.0), *([ALSO[name]] if name in ALSO else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
         return float(np.sqrt(w @ self.covariance @ w))

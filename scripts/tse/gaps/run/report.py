@@ -84,17 +84,17 @@ def percent(x: float) -> str:
 
 
 def number(x: float, unit: str = "", digits: int = 3) -> str:
-    """A size with its unit; of what shows at no size: never."""
+    """Return a size with its unit, or never."""
     return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
 
 
 def by_size(found: Sequence[Any]) -> list[Any]:
-    """Effects by how small they show, over what is typical."""
+    """Sort effects by their smallest visible size over the typical one."""
     return sorted(found, key=lambda d: d.smallest / d.typical)
 
 
 def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """What the estimator gains, in rows: what, before, after."""
+    """Return rows of the gain of the estimator: quantity, before, after."""
 
     def row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
         return title, say(of["before"]), say(of["after"])

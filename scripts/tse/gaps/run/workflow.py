@@ -101,7 +101,7 @@ class Result(Found):
     held_level: Problem | None = None  # the same on level roads
 
     def as_json(self) -> dict[str, Any]:
-        """DIR/verdict.json."""
+        """Return the content of DIR/verdict.json."""
         return {
             "verdict": self.verdict,
             "effects": [_as_json(n) for n in self.naming.named if not n.message],
@@ -158,9 +158,7 @@ def read(
     reading: Reading | None = None,
     notes: list[str] | None = None,
 ) -> tuple[list[Log], Config]:
-    """Logs that can be read, and the settings of the vehicle with sensors filled in from
-    the first.
-    """
+    """Read logs, and the vehicle with sensors filled in from the first log."""
     if not paths:
         raise UserError("no logs to fit: at least one is needed")
     logs = read_agreeing(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
@@ -328,8 +326,9 @@ def on_found(
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
-    """Whether names that explain the fitted logs leave more than noise of those that were
-    held out: a patchwork may.
+    """Return whether names that explain the fitted logs fail on held-out ones.
+
+    A patchwork of effects may do so.
     """
     if held is None or not naming.named:
         return False
@@ -341,7 +340,7 @@ def _seconds(problem: Problem) -> float:
 
 
 def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
-    """After a fit, of channels where it is more than the sensors' own."""
+    """Return the remaining errors above the noise of the sensors after a fit."""
     return more_than_noise(remainder.remainder(problem, last.residuals, last.values, NOISE_LIMIT))
 
 
@@ -355,9 +354,9 @@ def judge(
     left: list[remainder.Remainder],
     elsewhere: Sequence[remainder.Remainder] = (),
 ) -> tuple[str, int, list[str]]:
-    """From what was found to verdict, exit code and words.
+    """Return verdict, exit code and words.
 
-    `left`: after names and formula; `elsewhere`: the same of the held-out logs.
+    `left` is the error after names and formula, `elsewhere` that of the held-out logs.
     """
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
@@ -430,8 +429,9 @@ def _as_json(n: Named) -> dict[str, Any]:
 
 
 def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """How late channels are logged beyond what the vehicle file says, and a low pass that
-    is none of the steering's: of names that are no effects of the catalogue.
+    """Return latencies of channels beyond the vehicle file, and low passes of the IMU.
+
+    They are of names that are no effects of the car.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -452,9 +452,11 @@ def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
 
 
 def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
-    """Of the 95 % intervals of latencies, from those of the names that they are sums of,
-    as if these were independent: a latency of the steering may be that of the IMU and
-    its own. Linear: a delay is far from changing its sign.
+    """Return half of the 95 % intervals of latencies.
+
+    A latency may be the sum of several names, as of the IMU and of the steering. Their
+    intervals are added as if they were independent, and linearly: a delay is far from
+    changing its sign.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # s
