@@ -18,7 +18,7 @@ from tse.identify.data import BLOCK
 # rms over noise up to which nothing is left to explain: noise is known to some percent,
 # inputs are smoothed
 NOISE_LIMIT = 1.2
-MOST_LAG = 4.0  # s: of autocorrelation that are looked at
+MAX_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
 TOGETHER = 2.0  # s: of residuals that are resampled together
 DRAWS = 1000  # of the bootstrap
@@ -94,10 +94,10 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
         top = bottom = None
         for group in np.unique(problem.rows.group[problem.rows.of(channel)]):
             x = residuals[problem.rows.group == group]
-            n = min(len(x) - 1, int(MOST_LAG / BLOCK))
+            n = min(len(x) - 1, int(MAX_LAG / BLOCK))
             size = 1 << (2 * len(x) - 1).bit_length()
             c = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n + 1]
-            c = np.pad(c, (0, int(MOST_LAG / BLOCK) + 1 - len(c)))
+            c = np.pad(c, (0, int(MAX_LAG / BLOCK) + 1 - len(c)))
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)

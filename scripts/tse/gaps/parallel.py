@@ -23,10 +23,10 @@ def is_copy() -> bool:
     return _copy
 
 
-def apart(
+def run_in_processes(
     jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x
 ) -> list[Any]:
-    """Run `do` for each of `asked`, in this order, in as many processes as there are jobs.
+    """Run `do` for each of `asked`, in this order, in as many processes as jobs.
 
     Each process is a copy of this one. It sends back `light` of the result, and its other
     changes are lost. On systems other than Linux threads run, which keep their changes:

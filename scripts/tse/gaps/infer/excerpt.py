@@ -24,7 +24,7 @@ from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BURN_IN, Prepared, Stretch
 
 # s: of logs, in which effects are searched: what is found is fitted to all of them
-MOST_SECONDS = 90.0
+MAX_SECONDS = 90.0
 # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
 PIECE = 15.0
 # noise of a block: that a piece's information counts with: models are no better known
@@ -33,12 +33,12 @@ ENTRY_SD = 30.0
 
 
 def is_long(problem: Problem) -> bool:
-    """Return whether logs are long enough for a choice of MOST_SECONDS."""
-    return sum(log.seconds for log in problem.logs) > 2.0 * MOST_SECONDS
+    """Return whether logs are long enough for a choice of MAX_SECONDS."""
+    return sum(log.seconds for log in problem.logs) > 2.0 * MAX_SECONDS
 
 
 def excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """Return the stretches with the most information, MOST_SECONDS in all.
+    """Return the stretches with the most information, MAX_SECONDS in all.
 
     A problem that is hardly longer is returned as it is. `baseline` is the fit of this
     problem. Cost: as many simulations of everything as the catalogue has parameters.
@@ -54,7 +54,7 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
             mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
             pieces.append((i, piece))
             says.append(mine.T @ mine / ENTRY_SD**2)
-    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MOST_SECONDS)
+    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MAX_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]

@@ -29,11 +29,11 @@ from tse.identify.data import CHANNELS
 PRICE = 2.0
 FITTED = 6  # candidates that are simulated
 PER_PLACE = 3  # of them at one place, most
-MOST_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
-LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
+MAX_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
+MIN_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
 # relative rise of a channel of the held-out logs by which it forbids a formula
-LEAST_HARM = 0.01
-MOST_STEPS = 15  # of a fit
+MIN_HARM = 0.01
+MAX_STEPS = 15  # of a fit
 CHUNK = 64  # forms that are looked at together: memory
 # %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
 HALF = 0.5
@@ -218,7 +218,7 @@ def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Di
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
     limits |= {s.name: (s.low, s.high) for s in term.sizes}
     thrown = frame.problem.residuals(frame.values | formula.settings())
-    if excess(frame.problem, thrown) > MOST_WORSE * max(frame.full, 1.0):
+    if excess(frame.problem, thrown) > MAX_WORSE * max(frame.full, 1.0):
         return []
     return [refit(frame, formula, limits, price(term))]
 
@@ -236,7 +236,7 @@ def refit(
         problem,
         [*frame.last.parameters, *own],
         frame.values | {p.name: p.default for p in own},
-        most=MOST_STEPS,
+        most=MAX_STEPS,
     )
     formula = formula.with_values({p.key: found.values[p.name] for p in own})
     values = frame.values | found.values
@@ -262,7 +262,7 @@ def _parameter(name: str, key: str, value: float, low: float, high: float, unit:
 
 def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
     """The worthiest over all logs, with the numbers of the fitted ones, that the held-out
-    logs confirm: there no channel is worse by more than LEAST_HARM, and some are
+    logs confirm: there no channel is worse by more than MIN_HARM, and some are
     better. Without these something must be left to explain: a library of forms finds
     one in any noise.
     """
@@ -272,12 +272,12 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
         before = held.residuals(of_the_car(frame.values))
         length = lengths(held, before)
     for c in tried:
-        confirmed, total = shows and c.nats > 0 and c.share >= LEAST_SHARE, c.nats
+        confirmed, total = shows and c.nats > 0 and c.share >= MIN_SHARE, c.nats
         if confirmed and held is not None:
             after = held.residuals(of_the_car(c.values))
             c.changes = compare(held, before, after)
             total += worth(held, before, after, length)
-            confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(
+            confirmed = all(x.ci95[0] <= MIN_HARM for x in c.changes.values()) and any(
                 x.better for x in c.changes.values()
             )
         shown.append(

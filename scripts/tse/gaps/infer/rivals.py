@@ -31,12 +31,12 @@ from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tse.gaps.infer.naming import Naming
 from tse.gaps.infer.roads import ROAD_PROBABILITY
 from tse.gaps.infer.search import ln_likelihood
-from tse.gaps.parallel import apart
+from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import CHANNELS
 
 # of the gap, that names must close where something is left: less is as good as nothing
-LEAST_TOGETHER = 0.2
+MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
 # why what the search named has no name in the end
 INSTEAD = "a formula explains about as much or more for what it costs"
@@ -126,8 +126,8 @@ def explained(
 
     The names are those of the likeliest world that are as likely as a name must be.
     """
-    if naming.named and naming.closed < LEAST_TOGETHER:
-        little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
+    if naming.named and naming.closed < MIN_TOGETHER:
+        little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
     asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
     fits = [polished(problem, n.final) for n in asked]
@@ -137,7 +137,7 @@ def explained(
         beside = ", ".join(m.effect.id for m in asked[k].named)
         return discover(problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
 
-    sought = apart(problem.jobs, formula, range(len(asked)))
+    sought = run_in_processes(problem.jobs, formula, range(len(asked)))
     worlds.add(naming, fits[0])
     for n, last, found in zip(asked, fits, sought, strict=True):
         if found.formula is not None:

@@ -27,7 +27,7 @@ from tse.log.rows import Log
 from tse.roads.road import Road
 
 ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
-MOST_ODDS = 50.0  # ln: beyond it a probability is 1
+MAX_ODDS = 50.0  # ln: beyond it a probability is 1
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _judged(kind: str, road: Knots, ended: Fit, road_sd: np.ndarray) -> FoundRoa
     size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))
     values = sum(p.stop - p.start for p in places)
     sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
-    odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MOST_ODDS)))
+    odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MAX_ODDS)))
     ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
     return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
 

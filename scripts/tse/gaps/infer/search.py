@@ -32,8 +32,8 @@ from tse.gaps.problem import Problem
 from tse.identify import fit as engine
 from tse.identify.data import BLOCK
 
-MOST_EFFECTS = 12  # of a set
-MOST_ROUNDS = 12  # fits of ever better sets
+MAX_EFFECTS = 12  # of a set
+MAX_ROUNDS = 12  # fits of ever better sets
 PASSES = 4  # of them, each with what could be in the place of an effect
 AT_ONCE = 2  # changes of a set between two fits
 RIVALS = 2  # sets that are fitted in place of each effect
@@ -266,7 +266,7 @@ class Search:
 
     def _climbed(self, best: Judged) -> Judged:
         """Return the best set that adding, leaving out and exchanging effects reaches."""
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_ROUNDS):
             around = Around(best)
             self.near = {}
             there = self._best_near(around, best.ids, AT_ONCE)
@@ -326,7 +326,7 @@ class Search:
         for _ in range(changes):
             out = [h.id for h in self.asked if h.id not in best]
             near = [best - {i} for i in best]
-            if len(best) < MOST_EFFECTS:
+            if len(best) < MAX_EFFECTS:
                 near += [best | {o} for o in out]
             near += [best - {i} | {o} for i in best for o in out]
             there = max(near, key=worth)

@@ -20,11 +20,11 @@ WINDOW = 1.0  # s: over which the energy of a residual is taken
 # share of the conditions that may be there by chance (Benjamini-Hochberg)
 FALSE_DISCOVERIES = 0.01
 # of ranks: a condition that goes less with the energy is not worth words
-LEAST_CORRELATION = 0.15
-FEWEST_WINDOWS = 20  # fewer do not show a channel's conditions
+MIN_CORRELATION = 0.15
+MIN_WINDOWS = 20  # fewer do not show a channel's conditions
 # a road does not know of the steering wheel: of a bank, no more of the variance goes with
 # the car's own turning
-MOST_FOLLOWED = 0.5
+MAX_FOLLOWED = 0.5
 HAT = 10  # blocks: between two values of a disturbance, which is linear between them
 PLACES = {
     "front axle": "front_angle",
@@ -88,7 +88,7 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
         key = rows.log[mine] * 10_000_000 + (rows.time[mine] // WINDOW).astype(np.int64)
         _, index, count = np.unique(key, return_inverse=True, return_counts=True)
         enough = count >= 0.5 * count.max(initial=0)
-        if enough.sum() < FEWEST_WINDOWS:
+        if enough.sum() < MIN_WINDOWS:
             continue
         energy, *table = ((np.bincount(index, x) / count)[enough] for x in (
             residuals[mine] ** 2, *(np.nan_to_num(x[mine]) for x in at.values())))  # fmt: skip
@@ -98,7 +98,7 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
                 found.append(Condition(c, f"{'high' if rho > 0 else 'low'} {name}", float(rho)))
                 p.append(max(float(chance), 1e-300))
     kept = false_discovery_control(p) < FALSE_DISCOVERIES if p else ()
-    found = [c for c, k in zip(found, kept, strict=True) if k and abs(c.strength) >= LEAST_CORRELATION]
+    found = [c for c, k in zip(found, kept, strict=True) if k and abs(c.strength) >= MIN_CORRELATION]
     return sorted(found, key=lambda c: -abs(c.strength))
 
 
@@ -157,7 +157,7 @@ def entries(problem: Problem, last: Fit) -> list[Entry]:
         )
         # a road does not know of the steering wheel: what follows the car's own turning
         # came in elsewhere
-        last_of_all = id_ == ROAD and follows > MOST_FOLLOWED
+        last_of_all = id_ == ROAD and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(place, nats(size), share, float(size), "m/s2" if id_ == ROAD else units[id_].unit)
         found.append((last_of_all, -entry.nats, entry))

@@ -14,11 +14,11 @@ from tse.gaps.fit import Change
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, picture_of, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
+MAX_POINTS = 3000  # per line; longer logs are thinned, to their peaks
 # s without a value from which a line is broken: a log may not have the channel all the
 # time
 HOLE = 1.0
-MOST_LOGS = 12  # that can be chosen; of a fleet, the worst
+MAX_LOGS = 12  # that can be chosen; of a fleet, the worst
 PICTURE_SECONDS = 8.0
 
 
@@ -29,7 +29,7 @@ def _channels(table: pd.DataFrame) -> list[str]:
 def _logs(table: pd.DataFrame) -> list[tuple[str, str]]:
     """Return part and name of every log, or of the worst of many."""
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
-    worst = energy.sort_values(ascending=False).head(MOST_LOGS).index
+    worst = energy.sort_values(ascending=False).head(MAX_LOGS).index
     return [key for key in energy.index if key in set(worst)]
 
 
@@ -45,7 +45,7 @@ def overlay(table: pd.DataFrame) -> go.Figure:
             t = mine[mine["channel"] == channel].sort_values("time")
             for source, colour in SOURCE.items():
                 y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32)
-                time, y = thin_line(t["time"].to_numpy(), y, MOST_POINTS, HOLE)
+                time, y = thin_line(t["time"].to_numpy(), y, MAX_POINTS, HOLE)
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(time, 3),

@@ -32,13 +32,13 @@ NOTHING = 0.1  # nats: by which an effect shows: less is not excited
 # relative change of the sum of squares at which a fit ends: without noise it is the whole
 # difference
 EXACT = 1e-6
-MOST_STEPS = 30  # of a fit
+MAX_STEPS = 30  # of a fit
 SAME = (
     # of the nats by which an effect shows: less is the integration's steps, and no model
     # is that good
     0.02
 )
-LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
+MAX_NEEDED = 3600.0  # s: what takes longer cannot be separated by driving
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Plan:
 
     @property
     def separable(self) -> bool:
-        return bool(self.options) and self.options[0].needed <= LONGEST
+        return bool(self.options) and self.options[0].needed <= MAX_NEEDED
 
     def text(self, top: int) -> str:
         """Return the plan for people."""
@@ -90,7 +90,7 @@ class Plan:
             ]
         ]
         for o in self.options[:top]:
-            long = f"{o.needed:.0f}" if o.needed <= LONGEST else "over an hour"
+            long = f"{o.needed:.0f}" if o.needed <= MAX_NEEDED else "over an hour"
             needed = "one run" if o.needed <= o.seconds else long
             rows.append([o.name, f"{o.nats:.1f}", needed, f"{100 * o.share:.0f} %"])
         best = self.options[0]
@@ -158,7 +158,7 @@ def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -
         shows.append(nats(problem, plain.residuals))
         shapes = [replace(p, low=p.typical_low, high=p.typical_high) for p in other.shapes]
         parameters = [*STIFFNESS, *problem.strengths(other), *shapes]
-        with_it = fit(problem, parameters, plain.values | typical(problem, other), MOST_STEPS, EXACT)
+        with_it = fit(problem, parameters, plain.values | typical(problem, other), MAX_STEPS, EXACT)
         left = min(nats(problem, with_it.residuals), shows[-1])
         both.append(left if left > SAME * shows[-1] else 0.0)
         shares.append(both[-1] / max(shows[-1], 1e-9))

@@ -28,7 +28,7 @@ HEADLINE = {
     "possible": "Possible",
     "not_in_catalogue": "Not in the catalogue",
 }
-MOST_CONDITIONS = 12
+MAX_CONDITIONS = 12
 
 
 @dataclass
@@ -72,7 +72,7 @@ def write_report(path: Path, shown: Shown) -> None:
         result=result,
         naming=result.naming,
         catalogue=catalogue(),
-        most_conditions=MOST_CONDITIONS,
+        most_conditions=MAX_CONDITIONS,
         gain=gain_rows(shown.gain),
         facts=facts(shown),
         place=library().formula_places[result.formula.place].text if result.formula else "",
