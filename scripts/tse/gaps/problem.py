@@ -279,9 +279,10 @@ class Problem:
     def moved(
         self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
-        """What the model says with parameters moved by `reach` times their steps: by how
-        much which of them, and predict(). Profile values of different logs act on
-        different residuals: one simulation serves one of each log.
+        """Yield moves of parameters, `reach` times their steps, and predict() with them.
+
+        Profile values of different logs act on different residuals: one simulation serves
+        one of each log.
         """
 
         def shifted(p: Parameter) -> float:

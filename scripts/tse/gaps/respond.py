@@ -65,11 +65,10 @@ def responses(
     place: str,
     forms: list[np.ndarray],
 ) -> np.ndarray:
-    """What a unit of each form at this place changes of the whitened residuals, shape
-    (entries, forms).
+    """Return the change of the whitened residuals by a unit of each form at a place.
 
-    `at`: signals(); `forms`: of each log, shape (blocks, forms), in the unit of the
-    place.
+    Its shape is (entries, forms). `at` is that of signals(). `forms` is an array (blocks,
+    forms) of each log, in the unit of the place.
     """
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))

@@ -261,10 +261,11 @@ def _parameter(name: str, key: str, value: float, low: float, high: float, unit:
 
 
 def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
-    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out
-    logs confirm: there no channel is worse by more than MIN_HARM, and some are
-    better. Without these something must be left to explain: a library of forms finds
-    one in any noise.
+    """Return the best formula over all logs that the held-out logs confirm.
+
+    Its numbers are those of the fitted logs. Confirmed: on held-out logs no channel is
+    worse by more than MIN_HARM, and some are better. Without held-out logs there must be
+    an error left to explain: a library of forms finds one in any noise.
     """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT

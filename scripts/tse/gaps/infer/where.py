@@ -103,12 +103,11 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
 
 
 def entries(problem: Problem, last: Fit) -> list[Entry]:
-    """Every place with the evidence for a disturbance there, best first, beside what
-    `last` has fitted.
+    """Return every place with the evidence for a disturbance there, best first.
 
-    A disturbance is a sum of hats, one every HAT blocks, of normal size: residuals are
-    linear in it, so its evidence is a sum over the singular values of what the hats do
-    (responses()).
+    It is fitted beside everything in `last`. A disturbance is a sum of hats, one every
+    HAT blocks, of normal size. Residuals are linear in it, so its evidence is a sum over
+    the singular values of the responses to the hats (responses()).
     """
     at, units = signals(problem, last.values), library().formula_places
     lateral = [

@@ -151,12 +151,12 @@ def headline(result: Result) -> str:
 def table(
     parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]
 ) -> pd.DataFrame:
-    """`parts`: of each its logs on level roads, which are those before, and on the roads
-    that were found.
+    """Return every block of 40 ms of every log and channel as a table.
 
-    Every block of 40 ms of every log and channel. predicted_*: with the bias of the log;
-    residual_*: measured less predicted over `noise`, which is what the sensor's noise
-    leaves of a block: 1 is nothing but noise. NaN: not measured.
+    Columns predicted_* have the bias of the log. Columns residual_* are measured less
+    predicted over `noise`, the noise of the sensor in a block: 1 is noise alone. NaN is
+    not measured. `parts` has, of each part, its logs on level roads (before) and on the
+    roads that were found.
     """
     frames = []
     for part, (level, problem) in parts.items():

@@ -55,8 +55,9 @@ class Posterior:
         return float(np.sqrt(w @ self.covariance @ w))
 
     def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
-        """Settings of [uncertainty]: those of this posterior, not below what any model of
-        a car leaves; the others as they were.
+        """Return the settings of [uncertainty] by this posterior.
+
+        They are not below the limits of any model of a car. The others stay.
         """
         v = {key: vehicle.values[key] for key in uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
@@ -69,8 +70,9 @@ class Posterior:
         }
 
     def calibration(self) -> dict[str, Any]:
-        """Names, mean and covariance as tse.calibration has them: stiffness in ln over
-        this file's.
+        """Return names, mean and covariance as calibration_toml() takes them.
+
+        Stiffness is in ln over that of this file.
         """
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
@@ -88,15 +90,17 @@ def posterior(
     logs: Sequence[Log] = (),
     spread: np.ndarray | None = None,
 ) -> Posterior:
-    """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with;
-    `logs`: that were fitted, as they were read; `spread`: covariance of ln stiffness
-    over what may be missing in the place of what was named.
+    """Return the posterior of the car: values, covariance and stiffness.
 
-    A formula is not in the estimator: what it explains is what the model does not, there.
+    `vehicle` is the file before. `settings` are those of a formula in the fit. `logs` are
+    the fitted ones as read. `spread` is the covariance of ln stiffness over effects in
+    the place of the named ones.
+
+    The estimator has no formula: its part is model error there.
 
     Where the model that wheels drive does not explain accel_x, its longitudinal stiffness
-    is what smooths their noise, 13 .. 45 % too soft of three multi-body cars: there it is
-    what a calibration finds of the slip, or what was known before.
+    only smooths their noise and is 13 .. 45 % too soft, on three multi-body cars. Then
+    the stiffness is that of a calibration of the slip, or the one before.
     """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}
