@@ -61,7 +61,7 @@ def make_effects() -> str:
             f"\n## {e.id}: {e.title}\n\n{tables.escape_cell(tables.find_equation(e.id))}\n",
             f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.escape_cell(e.channels)}. "
             f"Looks like {alike}. "
-            f"In an estimator that has it: {tables.escape_cell(e.estimator)}.\n",
+            f"Estimate: {tables.escape_cell(e.estimator)}.\n",
             tables.format_table(
                 ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
                 parameters,

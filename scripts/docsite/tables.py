@@ -3,7 +3,6 @@
 make_X() makes the block X of a page (docsite.fill).
 """
 
-import functools
 import math
 import re
 import warnings
@@ -96,16 +95,9 @@ def _format_range(f: Field) -> str:
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 
-@functools.cache
 def find_group(setting: str) -> str:
-    """Return the table of src/tables that has this setting."""
-    if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
-        return "effects"
-    for name in SETTING_GROUPS:
-        rows = sources.read(name)
-        if setting in (rows["setting"] if name == "formula" else rows):
-            return name
-    raise ValueError(f"setting {setting} stands in no table of src/tables")
+    """Return the table of src/tables that has a setting."""
+    return library().settings[setting].table
 
 
 def format_settings(fields: Iterable[Field]) -> str:
@@ -117,11 +109,12 @@ def format_settings(fields: Iterable[Field]) -> str:
             format_number(f.default),
             _format_range(f),
             escape_cell(f.unit if not f.is_integer else "integer"),
+            library().settings[f.name].filter,
             escape_cell(f.text),
         ]
         for f in fields
     ]
-    return format_table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+    return format_table(["member", "type", "default", "range", "unit", "filter", "meaning"], rows, right=(2,))
 
 
 def make_config_page() -> str:
@@ -138,7 +131,8 @@ def make_config_page() -> str:
         "`[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, and parameters of "
         "the FMUs.\n\n"
         "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range "
-        "it is 0: not set. These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
+        "it is 0: not set. `filter`: the filters whose estimate a setting moves, `default`, `paper` or "
+        "both; none: simulator and replay alone. These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
         + make_uncalibrated()
         + "\n"
         + "\n".join(text)

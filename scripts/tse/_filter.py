@@ -12,7 +12,7 @@ import numpy as np
 
 from tse._tables import CHANNELS, Estimate, Row, Status
 from tse._vehicle import VehicleLike, read_vehicle
-from tse.car.config import check_effect, make_config, set_sampling
+from tse.car.config import check_effect, make_config, set_sampling, unused_notes
 from tse.errors import InputError
 from tse.library import core
 from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
@@ -78,6 +78,7 @@ class Filter:
         for name, value in (settings or {}).items():
             config.set(name, value)
         check_effect(settings or {}, config)
+        self.notes += tuple(unused_notes(config, settings or {}))
         self._begin(config)
 
     def _begin(self, config: core.Config) -> None:

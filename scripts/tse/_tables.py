@@ -64,7 +64,7 @@ class Status(IntEnum):
     PREDICTED = 5
     """No measurement, or inputs missing: predicted only."""
     GAP = 6
-    """Time step too long to bridge: states restarted from the sensors, what was learnt is kept."""
+    """A step too long to bridge, or sensors that jump: states restarted from the sensors, what was learnt is kept."""
     RECOVERED = 7
     """The state was no finite number, by a fault of the memory or an overflow: started over."""
     WAITING = 8

@@ -129,7 +129,7 @@ def live(
     input. Ctrl-C is the usual end.
     """
     from tse.calibration.own import is_uncalibrated
-    from tse.car.config import check_effect, make_config, unused_friction
+    from tse.car.config import check_effect, make_config
     from tse.car.vehicle import read_vehicle
     from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
     from tse.estimation.answer import answer
@@ -160,7 +160,6 @@ def live(
     for key, value in key_values(pairs).items():
         config.set(key, value, source="option --set")
     check_effect(list(key_values(pairs)), config)
-    notes += unused_friction(vehicle, config)
     car = NOT_CALIBRATED if is_uncalibrated(vehicle) else ""
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     folder = out or Path(time.strftime("live-%Y%m%d-%H%M%S"))

@@ -41,7 +41,7 @@ VALUES: dict[str, tuple[float, float]] = {
     "identify.fit.MODEL_TIME": (1.0, 4.0),
     "gaps.infer.space.LASTING": (0.33, 1.3),
     "gaps.infer.space.ABSENT": (0.25, 1.0),
-    "gaps.infer.excerpt.MOST_SECONDS": (45.0, 180.0),
+    "gaps.infer.excerpt.MAX_SECONDS": (45.0, 180.0),
 }
 
 

@@ -26,11 +26,6 @@ from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml, write_atomically
 from tse.log.units import load_units
 
-# Limits of src/model/formula.h. Each NUMBER operation has a slot: formula_a ..
-MAX_OPERATIONS = 33
-MAX_STACK = 8
-MAX_MEMORIES = 3
-MAX_LATE_CALLS = 1
 MAX_FORMULA_VALUE = 1e6  # a larger result, or NaN, counts as 0
 PER_CODE = 3  # operations in one formula_code_<k>, a byte each, lowest byte first
 # Limits of the text. They protect Python's parser and the recursion here.
@@ -63,6 +58,11 @@ class FormulaError(UserError):
 
     parse() and read_formula() put the file before it.
     """
+
+
+def _get_limit(name: str) -> int:
+    """Return a limit of a formula, [limit] of src/tables/formula.toml."""
+    return library().formula_limits[name]
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class Formula:
         }
         for i, letter in enumerate(_list_letters()):
             settings[f"formula_{letter}"] = float(slots[i]) if i < len(slots) else 0.0
-        for k in range(MAX_OPERATIONS // PER_CODE):
+        for k in range(_get_limit("FORMULA_OPS") // PER_CODE):
             codes = self.operations[PER_CODE * k : PER_CODE * (k + 1)]
             settings[f"formula_code_{k + 1}"] = float(int.from_bytes(bytes(codes), "little"))
         return settings
@@ -475,19 +475,23 @@ class _Compiler:
             for s in self.steps
             if s not in self.units and s in self.table and self.table[s].kind == "MEMORY"
         ]
-        if len(self.steps) > MAX_OPERATIONS:
+        if len(self.steps) > _get_limit("FORMULA_OPS"):
             raise self.make_error(
-                node, f"is beyond the {MAX_OPERATIONS} operations that are allowed (powers count as products)"
+                node,
+                f"is beyond the {_get_limit('FORMULA_OPS')} operations that are allowed (powers count as products)",
             )
-        if self.depth > MAX_STACK:
+        if self.depth > _get_limit("FORMULA_STACK"):
             raise self.make_error(
-                node, f"needs more than the {MAX_STACK} values in hand that are allowed: put long terms first"
+                node,
+                f"needs more than the {_get_limit('FORMULA_STACK')} values in hand that are allowed: put long terms first",
             )
-        if len(memories) > MAX_MEMORIES:
+        if len(memories) > _get_limit("FORMULA_MEMORIES"):
             listed = ", ".join(op.name for op in self.table.values() if op.kind == "MEMORY")
-            raise self.make_error(node, f"is beyond the {MAX_MEMORIES} that are allowed of {listed} together")
-        if memories.count("late") > MAX_LATE_CALLS:
-            raise self.make_error(node, f"is beyond the {MAX_LATE_CALLS} 'late' that is allowed")
+            raise self.make_error(
+                node, f"is beyond the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
+            )
+        if memories.count("late") > _get_limit("FORMULA_LATE"):
+            raise self.make_error(node, f"is beyond the {_get_limit('FORMULA_LATE')} 'late' that is allowed")
 
     def visit(self, node: ast.expr, level: int) -> Any:
         """Append the operations of a part of the text, and return its dimension."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tse.car.formula import Formula, read_formula
-from tse.library.core import ALL_SETTINGS_HINT, CONFIG, NOMINAL, Config, EffectRow, SettingError, library
+from tse.library.core import ALL_SETTINGS_HINT, NOMINAL, Config, EffectRow, SettingError, library
 from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
 from tse.log.noise import compute_misfit, estimate_noise
@@ -199,8 +199,7 @@ def describe_stiffness(vehicle: Vehicle) -> str:
 
 def list_vehicle_settings() -> list[str]:
     """Return the settings at the top of a vehicle file."""
-    names = [f.name for f in library().fields(CONFIG)]
-    return names[: names.index(list_uncertainty_settings()[0])]
+    return list(library().settings_in("vehicle"))
 
 
 def list_uncertainty_settings() -> list[str]:
@@ -210,22 +209,17 @@ def list_uncertainty_settings() -> list[str]:
 
 def list_sensor_settings() -> list[str]:
     """Return the settings of the table [sensors]."""
-    names = [f.name for f in library().fields(CONFIG)]
-    # settings of other tables
-    others = {p.setting for e in library().effects.values() for p in e.parameters}
-    others |= set(list_latency_settings().values()) | set(list_formula_settings())
-    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
+    return list(library().settings_in("sensors", "velocity", "pedals", "road"))
 
 
 def list_latency_settings() -> dict[str, str]:
     """Return the settings of [latency] by channel, its keys: src/tables/sensors.toml."""
-    settings = {f"{c.name}_latency": c.name for c in library().channels}
-    return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
+    return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
 def list_formula_settings() -> list[str]:
     """Return the settings of a formula of the user: src/tables/formula.toml."""
-    return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
+    return list(library().settings_in("formula"))
 
 
 def make_default_vehicle() -> Vehicle:

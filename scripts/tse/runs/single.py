@@ -18,7 +18,7 @@ from tse.calibration.own import (
     is_uncalibrated,
     keep_class,
 )
-from tse.car.config import check_effect, make_config, unused_friction
+from tse.car.config import check_effect, make_config, unused_notes
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import (
     MAX_CHECKED_ROWS,
@@ -140,7 +140,7 @@ def assemble(
     for key, value in settings.items():
         config.set(key, value, source=source)
     check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
-    notes += unused_friction(vehicle, config)
+    notes += unused_notes(config, settings)
     said = check_car(lively, vehicle, config)
     if strict and said:
         raise UserError(f"{log.path}: option --strict: {'; '.join(said)}")
