@@ -149,7 +149,7 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
     ]
 
 
-@pytest.mark.parametrize(("friction", "notes"), [(1.0, 0), (1.25, 1)])
+@pytest.mark.parametrize(("friction", "notes"), [(0.0, 0), (1.25, 1)])
 def test_a_friction_of_a_car_that_nobody_has_calibrated_is_said_not_to_be_used(tmp_path, friction, notes):
     car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n")
     _, said = make_config(car, None)

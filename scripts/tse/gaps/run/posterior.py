@@ -39,7 +39,7 @@ class Posterior:
     names: tuple[Key, ...]
     values: np.ndarray
     covariance: np.ndarray
-    estimate_model_sd: float
+    model_sd: float
 
     @property
     def stiffness(self) -> dict[str, float]:
@@ -62,7 +62,7 @@ class Posterior:
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
             return v  # known exactly
-        v["estimate_model_sd"] = self.model_sd
+        v["model_sd"] = self.model_sd
         return v | {
             key: max(self.sd(name), min(MIN_SD.get(key, 0.0), v[key]))
             for key, name in UNCERTAIN.items()
@@ -117,7 +117,7 @@ def posterior(
             [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
         )
         space.mean, space.information = space.to_search(at), np.diag(space.sd**-2)
-        return space, at, engine.fit(space, space.mean, most=0, near=True)
+        return space, at, engine.fit(space, space.mean, max_steps=0, near=True)
 
     space, at, found = fitted_at(problem)
     car = [
@@ -126,7 +126,7 @@ def posterior(
         if p.name in NOMINAL or p.name in fitted or prior.get(p.name)
     ]
     there, _, alone = fitted_at(bare) if settings else (space, at, found)
-    before = vehicle.values.get("estimate_model_sd", get_unknown_car()["estimate_model_sd"])
+    before = vehicle.values.get("model_sd", get_unknown_car()["model_sd"])
     left = estimate_model_sd(there, alone.residuals, before)
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
     if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:

@@ -317,7 +317,7 @@ def on_found(
                 found = match_log(road, log, config)
             except UserError:  # it is on another one
                 continue
-            notes.append(f"{log.path.name} is on the road of fitted logs: {found.words()}")
+            notes.append(f"{log.path.name} is on the road of fitted logs: {found.describe()}")
             placed.append(replace(one, road={n: np.nan_to_num(getattr(found, n)) for n in ("bank", "grade")}))
             break
         else:
