@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -26,6 +28,7 @@ from tse.log.rows import Reading
 from tse.readers.readers import read_recording
 from tse.readers.recording import How, Recording
 from tse.report import plots
+from tse.report.results import plain
 from tse.roads.road import Road, read_road
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
@@ -120,24 +123,31 @@ def read_log(
     return Log(_read_log(Path(path), reading=Reading(file, rate, strict, tuple(map(Path, databases)), car)))
 
 
-def checked(log: LogLike, car: Vehicle, name: str = "log") -> Checked:
-    """Whatever holds a log, as the commands have it; `name` of one that is in no file. TypeError: it holds none."""
+def checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
+    """Read and check a log of any kind. `name`: that of a log in memory. TypeError: it is no log."""
     if isinstance(log, str | os.PathLike):
-        return read_log(log, car)._checked
+        return _read_log(Path(log), reading=replace(reading or Reading(), car=car))
     return of_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
 
 
 def known_road(road: PathLike | Road | None) -> Road | None:
-    """Return the road of a file, or that which is given. UserError: it is no such file."""
+    """Return a road: read it if `road` is a file."""
     return road if road is None or isinstance(road, Road) else read_road(Path(road))
 
 
-def all_checked(logs: LogLike | Sequence[LogLike], car: Vehicle, fewest: int = 1) -> list[Checked]:
-    """One log, or a list or tuple of them; those in no file are counted. UserError: there are fewer."""
+def paths_or_checked(
+    logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int = 1
+) -> list[Path | Checked]:
+    """Return files as paths, and logs in memory checked, by their number. UserError: there are fewer than `min_logs`."""
     given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
-    if len(given) < fewest:
+    if len(given) < min_logs:
         raise UserError("no log is given")
-    return [checked(log, car, f"log {n}" if len(given) > 1 else "log") for n, log in enumerate(given, 1)]
+    return [
+        Path(log)
+        if isinstance(log, str | os.PathLike)
+        else checked(log, car, f"log {n}" if len(given) > 1 else "log")
+        for n, log in enumerate(given, 1)
+    ]
 
 
 def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
@@ -164,12 +174,18 @@ class Signals(Shown):
 
     def __init__(self, recording: Recording, proposal: Proposal, how: How):
         self._recording, self._proposal, self._how = recording, proposal, how
+        self.format = recording.format
+        """Format of the log, in words."""
         self.missing = tuple(proposal.missing)
         """Channels for which nothing was found."""
+        self.nearest = {c: tuple(x) for c, x in proposal.nearest.items()}
+        """For each missing channel the signals that come nearest, and what is against each."""
         self.warnings = tuple(proposal.warnings)
         """What is doubtful, in words."""
+        self.notes = tuple(recording.notes)
+        """What was odd when the log was read, in words."""
 
-    @property
+    @cached_property
     def _lines(self) -> list[Line]:
         return listing(self._recording, self._proposal)
 
@@ -178,6 +194,11 @@ class Signals(Shown):
         """A sentence for each guess, and what was not found."""
         missing = [f"not found: {', '.join(self.missing)}"] if self.missing else []
         return (*map(headline, self._proposal.guesses), *missing, *(f"warning: {w}" for w in self.warnings))
+
+    @property
+    def guesses(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """A sentence for each guess, with the figures that speak for it."""
+        return tuple((headline(g), tuple(g.figures)) for g in self._proposal.guesses)
 
     @property
     def toml(self) -> str:
@@ -195,8 +216,29 @@ class Signals(Shown):
             file.write(self._text(Path(path).parent))
         return Path(path)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the document of `tselab signals --json`."""
+        found: dict[str, Any] = plain(
+            {
+                "log": self._recording.path,
+                "format": self.format,
+                "signals": [vars(x) for x in self._lines],
+                "proposal": {
+                    g.channel: {k: v for k, v in vars(g).items() if k != "channel"}
+                    for g in self._proposal.guesses
+                },
+                "missing": self.missing,
+                "nearest": self.nearest,
+                "warnings": self.warnings,
+                "notes": self.notes,
+            }
+        )
+        return found
+
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share), used (the channel it is proposed for)."""
+        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share), used.
+
+        `used` is the channel that the signal is proposed for."""
         return pd.DataFrame([vars(line) for line in self._lines])
 
     def _shown_rows(self) -> pd.DataFrame:

@@ -11,11 +11,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from tse.car.config import c_settings
 from tse.car.vehicle import Vehicle, make_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
 from tse.car.vehicle import read_vehicle as _read
 from tse.library.core import Config
 from tse.library.errors import UserError
-from tse.library.files import atomic
+from tse.library.files import atomic, make_directory
 
 VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 
@@ -76,6 +77,27 @@ def simulated_car() -> dict[str, Any]:
     }  # fmt: skip
 
 
+def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path:
+    """Write the settings of a car as a C header, for any number format.
+
+    Parameters
+    ----------
+    vehicle
+        As in read_vehicle().
+    path
+        The header; one that is there is replaced. After tse_config_default(&c), its
+        tse_config_car(&c) gives the settings with which estimate() runs at 100 Hz.
+
+    Returns
+    -------
+    Path
+        The header.
+    """
+    with atomic(Path(path)) as file:
+        file.write(c_settings(read_vehicle(vehicle)))
+    return Path(path)
+
+
 def named(settings: Mapping[str, float] | None) -> Mapping[str, float]:
     """Settings by name. TypeError: they are no mapping."""
     if settings is not None and not isinstance(settings, Mapping):
@@ -105,6 +127,7 @@ def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
     if not isinstance(vehicle, Mapping):
         return Path(vehicle)
     read_vehicle(vehicle)
+    make_directory(folder)
     path = folder / "vehicle.toml"
     with atomic(path) as file:
         file.write("\n".join(_toml(_plain(vehicle), "")) + "\n")

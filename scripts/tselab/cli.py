@@ -9,8 +9,8 @@ import traceback
 
 import click
 
-from tse.library import __version__
-from tse.library.errors import Interrupted, UserError
+from tse import __version__
+from tse.errors import Error, Interrupted
 
 COMMANDS = {  # name: module of tselab, what it does
     "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
@@ -51,9 +51,9 @@ class Commands(click.Group):
 def _version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if not value or ctx.resilient_parsing:
         return
-    from tse.library.core import library
+    from tse import tables
 
-    lib = library()
+    lib = tables.build()
     click.echo(
         f"tselab {__version__}\nlibrary tse {lib.version}, {lib.format}, up to {lib.capacity} particles"
     )
@@ -110,7 +110,7 @@ def main() -> None:
     except click.ClickException as error:
         error.show()
         sys.exit(2)
-    except UserError as error:
+    except Error as error:
         click.echo(f"tselab: error: {error}", err=True)
         sys.exit(2)
     except (KeyboardInterrupt, Interrupted, click.Abort) as error:
@@ -124,7 +124,7 @@ def main() -> None:
                    "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
         sys.exit(2)
     except Exception as error:
-        from tse.library.files import no_room
+        from tse.files import no_room
 
         if reason := no_room(
             error

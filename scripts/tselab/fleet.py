@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from tselab.options import CALIBRATE, FILE, FORM, JOBS, JSON, PROGRESS, key_values, reading, show_progress
+from tse.errors import Error
+from tselab.options import (
+    CALIBRATE,
+    FILE,
+    FORM,
+    JOBS,
+    JSON,
+    PROGRESS,
+    key_values,
+    print_json,
+    reading,
+    show_progress,
+)
 
 if TYPE_CHECKING:
-    from tse.log.rows import Reading
-    from tse.runs.keep import Done
+    from tse import Reading
 
-MOST_CARS = 5  # that the terminal names, the softest first
-MOST_ERRORS = 10  # that the terminal names
+MAX_CARS = 5  # that the terminal names, the softest first
+MAX_ERRORS = 10  # that the terminal names
 
 
 @click.command()
@@ -120,83 +130,51 @@ def fleet(
 
     Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130 Ctrl-C.
     """
-    from tse.car.vehicle import read_vehicle
-    from tse.library.errors import UserError
-    from tse.runs import find, page
-    from tse.runs.keep import PAGE, TABLE, Store
-    from tse.runs.run import Plan, run
+    import tse
 
     if (vehicle_path is None) == (table is None):
-        raise UserError(
+        raise Error(
             "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log"
         )
     if car is not None and table is not None:
-        raise UserError("option --car: the table of --vehicles says which car a log is of")
-    settings = key_values(pairs)
-    drives = find.drives(words, vehicle_path, table, car, out)
-    for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
-        read_vehicle(path)  # one that is wrong is refused before anything is run
-    store = Store(out, restart)
-    plan = Plan(reading, config_path, average, form, settings, learn, reports, estimates, calibrate)
-    done = run(drives, plan, store, jobs, scheduler, show_progress(progress))
-    frame = store.write(done)
-    page.write(out / PAGE, done, frame, out.resolve().name)
-    code = _code(done)
-    found = page.cars(done, frame)
-    if as_json:
-        from tse.report.results import say_json
-
-        say_json(_document(done, found, code, [out / TABLE, out / PAGE]))
-        return code
-    from tse.report.results import CODES
-
-    counts = {c: sum(not d.outcome.error and d.outcome.code == c for d in done) for c in CODES}
-    bad = [d for d in done if d.outcome.error]
-    usable, in_part, nothing = counts.values()
-    hours = sum(d.outcome.seconds for d in done) / 3600
-    click.echo(
-        f"{len(done)} logs of {len(found)} car{'s' if len(found) != 1 else ''}, {hours:.1f} h: {usable} usable, {in_part} in part, "
-        f"{nothing} that tell nothing, {len(bad)} that cannot be read"
+        raise Error("option --car: the table of --vehicles says which car a log is of")
+    done = tse.fleet(
+        words,
+        vehicle_path,
+        out=out,
+        vehicles=table,
+        car=car,
+        settings=key_values(pairs),
+        config=config_path,
+        form=form,
+        average=average,
+        reading=reading,
+        learn=learn,
+        calibrate=calibrate,
+        reports=reports,
+        estimates=estimates,
+        restart=restart,
+        jobs=jobs,
+        isolate=True,
+        scheduler=scheduler,
+        bar=show_progress(progress),
     )
-    for place, c in enumerate(found[:MOST_CARS], 1):
-        click.echo(f"{place}. {c.name or 'without a car'}: {c.reason}")
-    if len(found) > MOST_CARS:
-        click.echo(f"and {len(found) - MOST_CARS} more cars, which {out / PAGE} lists")
-    for d in bad[:MOST_ERRORS]:
-        click.echo(f"error: {d.outcome.error}", err=True)
-    if len(bad) > MOST_ERRORS:
-        click.echo(f"and {len(bad) - MOST_ERRORS} more, which {out / PAGE} lists", err=True)
-    click.echo(f"Written to {out}: {TABLE}, {PAGE}")
-    return code
-
-
-def _code(done: Sequence[Done]) -> int:
-    from tse.report.results import IN_PART, NOTHING, USABLE
-
-    codes = {NOTHING if d.outcome.error else d.outcome.code for d in done}
-    return codes.pop() if len(codes) == 1 else IN_PART if codes else USABLE
-
-
-def _document(
-    done: Sequence[Done], cars: Sequence[Any], code: int, written: Sequence[Path]
-) -> dict[str, Any]:
-    from tse.report.results import CODES
-
-    return {
-        "logs": [
-            {"car": d.drive.car, "log": d.drive.log, "start": d.drive.start, "start_from": d.drive.start_from,
-             "seconds": d.outcome.seconds, "usable": CODES[d.outcome.code] if not d.outcome.error else "no",
-             "error": d.outcome.error or None, "notes": d.outcome.notes, "report": d.report or None}
-            for d in done
-        ],
-        "cars": [
-            {"car": c.name, "logs": len(c.done), "hours": c.hours,
-             "place_by": c.reason, "why_not": c.why,
-             "last": {k: {"value": v.value, "band": v.band, "of_nominal": v.of_nominal, "time": v.when.isoformat()}
-                      for k, v in c.last.items()}}
-            for c in cars
-        ],
-        "usable": CODES[code],
-        "exit_code": code,
-        "written": written,
-    }  # fmt: skip
+    if as_json:
+        print_json({**done.to_dict(), "written": done.files})
+        return done.exit_code
+    count, page = done.counts, done.files[1]
+    cars = f"{len(done.ranking)} car{'s' if len(done.ranking) != 1 else ''}"
+    click.echo(
+        f"{len(done)} logs of {cars}, {done.hours:.1f} h: {count['yes']} usable, {count['in part']} in part, "
+        f"{count['no']} that tell nothing, {count['error']} that cannot be read"
+    )
+    for place, (name, reason) in enumerate(done.ranking[:MAX_CARS], 1):
+        click.echo(f"{place}. {name or 'without a car'}: {reason}")
+    if len(done.ranking) > MAX_CARS:
+        click.echo(f"and {len(done.ranking) - MAX_CARS} more cars, which {page} lists")
+    for error in done.errors[:MAX_ERRORS]:
+        click.echo(f"error: {error}", err=True)
+    if len(done.errors) > MAX_ERRORS:
+        click.echo(f"and {len(done.errors) - MAX_ERRORS} more, which {page} lists", err=True)
+    click.echo(f"Written to {out}: {', '.join(f.name for f in done.files)}")
+    return done.exit_code

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tse.library.errors import UserError
-from tse.library.files import alone, atomic
+from tse.errors import Error
+from tse.files import alone, atomic
 
 # ---- The platforms that binaries are for, and how one is cross-compiled: by the C compiler of the Python package ziglang,
 # which carries the C libraries of all of them.
@@ -89,7 +89,7 @@ def read_build(folder: Path) -> Build:
 def check_compiler() -> None:
     """Refuse early, before any long work, what cannot be compiled."""
     if importlib.util.find_spec("ziglang") is None:
-        raise UserError(
+        raise Error(
             "binaries of other platforms are compiled by the Python package ziglang, which is not installed: "
             "run 'scripts/setup.sh platforms', or install the extra 'platforms'"
         )
@@ -110,8 +110,8 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
         binary = Path(folder) / name  # a DLL carries the name it was linked with
         try:
             zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
-        except UserError as error:
-            raise UserError(f"{build.identifier} does not compile for {platform.name}: {error}") from None
+        except Error as error:
+            raise Error(f"{build.identifier} does not compile for {platform.name}: {error}") from None
         return binary.read_bytes()
 
 
@@ -123,7 +123,7 @@ def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
         command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace"
     )
     if done.returncode:
-        raise UserError(f"zig cc says\n{done.stderr.strip()[-2000:]}")
+        raise Error(f"zig cc says\n{done.stderr.strip()[-2000:]}")
 
 
 FAT_MAGIC = 0xCAFEBABE  # big-endian
@@ -166,7 +166,7 @@ def checkout() -> Path:
     """The checkout that this package belongs to."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
-        raise UserError(
+        raise Error(
             "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one"
         )
     return root
@@ -193,7 +193,7 @@ def build(
     there = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
     fmus = {name: folder for name, folder in there.items() if version_of(name) in fmi}
     if lacking := [v for v in fmi if not any(version_of(name) == v for name in fmus)]:
-        raise UserError(
+        raise Error(
             f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2"
         )
     files = {name: content(folder) for name, folder in fmus.items()}
@@ -228,7 +228,7 @@ def build(
 def build_native(root: Path, max_particles: int | None, say: Say, real: str = "double") -> Path:
     """Run the preset `fmu`; the folder in which the FMUs are laid out."""
     if shutil.which("cmake") is None:
-        raise UserError("cmake is not installed: version 3.21 or later is needed")
+        raise Error("cmake is not installed: version 3.21 or later is needed")
     kind = [
         "fmu",
         *([str(max_particles)] if max_particles is not None else []),
@@ -263,7 +263,7 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
     for step in (command, ["cmake", "--build", str(folder), "--target", "fmus"]):
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
-            raise UserError(
+            raise Error(
                 f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}"
             )
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from tse.library.errors import UserError
+from tse.errors import Error
 from tselab.montecarlo import STUDIES
 from tselab.options import (
     FILE,
@@ -17,15 +17,16 @@ from tselab.options import (
     RESTART,
     Lazy,
     key_values,
+    print_json,
     show_progress,
 )
 
 
-def _listed() -> str:
+def _list_studies() -> str:
     return "\n".join(f"{name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items())
 
 
-@click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _listed),))
+@click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _list_studies),))
 @click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
 @click.option(
     "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
@@ -80,17 +81,16 @@ def montecarlo(
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
-    from tse.library.core import Config, SimConfig
+    from tse import tables
 
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
-    sim_config, config = SimConfig(), Config.exact()
+    of_simulator = tables.settings(simulator=True)
     for key, value in key_values(pairs).items():
         if key == "seed":
-            raise UserError("option --set: the seeds are set by --first-seed and --runs")
-        group, checked = (sim_settings, sim_config) if key in sim_config else (settings, config)
-        checked.set(key, value, source="option --set")
-        group[key] = value
+            raise Error("option --set: the seeds are set by --first-seed and --runs")
+        tables.check_setting(key, value, source="option --set", simulator=True)
+        (sim_settings if key in of_simulator else settings)[key] = value
     wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
     plan = {"form": form, "settings": settings, "sim_settings": sim_settings, "cases": wanted}
     _study(
@@ -122,9 +122,7 @@ def _study(
     rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
     text, files = write(todo, rows, out)
     if as_json:
-        from tse.report import results
-
-        results.say_json({"study": name, "text": text, "written": files})
+        print_json({"study": name, "text": text, "written": files})
         return
     click.echo(text)
     click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")

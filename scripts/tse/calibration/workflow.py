@@ -34,9 +34,9 @@ FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
 def run(
-    logs: Sequence[Path],
-    vehicle_path: Path,
-    held_out: Sequence[Path],
+    logs: Sequence[Path | Log],
+    vehicle: Path | Vehicle,
+    held_out: Sequence[Path | Log],
     jobs: int,
     say: Say,
     most: int | None = None,
@@ -45,7 +45,8 @@ def run(
 ) -> Result:
     """Calibrate, and prove it on the logs. `most`: steps of the search; `road`: that all
     logs are on, if it is known."""
-    vehicle = read_vehicle(vehicle_path)
+    if isinstance(vehicle, Path):
+        vehicle = read_vehicle(vehicle)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
     read = on_known(road, read_agreeing(logs, notes, reading), vehicle)

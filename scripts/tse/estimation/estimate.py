@@ -68,15 +68,15 @@ class Learnt:
         )
 
 
-def read_learnt(path: Path, age_days: float | None = None) -> Learnt:
-    """Read a file that `write_learnt` wrote; without a given age it is as old as the file."""
+def read_learnt(path: Path, age: float | None = None) -> Learnt:
+    """Read a file that write_learnt() wrote. `age`: s since that drive; None: the age of the file."""
     try:
         with open(path, "rb") as file:
             data = file.read(MOST)
-        age = time.time() - path.stat().st_mtime if age_days is None else age_days * DAY
+        since = time.time() - path.stat().st_mtime if age is None else age
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    return Learnt(path, data, max(age, 0.0), age_days is not None)
+    return Learnt(path, data, max(since, 0.0), age is not None)
 
 
 def write_learnt(path: Path, data: bytes) -> None:

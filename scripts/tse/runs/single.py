@@ -16,7 +16,7 @@ from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
 from tse.channels.log import read_log
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate, Learnt, estimate_to
+from tse.estimation.estimate import Estimate, Learnt, estimate, estimate_to
 from tse.estimation.regimes import Change
 from tse.estimation.verdict import (
     Finding,
@@ -184,6 +184,7 @@ class Run:
     findings: list[Finding]
     notes: list[str]
     reported: bool
+    started_from: str | None = None  # the learnt state, and its age
 
 
 def run(
@@ -192,22 +193,28 @@ def run(
     report: Path | None,
     learnt: Learnt | None = None,
     progress: bool = False,
+    whole: bool = False,
 ) -> Run:
-    """Estimate, and write what is asked for: the estimates to `out`, the report."""
+    """Estimate; write the estimates to `out` and the report, where they are given.
 
-    def once() -> tuple[Estimate, Any]:
+    If the rows show that the channels contradict each other, estimate again with no row valid.
+    `whole`: keep the table of all rows and columns in memory, in place of a summary."""
+
+    def estimate_once() -> tuple[Estimate, Any]:
+        contradicted = bool(prepared.warnings)
+        if whole:
+            return estimate(prepared.log, prepared.config, progress, learnt, contradicted), None
         drawn = None
         if report is not None:
             from tse.report.plots import Data
 
             drawn = Data(prepared.log)
         watch = [drawn.add] if drawn else []
-        contradicted = bool(prepared.warnings)
         return estimate_to(out, prepared.log, prepared.config, progress, learnt, watch, contradicted), drawn
 
-    est, drawn = once()
+    est, drawn = estimate_once()
     if contradicts(prepared, est.table) and not est.interrupted:
-        est, drawn = once()
+        est, drawn = estimate_once()
     notes = notes_of(prepared, est)
     changes = regimes.changes(est.table)
     found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
@@ -224,7 +231,8 @@ def run(
             drawn,
             judged=(changes, found),
         )
-    return Run(est, changes, found, notes, report is not None and len(est) > 0)
+    note = learnt.note if learnt is not None else None
+    return Run(est, changes, found, notes, report is not None and len(est) > 0, note)
 
 
 def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:

@@ -355,6 +355,11 @@ class Live:
         self.reader.start()
         self._keeper.start()
 
+    @property
+    def started_from(self) -> str | None:
+        """Learnt state that the drive started from, and its age."""
+        return self._learnt.note if self._learnt is not None else None
+
     def _copy_inputs(self) -> None:
         """Copy what a later `tselab estimate` of the frames needs."""
         folder = self.record.folder
