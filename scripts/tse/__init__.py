@@ -1,4 +1,5 @@
-"""Tyre stiffness of a car - front longitudinal, front and rear cornering - from what every car measures.
+"""Tyre stiffness of a car - front longitudinal, front and rear cornering - from what
+every car measures.
 
     import tse
 
@@ -10,10 +11,10 @@
     e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1, accel_x=0.1, accel_y=1.2,
                yaw_rate=0.06)
 
-SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left. Stiffness is that of
-an axle. NaN is a missing value. The numbers are those of the C library, bit for bit; names, units and ranges
-come from its tables. tse.tables lists them, tse.errors has the exceptions, tse.files helps commands that are
-built on tse.
+SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
+Stiffness is that of an axle. NaN is a missing value. The numbers are those of the C
+library, bit for bit; names, units and ranges come from its tables. tse.tables lists them,
+tse.errors has the exceptions, tse.files helps commands that are built on tse.
 """
 
 from __future__ import annotations
@@ -42,13 +43,57 @@ if TYPE_CHECKING:
     from tse.log.rows import Reading
 
 __all__ = [
-    "CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Calibration", "Error", "Estimate", "Filter", "Fleet", "Form",
-    "Formula", "Gap", "GapCheck", "GapPlan", "InputError", "Interrupted", "LearntError", "Live", "Log",
-    "LogLike", "Reading", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals", "Simulated",
-    "Status", "Vehicle", "VehicleLike", "__version__", "calibrate", "errors", "estimate", "files", "fleet",
-    "gap", "gap_check", "gap_plan", "live", "read_formula", "read_log", "read_vehicle", "replay", "signals",
-    "simulate", "simulated_car", "tables", "write_c_formula", "write_c_settings",
-]  # fmt: skip
+    "CHANNELS",
+    "STIFFNESS",
+    "UNKNOWN_AGE",
+    "Calibration",
+    "Error",
+    "Estimate",
+    "Filter",
+    "Fleet",
+    "Form",
+    "Formula",
+    "Gap",
+    "GapCheck",
+    "GapPlan",
+    "InputError",
+    "Interrupted",
+    "LearntError",
+    "Live",
+    "Log",
+    "LogLike",
+    "Reading",
+    "Reason",
+    "Replayed",
+    "Result",
+    "Row",
+    "SettingError",
+    "Signals",
+    "Simulated",
+    "Status",
+    "Vehicle",
+    "VehicleLike",
+    "__version__",
+    "calibrate",
+    "errors",
+    "estimate",
+    "files",
+    "fleet",
+    "gap",
+    "gap_check",
+    "gap_plan",
+    "live",
+    "read_formula",
+    "read_log",
+    "read_vehicle",
+    "replay",
+    "signals",
+    "simulate",
+    "simulated_car",
+    "tables",
+    "write_c_formula",
+    "write_c_settings",
+]
 
 _MODULES = ("errors", "files", "tables")
 _LATER = {  # loaded at the first use: the command is a user, too, and its --help needs none of it

@@ -29,7 +29,8 @@ class Calibration(Shown):
     def __init__(self, result: Result, logs: Sequence[Path]):
         self._result, self._logs = result, list(logs)
         self.converged = bool(result.fit.converged)
-        """False: the search stopped before it converged, and the numbers are those of its last step."""
+        """False: the search stopped before it converged, and the numbers are those of its
+        last step."""
         self.notes = tuple(result.notes)
         """What was odd, in words."""
 
@@ -63,7 +64,8 @@ class Calibration(Shown):
 
     @property
     def shown_words(self) -> tuple[str, ...]:
-        """A sentence for each number that these logs show, those with most evidence first."""
+        """A sentence for each number that these logs show, those with most evidence
+        first."""
         return tuple(f.words for group in self._result.groups for f in group.members if f.shown)
 
     @property
@@ -75,11 +77,13 @@ class Calibration(Shown):
         return results.USABLE if is_usable else results.NOTHING
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per number of the car: name, unit, before, value, sd, shown (the logs show it), words ..."""
+        """Return a row per number of the car: name, unit, before, value, sd, shown (the
+        logs show it), words ..."""
         return pd.DataFrame([f.as_json() for f in self._result.findings])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all numbers, as the JSON file beside the calibrated vehicle file has them."""
+        """Return all numbers, as the JSON file beside the calibrated vehicle file has
+        them."""
         found: dict[str, Any] = results.plain(output.as_json(self._result))
         return found
 
@@ -93,7 +97,8 @@ class Calibration(Shown):
         return Path(path)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the calibrated vehicle file, and beside it all numbers as JSON, and its formula if it has one."""
+        """Write the calibrated vehicle file, and beside it all numbers as JSON, and its
+        formula if it has one."""
         output.write(Path(path), self._result, self._names)
         return Path(path)
 
@@ -120,16 +125,16 @@ def calibrate(
     Parameters
     ----------
     logs
-        A log or several: files, frames, or what read_log() returned. Half an hour with bends and some
-        braking is a good start. A log that cannot be read, or whose channels contradict each other, is
-        left out, and a note says so.
+        A log or several: files, frames, or what read_log() returned. Half an hour with
+        bends and some braking is a good start. A log that cannot be read, or whose
+        channels contradict each other, is left out, and a note says so.
     vehicle
         As in estimate().
     hold_out
         Logs that are not fitted: the calibrated car is compared with them.
     road
-        road.csv, or what read_road() returned: bank and grade of the road of all logs. None: they
-        are found with the car.
+        road.csv, or what read_road() returned: bank and grade of the road of all logs.
+        None: they are found with the car.
     reading
         How files are read: signals, rate, strict, databases.
     steps
@@ -147,7 +152,8 @@ def calibrate(
     Raises
     ------
     Error
-        No log can be compared with a simulation, or the channels of all contradict each other; a ValueError.
+        No log can be compared with a simulation, or the channels of all contradict each
+        other; a ValueError.
     """
     car = read_vehicle(vehicle)
     fitted, held = paths_or_checked(logs, car), paths_or_checked(hold_out, car, 0)

@@ -42,26 +42,29 @@ class Result(Shown):
     """Estimates of n rows, and what the run found."""
 
     table: pd.DataFrame
-    """n rows with the columns of `tselab estimate` (its --help lists units): time, vel_x, cy_front,
-    cy_front_sd, p_changed ... Columns _valid and _spread_seen are booleans, columns _reason are words.
-    Of a run with `out` it has the columns that `words` needs, and of a very long log every n-th row."""
+    """n rows with the columns of `tselab estimate` (its --help lists units): time, vel_x,
+    cy_front, cy_front_sd, p_changed ... Columns _valid and _spread_seen are booleans,
+    columns _reason are words. Of a run with `out` it has the columns that `words` needs,
+    and of a very long log every n-th row."""
     settings: dict[str, float | int]
     """All settings of the run, by name: also those that were found in the log."""
     notes: tuple[str, ...] = ()
     """What was odd, or was filled in, in words."""
     warnings: tuple[str, ...] = ()
-    """How the channels contradict each other (units, signs, axes), in words. The filter cannot distinguish
-    a permanently wrong channel from a different car, so no row of such a log is valid and no stiffness
-    is usable."""
+    """How the channels contradict each other (units, signs, axes), in words. The filter
+    cannot distinguish a permanently wrong channel from a different car, so no row of such
+    a log is valid and no stiffness is usable."""
     learnt: bytes | None = None
-    """The learnt state, for the next drive: for the argument `learnt`, Filter.load_learnt() and
-    tse_learnt_load() in C. None: no row was used, or the channels contradict each other."""
+    """The learnt state, for the next drive: for the argument `learnt`,
+    Filter.load_learnt() and tse_learnt_load() in C. None: no row was used, or the
+    channels contradict each other."""
     uncertainty_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
-    """Share of the final sd that each uncertain parameter of the car adds: (3,), relative to nominal."""
+    """Share of the final sd that each uncertain parameter of the car adds: (3,), relative
+    to nominal."""
     calibration: dict[str, Any] | None = None
-    """Result of the calibration on the log itself: used (else why not), seconds, stiffness with its 95 %
-    interval [N/rad], latency [s], not_shown. None: the car was calibrated before, or this was switched
-    off."""
+    """Result of the calibration on the log itself: used (else why not), seconds,
+    stiffness with its 95 % interval [N/rad], latency [s], not_shown. None: the car was
+    calibrated before, or this was switched off."""
     vehicle: Vehicle | None = None
     """The car that was used, to which `learnt` belongs: estimate(next, result.vehicle,
     learnt=result.learnt)."""
@@ -90,14 +93,14 @@ class Result(Shown):
 
     @property
     def stiffness_secant(self) -> Array:
-        """(n, 3) secant stiffness, in the same units: force over slip at the slip and load of each row. Its
-        relative sd is that of `stiffness`."""
+        """(n, 3) secant stiffness, in the same units: force over slip at the slip and
+        load of each row. Its relative sd is that of `stiffness`."""
         return self._three("_secant")
 
     @property
     def stiffness_spread(self) -> Array:
-        """(n, 3) standard deviations of the stiffness from sample to sample, in the same units; of the default
-        form: size of the model discrepancy, as a stiffness."""
+        """(n, 3) standard deviations of the stiffness from sample to sample, in the same
+        units; of the default form: size of the model discrepancy, as a stiffness."""
         return self._three("_spread")
 
     @property
@@ -119,8 +122,9 @@ class Result(Shown):
     def words(self) -> tuple[str, ...]:
         """The result in sentences, as `tselab estimate --verbose` ends.
 
-        If the car was calibrated on the log itself, the first sentence is the stiffness of that
-        calibration. It differs from the nominal stiffness that Filter and C take for an ordinary car."""
+        If the car was calibrated on the log itself, the first sentence is the stiffness
+        of that calibration. It differs from the nominal stiffness that Filter and C take
+        for an ordinary car."""
         itself = self.vehicle.found[:1] if self.calibration is not None and self.vehicle is not None else []
         return (*itself, *(line for lines in self.stretch_words for line in lines))
 
@@ -131,8 +135,9 @@ class Result(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness with its 95 % interval, and whether to act on it; of a road
-        that changed three for each of the last stretches. `repr()` says the same."""
+        """Three lines: each stiffness with its 95 % interval, and whether to act on it;
+        of a road that changed three for each of the last stretches. `repr()` says the
+        same."""
         return tuple(answer(self._found()[0], self._config()))
 
     def __repr__(self) -> str:
@@ -140,7 +145,8 @@ class Result(Shown):
 
     @property
     def usable(self) -> Usable:
-        """ "yes": every stiffness is usable; "in part"; "no": none is. The exit code of `tselab estimate`
+        """ "yes": every stiffness is usable; "in part"; "no": none is. The exit code of
+         `tselab estimate`
         says the same."""
         return USABLE[self.exit_code]
 
@@ -151,18 +157,20 @@ class Result(Shown):
 
     @property
     def stretches(self) -> pd.DataFrame:
-        """Estimates as `tselab estimate --table` writes them: a row per stretch of road between changes
-        and stiffness.
+        """Estimates as `tselab estimate --table` writes them: a row per stretch of road
+        between changes and stiffness.
 
-        start, end [s]; value at the end of the stretch with its sd and 95 % interval low .. high [N,
-        N/rad], also where no row is valid; smoothed over the stretch with smoothed_sd, smoothed_low ..
-        smoothed_high and smoothed_reason ("valid", or why not to act on it); valid (share of the rows),
-        usable, reason, change, change_probability, ratio, text."""
+        start, end [s]; value at the end of the stretch with its sd and 95 % interval low
+        .. high [N, N/rad], also where no row is valid; smoothed over the stretch with
+        smoothed_sd, smoothed_low .. smoothed_high and smoothed_reason ("valid", or why
+        not to act on it); valid (share of the rows), usable, reason, change,
+        change_probability, ratio, text."""
         return results.as_frame(self._rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
 
     @property
     def events(self) -> tuple[str, ...]:
-        """What happened on the way, a sentence each: changes of the road, faults of sensors, sliding."""
+        """What happened on the way, a sentence each: changes of the road, faults of
+        sensors, sliding."""
         table = self._estimated().table
         return tuple(regimes.words(self._found()[1], regimes.spells(table)))
 
@@ -174,13 +182,14 @@ class Result(Shown):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """`warnings` and `notes` of the run in the order of the command, without what was filled in."""
+        """`warnings` and `notes` of the run in the order of the command, without what was
+        filled in."""
         return tuple(self._of_run()[0].notes)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Those of `messages` that something may be wrong: `warnings`, contradictions that the rows do not
-        confirm, and warnings of the reader of the log."""
+        """Those of `messages` that something may be wrong: `warnings`, contradictions
+        that the rows do not confirm, and warnings of the reader of the log."""
         _, ready = self._of_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
@@ -201,7 +210,8 @@ class Result(Shown):
 
     @property
     def reported(self) -> bool:
-        """Whether the page of the argument `report` was written: a run without a row has none."""
+        """Whether the page of the argument `report` was written: a run without a row has
+        none."""
         return self._ran is not None and self._ran[0].reported
 
     @property
@@ -260,7 +270,8 @@ class Result(Shown):
         return self.stretches
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the stiffnesses with their 95 % interval, grey where not valid, and events."""
+        """Return a figure of plotly: the stiffnesses with their 95 % interval, grey where
+        not valid, and events."""
         ran, ready = self._of_run()
         self._check_whole("plot")
         data = plots.Data(ready.log)
@@ -340,11 +351,12 @@ def estimate(
     Parameters
     ----------
     log
-        A file of any format, a data frame, arrays by their names, or a structured array: columns time
-        [s], steer_angle [rad, of the road wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both
-        wheels of an axle: wheel_speed_front_left, _right], accel_x, accel_y [m/s2], yaw_rate [rad/s], n
-        values each. NaN is missing. Other columns are ignored. ISO 8855, left is positive. Rows are 1 ms
-        .. 1 s apart, also irregularly. time may be dates or time spans, and be the index. Tables of
+        A file of any format, a data frame, arrays by their names, or a structured array:
+        columns time [s], steer_angle [rad, of the road wheels], wheel_speed_front,
+        wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left,
+        _right], accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each. NaN is missing.
+        Other columns are ignored. ISO 8855, left is positive. Rows are 1 ms .. 1 s apart,
+        also irregularly. time may be dates or time spans, and be the index. Tables of
         pyarrow and frames of polars are taken, too.
     vehicle
         A vehicle file, a mapping with its keys, or what read_vehicle() returned.
@@ -353,29 +365,31 @@ def estimate(
     form
         "default", or the paper's filter with particles: "robust", "paper" as printed.
     average
-        s: average the log over blocks of this length first, at most 0.1; for noisy sensors.
+        s: average the log over blocks of this length first, at most 0.1; for noisy
+        sensors.
     learnt
-        Learnt state of an earlier drive of this vehicle (Result.learnt, Filter.save_learnt()), or the Path
-        of a file with it.
+        Learnt state of an earlier drive of this vehicle (Result.learnt,
+        Filter.save_learnt()), or the Path of a file with it.
     age
         s since that drive. Default: unknown, or the age of the file.
     calibrate
-        Calibrate a car that nobody has calibrated on the log itself first (Result.calibration); not with
-        `learnt`.
+        Calibrate a car that nobody has calibrated on the log itself first
+        (Result.calibration); not with `learnt`.
     road
-        road.csv: the filter is given its bank and grade. The log is placed on it by position, else by its
-        path.
+        road.csv: the filter is given its bank and grade. The log is placed on it by
+        position, else by its path.
     config
         A file of settings, FILTER.toml.
     reading
         How a file is read: signals, rate, strict, databases.
     out
-        Write the estimates there while the filter runs, .csv or .parquet by the name. Memory then holds a
-        summary (Result.table).
+        Write the estimates there while the filter runs, .csv or .parquet by the name.
+        Memory then holds a summary (Result.table).
     report
         Write the page of `tselab estimate --report` there, with the run.
     keep_partial
-        On Ctrl-C return what is done (Result.interrupted) in place of raising KeyboardInterrupt.
+        On Ctrl-C return what is done (Result.interrupted) in place of raising
+        KeyboardInterrupt.
     progress
         Called with a sentence about the current step of the calibration.
     bar
@@ -384,23 +398,23 @@ def estimate(
     Returns
     -------
     Result
-        The same bits as `tselab estimate` on the same numbers, and as `result.filter()` row by row. The
-        validity of a log whose channels contradict each other differs: a single row does not show it.
+        The same bits as `tselab estimate` on the same numbers, and as `result.filter()`
+        row by row. The validity of a log whose channels contradict each other differs: a
+        single row does not show it.
 
     Raises
     ------
     Error
-        A log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a
-        column that is not numeric, or often out of range; a ValueError. The message names column, row,
-        value and range.
+        A log without steering angle, without both axles' wheel speeds or without accel_y
+        and yaw_rate; a column that is not numeric, or often out of range; a ValueError.
+        The message names column, row, value and range.
     TypeError
         `log` is not a log.
 
-    Notes
-    -----
-    Noise and biases of the sensors that the vehicle leaves out are found in the log. The run works around
-    missing channels, impossible single values and a clock that jumps, and Result.notes names them. If
-    channels contradict each other, a UserWarning says so (Result.warnings) and nothing is usable.
+    Notes ----- Noise and biases of the sensors that the vehicle leaves out are found in
+    the log. The run works around missing channels, impossible single values and a clock
+    that jumps, and Result.notes names them. If channels contradict each other, a
+    UserWarning says so (Result.warnings) and nothing is usable.
     """
     check_form(form)
     car = read_vehicle(vehicle)
@@ -447,7 +461,8 @@ def estimate(
 
 
 def learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
-    """Return a learnt state, of a file or in memory. `age`: s; UNKNOWN_AGE of a file: that of the file."""
+    """Return a learnt state, of a file or in memory. `age`: s; UNKNOWN_AGE of a file:
+    that of the file."""
     if isinstance(learnt, os.PathLike):
         return read_learnt(Path(learnt), None if age == UNKNOWN_AGE else age)
     return None if learnt is None else Learnt(Path("learnt"), learnt, age, True)

@@ -35,10 +35,12 @@ class Filter:
     Parameters
     ----------
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an ordinary car, of which
-        `settings` tells the mass at least. Without one no stiffness is valid.
+        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an
+        ordinary car, of which `settings` tells the mass at least. Without one no
+        stiffness is valid.
     settings
-        Any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's.
+        Any settings by name (`tselab settings` lists them with default, range and unit);
+        they win over the vehicle's.
     form
         "default", or the paper's filter with particles: "robust", "paper" as printed.
     sample_time
@@ -47,14 +49,14 @@ class Filter:
     Raises
     ------
     SettingError
-        A setting outside its range, or without effect with this form; a ValueError, and of a name that nobody knows a KeyError.
+        A setting outside its range, or without effect with this form; a ValueError, and
+        of a name that nobody knows a KeyError.
 
-    Notes
-    -----
-    What no vehicle file tells of the sensors has the library's default here; estimate() finds it in the log, and a filter for more
-    rows of the same car is `result.filter()`: over the same rows it gives the same bits as estimate(). Filters are independent of
-    each other; one is to be used by one thread at a time. copy() and the module copy make one that goes on by itself; it cannot be
-    pickled.
+    Notes ----- What no vehicle file tells of the sensors has the library's default here;
+    estimate() finds it in the log, and a filter for more rows of the same car is
+    `result.filter()`: over the same rows it gives the same bits as estimate(). Filters
+    are independent of each other; one is to be used by one thread at a time. copy() and
+    the module copy make one that goes on by itself; it cannot be pickled.
     """
 
     def __init__(
@@ -94,13 +96,15 @@ class Filter:
 
     @property
     def settings(self) -> Mapping[str, float | int]:
-        """All settings, by name; to read. Another setting needs another filter: Filter(settings={**f.settings, "mass": 1800})."""
+        """All settings, by name; to read. Another setting needs another filter:
+        Filter(settings={**f.settings, "mass": 1800})."""
         return MappingProxyType(self._config.as_dict())
 
     @property
     def latencies(self) -> dict[str, float]:
-        """Channel -> how much later than yaw_rate it is logged, s. They are settings: `steer_angle_latency` and the like, or
-        `{"latency": {"steer_angle": 0.02}}` of a vehicle. Rows then wait for the late channels: status WAITING, and the estimates
+        """Channel -> how much later than yaw_rate it is logged, s. They are settings:
+        `steer_angle_latency` and the like, or `{"latency": {"steer_angle": 0.02}}` of a
+        vehicle. Rows then wait for the late channels: status WAITING, and the estimates
         are of `estimate_age` before their row."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
@@ -114,10 +118,11 @@ class Filter:
         Parameters
         ----------
         row
-            A mapping, or a row of a data frame (Series or named tuple) or of a structured array. Columns ref_... are passed over.
+            A mapping, or a row of a data frame (Series or named tuple) or of a structured
+            array. Columns ref_... are passed over.
         **channels
-            Fields of Row that win over it, SI units. A channel that is left out, None or NaN is missing. Times: `dt`, or `time`,
-            from the second row on.
+            Fields of Row that win over it, SI units. A channel that is left out, None or
+            NaN is missing. Times: `dt`, or `time`, from the second row on.
 
         Returns
         -------
@@ -127,8 +132,9 @@ class Filter:
         Raises
         ------
         InputError
-            Names field, value and range; the filter is as before: a steering angle or wheel speed outside its range, a time that
-            does not go on, a name that nobody knows. A measurement outside its range counts as missing.
+            Names field, value and range; the filter is as before: a steering angle or
+            wheel speed outside its range, a time that does not go on, a name that nobody
+            knows. A measurement outside its range counts as missing.
         """
         u = self._row
         u[:] = self._nothing
@@ -226,7 +232,8 @@ class Filter:
         )
 
     def save_learnt(self) -> bytes | None:
-        """What was learnt of the car, for the next drive: 268 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
+        """What was learnt of the car, for the next drive: 268 bytes that an ECU reads,
+        too (tse/learnt.h). None before a row."""
         return self._filter.save_learnt()
 
     def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:
@@ -237,7 +244,8 @@ class Filter:
         learnt
             What save_learnt() or Result.learnt gave.
         age
-            s since then; when nobody knows it, nothing of it is trusted more than the settings' start.
+            s since then; when nobody knows it, nothing of it is trusted more than the
+            settings' start.
 
         Raises
         ------
@@ -247,8 +255,8 @@ class Filter:
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """Share of the sd of the three stiffnesses that each uncertain parameter of the car (`mass_sd` ...) adds: (3,)
-        each, relative to nominal. After the last row."""
+        """Share of the sd of the three stiffnesses that each uncertain parameter of the
+        car (`mass_sd` ...) adds: (3,) each, relative to nominal. After the last row."""
         return self._filter.uncertainty_sd()
 
 
@@ -281,7 +289,8 @@ def _names(row: Any) -> dict[Any, Any]:
     if isinstance(row, np.void) and row.dtype.names:
         return {name: row[name] for name in row.dtype.names}
     raise TypeError(
-        f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}"
+        "a row is a mapping, a Series, a named tuple or a record of a structured array, not "
+        f"{type(row).__name__}"
     )
 
 

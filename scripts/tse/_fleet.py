@@ -46,19 +46,22 @@ class Fleet(Shown):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of logs that are usable: "yes", "in part", "no"; "error": they cannot be read."""
+        """Number of logs that are usable: "yes", "in part", "no"; "error": they cannot be
+        read."""
         read = [d.outcome.code for d in self._done if not d.outcome.error]
         return {word: read.count(code) for code, word in results.CODES.items()} | {"error": len(self.errors)}
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab fleet`: 0 all logs are usable, 3 in part, 4 nothing usable in any."""
+        """Exit code of `tselab fleet`: 0 all logs are usable, 3 in part, 4 nothing usable
+        in any."""
         codes = {results.NOTHING if d.outcome.error else d.outcome.code for d in self._done}
         return codes.pop() if len(codes) == 1 else results.IN_PART if codes else results.USABLE
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """Name of each car, the softest first, and its softest stiffness, or why nothing is known."""
+        """Name of each car, the softest first, and its softest stiffness, or why nothing
+        is known."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
@@ -115,12 +118,13 @@ class Fleet(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per log, stretch of road and stiffness, as fleet.parquet has it; of a log that cannot be
-        read its error."""
+        """Return a row per log, stretch of road and stiffness, as fleet.parquet has it;
+        of a log that cannot be read its error."""
         return self._table
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the last estimate of each car with its 95 % interval, the softest first."""
+        """Return a figure of plotly: the last estimate of each car with its 95 %
+        interval, the softest first."""
         return drawn(page.distribution(self._cars))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
@@ -158,12 +162,14 @@ def fleet(
     logs
         Files, folders and patterns.
     vehicle
-        As in estimate(), of all cars: each folder below is a car, or all are the one `car`.
+        As in estimate(), of all cars: each folder below is a car, or all are the one
+        `car`.
     out
-        Folder for the files; made if needed. The same call continues from there, and runs new and
-        changed logs.
+        Folder for the files; made if needed. The same call continues from there, and runs
+        new and changed logs.
     vehicles
-        A table with a row per log, in place of `vehicle`: columns log, vehicle, car, signals.
+        A table with a row per log, in place of `vehicle`: columns log, vehicle, car,
+        signals.
     car
         Name of the car that all logs belong to.
     settings
@@ -185,7 +191,8 @@ def fleet(
     jobs
         Processes of this machine; 1: this process.
     isolate
-        Run the logs in another process also with one job: if it dies, that is an error of its log.
+        Run the logs in another process also with one job: if it dies, that is an error of
+        its log.
     scheduler
         Address of a Dask cluster that runs the logs, such as "tcp://host:8786".
     bar

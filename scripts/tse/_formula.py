@@ -28,8 +28,8 @@ def read_formula(path: str | os.PathLike[str]) -> Formula:
     FileNotFoundError
         The file is not there.
     Error
-        A place, signal or function that is not known, a unit that does not fit, a number outside its
-        range; a ValueError.
+        A place, signal or function that is not known, a unit that does not fit, a number
+        outside its range; a ValueError.
     """
     return _read(Path(path))
 

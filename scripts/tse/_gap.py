@@ -31,7 +31,8 @@ class Gap(Shown):
     def __init__(self, result: workflow.Result, written: Written, folder: Path, keep: Any):
         self._result, self._written, self._keep = result, written, keep
         self.folder = folder
-        """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...; temporary without `out`."""
+        """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...;
+        temporary without `out`."""
         self.files = tuple(written.files)
         """The files that were written."""
         self.verdict = result.verdict
@@ -55,7 +56,8 @@ class Gap(Shown):
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Residuals of the car as its file says, calibrated, and with the named effects, in sentences."""
+        """Residuals of the car as its file says, calibrated, and with the named effects,
+        in sentences."""
         return tuple(
             stages.words(
                 self._result.stages, lambda part: "fitted logs" if part == workflow.FIT else "held-out logs"
@@ -69,7 +71,8 @@ class Gap(Shown):
 
     @property
     def rms(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """Residuals over sensor noise before and after, by channel: of the logs "fit" and "held_out"."""
+        """Residuals over sensor noise before and after, by channel: of the logs "fit" and
+        "held_out"."""
         fit = {c: (x, self._result.fit_after[c]) for c, x in self._result.fit_before.items()}
         held = {c: (x.before, x.after) for c, x in self._result.held_out.items()}
         return {"fit": fit, "held_out": held}
@@ -91,7 +94,8 @@ class Gap(Shown):
         return pd.DataFrame([*verdict["effects"], *late])
 
     def plot(self) -> Any:
-        """Return a figure of plotly: residuals over sensor noise by channel, before and after."""
+        """Return a figure of plotly: residuals over sensor noise by channel, before and
+        after."""
         return pictures.gap_bars(self._written.changes)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
@@ -112,13 +116,14 @@ def gap(
     reading: Reading | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Gap:
-    """Find where simulation and logs disagree, and name the effect that is missing, as `tselab gap` does.
+    """Find where simulation and logs disagree, and name the effect that is missing, as
+    `tselab gap` does.
 
     Parameters
     ----------
     logs
-        Files, frames, or what read_log() returned. A log that cannot be read, or whose channels
-        contradict each other, is left out, and a note says so.
+        Files, frames, or what read_log() returned. A log that cannot be read, or whose
+        channels contradict each other, is left out, and a note says so.
     vehicle
         A vehicle file, or a mapping with its keys.
     hold_out
@@ -158,7 +163,8 @@ class GapCheck:
     def __init__(self, found: check.Check, logs: Sequence[Path]):
         self._found, self._logs = found, list(logs)
         self.exit_code = found.code
-        """0: every effect would be named at its typical size; 3: some would; 4: none would."""
+        """0: every effect would be named at its typical size; 3: some would; 4: none
+        would."""
         self.notes = tuple(found.notes)
         """What was odd, in words."""
 
@@ -191,7 +197,8 @@ def gap_check(
     reading: Reading | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> GapCheck:
-    """Say which effects these logs can and cannot show, before any is fitted, as `tselab gap check` does.
+    """Say which effects these logs can and cannot show, before any is fitted, as `tselab
+    gap check` does.
 
     Parameters
     ----------
@@ -244,7 +251,8 @@ class GapPlan:
 def gap_plan(
     effects: str, vehicle: VehicleLike, *, jobs: int = 1, progress: Callable[[str], None] | None = None
 ) -> GapPlan:
-    """Find the manoeuvre that tells two effects apart, and how long it must be driven, as `tselab gap plan` does.
+    """Find the manoeuvre that tells two effects apart, and how long it must be driven, as
+    `tselab gap plan` does.
 
     Parameters
     ----------

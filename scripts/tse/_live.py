@@ -42,12 +42,14 @@ class Live:
         self._end = math.inf if duration is None else time.monotonic() + duration
         self._stopped = False
         self.notes = tuple(notes)
-        """Learnt state that the drive started from, and what was odd about the settings, in words."""
+        """Learnt state that the drive started from, and what was odd about the settings,
+        in words."""
         self.folder = folder
         """Folder where the drive is recorded."""
 
     def __iter__(self) -> Iterator[Estimate]:
-        """Yield the estimates of each row as it comes, until stop() or the end of `duration`."""
+        """Yield the estimates of each row as it comes, until stop() or the end of
+        `duration`."""
         convert: list[Convert] = []
         while not self.ended:
             times, outputs = self._work()
@@ -62,9 +64,11 @@ class Live:
         return self._stopped or time.monotonic() >= self._end
 
     def poll(self) -> int:
-        """Use the frames that have come, or wait for them for 0.1 s; the number of rows that they make.
+        """Use the frames that have come, or wait for them for 0.1 s; the number of rows
+        that they make.
 
-        For who shows `answer` and needs no Estimate of each row, in place of the iteration."""
+        For who shows `answer` and needs no Estimate of each row, in place of the
+        iteration."""
         return len(self._work()[0])
 
     def _work(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.void]]:
@@ -110,7 +114,8 @@ class Live:
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness now with its 95 % interval; after close() those of the whole drive."""
+        """Three lines: each stiffness now with its 95 % interval; after close() those of
+        the whole drive."""
         found = self._result()[1] if self._drive.closed else self._drive.now()
         return tuple(answer(found, self._drive.config))
 
@@ -121,8 +126,8 @@ class Live:
 
     @property
     def learnt(self) -> bytes | None:
-        """The learnt state after close(), for the next drive: the argument `learnt`. None: nothing was
-        learnt, or the channels contradict each other."""
+        """The learnt state after close(), for the next drive: the argument `learnt`.
+        None: nothing was learnt, or the channels contradict each other."""
         return self._result()[0].learnt
 
     def save_learnt(self, path: PathLike) -> Path:
@@ -150,7 +155,8 @@ class Live:
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab live`, after close(): 0 usable, 3 usable in part, 4 nothing usable."""
+        """Exit code of `tselab live`, after close(): 0 usable, 3 usable in part, 4
+        nothing usable."""
         found = self._result()[1]
         return results.exit_code(found) if found else results.NOTHING
 
@@ -172,7 +178,8 @@ class Live:
         return made
 
     def write_table(self, path: PathLike) -> Path:
-        """Write the table of `tselab live --table`, after close(), as .parquet or .csv by the name."""
+        """Write the table of `tselab live --table`, after close(), as .parquet or .csv by
+        the name."""
         rows = results.rows(self._rows_path(), *self._result())
         results.write_rows(Path(path), rows, results.COLUMNS)
         return Path(path)
@@ -181,7 +188,8 @@ class Live:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
     def _result(self) -> tuple[Estimated, list[Finding], list[regimes.Change], list[str]]:
-        """Return estimates, findings, changes and contradictions of the drive; those of a drive that has ended once."""
+        """Return estimates, findings, changes and contradictions of the drive; those of a
+        drive that has ended once."""
         if not self._drive.closed:
             return self._drive.result()
         self._ended = self._ended or self._drive.result()
@@ -208,7 +216,8 @@ def live(
 ) -> Live:
     """Estimate tyre stiffness while driving, from a CAN bus.
 
-        with tse.live("car.toml", database="car.dbc", interface="socketcan", channel="can0") as drive:
+        with tse.live("car.toml", database="car.dbc", interface="socketcan",
+        channel="can0") as drive:
             for e in drive:
                 if e.cy_front_valid:
                     print(e.time, e.cy_front, e.cy_front_sd)
@@ -224,16 +233,18 @@ def live(
     bus
         An open bus of python-can in their place; it is shut down at the end.
     signals
-        signals.toml; None: the one beside the database, else signals are proposed from the frames.
+        signals.toml; None: the one beside the database, else signals are proposed from
+        the frames.
     out
-        An empty or new folder where the drive is recorded, as by `tselab live`; None: nowhere.
+        An empty or new folder where the drive is recorded, as by `tselab live`; None:
+        nowhere.
     settings
         Any settings by name; they win over `config` and the vehicle.
     config
         A file of settings, FILTER.toml.
     learnt
-        Learnt state of an earlier drive of this vehicle (Live.learnt, Result.learnt), or the Path of a file
-        with it.
+        Learnt state of an earlier drive of this vehicle (Live.learnt, Result.learnt), or
+        the Path of a file with it.
     age
         s since that drive. Default: unknown, or the age of the file.
     rate
@@ -241,19 +252,22 @@ def live(
     duration
         s after which the iteration ends; None: at stop().
     say
-        Called with a sentence when something happens: the road changes, a message stops. From any thread.
+        Called with a sentence when something happens: the road changes, a message stops.
+        From any thread.
     **options
         Options of the interface, such as bitrate=500000.
 
     Returns
     -------
     Live
-        Its estimates have the bits of `tselab live`, and of estimate() over the rows of the record with its settings.
+        Its estimates have the bits of `tselab live`, and of estimate() over the rows of
+        the record with its settings.
 
     Raises
     ------
     Error
-        A bus that cannot be opened, a signal that no database has, a folder that is not empty; a ValueError.
+        A bus that cannot be opened, a signal that no database has, a folder that is not
+        empty; a ValueError.
     """
     if (bus is None) == (interface is None):
         raise TypeError("live() needs an interface, or a bus that is open")

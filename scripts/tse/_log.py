@@ -1,4 +1,5 @@
-"""Logs: files of many formats, and what is in memory; and which signal of a log is which channel."""
+"""Logs: files of many formats, and what is in memory; and which signal of a log is which
+channel."""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ class Log(Shown):
         return (f"{self.path.name}: {len(self)} rows, {span:.1f} s", *self.notes)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the rows: time, channels, optional channels, columns ref_..., as estimate() takes them."""
+        """Return the rows: time, channels, optional channels, columns ref_..., as
+        estimate() takes them."""
         parts = (self._checked.data, self._checked.extra, self._checked.ref)
         return pd.concat(
             [pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1
@@ -96,9 +98,11 @@ def read_log(
     path
         CSV, Parquet, MF4, BLF, MCAP, ROS bag, MAT, openpilot ...
     vehicle
-        As in estimate(): wheel radii and steering ratio, which speeds of wheels and angles of the steering wheel need.
+        As in estimate(): wheel radii and steering ratio, which speeds of wheels and
+        angles of the steering wheel need.
     signals
-        The file that says which signal is which channel; None: the one beside the log, else they are guessed.
+        The file that says which signal is which channel; None: the one beside the log,
+        else they are guessed.
     rate
         Hz of the rows; None: that of the log, or of `signals`.
     strict
@@ -116,7 +120,8 @@ def read_log(
     FileNotFoundError
         The file is not there.
     Error
-        It is damaged, or lacks a channel that is needed; a ValueError. The text names file, line and column.
+        It is damaged, or lacks a channel that is needed; a ValueError. The text names
+        file, line and column.
     """
     car = None if vehicle is None else read_vehicle(vehicle)
     file = Path(signals) if signals is not None else None
@@ -124,7 +129,8 @@ def read_log(
 
 
 def checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
-    """Read and check a log of any kind. `name`: that of a log in memory. TypeError: it is no log."""
+    """Read and check a log of any kind. `name`: that of a log in memory. TypeError: it is
+    no log."""
     if isinstance(log, str | os.PathLike):
         return _read_log(Path(log), reading=replace(reading or Reading(), car=car))
     return of_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
@@ -138,7 +144,8 @@ def known_road(road: PathLike | Road | None) -> Road | None:
 def paths_or_checked(
     logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int = 1
 ) -> list[Path | Checked]:
-    """Return files as paths, and logs in memory checked, by their number. UserError: there are fewer than `min_logs`."""
+    """Return files as paths, and logs in memory checked, by their number. UserError:
+    there are fewer than `min_logs`."""
     given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
     if len(given) < min_logs:
         raise UserError("no log is given")
@@ -179,7 +186,8 @@ class Signals(Shown):
         self.missing = tuple(proposal.missing)
         """Channels for which nothing was found."""
         self.nearest = {c: tuple(x) for c, x in proposal.nearest.items()}
-        """For each missing channel the signals that come nearest, and what is against each."""
+        """For each missing channel the signals that come nearest, and what is against
+        each."""
         self.warnings = tuple(proposal.warnings)
         """What is doubtful, in words."""
         self.notes = tuple(recording.notes)
@@ -209,7 +217,8 @@ class Signals(Shown):
         return toml_text(self._recording, self._proposal, self._how, folder)
 
     def write(self, path: PathLike) -> Path:
-        """Write signals.toml, for read_log() and the commands; one that is there is replaced."""
+        """Write signals.toml, for read_log() and the commands; one that is there is
+        replaced."""
         if not self._proposal.guesses:
             raise UserError(f"{self._recording.path}: nothing could be guessed, so {path} is not written")
         with atomic(Path(path)) as file:
@@ -236,7 +245,8 @@ class Signals(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share), used.
+        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share),
+        used.
 
         `used` is the channel that the signal is proposed for."""
         return pd.DataFrame([vars(line) for line in self._lines])
@@ -246,18 +256,25 @@ class Signals(Shown):
         return rows[rows["used"] != ""]
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the signals that are proposed, each in the unit that it is logged in."""
+        """Return a figure of plotly: the signals that are proposed, each in the unit that
+        it is logged in."""
         there = {c.name: c for c in self._recording}
-        return plots.lines([
-            (f"{g.channel} [{g.unit}]", [(n, there[n].time, there[n].value) for n in g.name if n in there])
-            for g in self._proposal.guesses
-        ])  # fmt: skip
+        return plots.lines(
+            [
+                (
+                    f"{g.channel} [{g.unit}]",
+                    [(n, there[n].time, there[n].value) for n in g.name if n in there],
+                )
+                for g in self._proposal.guesses
+            ]
+        )
 
 
 def signals(
     log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()
 ) -> Signals:
-    """Propose which signal of a log is which channel, by names, units and physics, as `tselab signals` does.
+    """Propose which signal of a log is which channel, by names, units and physics, as
+    `tselab signals` does.
 
     The log is read as [log] of the signals.toml beside it says, if there is one.
 

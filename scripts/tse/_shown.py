@@ -1,4 +1,5 @@
-"""What every result of the API can do: say itself in words, as a table, as a picture, as a page."""
+"""What every result of the API can do: say itself in words, as a table, as a picture, as
+a page."""
 
 from __future__ import annotations
 

@@ -36,7 +36,8 @@ class Simulated(NamedTuple):
     """True values: true_cy_front [N/rad], true_vel_y [m/s] ..."""
 
     def with_references(self) -> pd.DataFrame:
-        """Return the log with the truth in columns ref_..., which the page of an estimate draws."""
+        """Return the log with the truth in columns ref_..., which the page of an estimate
+        draws."""
         return with_references(Simulation(self.log, self.truth))
 
     def write(
@@ -46,7 +47,8 @@ class Simulated(NamedTuple):
         *,
         with_ref: bool = False,
     ) -> Path:
-        """Write the log and the truth as CSV, with the shortest digits that give the same bits back.
+        """Write the log and the truth as CSV, with the shortest digits that give the same
+        bits back.
 
         Parameters
         ----------
@@ -90,7 +92,8 @@ def simulate(
     seed
         Seed of the random numbers: the same seed gives the same drive.
     duration, speed, amplitude
-        s, m/s, and usually rad of steering (the list says its meaning); None: usual for the manoeuvre.
+        s, m/s, and usually rad of steering (the list says its meaning); None: usual for
+        the manoeuvre.
     road_changes
         (s, factor): from then on all stiffness is nominal times the factor.
     settings
@@ -120,10 +123,15 @@ def simulate(
             f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.LONGEST:g} s"
         )
     plan = maneuvers.build(
-        maneuver, config, sample_time=config.sample_time, duration=duration,
+        maneuver,
+        config,
+        sample_time=config.sample_time,
+        duration=duration,
         speed=sim.speed if speed is None and "speed" in named(settings) else speed,
-        amplitude=amplitude, road=list(road_changes), seed=int(sim.seed),
-    )  # fmt: skip
+        amplitude=amplitude,
+        road=list(road_changes),
+        seed=int(sim.seed),
+    )
     done = _simulate(plan, config, sim, car.driven_axle, bar, known_road(road))
     return Simulated(done.log, done.truth)
 
@@ -140,8 +148,8 @@ class Replayed(Shown):
         """Contradictions of log and car, and where the log is on the road, in words."""
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the rows: time, accel_x, accel_y, yaw_rate as logged, and simulated with the end _simulated;
-        vel_x, vel_y."""
+        """Return the rows: time, accel_x, accel_y, yaw_rate as logged, and simulated with
+        the end _simulated; vel_x, vel_y."""
         return self._table
 
     def apart(self) -> dict[str, along.Apart]:
@@ -150,8 +158,9 @@ class Replayed(Shown):
         Returns
         -------
         dict
-            By channel: rms without the mean, which is the sensor's bias; that over the white noise of the channel
-            in this log; the mean; the unit. NaN: the log does not have the channel.
+            By channel: rms without the mean, which is the sensor's bias; that over the
+            white noise of the channel in this log; the mean; the unit. NaN: the log does
+            not have the channel.
         """
         return along.apart(self._table)
 
@@ -198,15 +207,15 @@ def replay(
 ) -> Replayed:
     """Simulate the car along a log.
 
-    The single-track model with the effects of the car is driven by the logged steering angle and wheel
-    speeds.
+    The single-track model with the effects of the car is driven by the logged steering
+    angle and wheel speeds.
 
     Parameters
     ----------
     log
-        A file, a frame, or what read_log() returned. Rows without a steering angle or wheel speed are
-        interpolated between their neighbours. Channels that the settings of the car call late
-        (accel_y_latency) are simulated as late.
+        A file, a frame, or what read_log() returned. Rows without a steering angle or
+        wheel speed are interpolated between their neighbours. Channels that the settings
+        of the car call late (accel_y_latency) are simulated as late.
     vehicle
         As in estimate().
     settings

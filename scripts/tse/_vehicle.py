@@ -22,28 +22,33 @@ VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 
 
 def read_vehicle(vehicle: VehicleLike) -> Vehicle:
-    """A vehicle file, or a mapping with its keys: what stands in it, and what a rule fills in.
+    """A vehicle file, or a mapping with its keys: what stands in it, and what a rule
+    fills in.
 
-        tse.read_vehicle({"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32,
+        tse.read_vehicle({"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32,
+        "wheel_radius_rear": 0.32,
                           "latency": {"steer_angle": 0.02}})
 
     Parameters
     ----------
     vehicle
-        Needed are mass [kg], lf, lr [m] (centre of gravity to the axles), wheel_radius_front, wheel_radius_rear [m]. The others,
-        and the tables sensors, uncertainty, latency and effects, are as `tselab vehicle --example` shows them.
+        Needed are mass [kg], lf, lr [m] (centre of gravity to the axles),
+        wheel_radius_front, wheel_radius_rear [m]. The others, and the tables sensors,
+        uncertainty, latency and effects, are as `tselab vehicle --example` shows them.
 
     Returns
     -------
     Vehicle
-        `values`, all settings by name; `filled`, a sentence for each that a rule has filled in; `notes`.
+        `values`, all settings by name; `filled`, a sentence for each that a rule has
+        filled in; `notes`.
 
     Raises
     ------
     FileNotFoundError
         The file is not there.
     Error
-        A value outside its range, a key that nobody knows, one that is missing; the message names them; a ValueError.
+        A value outside its range, a key that nobody knows, one that is missing; the
+        message names them; a ValueError.
     """
     if isinstance(vehicle, Vehicle):
         return deepcopy(vehicle)
@@ -53,7 +58,8 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
         return made
     if not isinstance(vehicle, str | os.PathLike):
         raise TypeError(
-            f"vehicle: a file, a mapping with its keys or what read_vehicle() returned is needed, not {type(vehicle).__name__}"
+            "vehicle: a file, a mapping with its keys or what read_vehicle() returned is needed, not "
+            f"{type(vehicle).__name__}"
         )
     return _read(Path(vehicle))
 
@@ -67,14 +73,17 @@ def simulated_car() -> dict[str, Any]:
     Returns
     -------
     dict
-        With the keys of a vehicle file, as `tselab vehicle --simulated` prints it; every [uncertainty] is 0."""
+        With the keys of a vehicle file, as `tselab vehicle --simulated` prints it; every
+        [uncertainty] is 0."""
     car = Config.exact()
     tables = {"uncertainty": uncertainty_settings(), "sensors": sensor_settings()}
     values: dict[str, Any] = {name: float(getattr(car, name)) for name in vehicle_settings()}
     return {
-        "name": "mid-size car", "driven_axle": "front", **values,
+        "name": "mid-size car",
+        "driven_axle": "front",
+        **values,
         **{table: {name: float(getattr(car, name)) for name in names} for table, names in tables.items()},
-    }  # fmt: skip
+    }
 
 
 def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path:
@@ -102,7 +111,8 @@ def named(settings: Mapping[str, float] | None) -> Mapping[str, float]:
     """Settings by name. TypeError: they are no mapping."""
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(
-            f"settings: names and numbers are needed, such as {{'valid_sd': 0.08}}, not {type(settings).__name__}"
+            f"settings: names and numbers are needed, such as {{'valid_sd': 0.08}}, not "
+            f"{type(settings).__name__}"
         )
     return settings or {}
 
@@ -121,7 +131,8 @@ def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
             raise UserError("a vehicle that is in no file: give the file, or a mapping with its keys")
         if changed := [k for k, v in _read(vehicle.path).values.items() if vehicle.values.get(k) != v]:
             raise UserError(
-                f"{', '.join(changed)} of the vehicle are not those of {vehicle.path}: give a mapping with its keys"
+                f"{', '.join(changed)} of the vehicle are not those of {vehicle.path}: give a mapping "
+                "with its keys"
             )
         return vehicle.path
     if not isinstance(vehicle, Mapping):

@@ -23,7 +23,8 @@ class InputError(Error, ValueError):
 
 
 def __getattr__(name: str) -> Any:
-    """Load the exceptions of the C library when they are needed: numpy takes longer than --help may."""
+    """Load the exceptions of the C library when they are needed: numpy takes longer than
+    --help may."""
     if name not in ("LearntError", "SettingError"):
         raise AttributeError(f"module 'tse.errors' has no attribute {name!r}")
     from tse.library import core

@@ -1,5 +1,5 @@
-"""Files of results, for commands that are built on tse: refuse early what cannot be written, and write a file
-completely or not at all."""
+"""Files of results, for commands that are built on tse: refuse early what cannot be
+written, and write a file completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,5 +15,14 @@ from tse.library.files import (
     real,
 )
 
-__all__ = ["alone", "atomic", "check_directory", "check_distinct", "check_writable", "is_parquet", "make_directory",
-           "no_room", "real"]  # fmt: skip
+__all__ = [
+    "alone",
+    "atomic",
+    "check_directory",
+    "check_distinct",
+    "check_writable",
+    "is_parquet",
+    "make_directory",
+    "no_room",
+    "real",
+]

@@ -1,4 +1,5 @@
-"""Tables of the library: settings, channels, estimates, codes, effects, manoeuvres and parts of a formula."""
+"""Tables of the library: settings, channels, estimates, codes, effects, manoeuvres and
+parts of a formula."""
 
 from __future__ import annotations
 
@@ -24,11 +25,30 @@ from tse.report.tables import (
 from tse.simulation.maneuvers import KINDS, LONGEST
 
 __all__ = [
-    "MAX_DURATION", "STIFFNESS_NAMES", "LibraryBuild", "ManeuverRow", "Setting", "Term", "build",
-    "check_setting", "codes_table", "effects", "est_columns_table", "example_vehicle", "formula_operations",
-    "formula_places", "log_columns_table", "maneuvers", "road_level", "settings", "settings_table",
-    "sim_settings_table", "simulated_vehicle", "text_table", "write_table",
-]  # fmt: skip
+    "MAX_DURATION",
+    "STIFFNESS_NAMES",
+    "LibraryBuild",
+    "ManeuverRow",
+    "Setting",
+    "Term",
+    "build",
+    "check_setting",
+    "codes_table",
+    "effects",
+    "est_columns_table",
+    "example_vehicle",
+    "formula_operations",
+    "formula_places",
+    "log_columns_table",
+    "maneuvers",
+    "road_level",
+    "settings",
+    "settings_table",
+    "sim_settings_table",
+    "simulated_vehicle",
+    "text_table",
+    "write_table",
+]
 
 STIFFNESS_NAMES = NAMES
 """Names of the stiffnesses in sentences, such as "Front cornering stiffness"."""
@@ -140,9 +160,9 @@ def effects() -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        id, effect (its title), enters (places), shows_in (channels), look_alikes, setting, unit,
-        typical_low, typical_high, negligible (below it an effect is not named), meaning; strength:
-        whether 0 switches the effect off.
+        id, effect (its title), enters (places), shows_in (channels), look_alikes,
+        setting, unit, typical_low, typical_high, negligible (below it an effect is not
+        named), meaning; strength: whether 0 switches the effect off.
     """
     return [
         {

@@ -29,8 +29,14 @@ if TYPE_CHECKING:
 @click.command(cls=Run)
 @LOGS
 @VEHICLE
-@click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
-              help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
+@click.option(
+    HOLD_OUT,
+    "hold_out",
+    metavar="LOG.csv ...",
+    type=FILE,
+    multiple=True,
+    help="Logs that are not fitted: what was found is proved on them. All files up to the next option.",
+)
 @click.option(
     "--out",
     metavar="CALIBRATED.toml",
@@ -89,10 +95,12 @@ def calibrate(
     CALIBRATED.json            all numbers, for programs
     CALIBRATED.html            the same for people; --report names it
 
-    --json says the same numbers on standard output, --table writes a row for each finding.
+    --json says the same numbers on standard output, --table writes a row for each
+    finding.
 
-    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it, or less
-    than 20 s of them can be compared with a simulation; 12 not converged (written all the same, and said); 2 bad input; 130
+    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged,
+    and they show nothing of it, or less than 20 s of them can be compared with a
+    simulation; 12 not converged (written all the same, and said); 2 bad input; 130
     Ctrl-C.
     """
     import tse

@@ -25,8 +25,8 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
     tselab vehicle car.toml
     tselab vehicle calibrated.toml --c car.h
 
-    In C, in any number format, tse_config_default(&c) and tse_config_car(&c) of car.h give the settings with which
-    'tselab estimate' runs at 100 Hz.
+    In C, in any number format, tse_config_default(&c) and tse_config_car(&c) of car.h
+    give the settings with which 'tselab estimate' runs at 100 Hz.
     """
     import tse
     from tse import tables
@@ -136,8 +136,8 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     value = 0.003
     unit = "rad"
 
-    A vehicle file beside it runs it everywhere with
-    [formula] file = "play.toml". Places, signals and functions are listed below; x, y, z are what stands in the brackets.
+    A vehicle file beside it runs it everywhere with [formula] file = "play.toml". Places,
+    signals and functions are listed below; x, y, z are what stands in the brackets.
     """
     import tse
     from tse import tables
@@ -151,10 +151,19 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     if as_json:
         numbers = [{"name": n.name, "value": n.value, "unit": n.unit, "text": n.text} for n in found.numbers]
         print_json(
-            {"formula": path, "title": found.title, "place": found.place, "unit": unit, "gain": found.gain,
-             "text": found.text, "numbers": numbers, "operations": len(found.operations), "settings": found.settings(),
-             "written": header}
-        )  # fmt: skip
+            {
+                "formula": path,
+                "title": found.title,
+                "place": found.place,
+                "unit": unit,
+                "gain": found.gain,
+                "text": found.text,
+                "numbers": numbers,
+                "operations": len(found.operations),
+                "settings": found.settings(),
+                "written": header,
+            }
+        )
         return
     click.echo(f"{path}: {found.title}\n{found.place} [{unit}] + {found.gain:g} * ({found.text})")
     rows = [[n.name, f"{n.value:.6g}", n.unit, n.text] for n in found.numbers]

@@ -1,4 +1,5 @@
-"""The command line: options in, modules called, messages out. One module of tselab a command, loaded when it is needed."""
+"""The command line: options in, modules called, messages out. One module of tselab a
+command, loaded when it is needed."""
 
 import contextlib
 import importlib
@@ -33,7 +34,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class Commands(click.Group):
-    """Commands that are loaded when they are asked for: numpy alone takes longer than --help may."""
+    """Commands that are loaded when they are asked for: numpy alone takes longer than
+    --help may."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -86,13 +88,15 @@ def cli(debug: bool) -> None:
 
 
 def _give_up_stdout() -> None:
-    """What is left for a terminal that takes no more goes nowhere: else Python complains of it at its end."""
+    """What is left for a terminal that takes no more goes nowhere: else Python complains
+    of it at its end."""
     with contextlib.suppress(OSError, ValueError):  # in place of a terminal there may be no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main() -> None:
-    """Run; turn every failure into a short message and an exit code: 2 the user's, 1 ours, 130 Ctrl-C."""
+    """Run; turn every failure into a short message and an exit code: 2 the user's, 1
+    ours, 130 Ctrl-C."""
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -120,8 +124,12 @@ def main() -> None:
         _give_up_stdout()
         sys.exit(141)
     except MemoryError:
-        click.echo("tselab: error: there is not enough memory for this; a log that is too long can be cut, or run on a larger "
-                   "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
+        click.echo(
+            "tselab: error: there is not enough memory for this; a log that is too long can be cut, or "
+            "run on a larger "
+            "machine (tselab signals --help says which formats are read in pieces)",
+            err=True,
+        )
         sys.exit(2)
     except Exception as error:
         from tse.files import no_room
@@ -138,7 +146,8 @@ def main() -> None:
         else:
             click.echo(
                 f"tselab: internal error: {type(error).__name__}: {error}\n"
-                "This is a fault of tselab, not of your files. Please report it with the output of the same command with --debug.",
+                "This is a fault of tselab, not of your files. Please report it with the output of the "
+                "same command with --debug.",
                 err=True,
             )
         sys.exit(1)

@@ -1,5 +1,6 @@
-"""`tselab demo`: simulate, estimate and compare; read the same drive from an MF4 with other names, units, rates and
-latencies; find a hidden effect. All files stay in one directory."""
+"""`tselab demo`: simulate, estimate and compare; read the same drive from an MF4 with
+other names, units, rates and latencies; find a hidden effect. All files stay in one
+directory."""
 
 from __future__ import annotations
 
@@ -33,12 +34,13 @@ from tselab.options import FILE, PROGRESS, quiet_warnings, show_progress
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Simulate double lane changes with a road change, estimate, compare; do it again from an MF4 of other names, units, rates
-    and latencies; then find a hidden effect.
+    """Simulate double lane changes with a road change, estimate, compare; do it again
+    from an MF4 of other names, units, rates and latencies; then find a hidden effect.
 
-    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; in
-    the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
-    the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with
+    matplotlib, demo.png; in the folder logger the same drive as an MF4, where the library
+    for it is, and the proposed signals.toml; and in the folder gap the logs of a car with
+    a hidden effect, and all that 'tselab gap' makes of them.
     """
     show = show_progress(progress)
     with quiet_warnings():
@@ -59,13 +61,17 @@ SETTLED, LAST = 10.0, 12.0  # s: stretches of the summary
 START = 0.8  # of nominal
 
 
-# A second car for `tselab gap`, with an effect that the model lacks: it rolls on its springs, and gravity leaks into
-# accel_y. The simulator drives it with noisy wheel speeds and a stiffness that scatters; the workflow has the plain car.
+# A second car for `tselab gap`, with an effect that the model lacks: it rolls on its
+# springs, and gravity leaks into accel_y. The simulator drives it with noisy wheel speeds
+# and a stiffness that scatters; the workflow has the plain car.
 HIDDEN = "body_roll"
 HIDDEN_SETTINGS = {
-    "body_roll_gain": 0.009, "body_roll_frequency": 1.5, "body_roll_damping": 0.3, "body_roll_height": 0.15,
+    "body_roll_gain": 0.009,
+    "body_roll_frequency": 1.5,
+    "body_roll_damping": 0.3,
+    "body_roll_height": 0.15,
     "body_roll_coupling": 0.3,
-}  # fmt: skip
+}
 GAP_DRIVES = (  # manoeuvre, seconds, speed, amplitude, held out
     ("sine-sweep", 30.0, 20.0, 0.03, False),
     ("double-lane-change", 36.0, 22.0, 0.04, False),
@@ -77,7 +83,8 @@ STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # rad, rad/s
 
 
 def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write vehicle, filter settings, log, truth, estimates, report and picture, and print the errors of the estimates.
+    """Write vehicle, filter settings, log, truth, estimates, report and picture, and
+    print the errors of the estimates.
 
     Returns
     -------
@@ -136,7 +143,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
 
 
 def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
-    """Write logs of a car with a hidden effect and the files of the gap workflow; print what was hidden and found."""
+    """Write logs of a car with a hidden effect and the files of the gap workflow; print
+    what was hidden and found."""
     make_directory(out)
     path = out / "car.toml"
     with atomic(path) as file:
@@ -173,7 +181,8 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
         click.echo(f"  {line}")
     (before, after), (held_before, held_after) = (found.rms[part]["accel_y"] for part in ("fit", "held_out"))
     click.echo(
-        f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} after; in a "
+        f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} "
+        "after; in a "
         f"manoeuvre that the fit has not seen {held_before:.2f} before, {held_after:.2f} after.\n"
         f"Written to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ..."
     )
@@ -192,7 +201,8 @@ GROUPS = {  # group of the MF4: rows of the clean log per entry, latency in s, c
 
 
 def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
-    """Write car.toml, drive.mf4 and the proposed signals.toml, estimate, and print the difference to the clean log.
+    """Write car.toml, drive.mf4 and the proposed signals.toml, estimate, and print the
+    difference to the clean log.
 
     Raises
     ------
@@ -218,7 +228,8 @@ def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
     off = mean_of_end(result.table) / mean_of_end(clean) - 1
     wheels = signals.to_dict()["proposal"].get("wheel_speed_rear")
     click.echo(
-        "\nThe same drive as a measuring system logs it: an MF4, four wheels in km/h, steering wheel in degrees, "
+        "\nThe same drive as a measuring system logs it: an MF4, four wheels in km/h, steering wheel in "
+        "degrees, "
         f"three rates, latencies.\ntselab signals finds {len(signals.guesses)} of 6 channels; the wheels "
         f"{1e3 * wheels['latency'] if wheels else np.nan:.0f} ms behind the gyro "
         f"({1e3 * (GROUPS['ESP_wheels'][1] - GROUPS['IMU'][1]):.0f} ms are true).\n"
@@ -237,10 +248,14 @@ def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
     front, rear = (d[f"wheel_speed_{a}"] * car[f"wheel_radius_{a}"] for a in ("front", "rear"))
     value = {
         "LWI_Lenkradwinkel": DEG * RATIO * d["steer_angle"],
-        "ESP_VL": 3.6 * (front - side), "ESP_VR": 3.6 * (front + side),
-        "ESP_HL": 3.6 * (rear - side), "ESP_HR": 3.6 * (rear + side),
-        "Gierrate": DEG * d["yaw_rate"], "Querbeschl": d["accel_y"] / G, "Laengsbeschl": d["accel_x"],
-    }  # fmt: skip
+        "ESP_VL": 3.6 * (front - side),
+        "ESP_VR": 3.6 * (front + side),
+        "ESP_HL": 3.6 * (rear - side),
+        "ESP_HR": 3.6 * (rear + side),
+        "Gierrate": DEG * d["yaw_rate"],
+        "Querbeschl": d["accel_y"] / G,
+        "Laengsbeschl": d["accel_x"],
+    }
     with MDF(version="4.10") as mdf:
         for group, (every, latency, units) in GROUPS.items():
             time = d["time"][::every] + latency

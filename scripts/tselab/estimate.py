@@ -44,19 +44,27 @@ Files = dict[str, Path | None]
     cls=Lazy,
     tables=(
         (
-            "Columns of LOG.csv (SI units, ISO 8855: left and forward positive; an empty cell is a missing value)",
+            "Columns of LOG.csv (SI units, ISO 8855: left and forward positive; an empty cell is a "
+            "missing value)",
             "log_columns_table",
         ),
         (
-            "Columns of EST.csv after time; _sd: of the estimate; _spread: model discrepancy, of particles from sample to sample",
+            "Columns of EST.csv after time; _sd: of the estimate; _spread: model discrepancy, of "
+            "particles from sample to sample",
             "est_columns_table",
         ),
         ("Codes", "codes_table"),
     ),
 )
 @click.argument("log_path", metavar="LOG", type=FILE)
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
-              help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    required=True,
+    help="Vehicle file; 'tselab vehicle --example' prints one.",
+)
 @click.option(
     "--config",
     "config_path",
@@ -136,8 +144,9 @@ def estimate(
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
     tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
 
-    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists, with names, units, rates and latencies
-    of its own: signals.toml beside it, or --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
+    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists,
+    with names, units, rates and latencies of its own: signals.toml beside it, or
+    --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
     proposes it.
 
     \b
@@ -146,29 +155,36 @@ def estimate(
     unit = "deg"                     unit = "km/h"                     unit = "g"
     ratio = 15.3                     latency = 0.02                    sign = -1
 
-    Further keys: scale, offset, sign_bit, add (a signal with the rest of the value), radius (of a wheel, m), valid and counter
-    (signals of the message that say so), clock (s by which the clock of its group is ahead of the others),
-    hold (sent only when it changes), unsure (what was guessed: every run says so, and
-    --strict refuses, until it is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate,
-    databases, separator, decimal, encoding, header. Channels that the log does not have are missing;
-    what is still observable is estimated.
+    Further keys: scale, offset, sign_bit, add (a signal with the rest of the value),
+    radius (of a wheel, m), valid and counter (signals of the message that say so), clock
+    (s by which the clock of its group is ahead of the others), hold (sent only when it
+    changes), unsure (what was guessed: every run says so, and --strict refuses, until it
+    is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit,
+    step, rate, databases, separator, decimal, encoding, header. Channels that the log
+    does not have are missing; what is still observable is estimated.
 
-    What the vehicle file leaves out is that of an ordinary car of its mass and axles (src/tables/uncalibrated.toml): stiffness
-    from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
-    Noise and biases of the sensors are found while driving; with --form paper or robust the noise is found in the log beforehand.
-    After 'tselab calibrate' the prior is the posterior of the calibration. A car that nobody has calibrated - no [calibration] and
-    no [uncertainty] in its file - is calibrated on the log itself first, on at most ten minutes of it: the run says what that
-    found and where it is kept for the next run; --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
+    What the vehicle file leaves out is that of an ordinary car of its mass and axles
+    (src/tables/uncalibrated.toml): stiffness from the axle loads, yaw inertia mass lf lr,
+    grip of a dry road, each with the scatter of such cars; the run lists it. Noise and
+    biases of the sensors are found while driving; with --form paper or robust the noise
+    is found in the log beforehand. After 'tselab calibrate' the prior is the posterior of
+    the calibration. A car that nobody has calibrated - no [calibration] and no
+    [uncertainty] in its file - is calibrated on the log itself first, on at most ten
+    minutes of it: the run says what that found and where it is kept for the next run;
+    --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
     --load-learnt and --save-learnt leave it out, too.
 
-    Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
-    ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from 0.001 to
-    1 s, also irregularly. To the particle filters (--form paper, robust) noise of the wheel speeds passes for slip and makes
-    tyres look soft: --average 0.1 makes less of it; rows of EST.csv are then blocks, and noise that the vehicle file states is
-    taken for that of one sample. Ctrl-C stops early and writes the rows done so far.
+    Columns of the log that start with ref_ are drawn in the report: ref_vel_x,
+    ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed, ref_wheel_fl ... with the
+    quantity they name, others by themselves. Rows may come at any rate from 0.001 to 1 s,
+    also irregularly. To the particle filters (--form paper, robust) noise of the wheel
+    speeds passes for slip and makes tyres look soft: --average 0.1 makes less of it; rows
+    of EST.csv are then blocks, and noise that the vehicle file states is taken for that
+    of one sample. Ctrl-C stops early and writes the rows done so far.
 
-    A learnt state holds stiffness, grip, sensor biases and steering, with their covariance. It fits the vehicle it was learnt
-    with, and is trusted the less the older it is (settings learnt_floor, learnt_walk_day).
+    A learnt state holds stiffness, grip, sensor biases and steering, with their
+    covariance. It fits the vehicle it was learnt with, and is trusted the less the older
+    it is (settings learnt_floor, learnt_walk_day).
 
     --road gives the filter the bank and grade of the road under each row: the log is
     found on it by gnss_latitude and gnss_longitude, else by its path, the yaw rate over
@@ -177,20 +193,27 @@ def estimate(
     curvature [1/m]; closed, 1 of a circuit, whose last row is the first one again. A log
     that is on another road is refused.
 
-    The answer is a line for each stiffness: its value with its 95 % interval over the last stretches of road between changes,
-    what came after a row counted, too; and whether to act on it. --verbose says all: the values at the end of each stretch, grip,
+    The answer is a line for each stiffness: its value with its 95 % interval over the
+    last stretches of road between changes, what came after a row counted, too; and
+    whether to act on it. --verbose says all: the values at the end of each stretch, grip,
     the largest sideslip angle, what was filled in.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the estimates are written, and no stiffness
-    is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
-    as a row per stretch of road and stiffness.
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the
+    estimates are written, and no stiffness is valid; 2 bad input; 130 Ctrl-C. --json says
+    what was found as JSON on standard output, in place of words; --table writes it as a
+    row per stretch of road and stiffness.
     """
     import tse
     from tse.files import check_distinct, check_writable
 
     out = out or Path(log_path.stem + ".est.csv")
-    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals,
-              "--road": road_path}  # fmt: skip
+    inputs = {
+        "the log": log_path,
+        "--vehicle": vehicle_path,
+        "--config": config_path,
+        "--signals": reading.signals,
+        "--road": road_path,
+    }
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
     # --save-learnt may replace the file that was loaded, the other outputs may not
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
@@ -267,9 +290,11 @@ def print_all(result: Result, notes: list[str], written: Files) -> None:
 
 
 def print_answer(result: Result, notes: list[str], written: Files, has_report: bool) -> None:
-    """Print the answer and every warning, and the last events and first notes that MAX_LINES have room for.
+    """Print the answer and every warning, and the last events and first notes that
+    MAX_LINES have room for.
 
-    The last line says how many more there are. Warnings and notes go to standard error."""
+    The last line says how many more there are. Warnings and notes go to standard
+    error."""
     found, filled = (result.vehicle.found, result.vehicle.filled) if result.vehicle is not None else ([], [])
     warnings = [f"warning: {line}" for line in result.cautions]
     # events that a filter finds in wrong channels did not happen

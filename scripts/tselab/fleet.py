@@ -33,8 +33,13 @@ MAX_ERRORS = 10  # that the terminal names
 @click.option(
     "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars."
 )
-@click.option("--vehicles", "table", metavar="TABLE.csv", type=FILE, help="Which car each log is of: columns log, vehicle, car, "
-              "signals.")  # fmt: skip
+@click.option(
+    "--vehicles",
+    "table",
+    metavar="TABLE.csv",
+    type=FILE,
+    help="Which car each log is of: columns log, vehicle, car, signals.",
+)
 @click.option(
     "--out",
     metavar="DIR",
@@ -43,8 +48,13 @@ MAX_ERRORS = 10  # that the terminal names
     help="Directory; made if needed; what is done there is used again.",
 )
 @click.option("--car", metavar="NAME", help="All logs are of this one car; else a folder of logs is a car.")
-@click.option("--learn/--no-learn", default=True, show_default=True, help="Each drive starts from what the one of the same car "
-              "before it taught; else each by itself, all at once.")  # fmt: skip
+@click.option(
+    "--learn/--no-learn",
+    default=True,
+    show_default=True,
+    help="Each drive starts from what the one of the same car "
+    "before it taught; else each by itself, all at once.",
+)
 @click.option("--reports/--no-reports", default=True, show_default=True, help="A report for each log.")
 @click.option(
     "--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet."
@@ -69,8 +79,12 @@ MAX_ERRORS = 10  # that the terminal names
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
 )
 @JOBS
-@click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
-              "see the logs under the same paths.")  # fmt: skip
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
+    "see the logs under the same paths.",
+)
 @click.option("--restart", is_flag=True, help="Run all again, also what is done.")
 @JSON
 @PROGRESS
@@ -102,13 +116,15 @@ def fleet(
     tselab fleet 'logs/**/*.mf4' --vehicles cars.csv --out results
     tselab fleet logs/ --vehicles cars.csv --out results --scheduler tcp://host:8786
 
-    Each log is run as by 'tselab estimate', in any format that 'tselab signals --help' lists, with the signals.toml beside it or
-    --signals. What a drive teaches is where the next drive of the same car starts, in order of time: what the log itself says (MF4,
-    MDF, BLF, MCAP), else a date in its name or its folder's, else the time of the file. Several cars run at once.
+    Each log is run as by 'tselab estimate', in any format that 'tselab signals --help'
+    lists, with the signals.toml beside it or --signals. What a drive teaches is where the
+    next drive of the same car starts, in order of time: what the log itself says (MF4,
+    MDF, BLF, MCAP), else a date in its name or its folder's, else the time of the file.
+    Several cars run at once.
 
-    Which car a log is of: with --vehicle, each folder directly below FOLDER is a car, however deep its logs are; --car: all
-    are one. With --vehicles, the first row of the table that names it: its log is a file, a folder, or a pattern, relative to
-    the table:
+    Which car a log is of: with --vehicle, each folder directly below FOLDER is a car,
+    however deep its logs are; --car: all are one. With --vehicles, the first row of the
+    table that names it: its log is a file, a folder, or a pattern, relative to the table:
 
     \b
     log,vehicle,car,signals
@@ -128,13 +144,15 @@ def fleet(
     python -c "import pandas as pd; print(pd.read_parquet('results/fleet.parquet').groupby(['car', 'stiffness']).value.last())"
     duckdb -c "select car, stiffness, arg_max(value, start_time) from 'results/fleet.parquet' where usable <> 'no' group by all"
 
-    Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130 Ctrl-C.
+    Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130
+    Ctrl-C.
     """
     import tse
 
     if (vehicle_path is None) == (table is None):
         raise Error(
-            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log"
+            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one "
+            "for each log"
         )
     if car is not None and table is not None:
         raise Error("option --car: the table of --vehicles says which car a log is of")

@@ -55,14 +55,16 @@ def parameters_of(fmu: Path) -> list[Parameter]:
 
 
 def parameter_set(parameters: Iterable[Parameter], settings: Mapping[str, float], name: str) -> str:
-    """Return the parameter set of a car: all of vehicle.*, and the others that differ from their start.
+    """Return the parameter set of a car: all of vehicle.*, and the others that differ
+    from their start.
 
     Parameters
     ----------
     parameters
         Those of the estimator.
     settings
-        Those of the car, by name. The parameter effects.body_roll.gain is the setting body_roll_gain.
+        Those of the car, by name. The parameter effects.body_roll.gain is the setting
+        body_roll_gain.
     name
         Name of the car.
     """
@@ -102,17 +104,32 @@ def fmu() -> None:
     help="Directory; made if needed.",
 )
 @click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
-@click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
-              help="With the binary of this platform; may be repeated.")  # fmt: skip
+@click.option(
+    "--platform",
+    "chosen",
+    multiple=True,
+    type=click.Choice(PLATFORM_NAMES),
+    help="With the binary of this platform; may be repeated.",
+)
 @click.option(
     "--max-particles",
     type=click.IntRange(16, 65535),
     help="Particles that an estimator can hold.  [default: 512]",
 )
-@click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
-              help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
-@click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
-              help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
+@click.option(
+    "--real",
+    type=click.Choice(REALS),
+    default=REALS[0],
+    show_default=True,
+    help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.",
+)
+@click.option(
+    "--fmi",
+    type=click.Choice(("2", "3", "both")),
+    default="both",
+    show_default=True,
+    help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).",
+)
 @JSON
 def build(
     out: Path,
@@ -131,12 +148,15 @@ def build(
     tselab fmu build --fmi 3
     tselab fmu build --real fixed --out fmus-fixed
 
-    Without platforms: the binary of this machine, by its C compiler. The others, and then this one too, are compiled from the
-    sources/ that each FMU carries by the Python package ziglang (extra 'platforms'), and run on old systems: linux64 needs
-    glibc 2.2.5. The same sources give the same files, byte for byte. Nothing is written before all has been built.
+    Without platforms: the binary of this machine, by its C compiler. The others, and then
+    this one too, are compiled from the sources/ that each FMU carries by the Python
+    package ziglang (extra 'platforms'), and run on old systems: linux64 needs glibc
+    2.2.5. The same sources give the same files, byte for byte. Nothing is written before
+    all has been built.
 
-    Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one modelDescription.xml, which is of one
-    version, so they are two files. Both compute the same bits; the system (SSP) holds those of 2.0.
+    Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one
+    modelDescription.xml, which is of one version, so they are two files. Both compute the
+    same bits; the system (SSP) holds those of 2.0.
     """
     from tse.files import check_directory
     from tselab.fmu_build import FMI
@@ -171,8 +191,9 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     \b
     tselab fmu parameters TireStiffnessEstimator.fmu --vehicle car.toml --out car.ssv
 
-    Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of resources/vehicle.ssv of
-    StiffnessStudy.ssp. What is not in it has its start value: that of an ordinary car.
+    Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of
+    resources/vehicle.ssv of StiffnessStudy.ssp. What is not in it has its start value:
+    that of an ordinary car.
     """
     import tse
     from tse.files import atomic, check_distinct, check_writable

@@ -1,4 +1,5 @@
-"""Building the FMUs of this checkout: natively by CMake, for other platforms from the sources that each FMU carries."""
+"""Building the FMUs of this checkout: natively by CMake, for other platforms from the
+sources that each FMU carries."""
 
 import importlib.util
 import os
@@ -26,7 +27,8 @@ FMI = ("2", "3")  # versions that FMUs are built for
 
 @dataclass(frozen=True)
 class Platform:
-    """A folder in binaries/, named as FMI 2.0.4 does; in an FMU of FMI 3.0 it has another name, and one processor."""
+    """A folder in binaries/, named as FMI 2.0.4 does; in an FMU of FMI 3.0 it has another
+    name, and one processor."""
 
     name: str
     tuple3: str
@@ -40,7 +42,8 @@ class Platform:
         return self.targets[:1] if fmi == "3" else self.targets
 
 
-# glibc 2.2.5 is the first for x86_64, 2.17 the first for aarch64: nothing newer is needed, so older systems load it, too.
+# glibc 2.2.5 is the first for x86_64, 2.17 the first for aarch64: nothing newer is
+# needed, so older systems load it, too.
 PLATFORMS = {
     p.name: p
     for p in (
@@ -52,7 +55,8 @@ PLATFORMS = {
     )
 }
 
-# How a shared library is made of sources. What decides its bits, and how fast it is, comes from the FMU's buildDescription.xml.
+# How a shared library is made of sources. What decides its bits, and how fast it is,
+# comes from the FMU's buildDescription.xml.
 SHARED = ("-fPIC", "-fvisibility=hidden", "-shared", "-s")
 LANGUAGE = {"C99": "-std=c99"}
 
@@ -116,7 +120,8 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
 
 
 def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
-    """Run its C compiler in a folder. `cache` keeps the C libraries of other platforms, which take a minute to make."""
+    """Run its C compiler in a folder. `cache` keeps the C libraries of other platforms,
+    which take a minute to make."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     done = subprocess.run(
@@ -132,7 +137,8 @@ PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}  # x86_64, arm64: a slice starts at
 
 
 def universal(slices: Iterable[bytes]) -> bytes:
-    """Mach-O files of several processors in one, as lipo joins them; one alone stays as it is."""
+    """Mach-O files of several processors in one, as lipo joins them; one alone stays as
+    it is."""
     slices = list(slices)
     if len(slices) == 1:
         return slices[0]
@@ -167,13 +173,15 @@ def checkout() -> Path:
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
         raise Error(
-            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one"
+            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed "
+            "without one"
         )
     return root
 
 
 def version_of(name: str) -> str:
-    """The version of FMI that an FMU of this checkout is for, by its name: X is of 2.0, X-fmi3 of 3.0."""
+    """The version of FMI that an FMU of this checkout is for, by its name: X is of 2.0,
+    X-fmi3 of 3.0."""
     return "3" if name.endswith("-fmi3") else "2"
 
 
@@ -185,7 +193,8 @@ def build(
     real: str = "double",
     fmi: Sequence[str] = FMI,
 ) -> list[Built]:
-    """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to `out` once all of it has gone well."""
+    """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to
+    `out` once all of it has gone well."""
     root = checkout()
     if wanted:
         check_compiler()
@@ -241,7 +250,8 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
 
 
 def lock_of(folder: Path) -> Path:
-    """What two processes that build in a folder take; beside it, because the folder itself may be removed."""
+    """What two processes that build in a folder take; beside it, because the folder
+    itself may be removed."""
     return folder.with_name(f"{folder.name}.lock")
 
 
@@ -264,7 +274,8 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
             raise Error(
-                f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}"
+                f"the FMUs do not build: {' '.join(step[:3])} "
+                f"says\n{(done.stdout + done.stderr).strip()[-3000:]}"
             )
 
 

@@ -29,12 +29,24 @@ if TYPE_CHECKING:
     from tse import Reading
 
 LOGS = click.argument("logs", metavar="LOG ...", type=FILE, nargs=-1, required=True)
-VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
-                       help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
+VEHICLE = click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    required=True,
+    help="Vehicle file; 'tselab vehicle --example' prints one.",
+)
 HOLD_OUT = "--hold-out"
 OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed.")
-HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
-                    help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
+HELD = click.option(
+    HOLD_OUT,
+    "hold_out",
+    metavar="LOG ...",
+    type=FILE,
+    multiple=True,
+    help="Logs that are not fitted: they prove what was found. All files up to the next option.",
+)
 
 REPORT = click.option(
     "--report", metavar="PAGE.html", type=Written(*PAGES), help="Also write the page there."
@@ -45,7 +57,8 @@ VERBOSE = click.option(
 
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of a command that runs the whole workflow: the arguments of _run(), by name."""
+    """Add the options of a command that runs the whole workflow: the arguments of _run(),
+    by name."""
     for take in (
         JSON,
         PROGRESS,
@@ -102,26 +115,28 @@ class Run(click.Command):
 
 @click.group(cls=Gap, short_help="Find, name and add what the model lacks.")
 def gap() -> None:
-    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink."""
+    """Find where simulation and measurement disagree, name the missing effect, add it,
+    show the gap shrink."""
 
 
 @gap.command(cls=Run, hidden=True)
 @of_a_run
 def run(**given: Any) -> int:
-    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+    """Find where simulation and measurement disagree, name the missing effect, add it,
+    show the gap shrink.
 
     \b
     tselab gap drive1.csv drive2.csv --vehicle car.toml --out gap
     tselab gap log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
     tselab gap check log_*.csv --vehicle car.toml
 
-    The single-track model is driven by the logged steering angle and wheel speeds; what it says of accel_x, accel_y and
-    yaw_rate is compared with what was measured. First car and road are fitted together:
-    where bank or grade shows, the logs are put on it; laps of one road have one profile,
-    and held-out laps of it use it. Then sets of effects of the catalogue, and how late
-    messages are, are judged by their evidence beside what no model explains; a name needs
-    a probability of 90 %. Held-out logs take no part in it. --road: the bank and grade
-    are known, and not sought.
+    The single-track model is driven by the logged steering angle and wheel speeds; what
+    it says of accel_x, accel_y and yaw_rate is compared with what was measured. First car
+    and road are fitted together: where bank or grade shows, the logs are put on it; laps
+    of one road have one profile, and held-out laps of it use it. Then sets of effects of
+    the catalogue, and how late messages are, are judged by their evidence beside what no
+    model explains; a name needs a probability of 90 %. Held-out logs take no part in it.
+    --road: the bank and grade are known, and not sought.
 
     \b
     DIR/verdict.json           what was found, for programs
@@ -155,7 +170,8 @@ def _run(
     report: Path | None = None,
     verbose: bool = False,
 ) -> int:
-    """Run the whole workflow and print what it found. `formula`: seek one also where the names explain all."""
+    """Run the whole workflow and print what it found. `formula`: seek one also where the
+    names explain all."""
     import tse
     from tse.files import check_writable, make_directory
 
@@ -202,12 +218,14 @@ def discover(**given: Any) -> int:
     \b
     tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
 
-    As 'tselab gap', which seeks one where its names leave something; this command always does. Forms of a library are put at
-    the axles, on the body and into the sensors; those with the largest expected gain are simulated with the stiffness fitted
-    beside them, length has a price, and a held-out log that they make worse forbids them.
+    As 'tselab gap', which seeks one where its names leave something; this command always
+    does. Forms of a library are put at the axles, on the body and into the sensors; those
+    with the largest expected gain are simulated with the stiffness fitted beside them,
+    length has a price, and a held-out log that they make worse forbids them.
 
-    DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it, [formula] file = "formula.toml" in a vehicle
-    file runs it in simulator, estimator and this workflow.
+    DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it,
+    [formula] file = "formula.toml" in a vehicle file runs it in simulator, estimator and
+    this workflow.
     """
     return _run(**given, formula=True)
 
@@ -233,11 +251,12 @@ def check(
     \b
     tselab gap check log_*.csv --vehicle car.toml
 
-    For every effect the smallest size that would be named, its typical size, and how much of it the fitted stiffness takes up;
-    then what those that would not be named show in.
+    For every effect the smallest size that would be named, its typical size, and how much
+    of it the fitted stiffness takes up; then what those that would not be named show in.
 
-    Exit code: 0 usable: every effect would be named at its typical size; 3 usable in part: some would; 4 nothing usable: none
-    would; 2 bad input. --json says it for programs, --table writes a row for each effect.
+    Exit code: 0 usable: every effect would be named at its typical size; 3 usable in
+    part: some would; 4 nothing usable: none would; 2 bad input. --json says it for
+    programs, --table writes a row for each effect.
     """
     import tse
     from tse.files import check_distinct
@@ -259,7 +278,8 @@ def check(
 @gap.command(short_help="The effects that it knows.")
 @for_programs
 def catalogue(as_json: bool, table: Path | None) -> None:
-    """List the effects that the workflow knows: what each is, where it enters, what shows it, how large it usually is.
+    """List the effects that the workflow knows: what each is, where it enters, what shows
+    it, how large it usually is.
 
     \b
     tselab gap catalogue
@@ -283,7 +303,8 @@ def catalogue(as_json: bool, table: Path | None) -> None:
         if e["strength"]:
             typical = f"typical {e['typical_low']:g} .. {e['typical_high']:g}"
             click.echo(
-                f"    {e['setting']} [{e['unit']}]  {typical}, negligible below {e['negligible']:g}: {e['meaning']}"
+                f"    {e['setting']} [{e['unit']}]  {typical}, negligible below {e['negligible']:g}: "
+                f"{e['meaning']}"
             )
 
 
@@ -306,9 +327,10 @@ def plan(
     \b
     tselab gap plan --separate relaxation,steering_lag --vehicle car.toml
 
-    Each manoeuvre of a library is simulated with either effect at its typical size, and the other one is fitted to it together
-    with the stiffness; what it cannot copy is what tells them apart, in nats at the noise of the vehicle file's sensors. 8 nats
-    are enough.
+    Each manoeuvre of a library is simulated with either effect at its typical size, and
+    the other one is fitted to it together with the stiffness; what it cannot copy is what
+    tells them apart, in nats at the noise of the vehicle file's sensors. 8 nats are
+    enough.
     """
     import tse
 
@@ -330,7 +352,8 @@ def check_logs_exist(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) ->
 
 
 def check_logs_once(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
-    """Refuse a log that is given twice: it would count twice, and a fitted log that is held out proves nothing."""
+    """Refuse a log that is given twice: it would count twice, and a fitted log that is
+    held out proves nothing."""
     from tse.files import real
 
     seen: set[Path] = set()

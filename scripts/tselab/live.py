@@ -35,14 +35,30 @@ MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
 
 
 @click.command()
-@click.option("--interface", required=True, metavar="NAME", help="Of python-can: socketcan, vector, pcan, kvaser, ixxat, slcan, "
-              "udp_multicast ...")  # fmt: skip
+@click.option(
+    "--interface",
+    required=True,
+    metavar="NAME",
+    help="Of python-can: socketcan, vector, pcan, kvaser, ixxat, slcan, udp_multicast ...",
+)
 @click.option("--channel", metavar="NAME", help="Of the interface: can0, PCAN_USBBUS1, 0 ...")
 @DATABASE
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
-              help="Vehicle file, as for 'tselab estimate'.")  # fmt: skip
-@click.option("--signals", "signals_path", metavar="SIGNALS.toml", type=FILE, help="Which signal is which channel; default: "
-              "signals.toml beside the database, else they are proposed from what comes.")  # fmt: skip
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    required=True,
+    help="Vehicle file, as for 'tselab estimate'.",
+)
+@click.option(
+    "--signals",
+    "signals_path",
+    metavar="SIGNALS.toml",
+    type=FILE,
+    help="Which signal is which channel; default: "
+    "signals.toml beside the database, else they are proposed from what comes.",
+)
 @click.option(
     "--out",
     metavar="DIR",
@@ -73,8 +89,14 @@ MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
 @click.option(
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
 )
-@click.option("--bus", "bus_pairs", metavar="KEY=VALUE", multiple=True, help="An option of the interface: bitrate=500000, fd=true, "
-              "receive_own_messages=true ...; may be repeated.")  # fmt: skip
+@click.option(
+    "--bus",
+    "bus_pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="An option of the interface: bitrate=500000, fd=true, "
+    "receive_own_messages=true ...; may be repeated.",
+)
 @click.option(
     "--duration", metavar="SECONDS", type=float, help="End by itself after so long; default: at Ctrl-C."
 )
@@ -106,17 +128,19 @@ def live(
     tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml \
       --load-learnt car.tse --save-learnt car.tse
 
-    Three lines say what each stiffness is now, and whether to act on it; above them stands
-    what just happened. Ctrl-C ends the drive. Needs the extra can of the package.
+    Three lines say what each stiffness is now, and whether to act on it; above them
+    stands what just happened. Ctrl-C ends the drive. Needs the extra can of the package.
 
     Which signal is which channel says signals.toml, as for a log. Without one the bus is
-    listened to for 20 s, again and again, until steering angle, wheel speeds, and yaw rate
-    or lateral acceleration are found; what was taken is said, and stands in the record.
+    listened to for 20 s, again and again, until steering angle, wheel speeds, and yaw
+    rate or lateral acceleration are found; what was taken is said, and stands in the
+    record.
 
-    A row waits until every channel has a value behind it, and no longer than one and a half
-    steps of the channel: estimates are as late as the latest of them. A bus that fails is
-    opened again each second. A bus that is silent or off, a message that stops, a database
-    of another bus, channels that contradict each other: each is a sentence, and it goes on.
+    A row waits until every channel has a value behind it, and no longer than one and a
+    half steps of the channel: estimates are as late as the latest of them. A bus that
+    fails is opened again each second. A bus that is silent or off, a message that stops,
+    a database of another bus, channels that contradict each other: each is a sentence,
+    and it goes on.
 
     \b
     The record, in DIR:
@@ -134,8 +158,8 @@ def live(
     is made while driving does not know the values after it. A car that nobody has
     calibrated is taken as one of its class; 'tselab calibrate' takes the record.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2 bad
-    input. Ctrl-C is the usual end.
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2
+    bad input. Ctrl-C is the usual end.
     """
     import tse
     from tse.files import check_distinct, check_writable
@@ -271,7 +295,8 @@ class _Lines:
 
 @contextmanager
 def _stop_flag() -> Iterator[Callable[[], bool]]:
-    """While open, let Ctrl-C and the end of the session only raise a flag; a second Ctrl-C acts as usual."""
+    """While open, let Ctrl-C and the end of the session only raise a flag; a second
+    Ctrl-C acts as usual."""
     seen = threading.Event()
 
     def on_signal(_signal: int, _frame: FrameType | None) -> None:

@@ -21,7 +21,8 @@ TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
 
 
 class Written(click.Path):
-    """A file that is written in the format of its suffix; without a suffix in the first of `suffixes`.
+    """A file that is written in the format of its suffix; without a suffix in the first
+    of `suffixes`.
 
     Parameters
     ----------
@@ -39,7 +40,8 @@ class Written(click.Path):
         if path.suffix and path.suffix.lower() not in self.suffixes:
             option = param.opts[-1] if param is not None else "option"
             raise Error(
-                f"option {option}: {path}: is written as {' or '.join(self.suffixes)}, by its name, not as {path.suffix}"
+                f"option {option}: {path}: is written as {' or '.join(self.suffixes)}, by its name, not "
+                f"as {path.suffix}"
             )
         return path
 
@@ -67,7 +69,8 @@ def key_values(pairs: tuple[str, ...]) -> dict[str, float]:
 def read_settings(
     pairs: tuple[str, ...], options: Mapping[str, float | None] | None = None, *, simulator: bool = False
 ) -> dict[str, float]:
-    """Return the settings of options of their own, None for those not given, and of --set, each checked.
+    """Return the settings of options of their own, None for those not given, and of
+    --set, each checked.
 
     --set wins, except over the options of `tselab simulate` (`simulator`)."""
     from tse import tables
@@ -151,7 +154,8 @@ FORM = click.option(
     type=_Form(FORMS),
     default="default",
     show_default=True,
-    help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from diverging; neither is "
+    help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from "
+    "diverging; neither is "
     "as safe as the default.",
 )
 PROGRESS = click.option(
@@ -161,7 +165,8 @@ PROGRESS = click.option(
 
 @contextmanager
 def show_steps(progress: bool | None) -> Iterator[Callable[[str], None]]:
-    """Give a function that shows the current step with the seconds since the start; on a terminal on one line."""
+    """Give a function that shows the current step with the seconds since the start; on a
+    terminal on one line."""
     start, terminal = time.monotonic(), sys.stderr.isatty()
 
     def say(text: str) -> None:
@@ -178,8 +183,15 @@ def show_steps(progress: bool | None) -> Iterator[Callable[[str], None]]:
             click.echo("\r\033[K", err=True, nl=False)
 
 
-DATABASE = click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
-                        "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.")  # fmt: skip
+DATABASE = click.option(
+    "--database",
+    "databases",
+    metavar="FILE",
+    type=FILE,
+    multiple=True,
+    help="What the frames of a bus mean: "
+    "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.",
+)
 ROAD = click.option(
     "--road",
     "road_path",
@@ -200,7 +212,8 @@ def for_programs(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def reading(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a command that reads logs; it gets them as one argument `reading`, a tse.Reading."""
+    """Add the options of a command that reads logs; it gets them as one argument
+    `reading`, a tse.Reading."""
 
     @functools.wraps(command)
     def with_reading(
@@ -215,18 +228,33 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
 
         if signals is not None and not signals.is_file():
             raise NoFile(
-                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one"
+                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' "
+                "proposes one"
             )
         return command(*args, reading=tse.Reading(signals, rate, strict, databases), **kw)
 
     for option in (
-        click.option("--strict", is_flag=True, help="Refuse a log whose channels contradict each other, instead of warning."),
-        click.option("--rate", metavar="HZ", type=float, help="Rows per second to which the log is resampled; default: the fastest "
-                     "channel's, up to 100, or as it is when that is even."),
+        click.option(
+            "--strict",
+            is_flag=True,
+            help="Refuse a log whose channels contradict each other, instead of warning.",
+        ),
+        click.option(
+            "--rate",
+            metavar="HZ",
+            type=float,
+            help="Rows per second to which the log is resampled; default: the fastest "
+            "channel's, up to 100, or as it is when that is even.",
+        ),
         DATABASE,
-        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel "
-                     "('tselab signals' proposes it); default: signals.toml beside the log."),
-    ):  # fmt: skip
+        click.option(
+            "--signals",
+            metavar="SIGNALS.toml",
+            type=FILE,
+            help="Which signal of the log is which channel "
+            "('tselab signals' proposes it); default: signals.toml beside the log.",
+        ),
+    ):
         with_reading = option(with_reading)
     return with_reading
 

@@ -41,8 +41,9 @@ def replay(
     tselab replay drive.csv --vehicle car.toml --report before.html
     tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
 
-    The single-track model is driven by the logged steering angle and wheel speeds, with the effects, latencies and the formula of
-    the vehicle file; accel_x, accel_y and yaw_rate are compared, above 3 m/s. Nothing is fitted, and the road is level: what it
+    The single-track model is driven by the logged steering angle and wheel speeds, with
+    the effects, latencies and the formula of the vehicle file; accel_x, accel_y and
+    yaw_rate are compared, above 3 m/s. Nothing is fitted, and the road is level: what it
     climbs and leans by is in the difference, unless --road says it.
     """
     import tse

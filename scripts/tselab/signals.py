@@ -46,19 +46,25 @@ def signals(
     tselab signals drive.blf --database car.dbc --vehicle car.toml --write signals.toml
     tselab estimate drive.blf --vehicle car.toml
 
-    Guesses are by names (makers', ISO 8855, openpilot, ROS; English, German, French, Spanish, Italian), units, and physics: lateral
-    acceleration against speed times yaw rate, wheels against each other and the yaw rate, acceleration against the change of the
-    wheels' speed, steering angle against curvature. Each comes with the figure that speaks for it: look through the file and edit
-    it. A file that is there is not overwritten without being asked: remove it first.
+    Guesses are by names (makers', ISO 8855, openpilot, ROS; English, German, French,
+    Spanish, Italian), units, and physics: lateral acceleration against speed times yaw
+    rate, wheels against each other and the yaw rate, acceleration against the change of
+    the wheels' speed, steering angle against curvature. Each comes with the figure that
+    speaks for it: look through the file and edit it. A file that is there is not
+    overwritten without being asked: remove it first.
 
-    Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC, candump, BUSMASTER and CSV with
-    a frame per row (CANedge, Cabana, SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT
-    (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may be packed by gzip.
+    Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF,
+    ASC, TRC, candump, BUSMASTER and CSV with a frame per row (CANedge, Cabana, SavvyCAN,
+    python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT
+    (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may be packed by
+    gzip.
 
-    Of a channel that is not found the signals that come nearest are listed, each with what is against it.
+    Of a channel that is not found the signals that come nearest are listed, each with
+    what is against it.
 
-    A channel is read at a time, frames of a bus and rows of a CSV in pieces; tselab estimate keeps the channels that it needs in
-    memory. As a whole are read: of MAT 5 a variable (of a struct all of it), a CSV with the names of tse, of openpilot the file.
+    A channel is read at a time, frames of a bus and rows of a CSV in pieces; tselab
+    estimate keeps the channels that it needs in memory. As a whole are read: of MAT 5 a
+    variable (of a struct all of it), a CSV with the names of tse, of openpilot the file.
 
     Exit code: 0 all channels found, 3 some are missing, 2 bad input.
     """

@@ -26,7 +26,8 @@ def _list_maneuvers() -> str:
     from tse import tables
 
     return "\n".join(
-        f"{k.name:<19} {k.duration:g} s from {k.speed:g} m/s, amplitude {k.amplitude:g} ({k.amplitude_text})\n"
+        f"{k.name:<19} {k.duration:g} s from {k.speed:g} m/s, amplitude {k.amplitude:g} "
+        f"({k.amplitude_text})\n"
         f"{'':<20}{k.text}"
         for k in tables.maneuvers()
     )
@@ -142,9 +143,17 @@ def simulate(
     filled, notes = (car.filled, car.notes) if car else ([], [])
     if as_json:
         print_json(
-            {"maneuver": maneuver, "vehicle": name, "rows": rows, "seconds": seconds, "seed": used, "filled": filled,
-             "notes": notes, "written": {"log": out, "truth": truth}}
-        )  # fmt: skip
+            {
+                "maneuver": maneuver,
+                "vehicle": name,
+                "rows": rows,
+                "seconds": seconds,
+                "seed": used,
+                "filled": filled,
+                "notes": notes,
+                "written": {"log": out, "truth": truth},
+            }
+        )
         return
     for line in filled:
         click.echo(f"filled in: {line}")
@@ -167,7 +176,8 @@ def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
             raise Error(f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7") from None
         if not time >= 0 or not level.low <= value <= level.high:
             raise Error(
-                f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. {level.high:g}"
+                f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. "
+                f"{level.high:g}"
             )
         changes.append((time, value))
     return changes

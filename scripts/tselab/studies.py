@@ -73,11 +73,13 @@ def montecarlo(
     tselab montecarlo --study stress+ekf --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
-    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C, more --runs and --cases are added to
-    what is there; runs of other settings or of another library are not taken.
+    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C,
+    more --runs and --cases are added to what is there; runs of other settings or of
+    another library are not taken.
 
-    NAME+ekf runs another estimator beside the study's, on the same data; so does a function of yours, NAME+module.function, which
-    takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+    NAME+ekf runs another estimator beside the study's, on the same data; so does a
+    function of yours, NAME+module.function, which takes the log and the settings and
+    returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
@@ -108,9 +110,17 @@ def montecarlo(
 
 
 def _study(
-    name: str, runs: int | None, first_seed: int, out: Path, plan: dict[str, Any], jobs: int, scheduler: str | None,
-    restart: bool, progress: bool | None, as_json: bool,
-) -> None:  # fmt: skip
+    name: str,
+    runs: int | None,
+    first_seed: int,
+    out: Path,
+    plan: dict[str, Any],
+    jobs: int,
+    scheduler: str | None,
+    restart: bool,
+    progress: bool | None,
+    as_json: bool,
+) -> None:
     """Run a study, write its files and say what it found."""
     from tselab.montecarlo import studies
     from tselab.montecarlo.engine import Plan
@@ -149,14 +159,16 @@ def paper(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its numbers beside ours.
+    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its
+    numbers beside ours.
 
     \b
     tselab paper
     tselab paper --runs 40 --jobs 2 --out paper
 
-    The filters: the paper's as printed, the same with settings that keep it from diverging, and the default. Every finished run is
-    kept in DIR/runs.jsonl: the same command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with matplotlib,
-    paper.png.
+    The filters: the paper's as printed, the same with settings that keep it from
+    diverging, and the default. Every finished run is kept in DIR/runs.jsonl: the same
+    command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with
+    matplotlib, paper.png.
     """
     _study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

@@ -37,10 +37,11 @@ MOST_STRETCHES = 2  # of a road that changed: the last ones
 
 
 def answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last stretches of road, under its title where there are several.
+    """Return three lines for each of the last stretches of road, under its title where
+    there are several.
 
-    The value is what held through the stretch (smoothed), where that is known. Along the car
-    it is of the axle that drives, which shows it."""
+    The value is what held through the stretch (smoothed), where that is known. Along the
+    car it is of the axle that drives, which shows it."""
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
     lines = []
@@ -65,10 +66,11 @@ def answer(found: Sequence[Finding], config: Config) -> list[str]:
 
 
 def held(v: Verdict) -> tuple[float, float]:
-    """Return the stiffness that held through a stretch of road, and half of its 95 % interval.
+    """Return the stiffness that held through a stretch of road, and half of its 95 %
+    interval.
 
-    It is the smoothed one. Where rows are valid and that is not, and of particles, it is that at
-    the end."""
+    It is the smoothed one. Where rows are valid and that is not, and of particles, it is
+    that at the end."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
@@ -81,7 +83,8 @@ def beside(v: Verdict) -> str:
 
 
 def _cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
-    """Return which stiffness, its value with its 95 % interval, and whether to act on it. rear: that axle drives."""
+    """Return which stiffness, its value with its 95 % interval, and whether to act on it.
+    rear: that axle drives."""
     where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
     value, band = held(v)
     if not np.isfinite(value):

@@ -1,5 +1,5 @@
-"""Run the filter over a log: what it starts from (a learnt state, whose bytes are the library's, tse/learnt.h), the table that
-comes out, and how that is written."""
+"""Run the filter over a log: what it starts from (a learnt state, whose bytes are the
+library's, tse/learnt.h), the table that comes out, and how that is written."""
 
 from __future__ import annotations
 
@@ -69,7 +69,8 @@ class Learnt:
 
 
 def read_learnt(path: Path, age: float | None = None) -> Learnt:
-    """Read a file that write_learnt() wrote. `age`: s since that drive; None: the age of the file."""
+    """Read a file that write_learnt() wrote. `age`: s since that drive; None: the age of
+    the file."""
     try:
         with open(path, "rb") as file:
             data = file.read(MOST)
@@ -98,7 +99,8 @@ def csv_header(table: Columns) -> bytes:
 
 
 def csv_rows(table: Columns) -> bytes:
-    """The lines of the rows: of every number the shortest digits that give the same bits back; missing values are empty cells."""
+    """The lines of the rows: of every number the shortest digits that give the same bits
+    back; missing values are empty cells."""
     columns = [getattr(column, "array", column) for _, column in table.items()]
     columns = [c if isinstance(c, pd.Categorical) else np.asarray(c) for c in columns]
     if not columns or not len(columns[0]):
@@ -114,8 +116,9 @@ def csv_rows(table: Columns) -> bytes:
 
 
 def _kind(column: Any) -> tuple[str, bool, bool]:
-    """As what a column is written: words, f (small whole numbers, too), d or nothing of these; whether all its cells read the same,
-    as in most columns of a few rows; whether no number is missing or whole, which orjson writes otherwise than Arrow."""
+    """As what a column is written: words, f (small whole numbers, too), d or nothing of
+    these; whether all its cells read the same, as in most columns of a few rows; whether
+    no number is missing or whole, which orjson writes otherwise than Arrow."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
@@ -129,7 +132,8 @@ def _kind(column: Any) -> tuple[str, bool, bool]:
 
 
 def _parts(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] | None:
-    """Of each row the cells of these columns, of which _kind() says what it says; None of what Arrow writes otherwise."""
+    """Of each row the cells of these columns, of which _kind() says what it says; None of
+    what Arrow writes otherwise."""
     if kind == "words":
         return _words(columns)
     if not kind or any(c.dtype.kind in "iu" and not -WHOLE < c.min() <= c.max() < WHOLE for c in columns):
@@ -205,8 +209,8 @@ REFUSED = "row refused"  # the reason of a row with a negative status
 
 @dataclass
 class Estimate:
-    """Estimates row by row, and how the run ended. The table has all columns of EST.csv, or those of SUMMARY, of a very long log
-    every so-manieth row."""
+    """Estimates row by row, and how the run ended. The table has all columns of EST.csv,
+    or those of SUMMARY, of a very long log every so-manieth row."""
 
     table: pd.DataFrame
     interrupted: bool
@@ -223,7 +227,8 @@ class Estimate:
 
 
 def est_fields() -> list[Field]:
-    """Outputs of the library as EST.csv has them: what came later stands last, so that columns keep their places."""
+    """Outputs of the library as EST.csv has them: what came later stands last, so that
+    columns keep their places."""
     return sorted(library().fields(OUTPUT), key=lambda f: _generation(f.name))
 
 
@@ -252,8 +257,9 @@ def est_columns() -> list[str]:
 def estimate(
     log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None, contradicted: bool = False
 ) -> Estimate:
-    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept.
-    `contradicted`: its channels contradict each other, so no row is valid: what would be is implausible."""
+    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run
+    early; what is done is kept. `contradicted`: its channels contradict each other, so no
+    row is valid: what would be is implausible."""
     tables = [pd.DataFrame(_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
     teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
@@ -270,9 +276,10 @@ def estimate_to(
     watch: Sequence[Callable[[Block], None]] = (),
     contradicted: bool = False,
 ) -> Estimate:
-    """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
-    result has the columns of SUMMARY. `path`: None: they are not written. `watch`: shown every block of rows, for what else
-    becomes of them."""
+    """The same, written to EST.csv or .parquet on the way, so that memory does not grow
+    by what is written; the table of the result has the columns of SUMMARY. `path`: None:
+    they are not written. `watch`: shown every block of rows, for what else becomes of
+    them."""
     head = _head(config)
     summary = Summary(head, len(log))
     with _writing(path, head) as write:
@@ -294,7 +301,8 @@ def estimate_to(
 
 @contextmanager
 def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
-    """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
+    """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`:
+    the table without rows."""
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
@@ -307,7 +315,8 @@ def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], objec
 
 
 def single(block: Columns) -> Block:
-    """Estimates as they are written, in single precision: more digits double size and time of the file and mean nothing."""
+    """Estimates as they are written, in single precision: more digits double size and
+    time of the file and mean nothing."""
     return {
         name: column.astype(np.float32) if column.dtype == np.float64 and name not in DOUBLE else column
         for name, column in block.items()
@@ -352,7 +361,8 @@ def _run(
     learnt: Learnt | None,
     contradicted: bool,
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
-    """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
+    """Run the filter and give its table away block by block. Returned: what it has
+    learnt, and Filter.uncertainty_sd()."""
     filter_ = Filter(config)
     if learnt is not None:
         learnt.load(filter_)
@@ -386,7 +396,8 @@ def _run(
 
 
 def contradict(outputs: np.ndarray) -> None:
-    """Let no row be valid, as the library itself does where it finds what contradicts: with its status and reason."""
+    """Let no row be valid, as the library itself does where it finds what contradicts:
+    with its status and reason."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -402,7 +413,8 @@ def _head(config: Config) -> Block:
 
 
 def block_of(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
-    """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
+    """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad,
+    validity as 1 or 0, reasons in words."""
     refused = outputs["status"] < 0
     columns: Block = {"time": time}
     for f in library().fields(OUTPUT):
@@ -445,7 +457,8 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
             file.write(csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# What verdicts, remarks and the list of events need of EST.csv, as small as it can be: 360 000 rows an hour stay in memory.
+# What verdicts, remarks and the list of events need of EST.csv, as small as it can be:
+# 360 000 rows an hour stay in memory.
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
@@ -461,8 +474,9 @@ SUMMARY: dict[str, type | None] = {
 
 
 class Summary:
-    """The columns of SUMMARY of a table that comes block by block. `head`: the table without rows; `rows`: how many may come. Of
-    more than MOST_KEPT every second, third ... is kept."""
+    """The columns of SUMMARY of a table that comes block by block. `head`: the table
+    without rows; `rows`: how many may come. Of more than MOST_KEPT every second, third
+    ... is kept."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}

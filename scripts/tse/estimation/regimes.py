@@ -1,5 +1,6 @@
-"""What happened on a drive, from the columns of EST.csv that say so: changes of what tyres and road give, faults of a channel,
-wheels that slide; and the stretches of road between the changes. A table without these columns has no events and is one stretch."""
+"""What happened on a drive, from the columns of EST.csv that say so: changes of what
+tyres and road give, faults of a channel, wheels that slide; and the stretches of road
+between the changes. A table without these columns has no events and is one stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,8 +47,9 @@ SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", 
 
 @dataclass(frozen=True)
 class Change:
-    """One change. `time`: when it began; `believed`: from when on the estimates are of what came after it (None: from then on).
-    `ratio`: stiffness after it over before, with its sd (NaN if unknown); only of what the change touched."""
+    """One change. `time`: when it began; `believed`: from when on the estimates are of
+    what came after it (None: from then on). `ratio`: stiffness after it over before, with
+    its sd (NaN if unknown); only of what the change touched."""
 
     time: float
     kind: int
@@ -95,8 +97,9 @@ class Spell:
 
 @dataclass(frozen=True)
 class Stretch:
-    """The road from one change to the next. `rows`: whose estimates are of it, which begin when the change is believed; of its
-    longest piece, if shorter ones have joined it."""
+    """The road from one change to the next. `rows`: whose estimates are of it, which
+    begin when the change is believed; of its longest piece, if shorter ones have joined
+    it."""
 
     start: float
     end: float
@@ -109,7 +112,8 @@ class Stretch:
 
 
 def spoken_of(table: pd.DataFrame) -> np.ndarray:
-    """The times that the rows' estimates speak of: where channels are logged late, they are older than the row."""
+    """The times that the rows' estimates speak of: where channels are logged late, they
+    are older than the row."""
     time = table["time"].to_numpy()
     age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
     return time - np.nan_to_num(age) if np.any(age > 0) else time
@@ -118,11 +122,12 @@ def spoken_of(table: pd.DataFrame) -> np.ndarray:
 def changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
-    last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
-    (SMALL).
+    Every row reports the last change the filter believes in, by its age. Reports of times
+    within TOGETHER are one change; the last one counts. Left out: what is less probable
+    than LIKELY in half of its rows and in the last, and what changed nothing (SMALL).
 
-    A change is believed after it began, and the estimates may have been drawn along before: see _began()."""
+    A change is believed after it began, and the estimates may have been drawn along
+    before: see _began()."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = spoken_of(table), table["change_kind"].to_numpy()
@@ -171,11 +176,14 @@ def _change(
 def _began(
     columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
 ) -> int:
-    """Find the row, of `first` to `before`, after which a change began that is believed after `before`.
+    """Find the row, of `first` to `before`, after which a change began that is believed
+    after `before`.
 
-    Until it is believed the filter takes what it sees for the road before, and its means move towards those of the road after it,
-    which `last` knows. It began where the share of the way that is gone since, mean of the stiffnesses that it touched, exceeds
-    CREEP most. A mean that moves while its variance falls has learnt something: 1.96 sd of that are no part of the way."""
+    Until it is believed the filter takes what it sees for the road before, and its means
+    move towards those of the road after it, which `last` knows. It began where the share
+    of the way that is gone since, mean of the stiffnesses that it touched, exceeds CREEP
+    most. A mean that moves while its variance falls has learnt something: 1.96 sd of that
+    are no part of the way."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
     first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))  # no share is more than 1
     gone = np.zeros(max(0, before + 1 - first))
@@ -218,7 +226,8 @@ def spells(table: pd.DataFrame) -> list[Spell]:
 
 
 def _named_at_last(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """The channel at fault by row: one that is likely and has no name yet is the one that gets it in the same run."""
+    """The channel at fault by row: one that is likely and has no name yet is the one that
+    gets it in the same run."""
     found = channel.copy()
     for first, after in runs:
         for i in range(after - 2, first - 1, -1):
@@ -228,7 +237,8 @@ def _named_at_last(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.n
 
 
 def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
-    """First row and row after the last of each run of rows; gaps shorter than TOGETHER are bridged."""
+    """First row and row after the last of each run of rows; gaps shorter than TOGETHER
+    are bridged."""
     found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -251,7 +261,8 @@ def channel_name(number: int) -> str:
 
 
 def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """The drive between changes. A stretch shorter than SHORT joins the one after it, the last one the one before it."""
+    """The drive between changes. A stretch shorter than SHORT joins the one after it, the
+    last one the one before it."""
     if table.empty:
         return []
     time = spoken_of(table)

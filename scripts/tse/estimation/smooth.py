@@ -1,7 +1,9 @@
-"""What a stretch of road says of a stiffness: a fixed-interval smoother over the filter's means and sds.
+"""What a stretch of road says of a stiffness: a fixed-interval smoother over the filter's
+means and sds.
 
-The filter knows at a row what came before it; the smoother adds what came after, up to the end of the stretch. What lies beyond
-a change is not used: its report may name the wrong axle."""
+The filter knows at a row what came before it; the smoother adds what came after, up to
+the end of the stretch. What lies beyond a change is not used: its report may name the
+wrong axle."""
 
 from collections.abc import Mapping
 
@@ -12,9 +14,9 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 STEP = 0.1  # s: of so much time the last row
-LEAST = (
-    0.01  # share of a variance that later rows may change, at least: what is fixed is known at the end alone
-)
+# Share of a variance that later rows may change, at least: what is fixed is known at the
+# end alone
+LEAST = 0.01
 
 Array = npt.NDArray[np.float64]
 
@@ -27,17 +29,16 @@ def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
     mean, var : (n,) array
         Mean and variance after each row, given all rows up to it.
     walk : (n - 1,) array
-        Process variance from each row to the next, at least. A filter whose variance has risen by more has opened that much.
+        Process variance from each row to the next, at least. A filter whose variance has
+        risen by more has opened that much.
 
     Returns
     -------
     mean, var : (n,) array
         The same, given all rows.
 
-    Notes
-    -----
-    Rauch, Tung & Striebel (1965): with Q = max(walk, rise of P), C = P/(P + Q), m += C (m' - m), P += C^2 (P' - P - Q); primes are
-    of the next row, smoothed.
+    Notes ----- Rauch, Tung & Striebel (1965): with Q = max(walk, rise of P), C = P/(P +
+    Q), m += C (m' - m), P += C^2 (P' - P - Q); primes are of the next row, smoothed.
     """
     m, p = mean.tolist(), var.tolist()
     opened = np.maximum(walk, np.diff(var)).tolist()
@@ -50,7 +51,8 @@ def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
 
 
 def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the part of each stiffness' relative variance that no row changes: model error and uncertain parameters of the car.
+    """Return the part of each stiffness' relative variance that no row changes: model
+    error and uncertain parameters of the car.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> di
     Returns
     -------
     dict
-        Of each stiffness. Empty without a row, and for filters with particles, which forget instead of walking.
+        Of each stiffness. Empty without a row, and for filters with particles, which
+        forget instead of walking.
     """
     used = np.flatnonzero(table["status"].to_numpy() >= 0)
     if config.form or not len(used):
@@ -81,23 +84,24 @@ def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[f
     Parameters
     ----------
     rows : DataFrame
-        Rows of the stretch, with columns of EST.csv: time, status, the stiffness and its sd.
+        Rows of the stretch, with columns of EST.csv: time, status, the stiffness and its
+        sd.
     key : str
         Which stiffness.
     config : Config
         Settings of the run: steady_walk.
     part : float
-        What of the relative variance is the same in all rows, and stays as it is; see fixed().
+        What of the relative variance is the same in all rows, and stays as it is; see
+        fixed().
 
     Returns
     -------
     tuple
         In the unit of the column; NaN where every row was refused.
 
-    Notes
-    -----
-    Mean of the smoothed logarithms. Its variance is the mean of the rows' variances and the variance of their means, so that it
-    gets no smaller by the number of rows.
+    Notes ----- Mean of the smoothed logarithms. Its variance is the mean of the rows'
+    variances and the variance of their means, so that it gets no smaller by the number of
+    rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
     last = used[np.flatnonzero(np.diff(np.floor(rows["time"].to_numpy()[used] / STEP), append=np.inf))]

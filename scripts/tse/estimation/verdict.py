@@ -1,4 +1,5 @@
-"""One plain sentence per stiffness: what the log says about it. Used by the terminal and the report."""
+"""One plain sentence per stiffness: what the log says about it. Used by the terminal and
+the report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,11 +31,15 @@ WHY = {
     "sensor fault": "a sensor was probably at fault",
     "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
     "input invalid": "inputs or measurements were missing",
-    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
-    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
-    "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)",
+    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known "
+    "better in [uncertainty]",
+    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is "
+    "missing (tselab gap)",
+    "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, "
+    "fault_factor)",
     "row refused": "the rows were refused",
-    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may show it",
+    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may "
+    "show it",
 }
 AT_FAULT = (
     "sensor fault",
@@ -52,29 +57,32 @@ STILL = (
     "input invalid",
     "row refused",
 )  # rows without a say in whether the channels agree
-AGREED = (
-    20.0  # s of driving in which channels agreed: what shows after it, and is no factor, was not so before
-)
+# s of driving in which channels agreed: what shows after it, and is no factor, was not so
+# before
+AGREED = 20.0
 MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
 LEAST_UNCERTAIN = 0.02  # ... and its sd, relative
-UNLIKELY = (
-    3.0  # prior sd: a steering angle further off is of another logger; no cornering stiffness is valid then
-)
+# Prior sd: a steering angle further off is of another logger; no cornering stiffness is
+# valid then
+UNLIKELY = 3.0
 FEW = 0.005  # with a smaller share of valid rows a stiffness is not valid
 DEGREE = 180 / np.pi
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The finding on one stiffness. Values in the unit of `unit`; NaN where there is none."""
+    """The finding on one stiffness. Values in the unit of `unit`; NaN where there is
+    none."""
 
     key: str
     name: str
     level: str  # good, partly, none
     unit: str
-    value: float  # at the end of the stretch, where the filter knows most of it; of particles the median of the valid rows
+    # At the end of the stretch, where the filter knows most of it; of particles the
+    # median of the valid rows
+    value: float
     band: float  # half of the 95 % interval
     spread: float  # sample to sample, share of the mean; NaN: not seen, or the form does not learn it
     nominal: float
@@ -127,7 +135,8 @@ class Quantity:
 def verdicts(
     table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
 ) -> list[Verdict]:
-    """The finding on each stiffness, of the whole log or of a stretch; smoothed, too, with `parts`: smooth.fixed()."""
+    """The finding on each stiffness, of the whole log or of a stretch; smoothed, too,
+    with `parts`: smooth.fixed()."""
     found = [_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
         _smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
@@ -136,7 +145,8 @@ def verdicts(
 
 
 def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
-    """With what all rows say together. It is valid if a row would be with its sd, and if rows were."""
+    """With what all rows say together. It is valid if a row would be with its sd, and if
+    rows were."""
     value, sd = smooth(rows, v.key, config, part)
     if not value > 0:
         return v
@@ -156,7 +166,8 @@ def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: s
 
 @dataclass(frozen=True)
 class Finding:
-    """What is known of the tyres on a stretch of road; without a stretch on the whole log. `others`: grip, sideslip."""
+    """What is known of the tyres on a stretch of road; without a stretch on the whole
+    log. `others`: grip, sideslip."""
 
     stretch: Stretch | None
     verdicts: list[Verdict]
@@ -189,14 +200,18 @@ def findings(
     contradictions: Sequence[str] = (),
     uncertainty_sd: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
-    """The finding on each stretch of road between changes; one on the whole log where nothing changed.
+    """The finding on each stretch of road between changes; one on the whole log where
+    nothing changed.
 
-    A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
-    and is given with the interval that it has then, also where no row is valid. Beside it stands the smoothed value over the
-    stretch: a row knows what came after it, too. `uncertainty_sd`: Filter.uncertainty_sd() at the end.
+    A mean over two roads is true of neither. On a stretch the filter does not forget: its
+    value at the end is what it knows best, and is given with the interval that it has
+    then, also where no row is valid. Beside it stands the smoothed value over the
+    stretch: a row knows what came after it, too. `uncertainty_sd`:
+    Filter.uncertainty_sd() at the end.
 
-    `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
-    the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
+    `contradictions`: what the channels say against each other (units.check_units). The
+    filter takes a channel that is wrong all the time for a car that is otherwise, surely;
+    so of such a log no stiffness is known."""
     if contradictions:
         return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
     pieces, parts = stretches(table, found), fixed(table, config, uncertainty_sd or {})
@@ -207,12 +222,13 @@ def findings(
 
 
 def implausible(table: pd.DataFrame) -> str:
-    """Return in words what the filter has against the log, if it is in most of the rows that drive and at their end, and was so
-    before it showed; empty else.
+    """Return in words what the filter has against the log, if it is in most of the rows
+    that drive and at their end, and was so before it showed; empty else.
 
-    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit, a sign or an axle that
-    is taken for another stays so. A channel that fails late contradicts fewer rows, or is no factor of what it was before: that
-    costs these rows, and leaves what was valid until then."""
+    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses
+    of speed; a unit, a sign or an axle that is taken for another stays so. A channel that
+    fails late contradicts fewer rows, or is no factor of what it was before: that costs
+    these rows, and leaves what was valid until then."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
@@ -222,7 +238,10 @@ def implausible(table: pd.DataFrame) -> str:
     wheels = channel_name(int(last["fault_channel"])).startswith("wheel_speed")
     if not wheels and last["fault_factor"] == 0 and _seconds(table, drives)[against[0]] > AGREED:
         return ""
-    return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {_against(last)}"
+    return (
+        f"check units, signs and axles: the channels contradict each other in {share} of the rows that "
+        f"drive: {_against(last)}"
+    )
 
 
 def _against(row: pd.Series) -> str:
@@ -241,7 +260,8 @@ def _against(row: pd.Series) -> str:
 
 
 def contradictions(table: pd.DataFrame) -> list[str]:
-    """Return where the channels of a log that is no mistake as a whole contradict each other, in words."""
+    """Return where the channels of a log that is no mistake as a whole contradict each
+    other, in words."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
     time, said = spoken_of(table), []
     for first, after in spans(time, rows):
@@ -261,8 +281,17 @@ def _seconds(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
 def _contradicted(v: Verdict) -> Verdict:
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
-    return replace(v, level="none", value=nan, band=nan, spread=nan, reason=CONTRADICTED,
-                   reason_share=1.0, text=text, smoothed_reason=CONTRADICTED)  # fmt: skip
+    return replace(
+        v,
+        level="none",
+        value=nan,
+        band=nan,
+        spread=nan,
+        reason=CONTRADICTED,
+        reason_share=1.0,
+        text=text,
+        smoothed_reason=CONTRADICTED,
+    )
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
@@ -281,20 +310,23 @@ def remarks(table: pd.DataFrame) -> list[str]:
         seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])
     ):
         found.append(
-            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather a channel or the vehicle "
+            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather "
+            "a channel or the vehicle "
             "file is wrong (latency, offset, steering ratio, another car)"
         )
     times = len(spans(spoken_of(table), off))
     if times:
         often = "once" if times == 1 else f"{times} times"
         found.append(
-            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not valid there"
+            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not "
+            "valid there"
         )
     return found
 
 
 def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return that the steering angle of a log is not as late as its vehicle file says, if so."""
+    """Return that the steering angle of a log is not as late as its vehicle file says, if
+    so."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -302,7 +334,8 @@ def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
     if abs(off) <= UNLIKELY * sd:
         return []
     return [
-        f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle file says, where an sd of "
+        f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle "
+        "file says, where an sd of "
         f"{sd * 1e3:.0f} ms was expected: another logger or signal? Stiffness is wrong by it: calibrate anew"
     ]
 
@@ -310,7 +343,8 @@ def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
 def of_uncertainty(
     table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]
 ) -> list[str]:
-    """Return where most of an interval at the end comes from parameter uncertainty: of which parameters, the largest first."""
+    """Return where most of an interval at the end comes from parameter uncertainty: of
+    which parameters, the largest first."""
     found = []
     for a, key in enumerate(STIFFNESS):
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
@@ -326,15 +360,17 @@ def of_uncertainty(
         mean, sd = (float(x) for x in last)
         names = ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
         found.append(
-            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, is parameter uncertainty: "
+            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, "
+            "is parameter uncertainty: "
             f"{names} (state in [uncertainty] what is known better; a calibration finds all but mass_sd)"
         )
     return found
 
 
 def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
-    """The value at the end: of the last valid row, or of the last one where hardly any is. Particles forget: over a whole log in
-    which nothing changed the medians of their valid rows."""
+    """The value at the end: of the last valid row, or of the last one where hardly any
+    is. Particles forget: over a whole log in which nothing changed the medians of their
+    valid rows."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
@@ -410,7 +446,8 @@ def _last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
 
 
 def others(table: pd.DataFrame, config: Config) -> list[Quantity]:
-    """Return the finding on grip, if it is estimated, and on the sideslip angle where it was largest."""
+    """Return the finding on grip, if it is estimated, and on the sideslip angle where it
+    was largest."""
     if config.form or f"{GRIP}_sd" not in table:
         return []
     return [q for q in (_grip(table, config), _sideslip(table)) if q is not None]
@@ -435,7 +472,8 @@ def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
 
 
 def _sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Where it was largest beyond its own interval, of the rows in which the car moved as the model says."""
+    """Where it was largest beyond its own interval, of the rows in which the car moved as
+    the model says."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None

@@ -1,5 +1,6 @@
-"""The report's interactive figures, one function a section: plain dictionaries as plotly draws them, for its classes check every
-number of every line and take a hundred times as long to be made."""
+"""The report's interactive figures, one function a section: plain dictionaries as plotly
+draws them, for its classes check every number of every line and take a hundred times as
+long to be made."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -21,21 +22,36 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 PART = 1 << 18  # rows that are thinned at a time, whole strides
 MOST_POINTS = 8000  # per line; longer logs are thinned
-QUIET = 1.4  # noise found over the setting's up to which there is nothing to see: steps of steering and torque read as some
+# Noise found over the setting's up to which there is nothing to see: steps of steering
+# and torque read as some
+QUIET = 1.4
 FINDING = 2.0  # s at the start in which the noise is still being found
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
-    "p_steady": "#dfe4e9", "p_changed": BLUE, "p_axle": PURPLE, "p_fault": "#b3261e", "p_sliding": ORANGE,
+    "p_steady": "#dfe4e9",
+    "p_changed": BLUE,
+    "p_axle": PURPLE,
+    "p_fault": "#b3261e",
+    "p_sliding": ORANGE,
     "p_restarted": INK,
-}  # fmt: skip
+}
 MOST_LABELS = 16  # events named in the plot; the others have a line
 MOST_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
 
 
 LOOKS = {  # of every figure
-    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK}, "paper_bgcolor": "white", "plot_bgcolor": "white",
-    "legend": {"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
-}  # fmt: skip
+    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
+    "paper_bgcolor": "white",
+    "plot_bgcolor": "white",
+    "legend": {
+        "orientation": "h",
+        "y": 0.995,
+        "yanchor": "top",
+        "x": 0,
+        "xanchor": "left",
+        "yref": "container",
+    },
+}
 AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
 
 
@@ -64,8 +80,16 @@ def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
     return figure.update_layout(height=180 * len(rows) + 80)
 
 
-STYLE = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8, "text.color": INK,
-         "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
+STYLE = {
+    "font.size": 11,
+    "font.family": "DejaVu Sans",
+    "axes.edgecolor": "#c8ced4",
+    "axes.linewidth": 0.8,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": "#52606d",
+    "ytick.color": "#52606d",
+}
 
 
 @contextmanager
@@ -85,7 +109,8 @@ def picture_of(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers use.
+# Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers
+# use.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
@@ -105,8 +130,8 @@ def match_reference(column: str) -> str | None:
 
 
 def thin(y: np.ndarray, stride: int) -> np.ndarray:
-    """Of every `stride` values of a line the least and the greatest, in the order in which they come: peaks survive. `y`: a line,
-    or lines as rows."""
+    """Of every `stride` values of a line the least and the greatest, in the order in
+    which they come: peaks survive. `y`: a line, or lines as rows."""
     if stride == 1:
         return y
     missing = np.full((*y.shape[:-1], -y.shape[-1] % stride), np.nan)
@@ -128,12 +153,14 @@ def picks(rows: int, stride: int) -> np.ndarray:
 
 
 def stride_for(rows: int, most: int) -> int:
-    """How many rows thin() takes together, so that at most about `most` points are left of a line."""
+    """How many rows thin() takes together, so that at most about `most` points are left
+    of a line."""
     return 1 if rows <= most else -(-2 * rows // most)
 
 
 def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
-    """A line of about `most` points, with its peaks; broken by NaN where `time` jumps by more than `hole` s."""
+    """A line of about `most` points, with its peaks; broken by NaN where `time` jumps by
+    more than `hole` s."""
     stride = stride_for(len(y), most)
     xs, ys = [], []
     for part in np.split(np.arange(len(y)), 1 + np.flatnonzero(np.diff(time) > hole)):
@@ -146,7 +173,8 @@ def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[
 
 
 def least(y: np.ndarray, stride: int) -> np.ndarray:
-    """Of every `stride` rows that in which y is least, twice: for lines that belong together, as thin() has its values."""
+    """Of every `stride` rows that in which y is least, twice: for lines that belong
+    together, as thin() has its values."""
     if stride == 1:
         return np.arange(len(y))
     rest = np.full(-len(y) % stride, np.inf)
@@ -160,8 +188,9 @@ def stride_of(rows: int) -> int:
 
 
 class Data:
-    """What the figures draw, thinned to what a screen can show. The estimates are added block by block, as the run makes them:
-    all but the last block of a multiple of `stride` rows."""
+    """What the figures draw, thinned to what a screen can show. The estimates are added
+    block by block, as the run makes them: all but the last block of a multiple of
+    `stride` rows."""
 
     def __init__(self, log: Log):
         self.stride = stride_of(len(log))
@@ -185,9 +214,12 @@ class Data:
             for p in REGIMES:
                 self._lines.setdefault(p, []).append(columns[p][unusual].astype(np.float32))
         for key in STIFFNESS:
-            band = zip(columns[key][at] / 1000, 1.96 * columns[f"{key}_sd"][at] / 1000,
-                       getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
-                       strict=True)  # fmt: skip
+            band = zip(
+                columns[key][at] / 1000,
+                1.96 * columns[f"{key}_sd"][at] / 1000,
+                getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
+                strict=True,
+            )
             self._hover[key] += [f"{m:.1f} ± {s:.1f} {UNITS[key]}, {r}" for m, s, r in band]
         self.rows += count
 
@@ -241,7 +273,8 @@ PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", 
 
 
 def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The lines that are drawn of some rows of EST.csv, in the units of the plots. `x_low` and `x_high` are the 95 % interval."""
+    """The lines that are drawn of some rows of EST.csv, in the units of the plots.
+    `x_low` and `x_high` are the 95 % interval."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -266,24 +299,48 @@ class Figure:
         gap = 0.11 / rows + 0.012
         axis = {**AXIS, "automargin": True}
         self.layout: dict[str, Any] = {
-            "height": self.height, "margin": {"l": 62, "r": 18, "t": 70, "b": 40}, **LOOKS, "hovermode": "x unified",
-            "annotations": [], "shapes": [],
-        }  # fmt: skip
+            "height": self.height,
+            "margin": {"l": 62, "r": 18, "t": 70, "b": 40},
+            **LOOKS,
+            "hovermode": "x unified",
+            "annotations": [],
+            "shapes": [],
+        }
         top = 1.0
         for row, (title, height) in enumerate(zip(titles, heights, strict=True), 1):
             bottom = max(0.0, top - height / total * (1 - gap * (rows - 1)))
             last = row == rows
             self.layout[f"xaxis{self.axis(row)}"] = {
-                **axis, "anchor": f"y{self.axis(row)}", "domain": [0.0, 1.0], "ticks": "outside", "tickcolor": "#c8ced4",
-                **({"title": {"text": "time [s]"}} if last else {"matches": f"x{self.axis(rows)}", "showticklabels": False}),
-            }  # fmt: skip
+                **axis,
+                "anchor": f"y{self.axis(row)}",
+                "domain": [0.0, 1.0],
+                "ticks": "outside",
+                "tickcolor": "#c8ced4",
+                **(
+                    {"title": {"text": "time [s]"}}
+                    if last
+                    else {"matches": f"x{self.axis(rows)}", "showticklabels": False}
+                ),
+            }
             self.layout[f"yaxis{self.axis(row)}"] = {
-                **axis, "anchor": f"x{self.axis(row)}", "domain": [bottom, top], "title": {"standoff": 6},
-            }  # fmt: skip
+                **axis,
+                "anchor": f"x{self.axis(row)}",
+                "domain": [bottom, top],
+                "title": {"standoff": 6},
+            }
             self.layout["annotations"].append(
-                {"text": title, "x": 0, "xanchor": "left", "xref": "paper", "y": top, "yanchor": "bottom", "yref": "paper",
-                 "showarrow": False, "font": {"size": 14, "color": INK}}
-            )  # fmt: skip
+                {
+                    "text": title,
+                    "x": 0,
+                    "xanchor": "left",
+                    "xref": "paper",
+                    "y": top,
+                    "yanchor": "bottom",
+                    "yref": "paper",
+                    "showarrow": False,
+                    "font": {"size": 14, "color": INK},
+                }
+            )
             top = bottom - gap
 
     @staticmethod
@@ -311,9 +368,17 @@ def _line(
         if key in more:
             line[known] = more.pop(key)
     figure.add(
-        row, x=x, y=np.asarray(y, np.float32), name=name, line=line, mode="lines", legendgroup=name, showlegend=legend,
-        connectgaps=False, **more,
-    )  # fmt: skip
+        row,
+        x=x,
+        y=np.asarray(y, np.float32),
+        name=name,
+        line=line,
+        mode="lines",
+        legendgroup=name,
+        showlegend=legend,
+        connectgaps=False,
+        **more,
+    )
 
 
 def _band(
@@ -328,13 +393,23 @@ def _band(
 ) -> None:
     for y, fill in ((low, "none"), (high, "tonexty")):
         figure.add(
-            row, x=x, y=y, name=name, mode="lines", line={"width": 0, "color": colour}, fill=fill, fillcolor=colour,
-            hoverinfo="skip", legendgroup=name, showlegend=fill != "none" and legend,
-        )  # fmt: skip
+            row,
+            x=x,
+            y=y,
+            name=name,
+            mode="lines",
+            line={"width": 0, "color": colour},
+            fill=fill,
+            fillcolor=colour,
+            hoverinfo="skip",
+            legendgroup=name,
+            showlegend=fill != "none" and legend,
+        )
 
 
 def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None:
-    """Shade the stretches where `where` is true; the shortest gaps between them are bridged if there are too many."""
+    """Shade the stretches where `where` is true; the shortest gaps between them are
+    bridged if there are too many."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     if len(starts) > MOST_SHADES:
@@ -346,17 +421,28 @@ def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None
         )
     axis = figure.axis(row)
     figure.layout["shapes"] += [
-        {"type": "rect", "xref": f"x{axis}", "yref": f"y{axis} domain", "x0": float(time[a]),
-         "x1": float(time[min(b, len(time) - 1)]), "y0": 0, "y1": 1, "fillcolor": SHADE, "line": {"width": 0}, "layer": "below"}
+        {
+            "type": "rect",
+            "xref": f"x{axis}",
+            "yref": f"y{axis} domain",
+            "x0": float(time[a]),
+            "x1": float(time[min(b, len(time) - 1)]),
+            "y0": 0,
+            "y1": 1,
+            "fillcolor": SHADE,
+            "line": {"width": 0},
+            "layer": "below",
+        }
         for a, b in zip(starts, ends, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def stiffness_figure(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Mean and its 95 % interval, of particles the spread, too; grey where not valid, with the reason on hover. Below them what
-    happened, if the estimates tell. `table`: at least SUMMARY."""
+    """Mean and its 95 % interval, of particles the spread, too; grey where not valid,
+    with the reason on hover. Below them what happened, if the estimates tell. `table`: at
+    least SUMMARY."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)
@@ -429,35 +515,67 @@ def _strip(figure: Figure, row: int, d: Data) -> None:
     """The probabilities of the regimes, one on the other."""
     for name, title in REGIMES.items():
         figure.add(
-            row, x=d.time, y=d.line(name), name=title, mode="lines", stackgroup="regimes", fillcolor=REGIME_COLOURS[name],
-            line={"width": 0, "color": REGIME_COLOURS[name], "shape": "hv"}, legendgroup=name, showlegend=name != "p_steady",
+            row,
+            x=d.time,
+            y=d.line(name),
+            name=title,
+            mode="lines",
+            stackgroup="regimes",
+            fillcolor=REGIME_COLOURS[name],
+            line={"width": 0, "color": REGIME_COLOURS[name], "shape": "hv"},
+            legendgroup=name,
+            showlegend=name != "p_steady",
             hovertemplate="%{y:.0%}",
-        )  # fmt: skip
+        )
     figure.y_axis(row).update(range=[0, 1], tickformat=".0%", dtick=0.5)
 
 
 def mark(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
-    """A line through all rows for every change, and in `row` what it was; the same for the most probable spells."""
+    """A line through all rows for every change, and in `row` what it was; the same for
+    the most probable spells."""
     figure.layout["shapes"] += [
-        {"type": "line", "xref": "x", "yref": "paper", "x0": c.time, "x1": c.time, "y0": 0, "y1": 1,
-         "line": {"color": INK, "width": 1, "dash": "dot"}}
+        {
+            "type": "line",
+            "xref": "x",
+            "yref": "paper",
+            "x0": c.time,
+            "x1": c.time,
+            "y0": 0,
+            "y1": 1,
+            "line": {"color": INK, "width": 1, "dash": "dot"},
+        }
         for c in changes
-    ]  # fmt: skip
+    ]
     longest = sorted(spells, key=lambda s: s.start - s.end)[: max(0, MOST_LABELS - len(changes))]
     likeliest = sorted(changes, key=lambda c: -c.probability)[:MOST_LABELS]
     labels = sorted([(c.time, c.label) for c in likeliest] + [(s.start, s.label) for s in longest])
     axis = figure.axis(row)
     figure.layout["annotations"] += [
-        {"text": text, "x": time, "xref": f"x{axis}", "xanchor": "left", "y": 0.95 - 0.3 * (i % 3), "yref": f"y{axis} domain",
-         "yanchor": "top", "showarrow": False, "font": {"size": 12, "color": INK}, "bgcolor": "rgba(255,255,255,0.8)"}
+        {
+            "text": text,
+            "x": time,
+            "xref": f"x{axis}",
+            "xanchor": "left",
+            "y": 0.95 - 0.3 * (i % 3),
+            "yref": f"y{axis} domain",
+            "yanchor": "top",
+            "showarrow": False,
+            "font": {"size": 12, "color": INK},
+            "bgcolor": "rgba(255,255,255,0.8)",
+        }
         for i, (time, text) in enumerate(labels)
-    ]  # fmt: skip
+    ]
 
 
 def states_figure(d: Data, grip: bool = False) -> Figure:
-    """States with their 95 % intervals, references and what was measured. `grip`: it is estimated."""
-    rows = [("vel_x", "Longitudinal velocity [m/s]"), ("vel_y", "Lateral velocity [m/s]"),
-            ("yaw_rate", "Yaw rate [rad/s]"), ("sideslip", "Sideslip angle [deg]")]  # fmt: skip
+    """States with their 95 % intervals, references and what was measured. `grip`: it is
+    estimated."""
+    rows = [
+        ("vel_x", "Longitudinal velocity [m/s]"),
+        ("vel_y", "Lateral velocity [m/s]"),
+        ("yaw_rate", "Yaw rate [rad/s]"),
+        ("sideslip", "Sideslip angle [deg]"),
+    ]
     if grip:
         rows.append((GRIP, "Grip [1]"))
     figure = Figure([title for _, title in rows], [180] * len(rows))
@@ -484,8 +602,11 @@ def states_figure(d: Data, grip: bool = False) -> Figure:
 
 def inputs_figure(d: Data) -> Figure:
     """The log as it was read."""
-    rows = [("Steering angle [rad]", ["steer_angle"]), ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),
-            ("Specific force [m/s2]", ["accel_x", "accel_y"])]  # fmt: skip
+    rows = [
+        ("Steering angle [rad]", ["steer_angle"]),
+        ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),
+        ("Specific force [m/s2]", ["accel_x", "accel_y"]),
+    ]
     figure = Figure([title for title, _ in rows], [180] * len(rows))
     for row, (_, names) in enumerate(rows, 1):
         for name, colour in zip(names, (BLUE, GREEN), strict=False):
@@ -514,8 +635,9 @@ UNEXPLAINED = (
 
 
 def health_figure(d: Data) -> Figure:
-    """Biases, log-likelihood, innovations or effective particles, status; the noise found where it is not what the settings say;
-    the model discrepancy, where the estimates have it."""
+    """Biases, log-likelihood, innovations or effective particles, status; the noise found
+    where it is not what the settings say; the model discrepancy, where the estimates have
+    it."""
     particles = bool((d.line("n_eff") > 1).any())
     titles = [
         "Accelerometer biases [m/s2]",
@@ -558,8 +680,18 @@ def health_figure(d: Data) -> Figure:
         _line(figure, 4, d.time, d.line(name), name, colour, False, width=1)
     texts = {code: f.text for code, f in library().codes(STATUS).items()}
     status = d.line("status")
-    _line(figure, 5, d.time, status, "status", INK, False, text=[texts.get(int(s), "") for s in status],
-          hovertemplate="%{y}: %{text}", line_shape="hv")  # fmt: skip
+    _line(
+        figure,
+        5,
+        d.time,
+        status,
+        "status",
+        INK,
+        False,
+        text=[texts.get(int(s), "") for s in status],
+        hovertemplate="%{y}: %{text}",
+        line_shape="hv",
+    )
     figure.y_axis(5).update(rangemode="tozero", dtick=1)
     for name, colour in zip(noise if noisy else (), (BLUE, GREEN, PURPLE), strict=False):
         _line(figure, 6, d.time, noise[name], name, colour, width=1.2)

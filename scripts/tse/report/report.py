@@ -40,8 +40,9 @@ def write_report(
     contradictions: Sequence[str] = (),
     judged: tuple[list[regimes.Change], list[Finding]] | None = None,
 ) -> None:
-    """Write the report of a run. `contradictions`: see verdict.findings. `data`, `judged`: what was drawn of it on the way, and its
-    changes and findings; else they are made from the table of `est`."""
+    """Write the report of a run. `contradictions`: see verdict.findings. `data`,
+    `judged`: what was drawn of it on the way, and its changes and findings; else they are
+    made from the table of `est`."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
@@ -50,25 +51,55 @@ def write_report(
         judged = changes, findings(est.table, config, changes, contradictions, est.uncertainty_sd)
     (changes, found), spells = judged, regimes.spells(est.table)
     sections = [
-        ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
-         "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),
-        ("States", "Estimates against the reference columns of the log, where there are any.",
-         plots.states_figure(data, config.form == 0 and config.grip_sd > 0)),
-        ("Inputs and measurements", "The log as it was read; references are off until their legend entry is clicked.",
-         plots.inputs_figure(data)),
-        ("Health of the filter", "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
-         plots.health_figure(data)),
-        ("Other reference columns", "Columns of the log that start with ref_ and match no estimate.", plots.others_figure(data)),
-    ]  # fmt: skip
-    write_page(path, "report.html.j2", sections, title=log.path.name, vehicle=vehicle, findings=found, spread=config.form != 0,
-               most=MOST_CARDS, events=events(changes, spells), facts=run_facts(est, log, vehicle, config, data.stride),
-               changed=[(config.fields[name], value) for name, value in config.changed().items()],
-               notes=notes, filters={"held": held, "beside": beside})  # fmt: skip
+        (
+            "Stiffness",
+            "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to "
+            "reset; all plots "
+            "share the time axis.",
+            plots.stiffness_figure(data, est.table, config, changes, spells),
+        ),
+        (
+            "States",
+            "Estimates against the reference columns of the log, where there are any.",
+            plots.states_figure(data, config.form == 0 and config.grip_sd > 0),
+        ),
+        (
+            "Inputs and measurements",
+            "The log as it was read; references are off until their legend entry is clicked.",
+            plots.inputs_figure(data),
+        ),
+        (
+            "Health of the filter",
+            "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
+            plots.health_figure(data),
+        ),
+        (
+            "Other reference columns",
+            "Columns of the log that start with ref_ and match no estimate.",
+            plots.others_figure(data),
+        ),
+    ]
+    write_page(
+        path,
+        "report.html.j2",
+        sections,
+        title=log.path.name,
+        vehicle=vehicle,
+        findings=found,
+        spread=config.form != 0,
+        most=MOST_CARDS,
+        events=events(changes, spells),
+        facts=run_facts(est, log, vehicle, config, data.stride),
+        changed=[(config.fields[name], value) for name, value in config.changed().items()],
+        notes=notes,
+        filters={"held": held, "beside": beside},
+    )
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
-    """Write a page that needs nothing else. `sections`: title, text and figure, of plots.py or of plotly; without the figure none.
-    `words`: what else the template asks for; `filters` among them are those that it pipes through."""
+    """Write a page that needs nothing else. `sections`: title, text and figure, of
+    plots.py or of plotly; without the figure none. `words`: what else the template asks
+    for; `filters` among them are those that it pipes through."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]

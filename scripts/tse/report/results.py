@@ -1,4 +1,5 @@
-"""What a run found, for programs: rows of a table, a JSON document, an exit code that says how much can be used."""
+"""What a run found, for programs: rows of a table, a JSON document, an exit code that
+says how much can be used."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -24,14 +25,35 @@ USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; 2 is bad input
 CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}
 LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # of a verdict
 KILO = 1000.0  # verdicts are in kN
-COLUMNS: dict[str, str] = {  # of the table of an estimate, a row per stretch of road and stiffness: pandas' type
-    "log": "string", "stretch": "Int64", "start": "Float64", "end": "Float64", "stiffness": "string", "value": "Float64",
-    "sd": "Float64", "low": "Float64", "high": "Float64", "smoothed": "Float64", "smoothed_sd": "Float64",
-    "smoothed_low": "Float64", "smoothed_high": "Float64", "smoothed_reason": "string",
-    "spread": "Float64", "nominal": "Float64", "valid": "Float64",
-    "usable": "string", "reason": "string", "change": "string", "change_probability": "Float64", "ratio": "Float64",
-    "ratio_sd": "Float64", "warnings": "string", "text": "string",
-}  # fmt: skip
+COLUMNS: dict[
+    str, str
+] = {  # of the table of an estimate, a row per stretch of road and stiffness: pandas' type
+    "log": "string",
+    "stretch": "Int64",
+    "start": "Float64",
+    "end": "Float64",
+    "stiffness": "string",
+    "value": "Float64",
+    "sd": "Float64",
+    "low": "Float64",
+    "high": "Float64",
+    "smoothed": "Float64",
+    "smoothed_sd": "Float64",
+    "smoothed_low": "Float64",
+    "smoothed_high": "Float64",
+    "smoothed_reason": "string",
+    "spread": "Float64",
+    "nominal": "Float64",
+    "valid": "Float64",
+    "usable": "string",
+    "reason": "string",
+    "change": "string",
+    "change_probability": "Float64",
+    "ratio": "Float64",
+    "ratio_sd": "Float64",
+    "warnings": "string",
+    "text": "string",
+}
 
 
 def exit_code(found: Sequence[Finding]) -> int:
@@ -50,7 +72,8 @@ def rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """The table of an estimate: a dict per row, with COLUMNS. A change stands at the stretch that it began."""
+    """The table of an estimate: a dict per row, with COLUMNS. A change stands at the
+    stretch that it began."""
     time = regimes.spoken_of(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
@@ -60,29 +83,59 @@ def rows(
         for v in f.verdicts:
             ratio, sd = began.ratio.get(v.key, (np.nan, np.nan)) if began else (np.nan, np.nan)
             table.append(
-                {"log": str(log), "stretch": number, "start": start, "end": end, **_of_verdict(v),
-                 "change": began.what if began else None, "change_probability": began.probability if began else np.nan,
-                 "ratio": ratio, "ratio_sd": sd, "warnings": "\n".join(warnings) or None, "text": v.text}
-            )  # fmt: skip
+                {
+                    "log": str(log),
+                    "stretch": number,
+                    "start": start,
+                    "end": end,
+                    **_of_verdict(v),
+                    "change": began.what if began else None,
+                    "change_probability": began.probability if began else np.nan,
+                    "ratio": ratio,
+                    "ratio_sd": sd,
+                    "warnings": "\n".join(warnings) or None,
+                    "text": v.text,
+                }
+            )
     return table
 
 
 def _of_verdict(v: Verdict) -> dict[str, Any]:
     """In N and N/rad."""
     return {
-        "stiffness": v.key, "value": KILO * v.value, "sd": KILO * v.band / 1.96, "low": KILO * v.low, "high": KILO * v.high,
-        "smoothed": KILO * v.smoothed, "smoothed_sd": KILO * v.smoothed_band / 1.96,
-        "smoothed_low": KILO * (v.smoothed - v.smoothed_band), "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
-        "smoothed_reason": v.smoothed_reason or None, "spread": v.spread,
-        "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
-        "reason": (v.reason or None) if v.level != "good" else None,  # of a stiffness that is usable there is none
-    }  # fmt: skip
+        "stiffness": v.key,
+        "value": KILO * v.value,
+        "sd": KILO * v.band / 1.96,
+        "low": KILO * v.low,
+        "high": KILO * v.high,
+        "smoothed": KILO * v.smoothed,
+        "smoothed_sd": KILO * v.smoothed_band / 1.96,
+        "smoothed_low": KILO * (v.smoothed - v.smoothed_band),
+        "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
+        "smoothed_reason": v.smoothed_reason or None,
+        "spread": v.spread,
+        "nominal": KILO * v.nominal,
+        "valid": v.valid,
+        "usable": LEVELS[v.level],
+        "reason": (v.reason or None)
+        if v.level != "good"
+        else None,  # of a stiffness that is usable there is none
+    }
 
 
 def _of_quantity(q: Quantity) -> dict[str, Any]:
     """Grip, sideslip: in its unit."""
-    return {"value": q.value, "sd": q.band / 1.96, "low": q.value - q.band, "high": q.value + q.band, "unit": q.unit,
-            "time": q.time, "valid": q.valid, "reason": q.reason or None, "text": q.line()}  # fmt: skip
+    return {
+        "value": q.value,
+        "sd": q.band / 1.96,
+        "low": q.value - q.band,
+        "high": q.value + q.band,
+        "unit": q.unit,
+        "time": q.time,
+        "valid": q.valid,
+        "reason": q.reason or None,
+        "text": q.line(),
+    }
 
 
 def document(
@@ -161,7 +214,8 @@ def as_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> 
 def write_rows(
     path: Path, table: Sequence[Mapping[str, Any]], columns: Mapping[str, str] | None = None
 ) -> None:
-    """Rows as Parquet or CSV, by the name. `columns`: their order and types; else those of the first row."""
+    """Rows as Parquet or CSV, by the name. `columns`: their order and types; else those
+    of the first row."""
     frame = as_frame(table, columns) if columns else pd.DataFrame([plain(r) for r in table])
     with atomic(path, "wb") as file:
         if is_parquet(path):

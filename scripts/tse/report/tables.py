@@ -77,26 +77,31 @@ def sim_settings_table() -> str:
 
 
 def example_vehicle() -> str:
-    """A commented vehicle file to edit: what a file must say, with the built-in car's values; the rest commented out. Who knows no
-    more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is known exactly,
-    make an estimate sure of what is wrong."""
+    """A commented vehicle file to edit: what a file must say, with the built-in car's
+    values; the rest commented out. Who knows no more of a car than its measures must not
+    say more: sensors and stiffness that are another car's, or a car that is known
+    exactly, make an estimate sure of what is wrong."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in vehicle_settings() if n in REQUIRED]
     others = [n for n in vehicle_settings() if n not in REQUIRED]
     lines = [
-        "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size car's.",
+        "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size "
+        "car's.",
         'name = "my car"',
         *(_toml_line(fields[name], getattr(car, name)) for name in required),
         "",
-        "# All below is optional: take the # away where you know it. What is left out is that of an ordinary car of its mass and",
+        "# All below is optional: take the # away where you know it. What is left out is that of an "
+        "ordinary car of its mass and",
         "# axles, and the run says so.",
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
-        '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other axle rolls freely',
+        '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other '
+        "axle rolls freely",
         "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
         *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in others),
         "",
-        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. 0: known exactly.",
+        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. "
+        "0: known exactly.",
         "# [uncertainty]",
         *(f"# {_toml_line(fields[name], unknown_car()[name])}" for name in uncertainty_settings()),
         "",
@@ -116,11 +121,13 @@ def example_vehicle() -> str:
 
 
 def simulated_vehicle() -> str:
-    """The car of `tselab simulate`, known exactly: for logs whose truth is known, and for nothing else."""
+    """The car of `tselab simulate`, known exactly: for logs whose truth is known, and for
+    nothing else."""
     car = Config.exact()
     fields = car.fields
     lines = [
-        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is 'tselab vehicle --example'.",
+        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is "
+        "'tselab vehicle --example'.",
         "# SI units; stiffness per axle (both wheels).",
         'name = "mid-size car"',
         f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
@@ -144,7 +151,8 @@ def simulated_vehicle() -> str:
 
 _EFFECTS = (
     "",
-    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
+    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the "
+    "parameters of",
     "# src/tables/effects.toml ('tselab settings' has them as <id>_<parameter>). Left out: none.",
     "# [effects.body_roll]",
     "# gain = 0.008  # rad s2/m",

@@ -17,7 +17,8 @@ from tse.library.errors import NoFile, UserError, meant
 from tse.library.files import check_regular, real
 from tse.readers.readers import READERS
 
-# Of what a reader takes these are too common for other things to be taken for logs in a folder; named one by one they are.
+# Of what a reader takes these are too common for other things to be taken for logs in a
+# folder; named one by one they are.
 UNSURE = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - UNSURE
 RESULTS = (".est.csv", ".est.parquet")  # what tselab estimate leaves
@@ -32,7 +33,8 @@ DATE = re.compile(
 
 @dataclass(frozen=True)
 class Drive:
-    """One log. `start`: s since 1970, of `start_from`: the log itself, its name, or the time of the file."""
+    """One log. `start`: s since 1970, of `start_from`: the log itself, its name, or the
+    time of the file."""
 
     car: str
     log: Path
@@ -46,8 +48,9 @@ class Drive:
 def drives(
     words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path
 ) -> list[Drive]:
-    """All logs, car by car in order of time. `words`: files, folders, patterns; `table`: which car each is, else all have
-    `vehicle` and a folder of logs is a car, or all are of the one `car`."""
+    """All logs, car by car in order of time. `words`: files, folders, patterns; `table`:
+    which car each is, else all have `vehicle` and a folder of logs is a car, or all are
+    of the one `car`."""
     logs = _logs(words, out, table)
     found = _of_table(logs, table) if table is not None else _of_folders(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (started(d.log),)]
@@ -58,7 +61,8 @@ def drives(
 
 
 def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Every log once, with the folder that names its car. UserError: a word that stands for none."""
+    """Every log once, with the folder that names its car. UserError: a word that stands
+    for none."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {real(out), *([real(table)] if table is not None else [])}
     for word in words:
@@ -67,7 +71,8 @@ def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Pat
             inside = list(_below(path, not_logs))
             if not inside:
                 raise UserError(
-                    f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}"
+                    f"{path}: no log is in this folder; files with these endings are: "
+                    f"{' '.join(sorted(SUFFIXES))}"
                 )
             mine = [(p, path / p.relative_to(path).parts[0] if p.parent != path else path) for p in inside]
         elif path.exists():
@@ -140,7 +145,8 @@ def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
 
 
 def _fits(path: Path, base: Path, pattern: str) -> bool:
-    """Is it that file, in that folder, or of that pattern? Patterns are relative to the table."""
+    """Is it that file, in that folder, or of that pattern? Patterns are relative to the
+    table."""
     return base / pattern in (path, *path.parents) or fnmatch.fnmatch(
         str(path), str(Path(glob.escape(str(base))) / pattern)
     )
@@ -169,7 +175,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     read.columns = [str(c).strip() for c in read.columns]
     if lacks := [c for c in TABLE_COLUMNS[:2] if c not in read]:
         raise UserError(
-            f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a pattern like cars/7/*.mf4), "
+            f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a "
+            "pattern like cars/7/*.mf4), "
             "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
@@ -181,7 +188,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
             raise UserError(
-                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file"
+                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one "
+                "vehicle file"
             )
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:
@@ -197,7 +205,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
 
 
 def started(path: Path) -> tuple[float, str]:
-    """When a drive began, s since 1970, and what says so: the log, its name, or the time of the file."""
+    """When a drive began, s since 1970, and what says so: the log, its name, or the time
+    of the file."""
     for source, of in (("log", _of_log), ("name", _of_name)):
         try:
             when = of(path)

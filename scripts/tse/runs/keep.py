@@ -1,4 +1,5 @@
-"""What is done of a fleet, a file for each log, so that the same command goes on where it was stopped; and the table of all."""
+"""What is done of a fleet, a file for each log, so that the same command goes on where it
+was stopped; and the table of all."""
 
 import base64
 import contextlib
@@ -27,9 +28,13 @@ DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "est
 LEAST_LOGS = 3  # of a car beside the one that is compared with them
 STIFFER = 1.3  # times the median of the others: dry asphalt is as stiff as it gets, and warm tyres are softer
 COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of which drive they are
-    "car": "string", **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
-    **{k: v for k, v in results.COLUMNS.items() if k != "log"}, "error": "string", "report": "string", "vehicle": "string",
-}  # fmt: skip
+    "car": "string",
+    **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
+    **{k: v for k, v in results.COLUMNS.items() if k != "log"},
+    "error": "string",
+    "report": "string",
+    "vehicle": "string",
+}
 
 
 @dataclass
@@ -61,7 +66,8 @@ class Store:
         return real(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def calibrated(self, drive: Drive, text: str) -> Path:
-        """Keep the vehicle file that was made of a drive's; what is there already stays as it is."""
+        """Keep the vehicle file that was made of a drive's; what is there already stays
+        as it is."""
         folder = self.out / CALIBRATED
         folder.mkdir(exist_ok=True)
         path = folder / f"{_of_car(drive.car)}-{_plain(drive.vehicle.stem if drive.vehicle else '')}.toml"
@@ -71,7 +77,8 @@ class Store:
         return path
 
     def load(self, drive: Drive, task: Task) -> Done | None:
-        """What was kept of this log, if it was made of the same files and settings, by this user, and all of it is there."""
+        """What was kept of this log, if it was made of the same files and settings, by
+        this user, and all of it is there."""
         with contextlib.suppress(ValueError):  # a vehicle file that cannot be read: the run says it
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
@@ -114,14 +121,19 @@ class Store:
 
 
 def table(done: Sequence[Done]) -> pd.DataFrame:
-    """A row per log, stretch of road and stiffness; a log that cannot be used is one row with its error."""
+    """A row per log, stretch of road and stiffness; a log that cannot be used is one row
+    with its error."""
     rows: list[dict[str, Any]] = []
     for d in done:
         about: Mapping[str, Any] = {
-            "car": d.drive.car, "log": str(d.drive.log), "start_time": pd.Timestamp(d.drive.start, unit="s", tz="UTC"),
-            "start_from": d.drive.start_from, "seconds": d.outcome.seconds, "report": d.report or None,
+            "car": d.drive.car,
+            "log": str(d.drive.log),
+            "start_time": pd.Timestamp(d.drive.start, unit="s", tz="UTC"),
+            "start_from": d.drive.start_from,
+            "seconds": d.outcome.seconds,
+            "report": d.report or None,
             "vehicle": str(d.drive.vehicle) if d.drive.vehicle else None,
-        }  # fmt: skip
+        }
         if d.outcome.error or not d.outcome.rows:
             rows.append({**about, "error": d.outcome.error or "no row could be used", "usable": "no"})
         rows += [{**row, **about} for row in d.outcome.rows]
@@ -134,8 +146,9 @@ def table(done: Sequence[Done]) -> pd.DataFrame:
 
 
 def unlike(frame: pd.DataFrame) -> dict[str, str]:
-    """By log what makes it unlike the other logs of its car: tyres that are stiffer than any road makes them. It may be of another
-    car, with another load, on other tyres; or all the others were on snow. Softer is what wet roads and snow are."""
+    """By log what makes it unlike the other logs of its car: tyres that are stiffer than
+    any road makes them. It may be of another car, with another load, on other tyres; or
+    all the others were on snow. Softer is what wet roads and snow are."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -157,7 +170,8 @@ def unlike(frame: pd.DataFrame) -> dict[str, str]:
 
 
 def key_of(task: Task) -> str:
-    """Of all that an outcome depends on. Logs by size and time, for to read them all takes as long as to run them."""
+    """Of all that an outcome depends on. Logs by size and time, for to read them all
+    takes as long as to run them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [
@@ -198,6 +212,7 @@ def _digest(text: str) -> str:
 
 
 def _of_car(name: str) -> str:
-    """The start of the names of a car's files: for people, and of no other car on any file system."""
+    """The start of the names of a car's files: for people, and of no other car on any
+    file system."""
     plain = _plain(name)
     return plain if plain == name.lower() else f"{plain}-{_digest(name)}"

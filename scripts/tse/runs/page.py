@@ -50,13 +50,15 @@ class Car:
 
     @property
     def softest(self) -> str:
-        """Which axle is the softest in bends; of a car of which no bend tells, along; "" of one of which nothing is known."""
+        """Which axle is the softest in bends; of a car of which no bend tells, along; ""
+        of one of which nothing is known."""
         known = [k for k in CORNERING if k in self.last] or list(self.last)
         return min(known, key=lambda k: self.last[k].value, default="")
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """By what cars are ranked: N/rad of the softest axle; those that tell less stand behind."""
+        """By what cars are ranked: N/rad of the softest axle; those that tell less stand
+        behind."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -113,11 +115,22 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
     for c in drawn:
         sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", trend(c, table)))
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
-    write_page(path, "fleet.html.j2", sections, title=title, cars=all_cars, errors=[d for d in done if d.outcome.error],
-               counts={word: codes.count(code) for code, word in CODES.items()},
-               done=done, most=MOST_LOGS, usable=CODES, names=NAMES, table=TABLE,
-               moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
-               said=_said(table))  # fmt: skip
+    write_page(
+        path,
+        "fleet.html.j2",
+        sections,
+        title=title,
+        cars=all_cars,
+        errors=[d for d in done if d.outcome.error],
+        counts={word: codes.count(code) for code, word in CODES.items()},
+        done=done,
+        most=MOST_LOGS,
+        usable=CODES,
+        names=NAMES,
+        table=TABLE,
+        moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
+        said=_said(table),
+    )
 
 
 def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
@@ -182,5 +195,13 @@ def _points(
     mode: str = "markers",
 ) -> None:
     row = 1 if key in CORNERING else 2
-    figure.add(row, x=list(x), y=list(y), mode=mode, name=NAMES[key], marker={"color": COLOURS[key], "size": 7},
-               line={"color": COLOURS[key], "width": 1}, error_y={"type": "data", "array": list(band), "thickness": 1})  # fmt: skip
+    figure.add(
+        row,
+        x=list(x),
+        y=list(y),
+        mode=mode,
+        name=NAMES[key],
+        marker={"color": COLOURS[key], "size": 7},
+        line={"color": COLOURS[key], "width": 1},
+        error_y={"type": "data", "array": list(band), "thickness": 1},
+    )

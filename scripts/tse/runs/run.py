@@ -1,5 +1,6 @@
-"""All logs of a fleet: several cars at once, the drives of one car one after the other, for each starts from what the one before
-taught. In processes of this machine or on a Dask cluster; the numbers are the same."""
+"""All logs of a fleet: several cars at once, the drives of one car one after the other,
+for each starts from what the one before taught. In processes of this machine or on a Dask
+cluster; the numbers are the same."""
 
 import contextlib
 import sys
@@ -45,7 +46,8 @@ def run(
     scheduler: str | None = None,
     progress: bool = False,
 ) -> list[Done]:
-    """Run what is not done yet; all logs, in the order of `drives`. `jobs`: processes; 0: this one."""
+    """Run what is not done yet; all logs, in the order of `drives`. `jobs`: processes; 0:
+    this one."""
     done: dict[Drive, Done] = {}
     chains = [_Chain(c, plan, store) for c in _chains(drives, plan.learn)]
     with tqdm(
@@ -117,7 +119,8 @@ class _Chain:
         self.end = 0.0  # of the drive that taught it, s since 1970
 
     def next(self, keep: Any) -> Task | None:
-        """The next log that has to be run; what is done already is kept on the way. None: that was the last."""
+        """The next log that has to be run; what is done already is kept on the way. None:
+        that was the last."""
         while self.drives:
             drive = self.drives[0]
             if drive.error or drive.vehicle is None:
@@ -142,14 +145,26 @@ class _Chain:
             else []
         )
         return Task(
-            log=_whole(drive.log), vehicle=_whole(vehicle), signals=_whole(drive.signals or reading.signals),
-            rate=reading.rate, strict=reading.strict, databases=tuple(_whole(p) for p in reading.databases),
-            config=_whole(plan.config), average=plan.average, form=plan.form, settings=plan.settings, learnt=self.learnt,
-            age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0, report=plan.reports,
-            estimates=self.store.estimates(drive) if plan.estimates else None, code=code_of(),
+            log=_whole(drive.log),
+            vehicle=_whole(vehicle),
+            signals=_whole(drive.signals or reading.signals),
+            rate=reading.rate,
+            strict=reading.strict,
+            databases=tuple(_whole(p) for p in reading.databases),
+            config=_whole(plan.config),
+            average=plan.average,
+            form=plan.form,
+            settings=plan.settings,
+            learnt=self.learnt,
+            age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0,
+            report=plan.reports,
+            estimates=self.store.estimates(drive) if plan.estimates else None,
+            code=code_of(),
             calibrate=plan.calibrate and vehicle == drive.vehicle,
-            others=tuple((_whole(d.log), _whole(d.signals or reading.signals)) for d in mine) if vehicle == drive.vehicle else (),
-        )  # fmt: skip
+            others=tuple((_whole(d.log), _whole(d.signals or reading.signals)) for d in mine)
+            if vehicle == drive.vehicle
+            else (),
+        )
 
     def take(self, task: Task, outcome: Outcome) -> Done:
         drive = self.drives.popleft()

@@ -1,5 +1,5 @@
-"""One log: from files and options to vehicle, log and settings; then one run of the estimator, as `tselab estimate` makes it and
-`tselab fleet` with each of many."""
+"""One log: from files and options to vehicle, log and settings; then one run of the
+estimator, as `tselab estimate` makes it and `tselab fleet` with each of many."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -36,8 +36,9 @@ from tse.roads.road import Road
 
 @dataclass
 class Prepared:
-    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other; so are `doubts`: in what
-    they perhaps do, if the rows say so, too. `own`: what a calibration on the log itself has found."""
+    """A run that may begin. `warnings` are among the notes: in what the channels
+    contradict each other; so are `doubts`: in what they perhaps do, if the rows say so,
+    too. `own`: what a calibration on the log itself has found."""
 
     vehicle: Vehicle
     log: Log
@@ -50,8 +51,9 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """That a car which nobody has calibrated is calibrated on the log itself. `others`: more logs of the same car; `goes_on`:
-    Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
+    """That a car which nobody has calibrated is calibrated on the log itself. `others`:
+    more logs of the same car; `goes_on`: Ctrl-C ends the calibration alone, and the
+    estimate is that of an ordinary car."""
 
     say: Callable[[str], None] = lambda _: None
     others: Sequence[Log] = ()
@@ -102,9 +104,10 @@ def assemble(
     calibrate: Calibrate | None = None,
     road: Road | None = None,
 ) -> Prepared:
-    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
-    what else is a warning; `calibrate`: what is done with a car that nobody has
-    calibrated; `road`: whose bank and grade the filter is given."""
+    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come
+    from, for messages; `strict`: refuse what else is a warning; `calibrate`: what is done
+    with a car that nobody has calibrated; `road`: whose bank and grade the filter is
+    given."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
@@ -177,7 +180,8 @@ def assemble(
 
 @dataclass
 class Run:
-    """A run, and what it found. `notes` are those of the preparation, too; `reported`: the report is written."""
+    """A run, and what it found. `notes` are those of the preparation, too; `reported`:
+    the report is written."""
 
     estimate: Estimate
     changes: list[Change]
@@ -197,8 +201,9 @@ def run(
 ) -> Run:
     """Estimate; write the estimates to `out` and the report, where they are given.
 
-    If the rows show that the channels contradict each other, estimate again with no row valid.
-    `whole`: keep the table of all rows and columns in memory, in place of a summary."""
+    If the rows show that the channels contradict each other, estimate again with no row
+    valid. `whole`: keep the table of all rows and columns in memory, in place of a
+    summary."""
 
     def estimate_once() -> tuple[Estimate, Any]:
         contradicted = bool(prepared.warnings)
@@ -236,7 +241,8 @@ def run(
 
 
 def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return whether the rows speak against a log of which the preparation had nothing to say; it is among the warnings then."""
+    """Return whether the rows speak against a log of which the preparation had nothing to
+    say; it is among the warnings then."""
     late = late_steering(table, prepared.config)
     said = (
         "" if prepared.warnings else implausible(table) or (f"check steer_angle: {late[0]}" if late else "")
@@ -251,7 +257,8 @@ def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
 
 
 def notes_of(prepared: Prepared, est: Estimate) -> list[str]:
-    """Return what is to be said of a run: of its preparation, of rows that were refused, of the estimates."""
+    """Return what is to be said of a run: of its preparation, of rows that were refused,
+    of the estimates."""
     notes = list(prepared.notes)
     refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:

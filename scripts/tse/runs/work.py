@@ -22,12 +22,14 @@ from tse.runs.single import Calibrate, prepare
 
 
 class Mismatch(UserError):
-    """This process has another tselab or library than the one that asks: all numbers would be in doubt."""
+    """This process has another tselab or library than the one that asks: all numbers
+    would be in doubt."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One log, and all that is needed to run it. `learnt`: what the drive before it taught, `age` s before."""
+    """One log, and all that is needed to run it. `learnt`: what the drive before it
+    taught, `age` s before."""
 
     log: Path
     vehicle: Path
@@ -71,20 +73,24 @@ def code_of() -> tuple[str, str]:
 def work(task: Task) -> Outcome:
     """Run one log. A log that cannot be used is an outcome, not an error."""
     if code_of() != task.code:
-        raise Mismatch(f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
-                       f"{task.code[1][:8]}: install the same on all")  # fmt: skip
+        raise Mismatch(
+            f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
+            f"{task.code[1][:8]}: install the same on all"
+        )
     try:
         return _work(task)
     except UserError as error:
         return Outcome(error=str(error))
     except MemoryError:
         return Outcome(
-            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there is more"
+            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there "
+            "is more"
         )
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return Outcome(
-            error=f"{task.log}: internal error: {type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno}); "
+            error=f"{task.log}: internal error: {type(error).__name__}: {error} "
+            f"({Path(where.filename).name}:{where.lineno}); "
             "a fault of tselab, please report it"
         )
 

@@ -1,5 +1,5 @@
-"""The filter while driving: frames of a bus in, estimates out, everything recorded. What goes wrong on the bus is a sentence, and
-it goes on."""
+"""The filter while driving: frames of a bus in, estimates out, everything recorded. What
+goes wrong on the bus is a sentence, and it goes on."""
 
 from __future__ import annotations
 
@@ -135,12 +135,14 @@ class Reader(threading.Thread):
                 self.errors += 1
                 if message.arbitration_id & BUS_OFF and not message.arbitration_id & RESTARTED:
                     self._say(
-                        "the bus is off: the controller has left it after too many errors; it goes on when it is back"
+                        "the bus is off: the controller has left it after too many errors; it goes on "
+                        "when it is back"
                     )
                 elif time.monotonic() - said_errors > SAID_AGAIN:
                     said_errors = time.monotonic()
                     self._say(
-                        f"{self.errors} error frame{'s' if self.errors > 1 else ''} on the bus so far: bit rate or wiring"
+                        f"{self.errors} error frame{'s' if self.errors > 1 else ''} on the bus so far: "
+                        "bit rate or wiring"
                     )
                 continue
             if message.is_remote_frame:
@@ -169,7 +171,8 @@ class Reader(threading.Thread):
 
 
 def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
-    """Return what opens a bus of python-can. UserError, when it is called: what its maker says."""
+    """Return what opens a bus of python-can. UserError, when it is called: what its maker
+    says."""
     can = need("can", "can", f"live, interface {interface}")
 
     def opened() -> Any:
@@ -177,7 +180,8 @@ def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[],
             return can.Bus(interface=interface, channel=channel, **more)
         except Exception as error:  # of drivers of many makers
             raise UserError(
-                f"interface {interface}, channel {channel}: cannot be opened: {str(error)[:200] or type(error).__name__}"
+                f"interface {interface}, channel {channel}: cannot be opened: "
+                f"{str(error)[:200] or type(error).__name__}"
             ) from None
 
     return opened
@@ -187,9 +191,11 @@ def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[],
 
 
 class Record:
-    """A folder with the drive: frames as they came, rows as the filter had them, estimates, and what was said.
+    """A folder with the drive: frames as they came, rows as the filter had them,
+    estimates, and what was said.
 
-    A disk that takes no more is a sentence; the filter goes on. Without a folder nothing is kept."""
+    A disk that takes no more is a sentence; the filter goes on. Without a folder nothing
+    is kept."""
 
     def __init__(self, folder: Path | None, say: Say):
         self._own = tempfile.TemporaryDirectory(prefix="tselab-") if folder is None else None
@@ -231,7 +237,8 @@ class Record:
         except OSError as error:
             self._failed = True
             self._say(
-                f"{self.folder}: cannot be written ({error.strerror or error}): it goes on, and nothing more is recorded"
+                f"{self.folder}: cannot be written ({error.strerror or error}): it goes on, and nothing "
+                "more is recorded"
             )
 
     def close(self) -> None:
@@ -390,7 +397,8 @@ class Live:
     # ---- the loop
 
     def work(self, timeout: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-        """Take what has come, or wait for it as long as that, s: times of the rows that it makes, and their outputs."""
+        """Take what has come, or wait for it as long as that, s: times of the rows that
+        it makes, and their outputs."""
         came = self.reader.take(timeout)
         if came and (rest := self._last_tick + TICK - time.monotonic()) > 0:
             time.sleep(rest)
@@ -413,7 +421,8 @@ class Live:
         return times, outputs
 
     def _keep(self) -> None:
-        """Write, look back and check, now and then, beside the rows, which must not wait for it."""
+        """Write, look back and check, now and then, beside the rows, which must not wait
+        for it."""
         while not self._ended.wait(WRITTEN):
             self._write()
             self._look_back()
@@ -441,11 +450,13 @@ class Live:
             few = listed(f"{i:#x}" for i in sorted(unknown))
             names = ", ".join(p.name for p in self.databases)
             self.say(
-                f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of another bus"
+                f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of "
+                "another bus"
             )
 
     def _count(self) -> tuple[int, dict[int, int]]:
-        """Count frames that are known, and identifiers that are not, while there are no signals yet."""
+        """Count frames that are known, and identifiers that are not, while there are no
+        signals yet."""
         seen = Counter(a.frame.identifier for a in self._listened)
         known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
         return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
@@ -477,15 +488,20 @@ class Live:
             notes: list[str] = []
             bus = Bus(Path("the bus"), self.databases, How())
             frames = [a.frame for a in came]
-            bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
-                    [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
+            bus.add(
+                np.array([f.identifier for f in frames], np.int64),
+                np.array([f.extended for f in frames], bool),
+                [f.bus for f in frames],
+                [f.data for f in frames],
+            )
             times = np.maximum.accumulate(np.array([f.time for f in frames]))
             recording = Recording(Path("the bus"), "bus", bus.channels(times, None, notes), notes)
             proposal = propose(recording.since_start(), self.vehicle)
             missing = [c for c in proposal.missing if c not in ("accel_x",)]
             if missing:
                 self.say(
-                    f"not found so far: {', '.join(missing)}; it listens on, drive some bends{_nearest(proposal, missing)}"
+                    f"not found so far: {', '.join(missing)}; it listens on, drive some "
+                    f"bends{_nearest(proposal, missing)}"
                 )
                 return
             path = self.record.folder / "frames.signals.toml"
@@ -494,7 +510,8 @@ class Live:
             for g in proposal.guesses:
                 self.say(f"proposed: {headline(g)}")
             self.say(
-                f"guessed by names, units and physics: look at {path}, and name it with --signals the next time"
+                f"guessed by names, units and physics: look at {path}, and name it with --signals the "
+                "next time"
             )
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
@@ -592,7 +609,8 @@ class Live:
             if gone and c not in self._silent:
                 self._silent[c] = last
                 self.say(
-                    f"{c}: no value for a second (message {stream.message_of(c)}): it is missing until one comes"
+                    f"{c}: no value for a second (message {stream.message_of(c)}): it is missing until "
+                    "one comes"
                 )
             elif not gone and c in self._silent:
                 self.say(f"{c}: values again, after {bus_now - self._silent.pop(c):.1f} s")
@@ -627,7 +645,8 @@ class Live:
             self._table = [{str(n): whole[n].iloc[::2].array for n in whole}]
 
     def table(self) -> pd.DataFrame:
-        """Return the columns of SUMMARY of all rows that are written, of a long drive of every so-manieth."""
+        """Return the columns of SUMMARY of all rows that are written, of a long drive of
+        every so-manieth."""
         frames = [pd.DataFrame(x) for x in self._table]
         nothing = block_of(np.zeros(0), self._no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
@@ -658,7 +677,8 @@ class Live:
                 )
 
     def _is_said(self, what: str, start: float, end: float | None = None) -> bool:
-        """Return whether this was said; if not, it counts as said now. One that goes on is the same."""
+        """Return whether this was said; if not, it counts as said now. One that goes on
+        is the same."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
                 self._happened[i] = (name, max(until, end or start))
@@ -692,8 +712,9 @@ class Live:
     # ---- the answer
 
     def result(self) -> tuple[Estimate, list[Finding], list[Change], list[str]]:
-        """Return what is known at the end, as `tselab estimate` says it of the rows: the estimates, what they say, what changed,
-        and in what the channels contradict each other."""
+        """Return what is known at the end, as `tselab estimate` says it of the rows: the
+        estimates, what they say, what changed, and in what the channels contradict each
+        other."""
         table = self.table()
         sd = self.filter.uncertainty_sd() if self.filter is not None else {}
         against = list(self.drive.contradicted)
@@ -718,8 +739,22 @@ class Live:
             value, sd = float(self.last[s]) * nominal, float(self.last[f"{s}_sd"]) * nominal
             reason = "" if valid else words.get(int(self.last[f"{s}_valid"]), "")
             unit = "kN" if s == "cx_front" else "kN/rad"
-            found.append(Verdict(s, s, "good" if valid else "none", unit, value, 1.96 * sd, float("nan"), nominal,
-                                 self._valid[s] / max(self.drive.rows, 1), reason, 1.0, ""))  # fmt: skip
+            found.append(
+                Verdict(
+                    s,
+                    s,
+                    "good" if valid else "none",
+                    unit,
+                    value,
+                    1.96 * sd,
+                    float("nan"),
+                    nominal,
+                    self._valid[s] / max(self.drive.rows, 1),
+                    reason,
+                    1.0,
+                    "",
+                )
+            )
         return [Finding(None, found)]
 
     def close(self) -> None:
@@ -751,9 +786,13 @@ class Live:
         late = np.array(d.delays) * 1e3
         if not d.rows or not len(late):
             return f"{d.frames} frames, {d.rows} rows"
-        return (f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} a second; from a frame "
-                f"to the estimate {np.median(late):.0f} ms, of 99 % of the rows at most {np.quantile(late, 0.99):.0f} ms, "
-                f"longest {late.max():.0f} ms")  # fmt: skip
+        return (
+            f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} a second; from "
+            "a frame "
+            f"to the estimate {np.median(late):.0f} ms, of 99 % of the rows at most "
+            f"{np.quantile(late, 0.99):.0f} ms, "
+            f"longest {late.max():.0f} ms"
+        )
 
 
 def _eventful(x: dict[str, Any]) -> bool:

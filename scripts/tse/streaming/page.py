@@ -1,5 +1,6 @@
-"""A page of this machine that shows a drive while it goes on: the charts of the page that estimates in a browser, fed with the
-rows of the filter that runs here. That page has a filter of its own, which could be fed, too; two filters would be two answers."""
+"""A page of this machine that shows a drive while it goes on: the charts of the page that
+estimates in a browser, fed with the rows of the filter that runs here. That page has a
+filter of its own, which could be fed, too; two filters would be two answers."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ AT_A_TIME = 4000  # rows of one answer
 
 
 class Page:
-    """The page. `add` takes rows as they come; who looks is answered by threads of its own.
+    """The page. `add` takes rows as they come; who looks is answered by threads of its
+    own.
 
     Parameters
     ----------
@@ -68,8 +70,12 @@ class Page:
             for s in STIFFNESS:
                 by = getattr(self._live.config, NOMINAL[s]) / 1000
                 reason = int(o[f"{s}_valid"])
-                row |= {s: float(o[s]) * by, f"{s}_sd": float(o[f"{s}_sd"]) * by, f"{s}_valid": float(reason == 0),
-                        f"{s}_reason": float(reason)}  # fmt: skip
+                row |= {
+                    s: float(o[s]) * by,
+                    f"{s}_sd": float(o[f"{s}_sd"]) * by,
+                    f"{s}_valid": float(reason == 0),
+                    f"{s}_reason": float(reason),
+                }
             with self._lock:
                 for n, x in row.items():
                     self._columns[n].append(x)
@@ -124,7 +130,8 @@ class Page:
             "columns": columns,
             "reasons": self._reasons,
             "answer": answer(self._live.now(), self._live.config),
-            "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, {1e3 * drive.delay:.0f} ms behind",
+            "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, "
+            f"{1e3 * drive.delay:.0f} ms behind",
             "events": said[events:],
             "nextEvent": len(said),
         }

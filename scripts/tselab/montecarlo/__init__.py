@@ -1,4 +1,5 @@
-"""Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated data.
+"""Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated
+data.
 
 case.py        what a case is; driving one of it            studies.py   manoeuvres, what goes wrong with a log, and all cases
 estimators.py  what can be run on a drive                   scores.py    one drive and one estimate become a row of numbers
