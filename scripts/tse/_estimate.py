@@ -411,7 +411,9 @@ def estimate(
     TypeError
         `log` is not a log.
 
-    Notes ----- Noise and biases of the sensors that the vehicle leaves out are found in
+    Notes
+    -----
+    Noise and biases of the sensors that the vehicle leaves out are found in
     the log. The run works around missing channels, impossible single values and a clock
     that jumps, and Result.notes names them. If channels contradict each other, a
     UserWarning says so (Result.warnings) and nothing is usable.

@@ -52,7 +52,9 @@ class Filter:
         A setting outside its range, or without effect with this form; a ValueError, and
         of a name that nobody knows a KeyError.
 
-    Notes ----- What no vehicle file tells of the sensors has the library's default here;
+    Notes
+    -----
+    What no vehicle file tells of the sensors has the library's default here;
     estimate() finds it in the log, and a filter for more rows of the same car is
     `result.filter()`: over the same rows it gives the same bits as estimate(). Filters
     are independent of each other; one is to be used by one thread at a time. copy() and

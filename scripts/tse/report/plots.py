@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tse.estimation.estimate import BLOCK, Block
-from tse.estimation.regimes import REGIMES, Change, Spell, spoken_of
+from tse.estimation.regimes import REGIMES, Change, Spell, estimate_times
 from tse.estimation.verdict import NAMES, UNITS
 from tse.library.core import GRIP, NOMINAL, STATUS, STIFFNESS, Config, library
 from tse.library.errors import UserError
@@ -446,7 +446,7 @@ def stiffness_figure(
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)
-    time = spoken_of(table)
+    time = estimate_times(table)
     for row, key in enumerate(STIFFNESS, 1):
         first = row == 1
         nominal = getattr(config, NOMINAL[key]) / 1000

@@ -74,7 +74,7 @@ def rows(
 ) -> list[dict[str, Any]]:
     """The table of an estimate: a dict per row, with COLUMNS. A change stands at the
     stretch that it began."""
-    time = regimes.spoken_of(est.table)
+    time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
     for number, f in enumerate(found, 1):
