@@ -287,7 +287,7 @@ def test_every_peak_survives_in_its_place(n, stride):
     y = np.random.default_rng(n).standard_normal(n)
     y[n // 2] = 50.0
     y[n // 3] = -50.0
-    thinned, at = plots.thin(y, stride), plots.picks(n, stride)
+    thinned, at = plots.thin(y, stride), plots.pick_rows(n, stride)
     assert len(thinned) == len(at) == 2 * -(-n // stride)
     assert np.all(np.diff(at) >= 0) and at[0] == 0 and at[-1] < n
     for i, value in enumerate(thinned):
@@ -305,11 +305,11 @@ def test_what_is_missing_leaves_a_gap_only_where_nothing_is_left():
 
 def test_what_a_screen_can_show_is_not_thinned():
     y = np.arange(7.0)
-    assert plots.thin(y, plots.stride_of(plots.MOST_POINTS)) is y
-    for n in (plots.MOST_POINTS + 1, 10**5, 360_000, 8 * 10**6):
+    assert plots.thin(y, plots.stride_of(plots.MAX_POINTS)) is y
+    for n in (plots.MAX_POINTS + 1, 10**5, 360_000, 8 * 10**6):
         stride = plots.stride_of(n)
         assert (
-            stride & (stride - 1) == 0 and plots.MOST_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MOST_POINTS
+            stride & (stride - 1) == 0 and plots.MAX_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MAX_POINTS
         )
 
 

@@ -27,7 +27,7 @@ NAMES = {
     "cy_rear": "Rear cornering stiffness",
 }
 UNITS = {"cx_front": "kN", "cy_front": "kN/rad", "cy_rear": "kN/rad"}
-QUIET = {
+TOO_QUIET = {
     "cx_front": "driving and braking were too weak or too steady",
     "cy_front": "too little steering excitation",
     "cy_rear": "too little steering excitation",
@@ -427,7 +427,7 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
 
 def _explain(reason: str, key: str) -> str:
     """Return the reason in more words."""
-    return QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
+    return TOO_QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
 
 
 def _find_commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:

@@ -1,6 +1,6 @@
-"""A page of this machine that shows a drive while it goes on: the charts of the page that
-estimates in a browser, fed with the rows of the filter that runs here. That page has a
-filter of its own, which could be fed, too; two filters would be two answers."""
+"""A page of this machine that shows a drive while it goes on. It has the charts of the
+browser page, fed with rows of the filter that runs here; the filter of the browser
+page would give a second answer."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from tse.streaming.drive import Live
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
 SHOWN = 0.05  # s between two rows that are shown
-MOST = 72_000  # rows that are kept: an hour; then the older half goes
+MAX_KEPT = 72_000  # rows that are kept: an hour. When it is full, the older half is dropped
 AT_A_TIME = 4000  # rows of one answer
 
 
 class Page:
-    """The page. `add` takes rows as they come; who looks is answered by threads of its
-    own.
+    """The page. add() takes rows as they come; threads of its own answer the browsers.
 
     Parameters
     ----------
@@ -40,7 +39,7 @@ class Page:
     def __init__(self, live: Live, port: int = 0):
         self._live = live
         self._lock = threading.Lock()
-        self._gone = 0  # rows that are not kept any more
+        self._gone = 0  # number of dropped rows
         self._last = -np.inf
         names = ["time", *(f"{s}{x}" for s in STIFFNESS for x in ("", "_sd", "_valid", "_reason")), *REGIMES]
         self._columns = {n: array("d") for n in names}
@@ -61,7 +60,7 @@ class Page:
         threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
 
     def add(self, times: np.ndarray, outputs: np.ndarray) -> None:
-        """Take rows: times, s, and what the library says of each, (rows,)."""
+        """Add rows: times, s, and outputs of the library, (rows,)."""
         for t, o in zip(times.tolist(), outputs, strict=True):
             if t < self._last + SHOWN - 1e-6:
                 continue
@@ -79,20 +78,20 @@ class Page:
             with self._lock:
                 for n, x in row.items():
                     self._columns[n].append(x)
-                if len(self._columns["time"]) > MOST:
+                if len(self._columns["time"]) > MAX_KEPT:
                     for x in self._columns.values():
-                        del x[: MOST // 2]
-                    self._gone += MOST // 2
+                        del x[: MAX_KEPT // 2]
+                    self._gone += MAX_KEPT // 2
 
     def close(self) -> None:
-        """Answer nobody any more."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
 
     def _answer(self, to: BaseHTTPRequestHandler) -> None:
         asked = urlsplit(to.path)
         if to.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
-            to.send_error(403)  # a page of somebody else that has this machine under a name of its own
+            to.send_error(403)  # another site that resolves its name to this machine
         elif asked.path == "/":
             self._send(to, "text/html; charset=utf-8", page_text().encode())
         elif asked.path == "/rows":
@@ -112,7 +111,7 @@ class Page:
         to.wfile.write(body)
 
     def _state(self, first: int, events: int) -> dict[str, Any]:
-        """Return what is new since row `first` and sentence `events`."""
+        """Return rows and sentences since row `first` and sentence `events`."""
         with self._lock:
             count = self._gone + len(self._columns["time"])
             first = first if self._gone <= first <= count else self._gone
@@ -138,7 +137,7 @@ class Page:
 
 
 def page_text() -> str:
-    """Return the page: one text with everything in it."""
+    """Return the page, with style and script in it."""
     text = (TEMPLATES / "live.html").read_text(encoding="utf-8")
     for mark, name in (("/* @style@ */", "page.css"), ("/* @script@ */", "draw.js")):
         text = text.replace(mark, (TEMPLATES / name).read_text(encoding="utf-8"))
