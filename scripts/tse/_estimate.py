@@ -23,8 +23,7 @@ from tse.calibration.own import STOPPED
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes
 from tse.estimation.answer import answer
-from tse.estimation.estimate import Estimate as Estimated
-from tse.estimation.estimate import Learnt, est_columns, read_learnt, write_estimates, write_learnt
+from tse.estimation.estimate import Estimates, Learnt, est_columns, read_learnt, write_estimates, write_learnt
 from tse.estimation.verdict import Finding, findings
 from tse.library.core import Config
 from tse.library.errors import UserError
@@ -229,8 +228,8 @@ class Result(Shown):
     def _config(self) -> Config:
         return self._ran[1].config if self._ran is not None else Filter(settings=self.settings)._config
 
-    def _estimated(self) -> Estimated:
-        return self._ran[0].estimate if self._ran is not None else Estimated(_plain(self.table), False)
+    def _estimated(self) -> Estimates:
+        return self._ran[0].estimate if self._ran is not None else Estimates(_plain(self.table), False)
 
     def _rows(self, log: Path, cautions: Sequence[str]) -> list[dict[str, Any]]:
         return results.rows(log, self._estimated(), *self._found(), cautions)

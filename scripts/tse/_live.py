@@ -22,23 +22,21 @@ from tse.car.config import check_effect, make_config
 from tse.channels.signals import FASTEST, SLOWEST, read_signals
 from tse.estimation import regimes
 from tse.estimation.answer import answer
-from tse.estimation.estimate import Estimate as Estimated
-from tse.estimation.estimate import write_learnt
+from tse.estimation.estimate import Estimates, write_learnt
 from tse.estimation.verdict import Finding
 from tse.library.errors import UserError
 from tse.report import results
-from tse.streaming.drive import Live as _Live
-from tse.streaming.drive import bus_opener
+from tse.streaming.drive import LiveDrive, bus_opener
 from tse.streaming.page import Page
 
 
 class Live:
     """A drive that goes on: iterate over it for its estimates. live() returns it."""
 
-    def __init__(self, drive: _Live, duration: float | None, notes: Sequence[str], folder: Path | None):
+    def __init__(self, drive: LiveDrive, duration: float | None, notes: Sequence[str], folder: Path | None):
         self._drive = drive
         self._page: Page | None = None
-        self._ended: tuple[Estimated, list[Finding], list[regimes.Change], list[str]] | None = None
+        self._ended: tuple[Estimates, list[Finding], list[regimes.Change], list[str]] | None = None
         self._end = math.inf if duration is None else time.monotonic() + duration
         self._stopped = False
         self.notes = tuple(notes)
@@ -187,7 +185,7 @@ class Live:
     def _rows_path(self) -> Path:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
-    def _result(self) -> tuple[Estimated, list[Finding], list[regimes.Change], list[str]]:
+    def _result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
         """Return estimates, findings, changes and contradictions of the drive; those of a
         drive that has ended once."""
         if not self._drive.closed:
@@ -291,7 +289,7 @@ def live(
     opened = (lambda: bus) if bus is not None else bus_opener(str(interface), channel, **options)
     tell = say if say is not None else lambda _: None
     folder = None if out is None else Path(out)
-    drive = _Live(opened, databases, car, made, mapped, folder, before, rate, tell)
+    drive = LiveDrive(opened, databases, car, made, mapped, folder, before, rate, tell)
     started = [f"started from: {before.note}"] if before is not None else []
     return Live(drive, duration, [*started, *notes], folder)
 

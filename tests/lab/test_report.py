@@ -12,7 +12,7 @@ from test_what_happened import table_of as table_of_events
 
 from conftest import tselab_here
 from tse.car.vehicle import default_vehicle
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.regimes import REGIMES, changes, spells
 from tse.estimation.verdict import late_steering, others, remarks, verdicts
 from tse.gaps.run.pictures import overlay
@@ -261,7 +261,7 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
     sd = {"model_sd": np.full(3, 0.009)}
     write_report(
         tmp_path / "r.html",
-        Estimate(table, False, uncertainty_sd=sd),
+        Estimates(table, False, uncertainty_sd=sd),
         log,
         default_vehicle(),
         Config.exact(),
@@ -308,9 +308,7 @@ def test_what_a_screen_can_show_is_not_thinned():
     assert plots.thin(y, plots.stride_of(plots.MAX_POINTS)) is y
     for n in (plots.MAX_POINTS + 1, 10**5, 360_000, 8 * 10**6):
         stride = plots.stride_of(n)
-        assert (
-            stride & (stride - 1) == 0 and plots.MAX_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MAX_POINTS
-        )
+        assert stride & (stride - 1) == 0 and plots.MAX_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MAX_POINTS
 
 
 @pytest.mark.parametrize("n", [1, 500, 20001])
@@ -439,7 +437,7 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
     log, table = drive(
         [(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))]
     )
-    write_report(tmp_path / "r.html", Estimate(table, False), log, default_vehicle(), Config.exact(), [])
+    write_report(tmp_path / "r.html", Estimates(table, False), log, default_vehicle(), Config.exact(), [])
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
                  "From 36.0 .. 119.9 s", "From 119.9 .. 200.0 s", "<td>front axle changed</td>"):  # fmt: skip
@@ -448,7 +446,7 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
     calm = drive(CALM)[1]
     write_report(
         tmp_path / "calm.html",
-        Estimate(calm, False),
+        Estimates(calm, False),
         log,
         default_vehicle(),
         Config.exact({"grip_sd": 0.2}),

@@ -216,7 +216,7 @@ REFUSED = "row refused"  # the reason of a row with a negative status
 
 
 @dataclass
-class Estimate:
+class Estimates:
     """Estimates row by row, and how the run ended.
 
     The table has all columns of EST.csv, or those of SUMMARY and of long logs every n-th
@@ -266,7 +266,7 @@ def est_columns() -> list[str]:
 
 def estimate(
     log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None, contradicted: bool = False
-) -> Estimate:
+) -> Estimates:
     """Run the filter over a log. Ctrl-C ends the run early; the rows done are kept.
 
     `learnt`: state to start from. `contradicted`: the channels contradict each other, so
@@ -275,7 +275,7 @@ def estimate(
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
     teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
+    return Estimates(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
 
 
 def estimate_to(
@@ -286,7 +286,7 @@ def estimate_to(
     learnt: Learnt | None = None,
     watch: Sequence[Callable[[Block], None]] = (),
     contradicted: bool = False,
-) -> Estimate:
+) -> Estimates:
     """Run the filter over a log, and write EST.csv or .parquet on the way.
 
     The result has the columns of SUMMARY, so memory does not grow with the file. `path`:
@@ -301,7 +301,7 @@ def estimate_to(
                 each(block)
 
         teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
-    return Estimate(
+    return Estimates(
         summary.table(),
         interrupted=summary.rows < len(log),
         learnt=teaches,

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes
 from tse.estimation.answer import beside, held
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.verdict import Finding, findings
 from tse.library import __version__
 from tse.library.core import Config, library
@@ -31,7 +31,7 @@ LEVEL = 4  # of compression; 9 takes three times as long for 3 %
 
 def write_report(
     path: Path,
-    est: Estimate,
+    est: Estimates,
     log: Log,
     vehicle: Vehicle,
     config: Config,

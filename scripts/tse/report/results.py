@@ -10,7 +10,7 @@ import pandas as pd
 from tse.car.config import filter_text
 from tse.car.vehicle import Vehicle, latency_settings
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.verdict import Finding, Quantity, Verdict
 from tse.library import __version__
 from tse.library.core import Config, library
@@ -63,7 +63,7 @@ def exit_code(found: Sequence[Finding]) -> int:
 
 def rows(
     log: Path,
-    est: Estimate,
+    est: Estimates,
     found: Sequence[Finding],
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
@@ -133,7 +133,7 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
 
 
 def document(
-    log: Path, est: Estimate, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
+    log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return an estimate as a JSON document. `said`: further entries, such as vehicle,
     notes and files."""
@@ -210,7 +210,7 @@ def write_rows(
 
 
 def run_facts(
-    est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride: int = 1
+    est: Estimates, log: Log, vehicle: Vehicle, config: Config, stride: int = 1
 ) -> list[tuple[str, str]]:
     """Return the facts of a run: a name and a value each."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0

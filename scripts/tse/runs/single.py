@@ -16,7 +16,7 @@ from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import MOST_ROWS, PERHAPS, check_car, late_across, stood, sure
 from tse.channels.log import read_log
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate, Learnt, estimate, estimate_to
+from tse.estimation.estimate import Estimates, Learnt, estimate, estimate_to
 from tse.estimation.regimes import Change
 from tse.estimation.verdict import (
     Finding,
@@ -187,7 +187,7 @@ class Run:
     """A run, and what it found. `notes` are those of the preparation, too; `reported`:
     the report is written."""
 
-    estimate: Estimate
+    estimate: Estimates
     changes: list[Change]
     findings: list[Finding]
     notes: list[str]
@@ -209,7 +209,7 @@ def run(
     valid. `whole`: keep the table of all rows and columns in memory, in place of a
     summary."""
 
-    def estimate_once() -> tuple[Estimate, Any]:
+    def estimate_once() -> tuple[Estimates, Any]:
         contradicted = bool(prepared.warnings)
         if whole:
             return estimate(prepared.log, prepared.config, progress, learnt, contradicted), None
@@ -260,7 +260,7 @@ def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
     return bool(said)
 
 
-def collect_notes(prepared: Prepared, est: Estimate) -> list[str]:
+def collect_notes(prepared: Prepared, est: Estimates) -> list[str]:
     """Return all notes of a run: of the preparation, of refused rows, of the
     estimates."""
     notes = list(prepared.notes)

@@ -29,7 +29,7 @@ from tse.estimation import regimes
 from tse.estimation.estimate import (
     MAX_SUMMARY,
     SUMMARY,
-    Estimate,
+    Estimates,
     Learnt,
     block_of,
     contradict,
@@ -252,7 +252,7 @@ class Record:
 
 
 @dataclass
-class Drive:
+class DriveState:
     """State of a drive, for display."""
 
     rows: int = 0
@@ -265,7 +265,7 @@ class Drive:
     contradicted: list[str] = field(default_factory=list)
 
 
-class Live:
+class LiveDrive:
     """The filter on a bus.
 
     Parameters
@@ -306,7 +306,7 @@ class Live:
         self._tell, self._signals, self._rate, self._learnt = say, signals, rate, learnt
         self._plain = config.as_dict()
         self.said: list[tuple[float, str]] = []
-        self.drive = Drive()
+        self.drive = DriveState()
         self._bus: Bus | None = None
         self.stream: Stream | None = None
         self._notes_of_bus: list[str] = []
@@ -706,19 +706,19 @@ class Live:
 
     # ---- the answer
 
-    def result(self) -> tuple[Estimate, list[Finding], list[Change], list[str]]:
+    def result(self) -> tuple[Estimates, list[Finding], list[Change], list[str]]:
         """Return estimates, findings, changes and contradictions at the end of the
         drive, as `tselab estimate` finds them in the rows."""
         table = self.table()
         sd = self.filter.uncertainty_sd() if self.filter is not None else {}
         against = list(self.drive.contradicted)
         if not len(table):
-            return Estimate(table, False), [], [], against
+            return Estimates(table, False), [], [], against
         if not against and (said := implausible(table)):
             against.append(said)
         changes = regimes.changes(table)
         taught = self.filter.save_learnt() if self.filter is not None and not against else None
-        est = Estimate(table, False, taught, sd, dict(self.drive.statuses))
+        est = Estimates(table, False, taught, sd, dict(self.drive.statuses))
         return est, findings(table, self.config, changes, against, sd), changes, against
 
     def now(self) -> list[Finding]:

@@ -17,7 +17,7 @@ import numpy as np
 from tse.estimation.answer import answer
 from tse.estimation.regimes import REGIMES
 from tse.library.core import NOMINAL, REASON, STIFFNESS, library
-from tse.streaming.drive import Live
+from tse.streaming.drive import LiveDrive
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
 SHOWN = 0.05  # s between two rows that are shown
@@ -30,13 +30,13 @@ class Page:
 
     Parameters
     ----------
-    live : Live
+    live : LiveDrive
         The drive.
     port : int
         0: any that is free.
     """
 
-    def __init__(self, live: Live, port: int = 0):
+    def __init__(self, live: LiveDrive, port: int = 0):
         self._live = live
         self._lock = threading.Lock()
         self._gone = 0  # number of dropped rows
