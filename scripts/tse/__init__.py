@@ -3,13 +3,18 @@ every car measures.
 
     import tse
 
-    result = tse.estimate("drive.mf4", "car.toml")      # a file or frame: result.words, .plot(), .report(path)
-    tse.signals("drive.mf4").write("signals.toml")      # which signal is which channel; read_log(), replay()
+    # a whole log: a file or a data frame
+    result = tse.estimate("drive.mf4", "car.toml")
+    result.words, result.plot(), result.report("page.html")
+    # which signal of a log is which channel; read_log(), replay()
+    tse.signals("drive.mf4").write("signals.toml")
     calibration = tse.calibrate(["monday.mf4", "friday.mf4"], "car.toml")
-    gap, fleet = tse.gap("drive.mf4", "car.toml"), tse.fleet("logs/", "car.toml", out="results")
-    f = tse.Filter("car.toml", sample_time=0.01)        # row by row; tse.live() reads a CAN bus while driving
-    e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1, accel_x=0.1, accel_y=1.2,
-               yaw_rate=0.06)
+    gap = tse.gap("drive.mf4", "car.toml")
+    fleet = tse.fleet("logs/", "car.toml", out="results")
+    # row by row; tse.live() reads a CAN bus while driving
+    f = tse.Filter("car.toml", sample_time=0.01)
+    e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1,
+               accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
 
 SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
 Stiffness is that of an axle. NaN is a missing value. The numbers are those of the C

@@ -70,7 +70,7 @@ class Calibration(Shown):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab calibrate`: 0 usable, 4 nothing usable, 12 not converged."""
+        """Exit code of the command: 0 usable, 4 nothing usable, 12 not converged."""
         if not self.converged:
             return NOT_CONVERGED
         is_usable = self._result.seconds >= LEAST_SECONDS and any(f.shown for f in self._result.findings)
@@ -88,7 +88,7 @@ class Calibration(Shown):
         return found
 
     def plot(self) -> Any:
-        """Return a figure of plotly: each number with its 95 % interval, and its prior."""
+        """Return a figure of plotly: numbers with their 95 % intervals and priors."""
         return page.bands(self._result)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
@@ -103,7 +103,7 @@ class Calibration(Shown):
         return Path(path)
 
     def write_table(self, path: str | os.PathLike[str]) -> Path:
-        """Write the table of `tselab calibrate --table`, as .parquet or .csv by the name."""
+        """Write the table of the command, .parquet or .csv by the name."""
         logs = " ".join(map(str, self._logs))
         results.write_rows(Path(path), [{"logs": logs, **f.as_json()} for f in self._result.findings])
         return Path(path)

@@ -1,4 +1,4 @@
-"""A whole log at once."""
+"""Estimate a whole log."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ import pandas as pd
 from tse._base import Array
 from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
 from tse._log import Log, LogLike, PathLike, checked, known_road
-from tse._shown import Shown, drawn
+from tse._shown import Shown, make_figure
 from tse._tables import STIFFNESS
-from tse._vehicle import VehicleLike, named, read_vehicle
+from tse._vehicle import VehicleLike, check_names, read_vehicle
 from tse.calibration.own import STOPPED
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes
@@ -151,7 +151,7 @@ class Result(Shown):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab estimate`: 0 usable, 3 usable in part, 4 nothing usable."""
+        """Exit code of the command: 0 usable, 3 usable in part, 4 nothing usable."""
         return results.exit_code(self._found()[0])
 
     @property
@@ -276,7 +276,8 @@ class Result(Shown):
         data = plots.Data(ready.log)
         data.add(ran.estimate.table)
         spells = regimes.spells(ran.estimate.table)
-        return drawn(plots.stiffness_figure(data, ran.estimate.table, ready.config, ran.changes, spells))
+        table = ran.estimate.table
+        return make_figure(plots.stiffness_figure(data, table, ready.config, ran.changes, spells))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab estimate --report`."""
@@ -309,13 +310,13 @@ class Result(Shown):
         write_estimates(_plain(self.table), Path(path))
 
     def write_table(self, path: str | os.PathLike[str]) -> Path:
-        """Write the table of `tselab estimate --table`, as .parquet or .csv by the name."""
+        """Write the table of the command, .parquet or .csv by the name."""
         _, ready = self._of_run()
         results.write_rows(Path(path), self._rows(ready.log.path, self.cautions), results.COLUMNS)
         return Path(path)
 
     def save_learnt(self, path: str | os.PathLike[str]) -> Path:
-        """Write the learnt state, for the argument `learnt`. Error: nothing was learnt."""
+        """Write the learnt state for the next drive. Error: nothing was learnt."""
         if self.learnt is None:
             raise UserError(f"nothing was learnt: {path} is not written")
         write_learnt(Path(path), self.learnt)
@@ -428,7 +429,7 @@ def estimate(
         average,
         {},
         form,
-        named(settings),
+        check_names(settings),
         "settings",
         strict=reading is not None and reading.strict,
         calibrate=Calibrate(say, goes_on=keep_partial) if calibrate and before is None else None,

@@ -12,7 +12,7 @@ import pandas as pd
 
 from tse._filter import Form
 from tse._log import PathLike
-from tse._shown import Shown, drawn
+from tse._shown import Shown, make_figure
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tse.estimation.answer import WHERE
 from tse.library.errors import UserError
@@ -125,7 +125,7 @@ class Fleet(Shown):
     def plot(self) -> Any:
         """Return a figure of plotly: the last estimate of each car with its 95 %
         interval, the softest first."""
-        return drawn(page.distribution(self._cars))
+        return make_figure(page.distribution(self._cars))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab fleet`. Its links lead to reports in `folder`."""

@@ -183,7 +183,7 @@ class GapCheck:
         return pd.DataFrame(self.to_dict()["effects"])
 
     def write_table(self, path: PathLike) -> Path:
-        """Write the table of `tselab gap check --table`, as .parquet or .csv by the name."""
+        """Write the table of the command, .parquet or .csv by the name."""
         logs = " ".join(map(str, self._logs))
         results.write_rows(Path(path), [{"logs": logs, **e} for e in self._found.as_json()["effects"]])
         return Path(path)

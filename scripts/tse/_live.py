@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tse._estimate import learnt_state
-from tse._filter import UNKNOWN_AGE, Convert, _conversions
+from tse._filter import UNKNOWN_AGE, Convert, make_conversions
 from tse._log import PathLike
 from tse._tables import Estimate
-from tse._vehicle import VehicleLike, named, read_vehicle
+from tse._vehicle import VehicleLike, check_names, read_vehicle
 from tse.car.config import check_effect, make_config
 from tse.channels.signals import FASTEST, SLOWEST, read_signals
 from tse.estimation import regimes
@@ -52,7 +52,7 @@ class Live:
         while not self.ended:
             times, outputs = self._work()
             if len(times):
-                convert = convert or _conversions(self._drive.config)
+                convert = convert or make_conversions(self._drive.config)
             for t, raw in zip(times.tolist(), outputs, strict=True):
                 yield _estimate(t, raw, convert)
 
@@ -129,7 +129,7 @@ class Live:
         return self._result()[0].learnt
 
     def save_learnt(self, path: PathLike) -> Path:
-        """Write the learnt state, for the argument `learnt`. Error: nothing was learnt."""
+        """Write the learnt state for the next drive. Error: nothing was learnt."""
         learnt = self.learnt
         if learnt is None:
             raise UserError(f"nothing was learnt: {path} is not written")
@@ -280,7 +280,7 @@ def live(
         raise UserError(f"rate: {rate:g} is outside its range {SLOWEST:g} .. {FASTEST:g} Hz")
     car = read_vehicle(vehicle)
     made, notes = make_config(car, None, None if config is None else Path(config))
-    for name, value in named(settings).items():
+    for name, value in check_names(settings).items():
         made.set(name, value)
     check_effect(settings or {}, made)
     beside = Path(signals) if signals is not None else databases[0].parent / "signals.toml"

@@ -1,5 +1,5 @@
-"""Logs: files of many formats, and what is in memory; and which signal of a log is which
-channel."""
+"""Logs in files of many formats and in memory, and the proposal of signals for their
+channels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from tse._base import Array
-from tse._shown import Shown, drawn
+from tse._shown import Shown, make_figure
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.car.vehicle import Vehicle
 from tse.channels.log import of_car, read_frame
@@ -63,7 +63,7 @@ class Log(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What was read, and its notes."""
+        """Rows, duration and notes."""
         span = float(self.time[-1] - self.time[0]) if len(self) else 0.0
         return (f"{self.path.name}: {len(self)} rows, {span:.1f} s", *self.notes)
 
@@ -79,7 +79,7 @@ class Log(Shown):
         """Return a figure of plotly: the channels over time."""
         data = plots.Data(self._checked)
         data.rows = len(self)
-        return drawn(plots.inputs_figure(data))
+        return make_figure(plots.inputs_figure(data))
 
 
 def read_log(
@@ -158,7 +158,7 @@ def paths_or_checked(
 
 
 def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
-    """What holds a log, by its columns."""
+    """Return the columns of a log in memory."""
     if isinstance(frame, np.ndarray) and frame.dtype.names:
         return {name: frame[name] for name in frame.dtype.names}
     if isinstance(frame, pd.DataFrame | Mapping):
@@ -177,7 +177,7 @@ def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
 
 
 class Signals(Shown):
-    """Which signal of a log is proposed for which channel."""
+    """Proposal of the signal for each channel of a log."""
 
     def __init__(self, recording: Recording, proposal: Proposal, how: How):
         self._recording, self._proposal, self._how = recording, proposal, how

@@ -12,7 +12,7 @@ import pandas as pd
 
 from tse._log import LogLike, PathLike, checked, known_road
 from tse._shown import Shown
-from tse._vehicle import VehicleLike, named, read_vehicle
+from tse._vehicle import VehicleLike, check_names, read_vehicle
 from tse.car.vehicle import default_vehicle
 from tse.channels.agree import MOST_ROWS, check_car
 from tse.estimation.estimate import write_table
@@ -116,7 +116,7 @@ def simulate(
     """
     car = default_vehicle() if vehicle is None else read_vehicle(vehicle)
     config, sim = Config.exact(car.values), SimConfig({"seed": seed})
-    for name, value in named(settings).items():
+    for name, value in check_names(settings).items():
         (sim if name in sim else config).set(name, value)
     if duration is not None and not config.sample_time <= duration <= maneuvers.LONGEST:
         raise UserError(
@@ -127,7 +127,7 @@ def simulate(
         config,
         sample_time=config.sample_time,
         duration=duration,
-        speed=sim.speed if speed is None and "speed" in named(settings) else speed,
+        speed=sim.speed if speed is None and "speed" in check_names(settings) else speed,
         amplitude=amplitude,
         road=list(road_changes),
         seed=int(sim.seed),
@@ -238,7 +238,7 @@ def replay(
     """
     car = read_vehicle(vehicle)
     config = Config.exact(car.values)
-    for name, value in named(settings).items():
+    for name, value in check_names(settings).items():
         config.set(name, value)
     rows, placed = checked(log, car, reading=reading), list[str]()
     profile = known_road(road)

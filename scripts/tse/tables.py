@@ -141,7 +141,7 @@ def check_setting(name: str, value: float, *, source: str = "", simulator: bool 
 
 
 def road_level() -> Setting:
-    """Return the level of a road, by which all stiffness is multiplied, with its range."""
+    """Return the level of a road, a factor of all stiffness, with its range."""
     f = library().field(SIM_INPUT, "road_level")
     return Setting(f.name, f.default, f.low, f.high, f.unit, f.text)
 

@@ -76,7 +76,7 @@ def calibrate(
 
     \b
     tselab calibrate drive1.csv drive2.csv --vehicle car.toml --out calibrated.toml
-    tselab calibrate log_*.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
+    tselab calibrate *.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
     tselab estimate drive3.csv --vehicle calibrated.toml
 
     Found together, with what passenger cars have as prior: bank and grade of the roads,
@@ -91,7 +91,8 @@ def calibrate(
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
-    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated as it is, not fitted
+    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated
+                               as it is, not fitted
     CALIBRATED.json            all numbers, for programs
     CALIBRATED.html            the same for people; --report names it
 

@@ -140,9 +140,9 @@ def estimate(
     \b
     tselab estimate log.csv --vehicle car.toml
     tselab estimate log.csv --vehicle car.toml --out est.csv --report report.html
-    tselab estimate log.csv --vehicle car.toml --form paper --particles 200 --forgetting 0.995
+    tselab estimate log.csv --vehicle car.toml --form paper --particles 200
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
-    tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
+    tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4
 
     LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists,
     with names, units, rates and latencies of its own: signals.toml beside it, or
@@ -150,10 +150,10 @@ def estimate(
     proposes it.
 
     \b
-    [signals.steer_angle]            [signals.wheel_speed_front]       [signals.accel_y]
-    name = "LWI_Lenkradwinkel"       name = ["ESP_VL", "ESP_VR"]       name = "ESP_Querbeschl"
-    unit = "deg"                     unit = "km/h"                     unit = "g"
-    ratio = 15.3                     latency = 0.02                    sign = -1
+    [signals.steer_angle]          [signals.wheel_speed_front]     [signals.accel_y]
+    name = "LWI_Lenkradwinkel"     name = ["ESP_VL", "ESP_VR"]     name = "ESP_Querbeschl"
+    unit = "deg"                   unit = "km/h"                   unit = "g"
+    ratio = 15.3                   latency = 0.02                  sign = -1
 
     Further keys: scale, offset, sign_bit, add (a signal with the rest of the value),
     radius (of a wheel, m), valid and counter (signals of the message that say so), clock

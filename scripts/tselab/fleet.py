@@ -109,7 +109,7 @@ def fleet(
     progress: bool | None,
     reading: Reading,
 ) -> int:
-    """Estimate many logs of many cars, and look at them together.
+    """Estimate many logs of many cars, and compare the cars.
 
     \b
     tselab fleet logs/ --vehicle car.toml --out results
@@ -117,14 +117,15 @@ def fleet(
     tselab fleet logs/ --vehicles cars.csv --out results --scheduler tcp://host:8786
 
     Each log is run as by 'tselab estimate', in any format that 'tselab signals --help'
-    lists, with the signals.toml beside it or --signals. What a drive teaches is where the
-    next drive of the same car starts, in order of time: what the log itself says (MF4,
-    MDF, BLF, MCAP), else a date in its name or its folder's, else the time of the file.
-    Several cars run at once.
+    lists, with the signals.toml beside it or --signals. Each drive starts from the learnt
+    state of the drive of the same car before it. Their order is that of the time in the
+    log (MF4, MDF, BLF, MCAP), else of a date in its name or its folder's, else of the
+    time of the file. Several cars run at once.
 
-    Which car a log is of: with --vehicle, each folder directly below FOLDER is a car,
-    however deep its logs are; --car: all are one. With --vehicles, the first row of the
-    table that names it: its log is a file, a folder, or a pattern, relative to the table:
+    The car of a log: with --vehicle, each folder directly below FOLDER is a car, however
+    deep its logs are; with --car all logs belong to one car. With --vehicles, the first
+    row of the table that matches the log: a file, a folder, or a pattern, relative to the
+    table:
 
     \b
     log,vehicle,car,signals
@@ -132,17 +133,22 @@ def fleet(
     taxi/*.blf,cars/rav4.toml,taxi,cars/rav4.signals.toml
 
     \b
-    DIR/fleet.parquet   a row per log, stretch of road and stiffness: value, sd, validity, changes, warnings; error of a bad log
-    DIR/fleet.html      cars and their trends, the softest first, with links to all reports
+    DIR/fleet.parquet   a row per log, stretch of road and stiffness: value, sd,
+                        validity, changes, warnings; error of a bad log
+    DIR/fleet.html      cars and trends, the softest first, with links to all reports
     DIR/reports/        a report for each log;  DIR/estimates/  with --estimates
-    DIR/learnt/         what each car's drives taught, for 'tselab estimate --load-learnt'
-    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their first logs, at most ten minutes of four;
-                        learnt states are of these; with --no-learn each log is calibrated by itself, --no-calibrate: none
-    DIR/logs/           what is done: the same command goes on from there, also after it was killed, and runs new and changed logs
+    DIR/learnt/         learnt state of each car, for 'tselab estimate --load-learnt'
+    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their
+                        first logs, at most ten minutes of four. Learnt states belong to
+                        these. With --no-learn each log is calibrated by itself, with
+                        --no-calibrate none
+    DIR/logs/           the logs that are done: the same command continues from there,
+                        also after it was killed, and runs new and changed logs
 
     \b
-    python -c "import pandas as pd; print(pd.read_parquet('results/fleet.parquet').groupby(['car', 'stiffness']).value.last())"
-    duckdb -c "select car, stiffness, arg_max(value, start_time) from 'results/fleet.parquet' where usable <> 'no' group by all"
+    python -c "import pandas; print(pandas.read_parquet('results/fleet.parquet'))"
+    duckdb -c "select car, stiffness, arg_max(value, start_time)
+    from 'results/fleet.parquet' where usable <> 'no' group by all"
 
     Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130
     Ctrl-C.

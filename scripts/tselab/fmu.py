@@ -12,7 +12,7 @@ import click
 from tse.errors import Error, NoFile
 from tselab.options import FILE, JSON, print_json
 
-# ---- A vehicle as a parameter set of SSP (.ssv), for the estimator in any tool that connects FMUs.
+# ---- A vehicle as a parameter set of SSP (.ssv), for tools that connect FMUs.
 
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <ssv:ParameterSet version="1.0" name={name}

@@ -19,8 +19,8 @@ from pathlib import Path
 from tse.errors import Error
 from tse.files import alone, atomic
 
-# ---- The platforms that binaries are for, and how one is cross-compiled: by the C compiler of the Python package ziglang,
-# which carries the C libraries of all of them.
+# ---- Platforms of the binaries. They are cross-compiled by the C compiler of the Python
+# package ziglang, which carries the C libraries of all of them.
 
 FMI = ("2", "3")  # versions that FMUs are built for
 
@@ -62,7 +62,7 @@ LANGUAGE = {"C99": "-std=c99"}
 
 
 def native(fmi: str = "2") -> str:
-    """The name of this machine's platform."""
+    """Return the name of this machine's platform."""
     if fmi == "3" and (here := native()) in PLATFORMS:
         return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
@@ -72,7 +72,7 @@ def native(fmi: str = "2") -> str:
 
 @dataclass(frozen=True)
 class Build:
-    """What an FMU's buildDescription.xml says."""
+    """Content of an FMU's buildDescription.xml."""
 
     identifier: str
     sources: tuple[str, ...]
@@ -91,7 +91,7 @@ def read_build(folder: Path) -> Build:
 
 
 def check_compiler() -> None:
-    """Refuse early, before any long work, what cannot be compiled."""
+    """Refuse early a build without the compiler."""
     if importlib.util.find_spec("ziglang") is None:
         raise Error(
             "binaries of other platforms are compiled by the Python package ziglang, which is not installed: "
@@ -100,7 +100,8 @@ def check_compiler() -> None:
 
 
 def compile_for(platform: Platform, sources: Path, cache: Path, fmi: str = "2") -> bytes:
-    """The binary of one platform, from the sources/ of an FMU for this version of FMI."""
+    """Return the binary of a platform, compiled from the sources/ of an FMU for this
+    version of FMI."""
     return universal([_compile(target, platform, sources, cache) for target in platform.compiled_for(fmi)])
 
 
@@ -120,8 +121,8 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
 
 
 def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
-    """Run its C compiler in a folder. `cache` keeps the C libraries of other platforms,
-    which take a minute to make."""
+    """Run the C compiler of ziglang in a folder. `cache` keeps the C libraries of
+    other platforms, which take a minute to build."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     done = subprocess.run(
@@ -137,8 +138,8 @@ PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}  # x86_64, arm64: a slice starts at
 
 
 def universal(slices: Iterable[bytes]) -> bytes:
-    """Mach-O files of several processors in one, as lipo joins them; one alone stays as
-    it is."""
+    """Return Mach-O files of several processors as one, as lipo joins them; a single
+    one as it is."""
     slices = list(slices)
     if len(slices) == 1:
         return slices[0]
@@ -169,7 +170,7 @@ class Built:
 
 
 def checkout() -> Path:
-    """The checkout that this package belongs to."""
+    """Return the checkout that this package belongs to."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
         raise Error(
@@ -180,8 +181,8 @@ def checkout() -> Path:
 
 
 def version_of(name: str) -> str:
-    """The version of FMI that an FMU of this checkout is for, by its name: X is of 2.0,
-    X-fmi3 of 3.0."""
+    """Return the version of FMI of an FMU of this checkout, by its name: X is for 2.0,
+    X-fmi3 for 3.0."""
     return "3" if name.endswith("-fmi3") else "2"
 
 
@@ -235,7 +236,7 @@ def build(
 
 
 def build_native(root: Path, max_particles: int | None, say: Say, real: str = "double") -> Path:
-    """Run the preset `fmu`; the folder in which the FMUs are laid out."""
+    """Run the preset `fmu`. Return the folder with the content of the FMUs."""
     if shutil.which("cmake") is None:
         raise Error("cmake is not installed: version 3.21 or later is needed")
     kind = [
@@ -250,13 +251,13 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
 
 
 def lock_of(folder: Path) -> Path:
-    """What two processes that build in a folder take; beside it, because the folder
-    itself may be removed."""
+    """Return the lock of processes that build in a folder; beside it, since the folder
+    may be removed."""
     return folder.with_name(f"{folder.name}.lock")
 
 
 def _build_native(root: Path, folder: Path, max_particles: int | None, real: str, say: Say) -> None:
-    _forget_foreign(folder, root)
+    _remove_foreign(folder, root)
     command = ["cmake", "--preset", "fmu", "-B", str(folder), f"-DTSE_REAL={real}"]
     if (
         not (folder / "CMakeCache.txt").is_file()
@@ -279,15 +280,17 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
             )
 
 
-def _forget_foreign(folder: Path, root: Path) -> None:
-    """A build folder of a checkout that was copied or moved knows the wrong paths."""
+def _remove_foreign(folder: Path, root: Path) -> None:
+    """Remove a build folder of a checkout that was copied or moved: its paths are
+    wrong."""
     cache = folder / "CMakeCache.txt"
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={root}\n" not in cache.read_text(errors="replace"):
         shutil.rmtree(folder)
 
 
 def pack(path: Path, files: Mapping[str, bytes]) -> None:
-    """A zip file with the same bytes for the same content: sorted names, one date."""
+    """Write a zip file with the same bytes for the same content: sorted names, one
+    date."""
     with atomic(path, "wb") as out, zipfile.ZipFile(out, "w") as file:
         for name in sorted(files):
             info = zipfile.ZipInfo(name, EPOCH)
@@ -297,7 +300,7 @@ def pack(path: Path, files: Mapping[str, bytes]) -> None:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """All files below a folder by their name in the archive."""
+    """Return all files below a folder by their name in the archive."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
     }

@@ -144,14 +144,15 @@ def run(**given: Any) -> int:
     DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
     DIR/effects.h              the same for C: sets a tse_config
     DIR/road.csv               bank and grade of the road, where they show: for --road;
-    road_2.csv of a second one DIR/formula.toml           a formula for what no effect of
-    the catalogue explains, if one was found; tse_formula.h: in C DIR/residuals.parquet
-    before and after, every block of 40 ms DIR/gap.png                the picture (with
-    matplotlib)
+                               road_2.csv of a second one
+    DIR/formula.toml           a formula for what no effect of the catalogue explains,
+                               if one was found; tse_formula.h: in C
+    DIR/residuals.parquet      before and after, every block of 40 ms
+    DIR/gap.png                the picture (with matplotlib)
 
-    \b
-    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 possible, below 90 %, or look-alikes cannot be
-    excluded, 20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C.
+    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 possible,
+    below 90 %, or look-alikes cannot be excluded, 20 something is missing that is not in
+    the catalogue, 2 bad input, 130 Ctrl-C.
     """
     return _run(**given)
 
@@ -343,7 +344,7 @@ def plan(
 
 
 def check_logs_exist(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
-    """Refuse a log that does not exist; the message says if its name resembles a command."""
+    """Refuse a log that does not exist, with a hint if its name resembles a command."""
     for path in (*logs, *hold_out):
         if not path.exists():
             near = difflib.get_close_matches(str(path), list(gap.commands), 1, 0.6) if path is logs[0] else []

@@ -124,39 +124,40 @@ def live(
 
     \b
     tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml
-    tselab live --interface pcan --bus bitrate=500000 --database car.dbc --vehicle car.toml --browser
-    tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml \
-      --load-learnt car.tse --save-learnt car.tse
+    tselab live --interface pcan --bus bitrate=500000 --database car.dbc \
+      --vehicle car.toml --browser
+    tselab live --interface socketcan --channel can0 --database car.dbc \
+      --vehicle car.toml --load-learnt car.tse --save-learnt car.tse
 
-    Three lines say what each stiffness is now, and whether to act on it; above them
-    stands what just happened. Ctrl-C ends the drive. Needs the extra can of the package.
+    Three lines show each stiffness, and whether to act on it; events stand above them.
+    Ctrl-C ends the drive. Needs the extra can of the package.
 
-    Which signal is which channel says signals.toml, as for a log. Without one the bus is
-    listened to for 20 s, again and again, until steering angle, wheel speeds, and yaw
-    rate or lateral acceleration are found; what was taken is said, and stands in the
-    record.
+    signals.toml names the signal of each channel, as for a log. Without it the command
+    listens to the bus for 20 s, again and again, until it finds steering angle, wheel
+    speeds, and yaw rate or lateral acceleration. It prints and records the signals that
+    it takes.
 
-    A row waits until every channel has a value behind it, and no longer than one and a
-    half steps of the channel: estimates are as late as the latest of them. A bus that
-    fails is opened again each second. A bus that is silent or off, a message that stops,
-    a database of another bus, channels that contradict each other: each is a sentence,
-    and it goes on.
+    A row waits until every channel has a value after it, at most one and a half steps of
+    the channel, so estimates are as late as the latest channel. The command opens a bus
+    that fails again each second. It reports a bus that is silent or off, a message that
+    stops, a database of another bus, or channels that contradict each other, and goes on.
 
     \b
     The record, in DIR:
       frames.blf      all frames; frames.signals.toml and the databases stand beside it
-      rows.csv        the rows as the filter had them
+      rows.csv        the rows of the filter
       rows.est.csv    the estimates, as EST.csv of 'tselab estimate'
-      filter.toml     what was set; before.tse: the learnt state that it started from
-      events.txt      what was said
+      filter.toml     the settings; before.tse: the learnt state that it started from
+      events.txt      the events
 
     \b
-    tselab estimate DIR/rows.csv --config DIR/filter.toml --vehicle CAR.toml --no-calibrate
+    tselab estimate DIR/rows.csv --config DIR/filter.toml --vehicle CAR.toml \
+      --no-calibrate
     tselab estimate DIR/frames.blf --vehicle CAR.toml --no-calibrate
 
-    The first gives the same bits, the second the same but for the last digits: a row that
-    is made while driving does not know the values after it. A car that nobody has
-    calibrated is taken as one of its class; 'tselab calibrate' takes the record.
+    The first gives the same bits. The second differs in the last digits, since a row that
+    is made while driving cannot use the values after it. An uncalibrated car is taken as
+    an ordinary one of its class; 'tselab calibrate' reads the record.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2
     bad input. Ctrl-C is the usual end.

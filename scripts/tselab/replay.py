@@ -35,7 +35,7 @@ def replay(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Show a log beside what the model of a car says of it.
+    """Show a log beside the simulation of a car along it.
 
     \b
     tselab replay drive.csv --vehicle car.toml --report before.html

@@ -99,9 +99,9 @@ def simulate(
     """Simulate a manoeuvre: a log for 'tselab estimate', and the truth.
 
     \b
-    tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv --truth truth.csv
-    tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6 --with-ref
-    tselab simulate --maneuver straight --out log.csv --duration 300 --noise 2 --set true_bias_yaw_rate=0.01
+    tselab simulate --maneuver square-waves --out log.csv --truth truth.csv
+    tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6
+    tselab simulate --maneuver straight --out log.csv --set true_bias_yaw_rate=0.01
 
     --road: the bank and grade of a road lie under the car, by the distance that it has
     travelled. The log has the positions of the road there, but the car steers as the

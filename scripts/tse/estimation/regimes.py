@@ -82,7 +82,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Spell:
-    """An interval of fault or sliding. `channel`: the channel at fault, if it is known."""
+    """An interval of fault or sliding. `channel`: the channel at fault, if known."""
 
     what: str
     start: float
@@ -162,7 +162,7 @@ def changes(table: pd.DataFrame) -> list[Change]:
 def _make_change(
     columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray, earliest: float
 ) -> Change:
-    """Return a change. `time`: when it is believed; `earliest`: its first possible begin."""
+    """Return a change. `time`: it is believed; `earliest`: its first possible begin."""
     first, last = int(rows[0]), int(rows[-1])
     kind = int(columns["change_kind"][last])
     probability = columns.get("change_probability", np.full(len(times), np.nan))

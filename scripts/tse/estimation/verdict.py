@@ -450,7 +450,7 @@ def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
 
 
 def others(table: pd.DataFrame, config: Config) -> list[Quantity]:
-    """Return the verdicts on grip, if it is estimated, and on the largest sideslip angle."""
+    """Return the verdicts on grip, if estimated, and on the largest sideslip angle."""
     if config.form or f"{GRIP}_sd" not in table:
         return []
     return [q for q in (_grip(table, config), _sideslip(table)) if q is not None]
