@@ -114,7 +114,7 @@ def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
 
 
 def run(name: str, d: Drive, config: Config) -> np.ndarray:
-    """Estimate a drive: an array with the fields cx_front, cx_front_sd, ... of every row."""
+    """Estimate a drive; return cx_front, cx_front_sd, ... of every row."""
     if is_yours(name):
         return _run_yours(name, d, config)
     if name in PEERS:

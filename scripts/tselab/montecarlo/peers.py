@@ -4,11 +4,13 @@ State z = (vel_x, vel_y, yaw_rate; mu; b; eps): mu the mean deviation of the thr
 stiffnesses from nominal, b the biases, eps the deviation of this sample alone, which
 disturbs the measurement and moves the car until the next row:
 
-    y_k = h(x_k, mu + eps_k) + b_k + e_k,     x_{k+1} = f(x_k, mu + eps_k),     eps_k ~ N(0, diag(spread^2)) afresh
+    y_k = h(x_k, mu + eps_k) + b_k + e_k
+    x_{k+1} = f(x_k, mu + eps_k)
+    eps_k ~ N(0, diag(spread^2)), independent from row to row
 
-Process and measurement noise are dependent; a state eps_k takes that into account
-exactly, which no library has that was found. Numbers in brackets are those of
-src/EQUATIONS.md; (1)-(4) are written anew in numpy, derivatives are complex steps.
+Process and measurement noise are dependent. The state eps_k accounts for that exactly; no
+library was found that does. Numbers in brackets are those of src/EQUATIONS.md. Equations
+(1)-(4) are implemented again in numpy, with derivatives by complex steps.
 """
 
 from dataclasses import dataclass
@@ -67,7 +69,7 @@ def observe(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> 
 def move(
     c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray, to: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Columns of states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
+    """Return states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
 
     def rate(x: np.ndarray, share: float) -> np.ndarray:
         a = accelerations(c, x, w, u + share * (to - u))
@@ -116,7 +118,7 @@ def _conditions(
 
 
 def _derivative(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """f(x, w) and its derivative by the twelve states: complex steps, exact to rounding."""
+    """Return f(x, w) and its derivative by the twelve states, by complex steps."""
     step = 1j * TINY * np.eye(6)
     y = f(x[:, None] + step[:3], w[:, None] + step[3:])  # type: ignore[operator]
     d = y.imag / TINY

@@ -15,7 +15,8 @@ from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
 
-# ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver; and what goes wrong with a log.
+# ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver;
+# and errors of logs.
 
 STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
@@ -215,7 +216,8 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
     return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)
 
 
-# ---- What goes wrong with a log. Each function changes the rows in place and returns which of them it made unusable.
+# ---- Errors of logs. Each function changes the rows in place, and returns which of them
+# are unusable.
 
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # s, of a dropout or a stuck channel
