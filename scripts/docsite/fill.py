@@ -96,8 +96,11 @@ def make_python_api() -> str:
         head = name if inner else format_signature(name, thing)
         text.append(f"{level} {name}\n\n```text\n{head}\n\n{inspect.getdoc(inner or thing) or ''}\n```\n")
 
-    for name in sorted(tse.__all__, key=str.lower):
-        thing = getattr(tse, name)
+    names = list(tse.__all__)
+    for module in ("files", "tables"):
+        names += [f"{module}.{name}" for name in getattr(tse, module).__all__]
+    for name in sorted(names, key=str.lower):
+        thing = functools.reduce(getattr, name.split("."), tse)
         if not (inspect.isclass(thing) or inspect.isfunction(thing)):
             continue
         add(f"tse.{name}", thing, "##")

@@ -1,4 +1,4 @@
-/* tables/described.h - rows of tse_describe(): every member, code and effect with unit and text. Written by scripts/tables.py from
+/* tables/described.h - rows of tse_describe(): every member, code and effect with unit and text. Written by scripts/dev/tables.py from
  * the tables of this folder. Part of host/describe.c: a controller that does not describe itself carries no texts. */
 #include "tables/columns.h"
 #include "tables/formula.h"

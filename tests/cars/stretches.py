@@ -24,7 +24,7 @@ from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, driven
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate, estimate
+from tse.estimation.estimate import Estimates, estimate
 from tse.estimation.verdict import findings
 from tse.library.core import STIFFNESS, Config
 from tse.report.tables import markdown_table
@@ -41,7 +41,7 @@ LAST, MEAN, SHOWN, SMOOTHED = (
 Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
 
 
-def answers(est: Estimate, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
+def answers(est: Estimates, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
     """Yield the answers by estimator, of each stretch and stiffness."""
     table, changes = est.table, regimes.changes(est.table)
     found = findings(table, config, changes, uncertainty_sd=est.uncertainty_sd)

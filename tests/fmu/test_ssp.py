@@ -75,7 +75,7 @@ def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
     from tse.library.core import Config
 
     parameters = parameters_of(ssp.with_name("TireStiffnessEstimator.fmu"))
-    text = parameter_set(parameters, Config.exact(), "the car of the paper's study")
+    text = parameter_set(parameters, Config.exact().as_dict(), "the car of the paper's study")
     assert (ROOT / "fmu" / "vehicle.ssv").read_text(encoding="utf-8") == text
 
 

@@ -26,7 +26,7 @@ from tse.channels.log import read_log
 from tse.channels.signals import read_signals
 from tse.library.errors import UserError
 from tse.log.rows import Reading
-from tse.streaming.drive import Live, bus_opener
+from tse.streaming.drive import LiveDrive, bus_opener
 from tse.streaming.page import Page
 
 can = pytest.importorskip("can")
@@ -111,7 +111,9 @@ def a_live(folder, channel, out=None, signals=True, say=lambda _: None, **more):
     car = read_vehicle(folder / "car.toml")
     mapped = read_signals(folder / "signals.toml") if signals is True else signals
     opened = more.pop("opened", None) or opener(channel)
-    return Live(opened, [folder / "car.dbc"], car, make_config(car, None)[0], mapped, out, say=say, **more)
+    return LiveDrive(
+        opened, [folder / "car.dbc"], car, make_config(car, None)[0], mapped, out, say=say, **more
+    )
 
 
 def driven(live, sender, patience=1.0):
