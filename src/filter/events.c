@@ -563,8 +563,8 @@ static void note_change(
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_ROAD_RETURN;
   k->change_kind = is_of_road(which) ? TSE_CHANGE_ROAD
-      : which == EVENT_FRONT                  ? TSE_CHANGE_FRONT
-                                              : TSE_CHANGE_REAR;
+      : which == EVENT_FRONT         ? TSE_CHANGE_FRONT
+                                     : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */
   if (same) return;
   k->change_age = TSE_R(0);
