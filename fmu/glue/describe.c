@@ -1,16 +1,15 @@
-/* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
+/* fmu/glue/describe.c - print the description of a model from its tables (fmu_model.h).
+ * The build runs it:
  *
- *   describe model 2 FILE.c ...        modelDescription.xml of FMI 2.0, with these source
- *                                      files; @GUID@ where it stands
- *   describe model 3                   the same of FMI 3.0, where buildDescription.xml
- *                                      names the source files
- *   describe terminals                 terminalsAndIcons.xml of FMI 3.0
- *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these
- *                                                      definitions, these compiler
- *                                                      options
- *                                      of gcc and clang, and these source files
- *   describe variables 2 or 3          rows of HTML tables for documentation/index.html
- * / */
+ *   describe model 2 FILE.c ...   modelDescription.xml of FMI 2.0, with these source files
+ *                                 and @GUID@ in place of the GUID
+ *   describe model 3              the same for FMI 3.0; source files are listed in
+ *                                 buildDescription.xml
+ *   describe terminals            terminalsAndIcons.xml of FMI 3.0
+ *   describe build NAME=VALUE,... OPTIONS FILE.c ...
+ *                                 buildDescription.xml, with these definitions, compiler
+ *                                 options (gcc, clang) and source files
+ *   describe variables 2|3        HTML tables of the variables, for documentation/index.html */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,13 +17,13 @@
 #include "fmu_model.h"
 #include "tse/version.h"
 
-/* Units as the tables of include/tse write them: FMI name, exponents of kg, m, s, rad
- * (none where they are no integers), type, display unit and display value per SI value. */
+/* A unit of the tables in include/tse. */
 typedef struct unit {
-  const char *name, *fmi, *type;
-  int has_base, kg, m, s, rad;
-  const char *display;
-  double factor;
+  const char *name, *fmi, *type; /* name in the tables; in FMI; type of its variables */
+  int has_base;                  /* 1: integer exponents of the base units follow */
+  int kg, m, s, rad;             /* exponents of the base units */
+  const char *display;           /* display unit; NULL: the unit itself */
+  double factor;                 /* display value of 1 in this unit */
 } unit;
 
 #define DEG 57.295779513082323
@@ -66,15 +65,16 @@ static const unit *unit_of(const fmu_variable *v)
   exit(1);
 }
 
+/* Return 1 if a variable has this unit. */
 static int used(const unit *u, int fmi)
 {
-  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* of the time */
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* unit of fmu_time */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].kind == 'r' && unit_of(&fmu_variables[i]) == u) return 1;
   return 0;
 }
 
-/* The shortest decimal number that reads back as the same double. */
+/* Return the shortest decimal number that reads back as the same double. */
 static const char *number(double x)
 {
   static char text[40];
@@ -85,6 +85,7 @@ static const char *number(double x)
   return text;
 }
 
+/* Print a text with the special characters of XML escaped. */
 static void escaped(const char *text)
 {
   for (; *text; text++) switch (*text) {
@@ -105,11 +106,10 @@ static void attribute(const char *name, const char *value)
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
-/* Where the enumeration types are printed: of which FMI, and the type that is open; NULL:
- * none. */
+/* Progress of printing the enumeration types. */
 typedef struct enumerations {
-  int fmi;
-  const char *open;
+  int fmi;          /* version of FMI: 2 or 3 */
+  const char *open; /* type whose element is open; NULL before the first */
 } enumerations;
 
 static void end_type(enumerations *e)
@@ -180,7 +180,7 @@ static const char *type_name(const fmu_variable *v, int fmi)
   }
 }
 
-/* What FMI 2.0 says of a variable and FMI 3.0 says alike. */
+/* Print the attributes of a variable that FMI 2.0 and 3.0 share. */
 static void what_it_is(const fmu_variable *v, int32_t reference)
 {
   (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
@@ -192,6 +192,7 @@ static void what_it_is(const fmu_variable *v, int32_t reference)
   if (v->role == 'p' || v->role == 'o') attribute("initial", v->role == 'p' ? "exact" : "calculated");
 }
 
+/* Print the attributes of a variable's type: unit, range, start value. */
 static void what_it_holds(const fmu_variable *v)
 {
   if (v->kind == 'r') {
@@ -219,8 +220,8 @@ static void print_variable2(int32_t index)
   (void)puts("/>\n    </ScalarVariable>");
 }
 
-/* FMI 3.0 has the variables of 2.0 with the same names and references, behind them arrays
- * of some, and the time. */
+/* Print a variable for FMI 3.0. Variables of 2.0 have the same names and references here;
+ * arrays and the time follow. */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
   (void)printf("    <%s", type_name(v, 3));
@@ -230,6 +231,7 @@ static void print_variable3(const fmu_variable *v, int32_t reference, int32_t co
   else (void)puts("/>");
 }
 
+/* Return 1 if an input accepts time derivatives. */
 static int takes_rates(void)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
@@ -275,8 +277,8 @@ static void print_middle(int fmi)
   (void)puts("  <ModelVariables>");
 }
 
-/* Outputs: what is set at a communication point is seen at the next. At the start they
- * depend on parameters and inputs: on any of them. */
+/* Dependencies of the outputs. At a communication point: none, because inputs take effect
+ * at the next point. Initially: all parameters and inputs, the default of the attribute. */
 #define AT_STEPS " dependencies=\"\""
 #define AT_START ""
 
@@ -348,7 +350,7 @@ static void print_terminals(void)
     const size_t length = strlen(t->prefix);
     (void)printf("    <Terminal");
     attribute("name", t->name);
-    attribute("matchingRule", "bus"); /* an importer connects what both have */
+    attribute("matchingRule", "bus"); /* connect the members that both terminals have */
     attribute("terminalKind", t->kind);
     attribute("description", t->text);
     (void)puts(">");
@@ -421,7 +423,7 @@ static void code_row(void *to, const char *type, int32_t code, const char *name,
   (void)puts("</tr>");
 }
 
-/* The part of a structured name that comes before its last dot: its group. */
+/* Return the length of the group in a structured name: the part before the last dot. */
 static size_t group_length(const char *name)
 {
   const char *const dot = strrchr(name, '.');
@@ -441,9 +443,9 @@ static void variable_row(const fmu_variable *v, int fmi, int32_t count)
   if (count > 1) (void)snprintf(size, sizeof size, "[%d]", (int)count);
   (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name,
       group ? ".<wbr>" : "", v->name + group + (group > 0), type_name(v, fmi), size,
-      v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+      v->kind == 'r' ? unit_of(v)->fmi : ""); /* <wbr>: long names may break there */
   if (v->role != 'o') {
-    const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
+    const int digits = v->kind == 'r' ? 6 : 10; /* all digits are in modelDescription.xml */
     (void)fputs("<td class=\"number\">", stdout);
     if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
     else (void)printf("%.*g", digits, v->start);
@@ -455,7 +457,7 @@ static void variable_row(const fmu_variable *v, int fmi, int32_t count)
   (void)puts("</tr>");
 }
 
-/* A table per role; in it groups in the order of their first member. */
+/* Print a table for each role, with its groups in the order of their first members. */
 static void print_variables(int fmi)
 {
   static const struct {

@@ -1,5 +1,5 @@
-/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation: its types and its names
- * around what glue.c does. */
+/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation, as calls of glue.c with
+ * the types and names of this version. */
 #include <stdio.h>
 
 #include "fmi2Functions.h"
@@ -46,7 +46,7 @@ GLUE_TYPE(fmi2, Real, 'r', (fmi2Real)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)
 
-/* No model has a String. */
+/* The type String: no variable has it. */
 GLUE_ABSENT(fmi2GetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]),
     "String", nvr)
 GLUE_ABSENT(fmi2SetString,
@@ -83,8 +83,8 @@ DOES(fmi2GetRealOutputDerivatives,
 DOES(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
     glue_step(s, function, time, step))
 DOES(fmi2CancelStep, (fmi2Component c), glue_refuse(s, function, "no step is ever pending"))
-/* Steps are done when fmi2DoStep returns, so there is nothing to ask but how far the
- * simulation has got. */
+/* Refuse a status other than the last successful time. Steps are synchronous: a step is
+ * complete when fmi2DoStep returns. */
 static fmi2Status no_status(fmi2Component c, const char *function)
 {
   const instance *const s = glue_instance_of(c);

@@ -1,12 +1,12 @@
-/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation: its types and its names
- * around what glue.c does. No event mode, no clocks, no early return, no intermediate
- * update: a step is a sample, and nothing happens between two of them. */
+/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation, as calls of glue.c with
+ * the types and names of this version. A step is one sample. Event mode, clocks, early
+ * return and intermediate update are not supported. */
 #include "fmi3Functions.h"
 #include "glue.h"
 
 typedef fmi3Status fmi_status;
 
-/* The importer knows by the environment which instance it is. */
+/* Log a text. The importer identifies the instance by its environment. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
     const char *category, const char *text)
 {
@@ -72,9 +72,14 @@ GLUE_TYPE(fmi3, Int64, 'e', (fmi3Int64)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Boolean, 'b', number > 0.0, value[i], COUNT, count)
 
 /* Types that no variable has. */
-#define NO_TYPE(Type)                                                                                                            \
-  GLUE_ABSENT(fmi3Get##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), #Type, count) \
-  GLUE_ABSENT(fmi3Set##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count), #Type, count)
+#define NO_TYPE(Type)                                                                              \
+  GLUE_ABSENT(fmi3Get##Type,                                                                       \
+      (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), \
+      #Type, count)                                                                                \
+  GLUE_ABSENT(fmi3Set##Type,                                                                       \
+      (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[],        \
+          size_t count),                                                                           \
+      #Type, count)
 NO_TYPE(Float32)
 NO_TYPE(Int8)
 NO_TYPE(UInt8)
@@ -98,7 +103,7 @@ GLUE_ABSENT(fmi3SetClock,
 
 /* ------------------------------------------------------------------------------------------- steps */
 
-/* What nobody wants to know may be NULL. */
+/* Run a step. Pointers to results may be NULL. */
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state,
     fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
@@ -116,7 +121,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
 
 GLUE_STATES(fmi3, FMUState, DeserializeFMUState)
 
-/* ------------------------------------------------------------------- what there is not, and is refused */
+/* ----------------------------------------------------------------------------- refused: not supported */
 
 #define REFUSES(name, arguments, why) DOES(name, arguments, glue_refuse(s, function, why))
 static const char no_events[] = "there is no event mode (hasEventMode is false)";
@@ -157,7 +162,7 @@ REFUSES(fmi3UpdateDiscreteStates,
         fmi3Boolean *has_next, fmi3Float64 *next),
     no_events)
 
-/* Functions of clocks: about none of them there is nothing to do. */
+/* Functions of clocks. A call without variables succeeds. */
 #define NO_CLOCK(name, ...)                                                                  \
   DOES(name, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__), \
        nvr == 0 ? GLUE_OK : glue_refuse(s, function, "there are no clocks"))
@@ -171,7 +176,7 @@ NO_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
 NO_CLOCK(
     fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
-/* Model exchange. Some importers load these names without asking what the FMU is. */
+/* Model exchange. Some importers load these functions from every FMU. */
 REFUSES(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
 REFUSES(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
 REFUSES(fmi3CompletedIntegratorStep,

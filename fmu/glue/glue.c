@@ -1,5 +1,5 @@
-/* fmu/glue/glue.c - what the functions of all versions of FMI do (glue.h), around any
- * model of fmu_model.h. */
+/* fmu/glue/glue.c - code shared by FMI 2.0 and 3.0 (glue.h), for any model that
+ * implements fmu_model.h. */
 #include <stdio.h>
 #include <string.h>
 
@@ -9,7 +9,7 @@
 #define STATE_MAGIC 0x32657374u /* "tse2" */
 #define STATE_FORMAT 1u
 
-#define PHASE 40
+#define PHASE 40 /* bytes of a phase in a message */
 static const char *phase_name(const instance *s, char text[PHASE])
 {
   switch (s->c.phase) {
@@ -20,6 +20,7 @@ static const char *phase_name(const instance *s, char text[PHASE])
   }
 }
 
+/* A place for a saved state. */
 typedef struct snapshot {
   volatile long taken;
   const instance *owner;
@@ -29,7 +30,7 @@ typedef struct snapshot {
 static instance instances[FMU_INSTANCES];
 static snapshot snapshots[FMU_STATES];
 
-/* Take a free place, also when another thread looks for one at the same time. */
+/* Take a place if it is free. Atomic: several threads may look for a place. */
 #if defined(__GNUC__)
 static int take(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
 static void give_back(volatile long *taken) { __sync_lock_release(taken); }
@@ -37,7 +38,7 @@ static void give_back(volatile long *taken) { __sync_lock_release(taken); }
 #include <intrin.h>
 static int take(volatile long *taken) { return _InterlockedCompareExchange(taken, 1L, 0L) == 0L; }
 static void give_back(volatile long *taken) { _InterlockedExchange(taken, 0L); }
-#else /* instances are then to be made in one thread at a time */
+#else /* without atomic operations, only one thread at a time may create instances */
 static int take(volatile long *taken) { return *taken ? 0 : (*taken = 1, 1); }
 static void give_back(volatile long *taken) { *taken = 0; }
 #endif
@@ -50,8 +51,8 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* The text goes out as it is, without arguments: not every importer formats it, so '%'
- * and '#' must not be in it. */
+/* Log a text without arguments. Replace '%' and '#', which FMI gives a meaning and which
+ * importers treat differently. */
 static void put(const glue_api *api, glue_function *logger, void *environment, const char *name,
     glue_status status, int category, const char *text)
 {
@@ -134,6 +135,7 @@ int32_t glue_elements(const instance *s, uint32_t vr)
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
+/* Check the number of values that a call passes. */
 static int counted(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
@@ -154,7 +156,8 @@ static const char *kind_name(const instance *s, char kind)
   }
 }
 
-/* FMI 2.0 has no functions for enumerations: those of Integer read them. */
+/* Return 1 if functions of this kind access the variable. FMI 2.0 reads enumerations with
+ * the functions of Integer. */
 static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
 {
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
@@ -192,8 +195,9 @@ glue_status glue_none(const instance *s, size_t count, const char *function)
 
 static void *place(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
 
-/* Real variables of FMI are double; a model keeps parameters as tse_setting, all others
- * as tse_real, of which fixed point has less. */
+/* Return an element as double, the type of FMI's real variables. A model stores
+ * parameters as tse_setting and other real variables as tse_real, with less precision in
+ * fixed point. */
 static double get_number(glue_content *c, const fmu_variable *v, int32_t element)
 {
   if (v->role == 't') return c->phase & (GLUE_STEPPING | GLUE_TERMINATED) ? c->now : c->start;
@@ -251,6 +255,7 @@ int glue_settable(const instance *s, const fmu_variable *v, double value, const 
 
 /* -------------------------------------------------------------------------------------- life cycle */
 
+/* Reset the content to that of a new instance. */
 static void restart(glue_content *c)
 {
   memset(c, 0, sizeof *c);
@@ -261,7 +266,7 @@ static void restart(glue_content *c)
     if (fmu_variables[i].role != 'o') set_number(c, &fmu_variables[i], fmu_variables[i].start);
 }
 
-/* Compute the outputs anew, if something was set before the first step. */
+/* Compute the outputs again if a value was set before the first step. */
 static int refresh(instance *s, const char *function)
 {
   char text[FMU_TEXT] = "";
@@ -373,11 +378,12 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return glue_refuse(s, function, text);
   }
-  /* Importers sum steps up in different ways: what is off by less than a hundredth of the
-   * step, or by what a double of that size can hold, is the same point. */
-  const double off = time - s->c.now, size = time < 0.0 ? -time : time;
-  const double most = 0.01 * step + 1e-14 * size;
-  if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
+  /* Importers add up steps in different ways. Tolerance: 1 % of the step, plus the rounding
+   * error of a sum of many steps in double. */
+  const double error = time - s->c.now, size = time < 0.0 ? -time : time;
+  const double tolerance = 0.01 * step + 1e-14 * size;
+  const int is_finite = time - time == 0.0; /* an infinite time has an infinite tolerance */
+  if (!(error <= tolerance && error >= -tolerance) || !is_finite) {
     (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g",
         time, s->c.now);
     return glue_refuse(s, function, text);
@@ -385,9 +391,9 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
   const fmu_result result = model_step(&s->c.m, time, step, reason);
   if (result == FMU_ERROR) return glue_refuse(s, function, reason);
   s->c.now = time + step;
+  /* Derivatives of inputs hold for one step. */
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].rate != FMU_NO_RATE)
-      set_real(&s->c, fmu_variables[i].rate, 0.0); /* it was that of this point */
+    if (fmu_variables[i].rate != FMU_NO_RATE) set_real(&s->c, fmu_variables[i].rate, 0.0);
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
     (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
     glue_say(s, GLUE_WARNING, GLUE_LOG_WARNING, text);
@@ -398,6 +404,7 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
 
 /* ------------------------------------------------------------------------------------------- state */
 
+/* Return the saved state at a pointer; NULL if the pointer is invalid or was freed. */
 static snapshot *snapshot_of(const void *state)
 {
   for (size_t i = 0; i < FMU_STATES; i++)
@@ -405,6 +412,7 @@ static snapshot *snapshot_of(const void *state)
   return NULL;
 }
 
+/* Return a free place for a saved state; NULL if all are in use. */
 static snapshot *free_snapshot(const instance *s, const char *function)
 {
   char text[FMU_TEXT];
@@ -453,18 +461,19 @@ glue_status glue_drop(const instance *s, const char *function, void **state)
   return GLUE_OK;
 }
 
-/* A serialized state: this frame, then the content. Machines with the same layout of
- * `glue_content` and the same byte order understand each other's. */
+/* Header of a serialized state. The content follows. Machines with the same byte order
+ * and the same layout of `glue_content` can exchange serialized states. */
 typedef struct frame {
-  uint32_t magic, format; /* the magic number also tells the byte order */
-  uint64_t bytes;         /* of the content                             */
-  uint64_t model;         /* hash of the GUID and of all sources        */
-  uint64_t sum;           /* hash of the content                        */
+  uint32_t magic;  /* STATE_MAGIC; differs on a machine of another byte order */
+  uint32_t format; /* STATE_FORMAT */
+  uint64_t bytes;  /* size of the content */
+  uint64_t model;  /* hash of the GUID and of all sources */
+  uint64_t sum;    /* hash of the content */
 } frame;
 #define STATE_BYTES (sizeof(frame) + sizeof(glue_content))
 #define MADE_OF FMU_GUID FMU_SOURCES
 
-/* FNV-1a: a change of any one byte changes it. */
+/* Return the FNV-1a hash. It changes with every single byte. */
 static uint64_t hash(const void *bytes, size_t count)
 {
   const unsigned char *const b = (const unsigned char *)bytes;
@@ -501,15 +510,15 @@ glue_status glue_serialize(
   return GLUE_OK;
 }
 
-/* The edge of a parameter's range as a model that keeps less than double has it. */
-static double kept(const fmu_variable *v, double edge)
+/* Round a limit of a parameter as the model rounds the parameter. */
+static double kept(const fmu_variable *v, double limit)
 {
-  return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(edge)) : edge;
+  return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(limit)) : limit;
 }
 
-/* Whoever made the bytes, and their checksum: is this a state that this FMU could have
- * been in? Outputs are not looked at, nothing
- * depends on them.   Returned: wrong  the variable outside its range, if it is one */
+/* Check that this FMU can be in a deserialized state. The bytes may be forged, with a
+ * matching checksum. Outputs are not checked: no later value depends on them.
+ *   Returned:  wrong  variable outside its range; unchanged for another defect */
 static int sound(glue_content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;
@@ -552,8 +561,8 @@ glue_status glue_deserialize(
   const fmu_variable *wrong = NULL;
   if (!sound(&t->c, &wrong)) {
     char text[FMU_TEXT] =
-        "the state is not one that this FMU can be in: something in it is outside its range",
-         range[FMU_RANGE];
+        "the state is not one that this FMU can be in: something in it is outside its range";
+    char range[FMU_RANGE];
     if (wrong)
       (void)snprintf(text, sizeof text,
           "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
