@@ -141,7 +141,7 @@ typedef struct book {
 
 /* Interpolate a channel of the whole log at a time.
  *   Returned:  1 known; 0 missing; -1 so near to a row that both are correct
- *              lost  factor of interpolation on the variance of white noise */
+ *              lost  reduction of the variance of white noise by interpolation */
 static int read_book(const book *b, int k, double t, double *value, double *lost)
 {
   const int from = 0;
@@ -327,8 +327,8 @@ static void test_a_start_beyond_a_bound_is_reported_at_it(void)
     for (int k = 0; k < 6; k++) {
       const tse_input u = noisy_row(k);
       TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, tse_step(&p, &late_one.filter, &u, &y));
-      expect_near(1.25, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "at the upper bound",
-          k); /* exp(log(x)) in float */
+      expect_near(
+          1.25, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "at the upper bound", k); /* exp(log(x)) in float */
       expect_near(0.75, number(y.stiffness[TSE_CY_REAR]), 1e-6, "at the lower bound", k);
     }
   }

@@ -123,8 +123,7 @@ static void test_each_channel_is_accepted_at_both_limits(void)
   }
 }
 
-/* -------------------------------------------------------------------------- missing
- * channels, one or all */
+/* --------------------------------------------------------------------- missing channels, one or all */
 
 static void test_channel_that_is_no_number_is_missing_and_one_out_of_range_refused_if_it_drives(void)
 {

@@ -307,8 +307,8 @@ static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 
 static void expect_relative(double expected, tse_real actual, const char *what)
 {
-  expect_near(expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected) + QUANTUM, what,
-      0); /* rounding */
+  expect_near(
+      expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected) + QUANTUM, what, 0); /* rounding */
 }
 
 static void test_vehicle_constants_are_normalised_by_mass(void)
@@ -491,8 +491,7 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(4, p.hold_speed, "hold_speed");
   expect_relative(0.6, p.max_steer, "max_steer");
   expect_near(log(0.995) / log(2.0), number(p.log2_forgetting), BY_FORMAT(1e-14, 1e-7), "log2 lambda", 0);
-  expect_near(
-      200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* cancellation */
+  expect_near(200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* cancellation */
   expect_relative(90, p.resample_at, "resample_at");
   expect_near(-0.3, number(p.mu0[0]), BY_FORMAT(1e-15, 1e-7), "mu0", 0);
   expect_near(-0.2, number(p.mu0[1]), BY_FORMAT(1e-15, 1e-7), "mu0", 1);

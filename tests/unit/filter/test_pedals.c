@@ -150,8 +150,7 @@ static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone
       u.given = BRAKE, u.brake = TSE_R(1);
       TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, NULL) >= 0);
     }
-    if (climbs)
-      expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* a steering offset remains */
+    if (climbs) expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* a steering offset remains */
     else TEST_ASSERT_TRUE(number(f.k.x[LCX]) > 0.01);
   }
 }

@@ -222,7 +222,7 @@ static void test_with_lags_the_car_settles_at_walking_pace(void)
   expect_near(-1 * 0.1 / 2.75, number(got_yaw[rows - 1]), 2e-3, "yaw rate: v delta/L", 0);
 }
 
-/* ------------------------------------------------------------------------------ start, biases, what is given */
+/* --------------------------------------------------------------------- start, biases, what is given */
 
 static void test_biases_are_added_to_what_is_read(void)
 {
