@@ -204,7 +204,8 @@ static void derive_outputs(model *m)
   m->grip_valid = m->y.grip_reason == TSE_VALID;
 }
 
-/* Set the outputs before the first row to the prior: as after a row without measurements. */
+/* Set the outputs before the first row to the prior: as after a row without
+ * measurements. */
 static void report_prior(model *m)
 {
   static const tse_input nothing = { .missing = (1u << TSE_CHANNELS) - 1u };
@@ -286,8 +287,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* `status` is the most severe code and can hide a missing channel. Name the channel: the
-   * warning is then constant while the channel is missing, and is logged once. */
+  /* `status` is the most severe code and can hide a missing channel. Name the channel:
+   * the warning is then constant while the channel is missing, and is logged once. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

@@ -1,15 +1,15 @@
 /* fmu/glue/describe.c - print the description of a model from its tables (fmu_model.h).
  * The build runs it:
  *
- *   describe model 2 FILE.c ...   modelDescription.xml of FMI 2.0, with these source files
- *                                 and @GUID@ in place of the GUID
+ *   describe model 2 FILE.c ...   modelDescription.xml of FMI 2.0, with these source
+ *                                 files and @GUID@ in place of the GUID
  *   describe model 3              the same for FMI 3.0; source files are listed in
  *                                 buildDescription.xml
  *   describe terminals            terminalsAndIcons.xml of FMI 3.0
  *   describe build NAME=VALUE,... OPTIONS FILE.c ...
  *                                 buildDescription.xml, with these definitions, compiler
  *                                 options (gcc, clang) and source files
- *   describe variables 2|3        HTML tables of the variables, for documentation/index.html */
+ *   describe variables 2|3        HTML tables of the variables for the documentation */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -278,7 +278,8 @@ static void print_middle(int fmi)
 }
 
 /* Dependencies of the outputs. At a communication point: none, because inputs take effect
- * at the next point. Initially: all parameters and inputs, the default of the attribute. */
+ * at the next point. Initially: all parameters and inputs, the default of the
+ * attribute. */
 #define AT_STEPS " dependencies=\"\""
 #define AT_START ""
 

@@ -91,7 +91,8 @@ typedef enum fmu_result {
 #define FMU_TEXT 256 /* bytes of a message */
 
 /* Return the name of the parameter of a setting, for messages: "mass" -> "vehicle.mass",
- * "body_roll_gain" -> "effects.body_roll.gain". Return `setting` if no parameter matches. */
+ * "body_roll_gain" -> "effects.body_roll.gain". Return `setting` if no parameter
+ * matches. */
 const char *fmu_name_of(const char *setting);
 
 /* Write the range of a variable, for messages: "50 .. 50000 kg".   Returned: text */
@@ -116,7 +117,8 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT]);
  *   Returned:  text  reason, unless FMU_OK */
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT]);
 
-/* Return 1 if the model can continue from a deserialized state, whose bytes may be forged.
+/* Return 1 if the model can continue from a deserialized state, whose bytes may be
+ * forged.
  *   Given:  m        its parameters are within their ranges
  *           started  0: model_start() will be called before any other function */
 int model_sound(const model *m, int started);

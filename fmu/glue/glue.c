@@ -378,8 +378,8 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return glue_refuse(s, function, text);
   }
-  /* Importers add up steps in different ways. Tolerance: 1 % of the step, plus the rounding
-   * error of a sum of many steps in double. */
+  /* Importers add up steps in different ways. Tolerance: 1 % of the step, plus the
+   * rounding error of a sum of many steps in double. */
   const double error = time - s->c.now, size = time < 0.0 ? -time : time;
   const double tolerance = 0.01 * step + 1e-14 * size;
   const int is_finite = time - time == 0.0; /* an infinite time has an infinite tolerance */

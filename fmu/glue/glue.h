@@ -150,7 +150,7 @@ double glue_time(const instance *s);
     return s ? (fmi_status)(call) : (fmi_status)GLUE_ERROR; \
   }
 
-/* ---- values. All values are checked before the first is set: a refused call sets none. */
+/* ---- values. All are checked before the first is set: a refused call sets none. */
 
 /* In initialization mode, compute the outputs again if a value was set.   Returned: 0 if
  * the model refuses a value */
@@ -209,7 +209,7 @@ void glue_was_set(instance *s);
     return (fmi_status)GLUE_OK;                                                                      \
   }
 
-/* Define a get or set function of a type that no variable has. It refuses every variable. */
+/* Define a get or set function of a type without variables. It refuses all of them. */
 #define GLUE_ABSENT(name, arguments, type, count)                                \
   fmi_status name arguments                                                      \
   {                                                                              \

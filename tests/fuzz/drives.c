@@ -1,8 +1,8 @@
 /* tests/fuzz/drives.c - long random drives through the Kalman filter and the particle
  * filter: random settings, thousands of rows, faults, pauses, optional channels, learnt
  * states. Checks for every row: the estimates are finite and within their ranges; the sd
- * of a valid stiffness is below its limit; tse_filter_check() accepts the state; a refused
- * row changes nothing.
+ * of a valid stiffness is below its limit; tse_filter_check() accepts the state; a
+ * refused row changes nothing.
  *
  *   drives ROWS [FIRST_DRIVE]   exit code 1 on failures, with drive and row of the first
  *                               ten. The number of a drive reproduces it. */

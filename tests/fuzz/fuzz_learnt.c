@@ -1,6 +1,6 @@
 /* tests/fuzz/fuzz_learnt.c - load any bytes as a learnt state. If they are refused, the
- * filter is unchanged. If they are accepted, a drive gives valid estimates, and its learnt
- * state can be saved and loaded. */
+ * filter is unchanged. If they are accepted, a drive gives valid estimates, and its
+ * learnt state can be saved and loaded. */
 #include "estimator/stages.h"
 #include "fuzz.h"
 

@@ -1,6 +1,6 @@
 /* tests/fuzz/fuzz_replay.c - tse_replay() with any log, car, start and profiles. It
- * refuses an existing row, or all results are finite. It does not write beyond the arrays.
- * The same input gives the same bits. */
+ * refuses an existing row, or all results are finite. It does not write beyond the
+ * arrays. The same input gives the same bits. */
 #include "fuzz.h"
 #include "tse/replay.h"
 

@@ -1,5 +1,6 @@
 /* tests/fuzz/fuzz_settings.c - any settings. They are refused with the name of a wrong
- * setting, and nothing changes; or they are accepted, and a drive gives valid estimates. */
+ * setting, and nothing changes; or they are accepted, and a drive gives valid
+ * estimates. */
 #include "fuzz.h"
 
 static tse_filter_paper f;

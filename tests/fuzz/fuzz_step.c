@@ -1,7 +1,7 @@
-/* tests/fuzz/fuzz_step.c - any drives through both filters: gaps, random values, stuck and
- * missing channels, restarts, copies of the filter, learnt states. Refused rows change
- * nothing. Other rows give valid estimates and a state that tse_filter_check() accepts.
- * The same input gives the same bits. */
+/* tests/fuzz/fuzz_step.c - any drives through both filters: gaps, random values, stuck
+ * and missing channels, restarts, copies of the filter, learnt states. Refused rows
+ * change nothing. Other rows give valid estimates and a state that tse_filter_check()
+ * accepts. The same input gives the same bits. */
 #include "model/state.h"
 #include "fuzz.h"
 

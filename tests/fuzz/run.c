@@ -1,5 +1,5 @@
-/* tests/fuzz/run.c - run a fuzz target on stored inputs, without a fuzzer. Each line of the
- * file is an input: target, name, bytes in hexadecimal. */
+/* tests/fuzz/run.c - run a fuzz target on stored inputs, without a fuzzer. Each line of
+ * the file is an input: target, name, bytes in hexadecimal. */
 #include "fuzz.h"
 
 enum { MOST_BYTES = 1 << 16 };
@@ -12,7 +12,7 @@ static int digit(char c)
   return at ? (int)(at - digits) : -1;
 }
 
-/* Run the target on the rest of a line, name and bytes.   Returned: 0 if it is no input */
+/* Run the target on the rest of a line, name and bytes. Returned: 0 if it is no input */
 static int through(const char *line)
 {
   static uint8_t data[MOST_BYTES];

@@ -1,6 +1,6 @@
-/* tests/fuzz/soak.c - millions of rows of simulated drives through the Kalman filter, with
- * disturbances of cars and sensors. Counts estimates that are not finite, and recoveries
- * (states started over) without a cause.
+/* tests/fuzz/soak.c - millions of rows of simulated drives through the Kalman filter,
+ * with disturbances of cars and sensors. Counts estimates that are not finite, and
+ * recoveries (states started over) without a cause.
  *
  *   soak ROWS [FIRST_DRIVE]   print a Markdown table; exit code 1 if a count that must be
  *                             0 is not */
@@ -115,8 +115,8 @@ static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
   }
 }
 
-/* Return the inputs of a driver who holds a speed and steers by a sum of sines with limited
- * lateral acceleration. */
+/* Return the inputs of a driver who holds a speed and steers by a sum of sines with
+ * limited lateral acceleration. */
 static tse_sim_input drive_on(
     const event *e, double t, double speed, const double pace[3], double sideways, double now)
 {
@@ -281,7 +281,8 @@ int main(int argc, char **argv)
       x[a][1] = 100 * all[k].cornering[a].error / rows_;
       x[a][2] = 100 * all[k].cornering[a].half / rows_;
       x[a][3] = 100 * (double)all[k].cornering[a].holds / rows_;
-      /* undisturbed, or only the times of rows: with other events a single drive may be far off */
+      /* undisturbed, or only the times of rows: with other events a single drive may be
+       * far off */
       const int ordinary = k == EVENT_calm || late_share(k) > 0;
       biased = biased || (ordinary && fabs(x[a][1]) > x[a][2]);
     }

@@ -3,10 +3,10 @@
  *
  *   PROVE_PREPARE     tse_config_check() with any bits as settings; tse_prepare(),
  *                     tse_reset() with any settings of type real
- *   PROVE_LEARNT      tse_learnt_load() with any bytes, of any number up to twice the size
- *                     of a learnt state, and any age
- *   PROVE_STEP        tse_step() of the Kalman filter, before the first measured velocity;
- *                     PROVE_SMALL the same in a build with TSE_SMALL
+ *   PROVE_LEARNT      tse_learnt_load() with any bytes, of any number up to twice the
+ *                     size of a learnt state, and any age
+ *   PROVE_STEP        tse_step() of the Kalman filter, before the first measured
+ *                     velocity; PROVE_SMALL the same in a build with TSE_SMALL
  *   PROVE_VELOCITY    the same with the states of a measured velocity, and the row that
  *                     starts them
  *   PROVE_PARTICLES   tse_step() of the particle filter, without effects

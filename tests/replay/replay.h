@@ -22,7 +22,8 @@ enum {
   REPLAY_COLUMNS = REPLAY_OUTPUTS /* of the golden table */
 };
 
-/* Read drive.csv: dt, then the channels of tse_input. An empty field is a missing channel.
+/* Read drive.csv: dt, then the channels of tse_input. An empty field is a missing
+ * channel.
  *   Returned:  number of rows; 0 if the file cannot be read */
 static inline int replay_read(const char *path, tse_input *rows)
 {

@@ -4,8 +4,8 @@
  *   interrupt of a timer, 10 ms       loop_period():   make a row of the last readings
  *   background                        loop_work():     run the filter on a new row
  *
- * A step of the filter may take a whole period, and no interrupt waits for it. To use your
- * own ids, signals and scales, change loop_received() in control_loop.c.
+ * A step of the filter may take a whole period, and no interrupt waits for it. To use
+ * your own ids, signals and scales, change loop_received() in control_loop.c.
  * tests/embedded/can_board.c runs the loop with a recorded drive on an emulated
  * Cortex-M4F. */
 #ifndef CONTROL_LOOP_H

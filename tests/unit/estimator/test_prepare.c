@@ -803,7 +803,13 @@ static void expect_not_fitting(const tse_config *c, const char *name)
 
 static void test_what_does_not_fit_is_refused_by_name(void)
 {
-#define TRY(name, value) { tse_config c; tse_config_exact(&c); c.name = setting(value); expect_not_fitting(&c, #name); }
+#define TRY(name, value) \
+  { \
+    tse_config c; \
+    tse_config_exact(&c); \
+    c.name = setting(value); \
+    expect_not_fitting(&c, #name); \
+  }
   TRY(accel_x_sd, 0.001)
   TRY(noise_max, 300)
   TRY(steady_walk, 0.0001)

@@ -127,9 +127,17 @@ static double at(const void *object, tse_struct which, const char *name)
 }
 
 #define EXPECT_AT(object, which, name, value) \
-  do { (object)->value = real(41); expect_near(41, at(object, which, name), 0, name, 0); (object)->value = real(0); } while (0)
+  do { \
+    (object)->value = real(41); \
+    expect_near(41, at(object, which, name), 0, name, 0); \
+    (object)->value = real(0); \
+  } while (0)
 #define EXPECT_WHOLE_AT(object, which, name, value) \
-  do { (object)->value = 41; expect_near(41, at(object, which, name), 0, name, 0); (object)->value = 0; } while (0)
+  do { \
+    (object)->value = 41; \
+    expect_near(41, at(object, which, name), 0, name, 0); \
+    (object)->value = 0; \
+  } while (0)
 
 static void test_output_names_lead_to_their_members(void)
 {
