@@ -75,7 +75,7 @@ const fmu_info fmu_about = {
   1e-4,
 };
 
-void model_codes(fmu_code_row *row, void *to)
+void model_list_codes(fmu_code_row *row, void *to)
 {
   (void)row;
   (void)to;
@@ -83,7 +83,7 @@ void model_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_exact(&m->config); }
 
-void model_was_set(model *m, const fmu_variable *v, double value)
+void model_note_set(model *m, const fmu_variable *v, double value)
 {
   (void)m;
   (void)v;
@@ -102,24 +102,25 @@ static void derive_outputs(model *m)
 }
 
 /* Return the place of an input in a row. */
-static double *input_at(tse_sim_input *u, const fmu_variable *v)
+static double *find_input(tse_sim_input *u, const fmu_variable *v)
 {
   return (double *)((char *)u + v->offset - offsetof(model, u));
 }
 
 /* Return the first input outside its range; NULL if all are valid. The inputs are the
  * first variables. */
-static const fmu_variable *wrong_input(tse_sim_input u)
+static const fmu_variable *find_wrong_input(tse_sim_input u)
 {
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
-    if (!(*input_at(&u, v) >= v->lo && *input_at(&u, v) <= v->hi)) return v;
+    if (!(*find_input(&u, v) >= v->lo && *find_input(&u, v) <= v->hi)) return v;
   return NULL;
 }
 
 static fmu_result refuse_input(const fmu_variable *v, char text[FMU_TEXT])
 {
   char range[FMU_RANGE];
-  (void)snprintf(text, FMU_TEXT, "%s is not a number, or outside its range %s", v->name, fmu_range(v, range));
+  (void)snprintf(
+      text, FMU_TEXT, "%s is not a number, or outside its range %s", v->name, fmu_write_range(v, range));
   return FMU_ERROR;
 }
 
@@ -134,14 +135,14 @@ static fmu_result refuse_motion(char text[FMU_TEXT])
 
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
-  const fmu_variable *const wrong_one = wrong_input(m->u);
+  const fmu_variable *const wrong_one = find_wrong_input(m->u);
   const char *wrong = NULL;
   (void)start;
   if (wrong_one) return refuse_input(wrong_one, text);
   tse_sim begun;
   const tse_status status = tse_sim_reset(&begun, &m->config, &m->sim_config, &wrong);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong ? wrong : ""), tse_status_text(status));
+    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_find_name(wrong ? wrong : ""), tse_status_text(status));
     return FMU_ERROR;
   }
   if (tse_sim_step(&begun, &m->u, &m->y) < 0) return refuse_motion(text); /* row at the start */
@@ -157,9 +158,9 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   (void)time;
   from.dt = to.dt = step;
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
-    *input_at(&to, v) += step * *(const double *)((const char *)m + v->rate);
-  wrong = wrong_input(from);
-  if (!wrong) wrong = wrong_input(to);
+    *find_input(&to, v) += step * *(const double *)((const char *)m + v->rate);
+  wrong = find_wrong_input(from);
+  if (!wrong) wrong = find_wrong_input(to);
   if (wrong) return refuse_input(wrong, text);
   if (!(step <= 1.0)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);
@@ -179,7 +180,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   return FMU_OK;
 }
 
-int model_sound(const model *m, int started)
+int model_check(const model *m, int started)
 {
   if (!started) return 1;
   const double *const rate = &m->rate.dt, *const end = (const double *)(&m->rate + 1);

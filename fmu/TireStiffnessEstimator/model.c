@@ -121,7 +121,7 @@ const fmu_info fmu_about = {
 };
 
 /* List the codes that the library describes; of status codes those of completed steps. */
-static void described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
+static void list_described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
 {
   int32_t count;
   const tse_field *const code = tse_describe(which, &count, NULL);
@@ -129,7 +129,7 @@ static void described_codes(fmu_code_row *row, void *to, const char *type, tse_s
     if (code[i].offset >= 0) row(to, type, code[i].offset, code[i].name, code[i].text);
 }
 
-void model_codes(fmu_code_row *row, void *to)
+void model_list_codes(fmu_code_row *row, void *to)
 {
   static const char *const changes[][2] = {
     // clang-format off: table changes
@@ -143,8 +143,8 @@ void model_codes(fmu_code_row *row, void *to)
 #define FAULT(name, drives, lo, hi, unit, text) { #name, text },
   static const char *const faults[][2] = { { "none", "no channel is likely at fault, none is implausible" },
     CHANNELS(FAULT) VELOCITIES(FAULT) };
-  described_codes(row, to, "Status", TSE_STRUCT_STATUS);
-  described_codes(row, to, "Reason", TSE_STRUCT_REASON);
+  list_described_codes(row, to, "Status", TSE_STRUCT_STATUS);
+  list_described_codes(row, to, "Reason", TSE_STRUCT_REASON);
   for (int32_t i = 0; i < (int32_t)(sizeof changes / sizeof changes[0]); i++)
     row(to, "ChangeKind", i, changes[i][0], changes[i][1]);
   for (int32_t i = 0; i < (int32_t)(sizeof faults / sizeof faults[0]); i++)
@@ -154,35 +154,35 @@ void model_codes(fmu_code_row *row, void *to)
 void model_init(model *m) { tse_config_default(&m->config); }
 
 /* Return the index of a parameter in model.set; -1 if it is not a setting. */
-static int place_of(const fmu_variable *v)
+static int find_place(const fmu_variable *v)
 {
   const int32_t at = v->offset - (int32_t)offsetof(model, config);
   return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t))
                                                                        : -1;
 }
 
-void model_was_set(model *m, const fmu_variable *v, double value)
+void model_note_set(model *m, const fmu_variable *v, double value)
 {
-  if (place_of(v) >= 0)
-    m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+  if (find_place(v) >= 0)
+    m->set[find_place(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
 /* Compute the settings of the filter. With m->exact, parameters replace the settings of
  * tse_config_exact() if the importer has set them. Some importers first set every
  * parameter to its start value. If all are set, only those that differ from their start
  * values count. */
-static void settings_used(const model *m, tse_config *used)
+static void compute_settings(const model *m, tse_config *used)
 {
   int min_set = SET_TO_ANOTHER;
   for (int i = 0; i < fmu_variable_count; i++)
-    if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET)
+    if (find_place(&fmu_variables[i]) >= 0 && m->set[find_place(&fmu_variables[i])] == NOT_SET)
       min_set = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
   if (m->exact) tse_config_exact(used);
   for (int i = 0; m->exact && i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const size_t at = (size_t)v->offset - offsetof(model, config);
-    if (place_of(v) >= 0 && m->set[place_of(v)] >= min_set)
+    if (find_place(v) >= 0 && m->set[find_place(v)] >= min_set)
       memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at,
           v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
   }
@@ -223,11 +223,11 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   const char *wrong = "";
   tse_config used; /* copied to m->used when accepted: a refused call changes nothing */
   (void)start;     /* time begins with the first row */
-  settings_used(m, &used);
+  compute_settings(m, &used);
   const tse_status status = tse_prepare(&used, &m->params, &wrong);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s: %s (what is 0 follows from vehicle.mass, lf and lr)",
-        fmu_name_of(wrong), tse_status_text(status));
+        fmu_find_name(wrong), tse_status_text(status));
     return FMU_ERROR;
   }
   memcpy(&m->used, &used, sizeof used);
@@ -244,7 +244,7 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
  * steering angle or wheel speed out of range, but a sensor fault must not end a
  * co-simulation.
  *   Returned:  first  first missing channel; NULL if there is none */
-static tse_input usable(const model *m, const fmu_variable **first)
+static tse_input make_sample(const model *m, const fmu_variable **first)
 {
   tse_input u = m->row;
   u.missing &= (1u << TSE_CHANNELS) - 1u;
@@ -269,7 +269,7 @@ static tse_input usable(const model *m, const fmu_variable **first)
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   const fmu_variable *first;
-  tse_input u = usable(m, &first);
+  tse_input u = make_sample(m, &first);
   /* tse_step() would refuse the next sample. Refuse the step that is too long instead. */
   if (!(time + step - time <= TSE_LONGEST_DT)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %d s", step, TSE_LONGEST_DT);
@@ -292,22 +292,22 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)
-      (void)snprintf(
-          text, FMU_TEXT, "%s is missing or outside its range %s", first->name, fmu_range(first, range));
+      (void)snprintf(text, FMU_TEXT, "%s is missing or outside its range %s", first->name,
+          fmu_write_range(first, range));
     else (void)snprintf(text, FMU_TEXT, "%s", tse_status_text(status));
     return FMU_WARNING;
   }
   return FMU_OK;
 }
 
-int model_sound(const model *m, int started)
+int model_check(const model *m, int started)
 {
   tse_config used;
   tse_params anew;
   for (int i = 0; i < SETTINGS; i++)
     if (m->set[i] > SET_TO_ANOTHER) return 0;
   if (!started) return 1;
-  settings_used(m, &used);
+  compute_settings(m, &used);
   if (memcmp(&used, &m->used, sizeof used) != 0) return 0;
   if (tse_prepare(&used, &anew, NULL) < 0 || memcmp(&anew, &m->params, sizeof anew) != 0) return 0;
   if (!(m->rows == 0 || m->rows == 1) || !(m->time - m->time == 0.0)) return 0;

@@ -56,26 +56,26 @@ static const unit units[] = {
   /* clang-format on */
 };
 
-static const unit *unit_of(const fmu_variable *v)
+static const unit *find_unit(const fmu_variable *v)
 {
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
     if (strcmp(units[i].name, v->unit) == 0) return &units[i];
-  (void)fprintf(
-      stderr, "describe: %s has the unit '%s', which fmu/glue/describe.c does not know\n", v->name, v->unit);
+  (void)fprintf(stderr, "describe: %s has the unit '%s', which is not in the table of fmu/glue/describe.c\n",
+      v->name, v->unit);
   exit(1);
 }
 
 /* Return 1 if a variable has this unit. */
-static int used(const unit *u, int fmi)
+static int is_used(const unit *u, int fmi)
 {
   if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* unit of fmu_time */
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].kind == 'r' && unit_of(&fmu_variables[i]) == u) return 1;
+    if (fmu_variables[i].kind == 'r' && find_unit(&fmu_variables[i]) == u) return 1;
   return 0;
 }
 
 /* Return the shortest decimal number that reads back as the same double. */
-static const char *number(double x)
+static const char *format_number(double x)
 {
   static char text[40];
   for (int digits = 6; digits <= 17; digits++) {
@@ -86,7 +86,7 @@ static const char *number(double x)
 }
 
 /* Print a text with the special characters of XML escaped. */
-static void escaped(const char *text)
+static void print_escaped(const char *text)
 {
   for (; *text; text++) switch (*text) {
       case '&': (void)fputs("&amp;", stdout); break;
@@ -97,10 +97,10 @@ static void escaped(const char *text)
     }
 }
 
-static void attribute(const char *name, const char *value)
+static void print_attribute(const char *name, const char *value)
 {
   (void)printf(" %s=\"", name);
-  escaped(value);
+  print_escaped(value);
   (void)putchar('"');
 }
 
@@ -118,7 +118,7 @@ static void end_type(enumerations *e)
   e->open = NULL;
 }
 
-static void code_item(void *to, const char *type, int32_t code, const char *name, const char *text)
+static void print_code(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   enumerations *const e = to;
   if (!e->open || strcmp(e->open, type) != 0) {
@@ -129,9 +129,9 @@ static void code_item(void *to, const char *type, int32_t code, const char *name
     e->open = type;
   }
   (void)printf("      <Item");
-  attribute("name", name);
+  print_attribute("name", name);
   (void)printf(" value=\"%d\"", (int)code);
-  attribute("description", text);
+  print_attribute("description", text);
   (void)puts("/>");
 }
 
@@ -141,7 +141,7 @@ static void print_units(int fmi)
   (void)puts("  <UnitDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
-    if (!used(u, fmi)) continue;
+    if (!is_used(u, fmi)) continue;
     (void)printf("    <Unit name=\"%s\"", u->fmi);
     if (!u->has_base) {
       (void)puts("/>");
@@ -153,24 +153,25 @@ static void print_units(int fmi)
     if (u->s) (void)printf(" s=\"%d\"", u->s);
     if (u->rad) (void)printf(" rad=\"%d\"", u->rad);
     (void)printf("/>");
-    if (u->display) (void)printf("<DisplayUnit name=\"%s\" factor=\"%s\"/>", u->display, number(u->factor));
+    if (u->display)
+      (void)printf("<DisplayUnit name=\"%s\" factor=\"%s\"/>", u->display, format_number(u->factor));
     (void)puts("</Unit>");
   }
   (void)puts("  </UnitDefinitions>\n  <TypeDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
-    if (!used(u, fmi)) continue;
+    if (!is_used(u, fmi)) continue;
     (void)printf(fmi == 2 ? "    <SimpleType name=\"%s\"><Real" : "    <Float64Type name=\"%s\"", u->type);
     (void)printf(" quantity=\"%s\" unit=\"%s\"", u->type, u->fmi);
     if (u->display) (void)printf(" displayUnit=\"%s\"", u->display);
     (void)puts(fmi == 2 ? "/></SimpleType>" : "/>");
   }
-  model_codes(code_item, &types);
+  model_list_codes(print_code, &types);
   end_type(&types);
   (void)puts("  </TypeDefinitions>");
 }
 
-static const char *type_name(const fmu_variable *v, int fmi)
+static const char *name_type(const fmu_variable *v, int fmi)
 {
   switch (v->kind) {
     case 'b': return "Boolean";
@@ -181,42 +182,42 @@ static const char *type_name(const fmu_variable *v, int fmi)
 }
 
 /* Print the attributes of a variable that FMI 2.0 and 3.0 share. */
-static void what_it_is(const fmu_variable *v, int32_t reference)
+static void print_identity(const fmu_variable *v, int32_t reference)
 {
   (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
-  attribute("description", v->text);
-  attribute("causality",
+  print_attribute("description", v->text);
+  print_attribute("causality",
       v->role == 'p' ? "parameter"
                      : (v->role == 'i' ? "input" : (v->role == 'o' ? "output" : "independent")));
-  attribute("variability", v->role == 'p' ? "fixed" : (v->kind == 'r' ? "continuous" : "discrete"));
-  if (v->role == 'p' || v->role == 'o') attribute("initial", v->role == 'p' ? "exact" : "calculated");
+  print_attribute("variability", v->role == 'p' ? "fixed" : (v->kind == 'r' ? "continuous" : "discrete"));
+  if (v->role == 'p' || v->role == 'o') print_attribute("initial", v->role == 'p' ? "exact" : "calculated");
 }
 
 /* Print the attributes of a variable's type: unit, range, start value. */
-static void what_it_holds(const fmu_variable *v)
+static void print_type(const fmu_variable *v)
 {
   if (v->kind == 'r') {
-    const unit *const u = unit_of(v);
-    attribute("declaredType", u->type);
-    attribute("unit", u->fmi);
-    if (u->display) attribute("displayUnit", u->display);
+    const unit *const u = find_unit(v);
+    print_attribute("declaredType", u->type);
+    print_attribute("unit", u->fmi);
+    if (u->display) print_attribute("displayUnit", u->display);
   }
-  if (v->kind == 'e') attribute("declaredType", v->unit);
+  if (v->kind == 'e') print_attribute("declaredType", v->unit);
   if (v->hi >= v->lo && v->kind != 'b') {
-    attribute("min", number(v->start < v->lo ? v->start : v->lo));
-    attribute("max", number(v->hi));
+    print_attribute("min", format_number(v->start < v->lo ? v->start : v->lo));
+    print_attribute("max", format_number(v->hi));
   }
   if (v->role == 'p' || v->role == 'i')
-    attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
+    print_attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : format_number(v->start));
 }
 
 static void print_variable2(int32_t index)
 {
   const fmu_variable *const v = &fmu_variables[index];
   (void)printf("    <ScalarVariable");
-  what_it_is(v, index);
-  (void)printf(">\n      <%s", type_name(v, 2));
-  what_it_holds(v);
+  print_identity(v, index);
+  (void)printf(">\n      <%s", name_type(v, 2));
+  print_type(v);
   (void)puts("/>\n    </ScalarVariable>");
 }
 
@@ -224,15 +225,15 @@ static void print_variable2(int32_t index)
  * arrays and the time follow. */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
-  (void)printf("    <%s", type_name(v, 3));
-  what_it_is(v, reference);
-  what_it_holds(v);
-  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, type_name(v, 3));
+  (void)printf("    <%s", name_type(v, 3));
+  print_identity(v, reference);
+  print_type(v);
+  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, name_type(v, 3));
   else (void)puts("/>");
 }
 
 /* Return 1 if an input accepts time derivatives. */
-static int takes_rates(void)
+static int has_rates(void)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].rate != FMU_NO_RATE) return 1;
@@ -252,14 +253,14 @@ static void print_head(int fmi)
 {
   (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
   (void)printf("<fmiModelDescription fmiVersion=\"%d.0\"", fmi);
-  attribute("modelName", fmu_about.identifier);
+  print_attribute("modelName", fmu_about.identifier);
   (void)printf(" %s=\"@GUID@\"", fmi == 2 ? "guid" : "instantiationToken");
-  attribute("description", fmu_about.description);
-  attribute("author", "the tse authors");
-  attribute("version", TSE_VERSION);
-  attribute("copyright", "the tse authors");
-  attribute("license", "Apache-2.0, see documentation/licenses");
-  attribute("generationTool", "tse " TSE_VERSION);
+  print_attribute("description", fmu_about.description);
+  print_attribute("author", "the tse authors");
+  print_attribute("version", TSE_VERSION);
+  print_attribute("copyright", "the tse authors");
+  print_attribute("license", "Apache-2.0, see documentation/licenses");
+  print_attribute("generationTool", "tse " TSE_VERSION);
   (void)puts(" variableNamingConvention=\"structured\">");
 }
 
@@ -271,9 +272,9 @@ static void print_middle(int fmi)
   FMU_LOG_CATEGORIES(X)
 #undef X
   (void)puts("  </LogCategories>");
-  (void)printf("  <DefaultExperiment startTime=\"0\" stopTime=\"%s\"", number(fmu_about.stop_time));
-  (void)printf(" tolerance=\"%s\"", number(fmu_about.tolerance));
-  (void)printf(" stepSize=\"%s\"/>\n", number(fmu_about.step_size));
+  (void)printf("  <DefaultExperiment startTime=\"0\" stopTime=\"%s\"", format_number(fmu_about.stop_time));
+  (void)printf(" tolerance=\"%s\"", format_number(fmu_about.tolerance));
+  (void)printf(" stepSize=\"%s\"/>\n", format_number(fmu_about.step_size));
   (void)puts("  <ModelVariables>");
 }
 
@@ -294,7 +295,7 @@ static void print_model2(int files, char **file)
       "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" "
       "providesDirectionalDerivative=\"false\">\n"
       "    <SourceFiles>\n",
-      fmu_about.identifier, takes_rates() ? "true" : "false");
+      fmu_about.identifier, has_rates() ? "true" : "false");
   for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
   (void)puts("    </SourceFiles>\n  </CoSimulation>");
   print_middle(2);
@@ -350,10 +351,10 @@ static void print_terminals(void)
     const fmu_terminal *const t = &fmu_terminals[k];
     const size_t length = strlen(t->prefix);
     (void)printf("    <Terminal");
-    attribute("name", t->name);
-    attribute("matchingRule", "bus"); /* connect the members that both terminals have */
-    attribute("terminalKind", t->kind);
-    attribute("description", t->text);
+    print_attribute("name", t->name);
+    print_attribute("matchingRule", "bus"); /* connect the members that both terminals have */
+    print_attribute("terminalKind", t->kind);
+    print_attribute("description", t->text);
     (void)puts(">");
     for (int32_t i = 0; i < fmu_variable_count; i++) {
       const fmu_variable *const v = &fmu_variables[i];
@@ -388,7 +389,7 @@ static void print_build(char *definitions, const char *options, int files, char 
   (void)printf(
       "  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
       fmu_about.identifier);
-  attribute("compilerOptions", options);
+  print_attribute("compilerOptions", options);
   (void)puts(">");
   for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
   for (char *d = strtok(definitions, ","); d; d = strtok(NULL, ",")) print_definition(d);
@@ -397,14 +398,14 @@ static void print_build(char *definitions, const char *options, int files, char 
 
 /* ------------------------------------------------------------------------------------------- HTML */
 
-static void cell(const char *text)
+static void print_cell(const char *text)
 {
   (void)fputs("<td>", stdout);
-  escaped(text);
+  print_escaped(text);
   (void)fputs("</td>", stdout);
 }
 
-static void code_row(void *to, const char *type, int32_t code, const char *name, const char *text)
+static void print_code_row(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   const char **const last = to;
   if (!*last || strcmp(*last, type) != 0) {
@@ -420,31 +421,31 @@ static void code_row(void *to, const char *type, int32_t code, const char *name,
     *last = type;
   }
   (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
-  cell(text);
+  print_cell(text);
   (void)puts("</tr>");
 }
 
 /* Return the length of the group in a structured name: the part before the last dot. */
-static size_t group_length(const char *name)
+static size_t find_group_length(const char *name)
 {
   const char *const dot = strrchr(name, '.');
   return dot ? (size_t)(dot - name) : 0;
 }
 
-static int same_group(const fmu_variable *a, const fmu_variable *b)
+static int is_same_group(const fmu_variable *a, const fmu_variable *b)
 {
-  const size_t length = group_length(a->name);
-  return a->role == b->role && length == group_length(b->name) && strncmp(a->name, b->name, length) == 0;
+  const size_t length = find_group_length(a->name);
+  return a->role == b->role && length == find_group_length(b->name) && strncmp(a->name, b->name, length) == 0;
 }
 
-static void variable_row(const fmu_variable *v, int fmi, int32_t count)
+static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
 {
-  const size_t group = group_length(v->name);
+  const size_t group = find_group_length(v->name);
   char size[16] = "";
   if (count > 1) (void)snprintf(size, sizeof size, "[%d]", (int)count);
   (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name,
-      group ? ".<wbr>" : "", v->name + group + (group > 0), type_name(v, fmi), size,
-      v->kind == 'r' ? unit_of(v)->fmi : ""); /* <wbr>: long names may break there */
+      group ? ".<wbr>" : "", v->name + group + (group > 0), name_type(v, fmi), size,
+      v->kind == 'r' ? find_unit(v)->fmi : ""); /* <wbr>: long names may break there */
   if (v->role != 'o') {
     const int digits = v->kind == 'r' ? 6 : 10; /* all digits are in modelDescription.xml */
     (void)fputs("<td class=\"number\">", stdout);
@@ -454,7 +455,7 @@ static void variable_row(const fmu_variable *v, int fmi, int32_t count)
     if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.*g to %.*g", digits, v->lo, digits, v->hi);
     (void)fputs("</td>", stdout);
   }
-  cell(v->text);
+  print_cell(v->text);
   (void)puts("</tr>");
 }
 
@@ -476,15 +477,15 @@ static void print_variables(int fmi)
     for (int32_t first = 0; first < fmu_variable_count; first++) {
       const fmu_variable *const head = &fmu_variables[first];
       int32_t before = 0;
-      while (before < first && !same_group(&fmu_variables[before], head)) before++;
+      while (before < first && !is_same_group(&fmu_variables[before], head)) before++;
       if (head->role != roles[k].role || before < first) continue;
       (void)puts("<tbody>");
-      const int length = (int)group_length(head->name);
+      const int length = (int)find_group_length(head->name);
       if (length > 0)
         (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4,
             length, head->name);
       for (int32_t i = first; i < fmu_variable_count; i++)
-        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i], fmi, 1);
+        if (is_same_group(&fmu_variables[i], head)) print_variable_row(&fmu_variables[i], fmi, 1);
       (void)puts("</tbody>");
     }
     (void)puts("</table>");
@@ -493,12 +494,13 @@ static void print_variables(int fmi)
     (void)puts("<h3 id=\"arrays\">Arrays, and the time</h3>\n<table "
                "class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>"
                "<th>meaning</th></tr></thead>\n<tbody>");
-    for (int32_t k = 0; k < fmu_array_count; k++) variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
-    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", type_name(&fmu_time, fmi));
-    cell(fmu_time.text);
+    for (int32_t k = 0; k < fmu_array_count; k++)
+      print_variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
+    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", name_type(&fmu_time, fmi));
+    print_cell(fmu_time.text);
     (void)puts("</tr></tbody></table>");
   }
-  model_codes(code_row, &table);
+  model_list_codes(print_code_row, &table);
   if (table) (void)puts("</table>");
 }
 

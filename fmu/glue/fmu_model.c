@@ -16,7 +16,7 @@ static int is_setting(const char *name, const char *setting)
   return !*at && !*setting;
 }
 
-const char *fmu_name_of(const char *setting)
+const char *fmu_find_name(const char *setting)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].role == 'p' && is_setting(fmu_variables[i].name, setting))
@@ -24,7 +24,7 @@ const char *fmu_name_of(const char *setting)
   return setting;
 }
 
-const char *fmu_range(const fmu_variable *v, char text[FMU_RANGE])
+const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE])
 {
   const char *const unit = strcmp(v->unit, "1") == 0 ? "" : v->unit; /* no unit for ratios */
   (void)snprintf(text, FMU_RANGE, "%.10g .. %.10g%s%s", v->lo, v->hi, *unit ? " " : "", unit);

@@ -72,7 +72,7 @@ extern const fmu_info fmu_about;
 
 /* List the codes of all enumeration types, type by type: call `row` for each code. */
 typedef void fmu_code_row(void *to, const char *type, int32_t code, const char *name, const char *text);
-void model_codes(fmu_code_row *row, void *to);
+void model_list_codes(fmu_code_row *row, void *to);
 
 typedef enum fmu_result {
   FMU_OK,
@@ -93,11 +93,11 @@ typedef enum fmu_result {
 /* Return the name of the parameter of a setting, for messages: "mass" -> "vehicle.mass",
  * "body_roll_gain" -> "effects.body_roll.gain". Return `setting` if no parameter
  * matches. */
-const char *fmu_name_of(const char *setting);
+const char *fmu_find_name(const char *setting);
 
 /* Write the range of a variable, for messages: "50 .. 50000 kg".   Returned: text */
 #define FMU_RANGE 80
-const char *fmu_range(const fmu_variable *v, char text[FMU_RANGE]);
+const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE]);
 
 /* Initialise members that fmu_variables does not list. The start values are set after it.
  *   Given:  m  all bytes 0 */
@@ -105,7 +105,7 @@ void model_init(model *m);
 
 /* Note that the importer has set a parameter, for models that distinguish parameters that
  * were set. The value is already in m. */
-void model_was_set(model *m, const fmu_variable *v, double value);
+void model_note_set(model *m, const fmu_variable *v, double value);
 
 /* Check the parameters, set the state to time `start` and compute all outputs from
  * parameters and inputs. May be called again with other parameters before the first step.
@@ -121,6 +121,6 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT]);
  * forged.
  *   Given:  m        its parameters are within their ranges
  *           started  0: model_start() will be called before any other function */
-int model_sound(const model *m, int started);
+int model_check(const model *m, int started);
 
 #endif

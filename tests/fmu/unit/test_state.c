@@ -320,7 +320,7 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
   memcpy(b.at + MODEL + (size_t)v->offset, (const double[]){ 1e9 }, 8);
   sign(b);
   expect_bytes_refused(c, b.at, b.count, v->name);
-  expect_bytes_refused(c, b.at, b.count, fmu_range(v, range));
+  expect_bytes_refused(c, b.at, b.count, fmu_write_range(v, range));
   memcpy(b.at, before.at, b.count);
   expect_unchanged(c, &before, "after forged states");
   fmi2FMUstate state = NULL;
