@@ -437,8 +437,9 @@ static void test_a_step_along_the_car_is_that_of_a_linear_system_however_long(vo
     }
 }
 
-/* A lateral lag does not affect longitudinal motion: the same with d' = -K/v d, where A
- * is a number. (Above 20 m/s slip is linear to 0.05 %.) */
+/* A lateral lag does not affect longitudinal motion, with and without it: the same test
+ * with d' = -K/v d, where A is a number. (For speeds near 20 m/s slip is linear to
+ * 0.05 %.) */
 static void test_a_step_along_the_car_knows_nothing_of_a_lag_across(void)
 {
   static const double step[4] = { 0.005, 0.03, 0.1, 0.5 }, none[2] = { 0, 0 };
