@@ -81,10 +81,8 @@ typedef struct tse_particles {
                          * radius */
 #define TSE_EVENTS 15   /* slots of events, src/filter/events.c */
 #endif
-#if defined(
-/* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused
-     * there */
-    TSE_NO_VELOCITY)
+/* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused there */
+#if defined(TSE_NO_VELOCITY)
 #define TSE_EXTRAS 1 /* not in use */
 #define TSE_PAST 1
 #else

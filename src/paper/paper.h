@@ -59,10 +59,9 @@ TSE_INLINE void condition(
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(
-  /* a covariance that stopped at the end of the range is none; below r its density
-     * would beat all others */
-    TSE_REAL_FIXED)
+/* a covariance that stopped at the end of the range is none; below r its density would
+ * beat all others */
+#if defined(TSE_REAL_FIXED)
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
