@@ -339,7 +339,7 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
       s->kept_cov[i][j] = s->kept_cov[j][i] = r_mul(r, r_mul(was[i], was[j]));
     }
   for (int i = 0; i < TSE_SENSORS; i++)
-    s->noise[i] = c->noise[i] > 0 ? r_clamp(r_sqr(r_from_q24(c->noise[i])), LEAST_NOISE, p->noise_max_var)
+    s->noise[i] = c->noise[i] > 0 ? r_clamp(r_sqr(r_from_q24(c->noise[i])), MIN_NOISE, p->noise_max_var)
                                   : TSE_R(1);
 }
 

@@ -295,7 +295,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(EVENT_STEER, t.k.event[t.n].kind);
     TEST_ASSERT_TRUE(number(t.k.event[t.n].age) == 0);
-    const double w = weight * weight < number(LEAST_WEIGHT) ? 0 : weight * weight,
+    const double w = weight * weight < number(MIN_WEIGHT) ? 0 : weight * weight,
                  close = BY_NUMBER(1e-6, 0.02, 2e-3);
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
@@ -306,7 +306,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
           expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j]
                   + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]),
               m.p[i][j], close, "covariance", 100 * i + j);
-      expect_near(w * pow(number(STEER_OWN) / number(state_unit[STEER_OFFSET]), 2),
+      expect_near(w * pow(number(STEER_ACCEPTED_SD) / number(state_unit[STEER_OFFSET]), 2),
           m.p[STEER_OFFSET][STEER_OFFSET] - (1 - w) * t.without.p[STEER_OFFSET][STEER_OFFSET]
               - w * t.with.p[STEER_OFFSET][STEER_OFFSET]
               - w * (1 - w) * pow(t.with.x[STEER_OFFSET] - t.without.x[STEER_OFFSET], 2),
@@ -363,7 +363,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       memset(h, 0, sizeof h);
       h[i] = 1;
       plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]),
-          n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
+          n % 2 ? number(MIN_RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
     }
     const dense p_was = dense_of(&t.k.ud);
     t.k.slow[ACCEL_X] = real(0.25);

@@ -369,7 +369,7 @@ static void expect_activity(double q, double left, double counts)
   k.x[AR] = real(q * number(p.car.grip) * number(p.car.load_rear) / number(p.car.ky_rear));
   for (int n = 0; n < 2000; n++) update_row(&p, &k, &z, u);
   const double force = q * left * number(p.car.grip) * (number(p.car.load_front) + number(p.car.load_rear));
-  const double least = pow(number(LEAST_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
+  const double least = pow(number(MIN_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
   const double close = BY_NUMBER(1e-6, 2e-3, 1e-4);
   expect_near(pow(force * counts, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force * counts, 2),
       "across [m2/s4]", 0);
