@@ -9,19 +9,19 @@
 
 /* Return the log odds that y = -x against y = x.
  *   Given:  var  variance of the error of x or y */
-static tse_real opposite(tse_real x, tse_real y, tse_real var)
+static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
 {
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
 /* Update the log odds of reverse by yaw rate and steering angle, which may have an
  * offset. */
-static void learn_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
+static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
   const tse_real wheelbase = p->car.lf + p->car.lr;
   const tse_real steered = r_div(r_mul(speed, z->steer), wheelbase);
   const tse_real sd = r_div(r_mul(STEER_FAULT_SD, r_max(speed, MIN_SIDESLIP_SD_SPEED)), wheelbase);
-  const tse_real odds = opposite(steered, turn, r_sqr(sd));
+  const tse_real odds = compute_opposite_odds(steered, turn, r_sqr(sd));
   const tse_real share = r_min(r_div(z->dt, SMOOTH_TIME), TSE_R(1));
   w->by_turn = r_clamp(w->by_turn + r_mul(share, odds), -TAIL, TAIL);
 }
@@ -29,12 +29,12 @@ static void learn_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse
 /* Update the log odds of reverse by the integral of accel_x and the gain of speed, on a
  * road that may rise or fall. The largest log odds so far are kept, because errors of the
  * integral grow with time. */
-static void learn_by_gain(tse_way *w, const decoded *z, tse_real speed)
+static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);
   w->unread = TSE_R(0);
   const tse_real var = r_sqr(MIN_SIDESLIP_SD_SPEED) + r_sqr(r_mul(MIN_ACTIVITY, w->rolls_for));
-  const tse_real odds = opposite(speed - w->begins, w->gained, var);
+  const tse_real odds = compute_opposite_odds(speed - w->begins, w->gained, var);
   if (r_abs(odds) > r_abs(w->by_gain)) w->by_gain = odds;
 }
 
@@ -50,8 +50,8 @@ int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_re
     w->begins = speed;
     if (speed > MAX_REVERSE_SPEED) w->by_turn = w->by_gain = -TAIL;
   } else if (has_speed) {
-    if (z->has_steer && z->use[YAW_RATE]) learn_by_turn(p, w, z, speed, z->z[YAW_RATE] - f->k.x[BR]);
-    if (z->use[ACCEL_X]) learn_by_gain(w, z, speed);
+    if (z->has_steer && z->use[YAW_RATE]) update_by_turn(p, w, z, speed, z->z[YAW_RATE] - f->k.x[BR]);
+    if (z->use[ACCEL_X]) update_by_gain(w, z, speed);
   }
   return w->by_turn + w->by_gain > MIN_REVERSE_ODDS && r_min(w->by_turn, w->by_gain) > MIN_EACH_ODDS;
 }

@@ -21,7 +21,7 @@ typedef struct opens {
 
 /* Sds by which states are moved, SI. */
 enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
-static tse_real sd_of(const opens *o)
+static tse_real get_sd(const opens *o)
 {
   static const tse_real sds[] = { CHANGE_SD, MODEL_FLOOR, -MODEL_FLOOR, USUAL_MODEL_SD + USUAL_MODEL_SD,
     SLIP_EVENT_SD, STEER_FAULT_SD, STEER_ACCEPTED_SD };
@@ -75,10 +75,11 @@ typedef struct kind {
 #define WHEELS OPEN_TIME_SLIP, RATE_SLIP, CHANGE_SD, LONGITUDINAL, 1
 #define FAULT(group) OPEN_TIME, RATE_FAULT, MIN_FAULT, group, 1
 #define NEVER(slots) TSE_R(0), TSE_R(0), TSE_R(0), LATERAL, slots
-static const kind *kind_of(int32_t which)
+static const kind *get_kind(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    /* common, own;   every, rate, least, group, slots;   regime,   change,           channel */
+    /* common, own;   every, rate, least, group, slots;   regime,   change,
+     * channel */
     { UNUSED, UNUSED,       NEVER(0),            TSE_REGIME_STEADY,  TSE_CHANGE_NONE,  NO_CHANNEL },
     { ROAD, ROAD_OWN,       TYRES(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
     { AXLE_DIFF, UNUSED,    NEVER(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
@@ -100,47 +101,47 @@ static const kind *kind_of(int32_t which)
 }
 /* clang-format on */
 
-int32_t event_regime(int32_t which) { return kind_of(which)->regime; }
+int32_t event_regime(int32_t which) { return get_kind(which)->regime; }
 
-int is_of_tyres(int32_t which) { return kind_of(which)->change != TSE_CHANGE_NONE; }
+int is_tyre_change(int32_t which) { return get_kind(which)->change != TSE_CHANGE_NONE; }
 
-int32_t fault_of_event(int32_t which)
+int32_t event_fault(int32_t which)
 {
-  const int32_t channel = kind_of(which)->channel;
+  const int32_t channel = get_kind(which)->channel;
   if (channel == NO_CHANNEL) return NO_FAULT;
   return channel == STEERING ? (int32_t)FAULT_STEER : fault_of(channel);
 }
 
-static int32_t group_of(int32_t which) { return kind_of(which)->group; }
+static int32_t get_group(int32_t which) { return get_kind(which)->group; }
 
-static int is_fault(int32_t which) { return kind_of(which)->channel != NO_CHANNEL; }
+static int is_fault(int32_t which) { return get_kind(which)->channel != NO_CHANNEL; }
 
 static int is_fault_of_sensor(int32_t which)
 {
-  return is_fault(which) && kind_of(which)->channel != STEERING;
+  return is_fault(which) && get_kind(which)->channel != STEERING;
 }
 
 /* Return the group of events that a measurement of a channel shows. */
-static int group_of_channel(int channel)
+static int get_channel_group(int channel)
 {
   return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_LATERAL ? LATERAL : LONGITUDINAL;
 }
 
-static int is_of_axle(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
+static int is_axle_change(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
 
 /* Return whether a change of tyres moves LCX: that of a road does, that of an axle if it
  * is driven. */
 static int is_along(const tse_params *p, int32_t which)
 {
-  return !is_of_axle(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
+  return !is_axle_change(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
 }
 
 /* Return whether a measurement of a channel is evidence for a kind of event.
  *   Given:  along  as in scalar */
-static int speaks_of(int32_t which, int channel, int32_t along)
+static int is_evidence_for(int32_t which, int channel, int32_t along)
 {
-  const int32_t shown = group_of_channel(channel);
-  return which == EVENT_ROAD_RETURN || shown == group_of(which) || (is_of_tyres(which) && along);
+  const int32_t shown = get_channel_group(channel);
+  return which == EVENT_ROAD_RETURN || shown == get_group(which) || (is_tyre_change(which) && along);
 }
 
 /* Return whether a slot holds an event of its own, not a second amplitude. */
@@ -149,12 +150,12 @@ static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kin
 /* Compute information and score of slot n with its second amplitude integrated out, if it
  * has one. Both amplitudes are N(0, 1) before the samples.
  *   Returned:  all members but amplitude and var */
-static event_says integrated(const tse_kalman *k, int n)
+static event_posterior integrate_second(const tse_kalman *k, int n)
 {
   const int has_second = n < ROADS && k->event[n + ROADS].kind == EVENT_ROAD_AXLE_DIFF;
   const tse_event *const a = &k->event[n];
   const tse_event *const b = has_second ? &k->event[n + ROADS] : NULL;
-  event_says s;
+  event_posterior s;
   memset(&s, 0, sizeof s);
   s.info = a->info;
   s.score = a->score;
@@ -170,10 +171,10 @@ static event_says integrated(const tse_kalman *k, int n)
 }
 
 /* The amplitude of a return to the road before is known: 1. */
-event_says event_of(const tse_kalman *k, int n)
+event_posterior compute_posterior(const tse_kalman *k, int n)
 {
   const int known = k->event[n].kind == EVENT_ROAD_RETURN;
-  event_says s = integrated(k, n);
+  event_posterior s = integrate_second(k, n);
   s.var = known ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + s.info);
   s.amplitude = known ? TSE_R(1) : r_mul(s.score, s.var);
   return s;
@@ -183,7 +184,7 @@ event_says event_of(const tse_kalman *k, int n)
  *   Given:  y      shift of the innovation by amplitude 1      ys  y over the variance of
  *           the innovation      e  innovation
  *           first  y of the road to which a second amplitude belongs */
-static void learn(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
+static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
 {
   a->info = r_min(a->info + r_mul(y, ys), MAX_INFO);
   a->score = r_clamp(a->score + r_mul(e, ys), -MAX_INFO, MAX_INFO);
@@ -220,20 +221,20 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
   const int all = STATES + k->ud.extras;
   tse_real y[TSE_EVENTS];
   for (int n = 0; n < TSE_EVENTS; n++)
-    y[n] = channel >= 0 && kind_of(k->event[n].kind)->channel == channel ? offset : TSE_R(0);
+    y[n] = channel >= 0 && get_kind(k->event[n].kind)->channel == channel ? offset : TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n += TOGETHER)
     if (TOGETHER > 1 || k->event[n].kind != EVENT_NONE) correct_together(&k->event[n], h, gain, all, &y[n]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
     const tse_real y_road = n >= ROADS && n < 2 * ROADS ? y[n - ROADS] : TSE_R(0);
-    if (a->kind != EVENT_NONE && speaks_of(a->kind, channel, along))
-      learn(a, y[n], r_mul(y[n], over), e, y_road);
+    if (a->kind != EVENT_NONE && is_evidence_for(a->kind, channel, along))
+      update_amplitude(a, y[n], r_mul(y[n], over), e, y_road);
   }
 }
 
 /* Return whether a kind of event may find a frozen sensor. One channel is at fault at a
  * time, and a frozen one is not used. */
-static int names_frozen(const tse_kalman *k, int32_t which)
+static int can_name_frozen(const tse_kalman *k, int32_t which)
 {
   return is_fault_of_sensor(which) && k->fault == NO_FAULT;
 }
@@ -243,12 +244,13 @@ static int names_frozen(const tse_kalman *k, int32_t which)
  * prior. An axle is penalised by all that is raised, less what the last change has
  * lowered: else a stiffer rear axle would be as likely as a softer front axle, which
  * steers alike. */
-static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
+static tse_real penalise_stiffer(
+    const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
-  const int axle = is_of_axle(a->kind);
+  const int axle = is_axle_change(a->kind);
   const int changed = HAS_SLIP && k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   tse_real largest = TSE_R(0);
-  for (int i = LCF; i <= LCR && is_of_tyres(a->kind); i++) {
+  for (int i = LCF; i <= LCR && is_tyre_change(a->kind); i++) {
     const tse_real share = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
     const tse_real fallen = changed ? r_min(k->x[i] - k->change_from[i - LCX], TSE_R(0)) : TSE_R(0);
     const tse_real from = axle ? fallen : k->x[i];
@@ -264,38 +266,38 @@ static tse_real beyond(const tse_params *p, const tse_kalman *k, const tse_event
 /* Return the log2 likelihood ratio of slot n: this event over none. For a sensor it is at
  * least the evidence of a frozen channel. For SETTLE_TIME after a change a fault gains
  * nothing: innovations are large until the new stiffness is found. */
-static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, int n)
+static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
   if (a->kind == EVENT_ROAD_RETURN) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
-  const event_says s = event_of(k, n);
+  const event_posterior s = compute_posterior(k, n);
   tse_real ratio = r_mul(HALF_LOG2_OF_E, r_mul(s.score, s.amplitude))
       - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.info));
   if (s.second)
     ratio += r_mul(HALF_LOG2_OF_E, r_mul(s.second->score, s.beside))
         - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.second->info));
-  if (!is_fault(a->kind)) return ratio - beyond(p, k, a, s.amplitude);
+  if (!is_fault(a->kind)) return ratio - penalise_stiffer(p, k, a, s.amplitude);
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME;
   const tse_real by_samples = changed ? r_min(ratio, TSE_R(0)) : ratio;
-  const tse_real frozen = names_frozen(k, a->kind) ? k->frozen[kind_of(a->kind)->channel] : TSE_R(0);
+  const tse_real frozen = can_name_frozen(k, a->kind) ? k->frozen[get_kind(a->kind)->channel] : TSE_R(0);
   return frozen > TSE_R(0) ? r_max(by_samples, frozen) : by_samples;
 }
 
 int event_is_small(const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
-  if (names_frozen(k, a->kind) && is_frozen(k, kind_of(a->kind)->channel)) return 0;
+  if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
   /* root mean square of the amplitude by its posterior; without samples that of the
    * prior */
-  const event_says s = integrated(k, n);
+  const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
-  return r_mul(s.score, s.score) + one < r_mul(r_sqr(kind_of(a->kind)->least), r_mul(one, one));
+  return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
 }
 
 /* Compute the posterior of the events of each group, and of none in it. Small events
  * count to none.
- *   Returned:  ratio  log2_ratio() of each event */
+ *   Returned:  ratio  compute_log2_ratio() of each event */
 static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS])
 {
   tse_real *const weight = k->weight, *const none = k->none;
@@ -304,28 +306,28 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
       if (!is_event(a)) weight[n] = ratio[n] = TSE_R(0);
-      if (!is_event(a) || group_of(a->kind) != group) continue;
-      ratio[n] = log2_ratio(p, k, n);
-      const tse_real prior = r_log2(r_mul(kind_of(a->kind)->rate, kind_of(a->kind)->every));
+      if (!is_event(a) || get_group(a->kind) != group) continue;
+      ratio[n] = compute_log2_ratio(p, k, n);
+      const tse_real prior = r_log2(r_mul(get_kind(a->kind)->rate, get_kind(a->kind)->every));
       weight[n] = r_max(prior + ratio[n], MIN_LOG2);
       largest = r_max(largest, weight[n]);
     }
     sum = none[group] = r_exp2(-largest);
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
-      if (!is_event(a) || group_of(a->kind) != group) continue;
+      if (!is_event(a) || get_group(a->kind) != group) continue;
       weight[n] = r_exp2(weight[n] - largest);
       none[group] += event_is_small(k, n) ? weight[n] : TSE_R(0);
       sum += weight[n];
     }
     for (int n = 0; n < TSE_EVENTS; n++)
-      if (is_event(&k->event[n]) && group_of(k->event[n].kind) == group) weight[n] = r_div(weight[n], sum);
+      if (is_event(&k->event[n]) && get_group(k->event[n].kind) == group) weight[n] = r_div(weight[n], sum);
     none[group] = r_div(none[group], sum);
   }
 }
 
 /* Return whether a state is a constant setting: a grip without prior sd. */
-static int is_known(const tse_params *p, int32_t state)
+static int is_constant(const tse_params *p, int32_t state)
 {
   return state == LMU && !(p->prior_sd[LMU] > TSE_R(0));
 }
@@ -334,14 +336,14 @@ static int is_known(const tse_params *p, int32_t state)
 static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
-  const kind *const what = kind_of(which);
+  const kind *const what = get_kind(which);
   memset(a, 0, sizeof *a);
   a->kind = which;
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < (int)(sizeof what->common / sizeof what->common[0]); i++) {
     const int32_t at = what->common[i].state;
-    if (at < 0 || is_known(p, at) || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
-    a->v[at] = r_short(r_div(sd_of(&what->common[i]), state_unit[at]));
+    if (at < 0 || is_constant(p, at) || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
+    a->v[at] = r_short(r_div(get_sd(&what->common[i]), state_unit[at]));
   }
   for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) {
     const tse_real back = r_clamp(k->change_from[i - LCX] - k->x[i], -MAX_LOG_CHANGE, MAX_LOG_CHANGE);
@@ -358,7 +360,7 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 
 /* Update the filter with state i as it was before the last change, a measurement with the
  * variance of then. */
-static void recall(tse_kalman *k, int i)
+static void recall_state(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
   for (int j = 0; j < TSE_ALL; j++) h[j] = j == i ? TSE_R(1) : TSE_R(0);
@@ -367,7 +369,7 @@ static void recall(tse_kalman *k, int i)
   const tse_real e = r_div(k->change_from[i - LCX] - k->x[i], state_unit[i]);
   for (int j = 0; j < STATES + k->ud.extras; j++) {
     const tse_real to = k->x[j] + r_mul(r_mul(gain[j], e), state_unit[j]);
-    k->x[j] = r_clamp(to, -state_most[j], state_most[j]);
+    k->x[j] = r_clamp(to, -state_max[j], state_max[j]);
   }
   for (int q = 0; q < TSE_CONSIDERED; q++) {
     const tse_real y = r_long(k->consider[q][i]);
@@ -376,7 +378,7 @@ static void recall(tse_kalman *k, int i)
   }
 }
 
-int may_be_back(const tse_kalman *k)
+int can_return(const tse_kalman *k)
 {
   if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
   return !(k->change_from_var[1] > ud_variance(&k->ud, LCF))
@@ -390,10 +392,10 @@ int may_be_back(const tse_kalman *k)
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event when another one is opened
  *   Returned:  -1 if none is to be opened now */
-static int slot_for(
+static int find_slot(
     const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
 {
-  const int slots = kind_of(which)->slots;
+  const int slots = get_kind(which)->slots;
   int best = first, oldest = -1;
   tse_real youngest = MAX_TIME, age = TSE_R(-1);
   for (int n = first; n < first + slots; n++) {
@@ -402,7 +404,7 @@ static int slot_for(
     if (ratio[n] > ratio[best]) best = n;
   }
   for (int n = first; n < first + slots; n++) {
-    const int keeps = slots > 1 || (is_of_axle(which) && ratio[n] > TSE_R(0));
+    const int keeps = slots > 1 || (is_axle_change(which) && ratio[n] > TSE_R(0));
     if ((keeps && n == best && k->event[n].age < ROAD_TIME) || !(k->event[n].age > age)) continue;
     age = k->event[n].age;
     oldest = n;
@@ -419,19 +421,19 @@ static void move_state(
   for (int i = 0; i < TSE_ALL; i++) rescale[i] = TSE_R(1);
   for (int i = 0; i < STATES + k->ud.extras; i++) {
     tse_real shift = r_mul(by[i], state_unit[i]);
-    if (is_of_tyres(which) && i >= STIFFNESS && i <= LMU) {
+    if (is_tyre_change(which) && i >= STIFFNESS && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, MIN_FORCE);
       shift = r_div(r_log2(force), LOG2_OF_E);
       rescale[i] = r_div(TSE_R(1), force);
     }
-    k->x[i] = r_clamp(k->x[i] + shift, -state_most[i], state_most[i]);
+    k->x[i] = r_clamp(k->x[i] + shift, -state_max[i], state_max[i]);
   }
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
 /* Add var v v' to the covariance.
  *   Given:  slopes   v before move_state()      rescale  from move_state() */
-static void add_along(
+static void add_rank_one(
     tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
 {
   tse_real v[TSE_ALL];
@@ -444,15 +446,17 @@ static void add_along(
  * step of the stiffness, too: what was learnt before has a linearisation error.
  *   Given:  was     stiffness and grip before
  *           weight  1 if the event is accepted */
-static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
+static void widen_states(
+    const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
-  const kind *const what = kind_of(which);
+  const kind *const what = get_kind(which);
   const int axle = which == EVENT_REAR; /* whose stiffness shows the step */
-  const tse_real moved = is_of_tyres(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle]) : TSE_R(0);
+  const tse_real moved = is_tyre_change(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle])
+                                               : TSE_R(0);
   for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
     const int32_t at = what->own[i].state;
     if (at < 0 || (HAS_SLIP && at == LCX && !is_along(p, which))) continue;
-    const tse_real var = r_sqr(sd_of(&what->own[i])) + r_sqr(moved);
+    const tse_real var = r_sqr(get_sd(&what->own[i])) + r_sqr(moved);
     ud_add_at(&k->ud, at, r_div(r_mul(weight, var), r_sqr(state_unit[at])));
   }
 }
@@ -461,9 +465,9 @@ static void widen(const tse_params *p, tse_kalman *k, int32_t which, const tse_r
  * squared, because events of small posterior are mostly model errors. Return 0 if it is
  * below MIN_WEIGHT. Longitudinal events are not merged: slip is estimated anew in every
  * row. */
-static tse_real weight_left(const tse_kalman *k, int n)
+static tse_real compute_merge_weight(const tse_kalman *k, int n)
 {
-  const tse_real weight = k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == LATERAL
+  const tse_real weight = k->event[n].kind != EVENT_NONE && get_group(k->event[n].kind) == LATERAL
       ? r_sqr(k->weight[n])
       : TSE_R(0);
   return weight < MIN_WEIGHT ? TSE_R(0) : weight;
@@ -471,9 +475,9 @@ static tse_real weight_left(const tse_kalman *k, int n)
 
 /* Replace the state by the mean and variance of a mixture: event n with this weight, the
  * state without it with the rest. */
-static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
+static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
-  const event_says s = event_of(k, n);
+  const event_posterior s = compute_posterior(k, n);
   const int32_t which = k->event[n].kind;
   tse_real was[4], first[TSE_ALL], second[TSE_ALL], mean[TSE_ALL], by[TSE_ALL], rescale[TSE_ALL];
   for (int i = 0; i < 4; i++) was[i] = k->x[stiffness_at(i)];
@@ -484,20 +488,20 @@ static void mix_in(const tse_params *p, tse_kalman *k, int n, tse_real weight)
     by[i] = r_mul(weight, mean[i]);
   }
   move_state(p, k, which, by, rescale);
-  add_along(k, first, rescale, r_mul(weight, s.var));
-  add_along(k, second, rescale, r_mul(weight, s.beside_var));
-  add_along(k, mean, rescale, r_mul(weight, TSE_R(1) - weight));
-  widen(p, k, which, was, weight);
+  add_rank_one(k, first, rescale, r_mul(weight, s.var));
+  add_rank_one(k, second, rescale, r_mul(weight, s.beside_var));
+  add_rank_one(k, mean, rescale, r_mul(weight, TSE_R(1) - weight));
+  widen_states(p, k, which, was, weight);
 }
 
 /* Discard event n and merge it with its weight. Its variance is added to the slip
  * stiffness itself, whose mean stays: it changes with the tyres of an accepted event
  * only. */
-static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
+static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
-  if (HAS_SLIP && is_of_tyres(k->event[n].kind)) k->event[n].v[LCX] = r_short(TSE_R(0));
-  mix_in(p, k, n, weight);
+  if (HAS_SLIP && is_tyre_change(k->event[n].kind)) k->event[n].v[LCX] = r_short(TSE_R(0));
+  merge_event(p, k, n, weight);
   if (HAS_SLIP)
     k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
@@ -505,19 +509,19 @@ static void give_up(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 /* Open the next event of each kind that is due, and discard the event in its slot. One
  * is merged per row, which bounds the computing time. Slots of the kinds follow each
  * other. */
-static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
+static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, given_up = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
-    const kind *const what = kind_of(which);
-    const int possible = which != EVENT_ROAD_AXLE_DIFF && (which != EVENT_ROAD_RETURN || may_be_back(k));
+    const kind *const what = get_kind(which);
+    const int possible = which != EVENT_ROAD_AXLE_DIFF && (which != EVENT_ROAD_RETURN || can_return(k));
     const tse_real due = what->every - r_mul(TSE_R(0.5), dt);
-    const int at = possible ? slot_for(k, ratio, which, first, due) : -1;
-    const tse_real left = at >= 0 ? weight_left(k, at) : TSE_R(0);
+    const int at = possible ? find_slot(k, ratio, which, first, due) : -1;
+    const tse_real left = at >= 0 ? compute_merge_weight(k, at) : TSE_R(0);
     first += what->slots;
     if (at < 0 || (left > TSE_R(0) && given_up)) continue;
     if (left > TSE_R(0)) {
-      give_up(p, k, at, left);
+      discard_event(p, k, at, left);
       given_up = 1;
     }
     open_event(p, k, at, which);
@@ -527,12 +531,12 @@ static void spawn(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_E
 /* Keep the accepted change for the output, and the stiffness before it for a return. A
  * change within SETTLE_TIME of another is part of that one, unless it is a return. A
  * fault is withdrawn: the change may have looked like one. */
-static void note_change(
+static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_ROAD_RETURN;
-  k->change_kind = kind_of(which)->change;
+  k->change_kind = get_kind(which)->change;
   k->fault = NO_FAULT;
   if (same) return;
   k->change_age = TSE_R(0);
@@ -547,7 +551,7 @@ static void note_change(
 static void close_events(tse_kalman *k, int group)
 {
   for (int i = 0; i < TSE_EVENTS; i++)
-    if (k->event[i].kind != EVENT_NONE && group_of(k->event[i].kind) == group) {
+    if (k->event[i].kind != EVENT_NONE && get_group(k->event[i].kind) == group) {
       k->event[i].kind = EVENT_NONE;
       k->weight[i] = TSE_R(0);
     }
@@ -556,7 +560,7 @@ static void close_events(tse_kalman *k, int group)
 
 /* Return the most probable slot of a kind, or -1.
  *   Returned:  *weight  sum of the posteriors of its slots */
-static int likeliest_of_kind(const tse_kalman *k, int32_t which, tse_real *weight)
+static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_real *weight)
 {
   int best = -1;
   *weight = TSE_R(0);
@@ -570,7 +574,7 @@ static int likeliest_of_kind(const tse_kalman *k, int32_t which, tse_real *weigh
 
 /* Merge the accepted event n, and with their weights the other changes of tyres that are
  * not excluded with BELIEVED: a change of an axle may have been one of the road. */
-static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
+static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,
     HAS_SLIP ? EVENT_REAR : EVENT_NONE };
@@ -579,21 +583,21 @@ static void mix_in_believed(const tse_params *p, tse_kalman *k, int n)
   tse_real weight[3], sum = TSE_R(0), rest = TSE_R(1);
   for (int i = 0; i < 3; i++) {
     weight[i] = TSE_R(0);
-    if (tyres[i] != EVENT_NONE) at[i] = likeliest_of_kind(k, tyres[i], &weight[i]);
+    if (tyres[i] != EVENT_NONE) at[i] = find_most_probable_of_kind(k, tyres[i], &weight[i]);
     sum += weight[i];
     known = known || tyres[i] == which;
   }
   for (int i = 0; known && i < 3; i++) {
     const tse_real share = r_div(weight[i], sum);
     if (tyres[i] == which || at[i] < 0 || share < TSE_R(1) - BELIEVED) continue;
-    mix_in(p, k, at[i], share);
+    merge_event(p, k, at[i], share);
     rest -= share;
   }
-  mix_in(p, k, n, rest);
+  merge_event(p, k, n, rest);
 }
 
 /* Accept event n and close the events of its group. */
-static void believe(const tse_params *p, tse_kalman *k, int n)
+static void accept_event(const tse_params *p, tse_kalman *k, int n)
 {
   tse_real was[4], was_var[4];
   const int32_t which = k->event[n].kind;
@@ -602,30 +606,30 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
     was[i] = k->x[stiffness_at(i)];
     was_var[i] = i > 0 || HAS_SLIP ? ud_variance(&k->ud, stiffness_at(i)) : TSE_R(0);
   }
-  mix_in_believed(p, k, n);
-  for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);
+  merge_accepted(p, k, n);
+  for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) recall_state(k, i);
   if (is_fault(which)) {
-    k->fault = fault_of_event(which);
+    k->fault = event_fault(which);
     k->agrees_for = TSE_R(0);
   }
-  if (HAS_SLIP && is_of_tyres(which) && is_along(p, which)) along_change(p, k, which, was_var[0]);
-  if (is_of_tyres(which)) note_change(k, which, was, was_var, along);
-  close_events(k, group_of(which));
+  if (HAS_SLIP && is_tyre_change(which) && is_along(p, which)) along_restart(p, k, which, was_var[0]);
+  if (is_tyre_change(which)) record_change(k, which, was, was_var, along);
+  close_events(k, get_group(which));
 }
 
 /* Return the most probable event of a group that needs a reaction, or -1. An axle is not
  * accepted before SETTLE_TIME: its tyres change slowly, and one axle reaches a new road
  * first. */
-static int likeliest(const tse_kalman *k, int group)
+static int find_most_probable(const tse_kalman *k, int group)
 {
   int best = -1;
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t which = k->event[n].kind;
-    if (is_event(&k->event[n]) && group_of(which) == group && !event_is_small(k, n)
+    if (is_event(&k->event[n]) && get_group(which) == group && !event_is_small(k, n)
         && (best < 0 || k->weight[n] > k->weight[best]))
       best = n;
   }
-  if (best >= 0 && is_of_axle(k->event[best].kind) && k->event[best].age < SETTLE_TIME) return -1;
+  if (best >= 0 && is_axle_change(k->event[best].kind) && k->event[best].age < SETTLE_TIME) return -1;
   return best;
 }
 
@@ -636,8 +640,8 @@ void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
   tse_real ratio[TSE_EVENTS];
   weigh_events(p, k, ratio);
   for (int group = 0; group < TSE_GROUPS; group++) {
-    const int best = k->none[group] < TSE_R(1) - BELIEVED ? likeliest(k, group) : -1;
-    if (best >= 0) believe(p, k, best);
+    const int best = k->none[group] < TSE_R(1) - BELIEVED ? find_most_probable(k, group) : -1;
+    if (best >= 0) accept_event(p, k, best);
   }
-  spawn(p, k, ratio, dt);
+  open_due_events(p, k, ratio, dt);
 }

@@ -20,7 +20,7 @@ void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real leas
 
 int is_frozen(const tse_kalman *k, int channel) { return k->frozen[channel] > -r_log2(RATE_FAULT); }
 
-int works(const tse_kalman *k, int channel)
+int is_usable(const tse_kalman *k, int channel)
 {
   return k->fault != fault_of(channel) && !is_frozen(k, channel);
 }
@@ -31,7 +31,7 @@ int watch_steering(tse_kalman *k, decoded *z)
 {
   const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], MIN_SLOW_VAR));
   const int was = is_frozen(k, STEERING);
-  const int compared = k->innovation_var[YAW_RATE] > TSE_R(0) && works(k, YAW_RATE);
+  const int compared = k->innovation_var[YAW_RATE] > TSE_R(0) && is_usable(k, YAW_RATE);
   if (!z->has_steer) return 0;
   const tse_real contradicts = compared && r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0);
   watch_repeats(k, STEERING, z->steer, contradicts, left_of(z->dt, STEER_HOLD_TIME), z->dt);

@@ -78,13 +78,13 @@ typedef struct scalar {
 
 /* Posterior of the amplitude of an event, with the second amplitude integrated out. The
  * state moves by the amplitude times (v - part v2) plus `beside` times v2. */
-typedef struct event_says {
+typedef struct event_posterior {
   tse_real amplitude, var;     /* mean and variance of the amplitude */
   tse_real info, score;        /* information and score of the samples */
   tse_real part;               /* share of v2 in the sensitivity; 0 without a second amplitude */
   tse_real beside, beside_var; /* mean and variance of the second amplitude; 0 without one */
   const tse_event *second;     /* event of the second amplitude, with v2; NULL without one */
-} event_says;
+} event_posterior;
 
 /* Classification of a row. */
 typedef struct row_class {
@@ -101,7 +101,7 @@ typedef struct row_class {
 extern const tse_real state_unit[TSE_VALUES + TSE_EXTRAS];
 
 /* Max magnitude of each state [m/s, m/s, rad/s ...]. */
-extern const tse_real state_most[TSE_VALUES + TSE_EXTRAS];
+extern const tse_real state_max[TSE_VALUES + TSE_EXTRAS];
 
 /* Return whether an axle rolls freely: ROLLS_FRONT or ROLLS_REAR. */
 static inline int is_rolling_axle(int32_t rolls) { return rolls == ROLLS_FRONT || rolls == ROLLS_REAR; }
@@ -110,7 +110,7 @@ static inline int is_rolling_axle(int32_t rolls) { return rolls == ROLLS_FRONT |
 static inline int is_wheel(int channel) { return channel == WHEEL_FRONT || channel == WHEEL_REAR; }
 
 /* Return the freely rolling axle of a car that does not brake, by the driven axle. */
-static inline int32_t not_driven(const tse_car *c)
+static inline int32_t find_undriven_axle(const tse_car *c)
 {
   if (c->driven == 1) return ROLLS_REAR;
   return c->driven == 2 ? ROLLS_FRONT : ROLLS_UNKNOWN;
@@ -128,7 +128,7 @@ static inline int32_t fault_of(int32_t a)
 
 /* Check and decode a log row.
  *   Returned:  z; TSE_OK, or the reason why u is refused */
-tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
+tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
 
 /* --------------------------------------------------------------------------- faults.c */
 
@@ -136,7 +136,7 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
 int is_frozen(const tse_kalman *k, int channel);
 
 /* Return whether a sensor is neither frozen nor at fault. */
-int works(const tse_kalman *k, int channel);
+int is_usable(const tse_kalman *k, int channel);
 
 /* Update the evidence that channel c is frozen with a reading.
  *   Given:    nis    squared innovation over the noise variance, not over S: a value that
@@ -171,7 +171,7 @@ void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_fade(tse_kalman *k, int i, tse_real left);
 
 /* Return the variance of state i with that by the consider parameters [unit^2]. */
-tse_real own_variance_of(const tse_kalman *k, int i);
+tse_real compute_total_variance(const tse_kalman *k, int i);
 
 /* ------------------------------------------------------------------- slip_stiffness.c */
 
@@ -189,18 +189,18 @@ STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real va
  * error along the car widens its variance: the tyres may have changed.
  *   Given:    shift  mean shift of LCX by events that are not accepted yet
  *   Updated:  var    variance of LCX, then of the result */
-tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var);
+tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var);
 
 /* Restart the slip stiffness itself at LCX after an accepted change of tyres: the model
  * error on the new road is unknown. The variance that the change has added to LCX is
  * added. Tyres that return to the road before have their estimate of then.
  *   Given:  before  variance of LCX before the change [unit^2] */
-void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);
+void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before);
 
 /* ---------------------------------------------------------------------------- start.c */
 
 /* Initialise state and covariance from the prior, or from what was loaded. */
-STAGE void start_all(const tse_params *p, tse_filter *f);
+STAGE void start_state(const tse_params *p, tse_filter *f);
 
 /* Initialise the motion from wheel speed and gyro, and the lags of the steering from its
  * angle. */
@@ -211,22 +211,22 @@ STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 /* Return slip^2/(slip^2 + its variance) of the slip and of the slip angle of each axle.
  * Slopes over their stiffness are used with this share, so that errors of the slip do not
  * bias the stiffness (errors in variables). */
-void signal_shares(const tse_kalman *k, tse_real share[3]);
+void compute_signal_shares(const tse_kalman *k, tse_real share[3]);
 
 /* Move gravity along and across the road to the grade and bank given in the row. Call it
- * before predict_row() or rest_row(). */
-void road_row(const tse_params *p, tse_kalman *k, const decoded *z);
+ * before predict_row() or predict_slow_states(). */
+void update_road(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict state and covariance to the time of the row. */
 STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Predict the slow states alone, where the motion is unknown. */
-void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
+void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt);
 
 /* --------------------------------------------------------------------------- events.c */
 
 /* Return the posterior of the amplitude of slot n. */
-event_says event_of(const tse_kalman *k, int n);
+event_posterior compute_posterior(const tse_kalman *k, int n);
 
 /* Return whether the amplitude of slot n is below the size that needs a reaction. */
 int event_is_small(const tse_kalman *k, int n);
@@ -235,15 +235,15 @@ int event_is_small(const tse_kalman *k, int n);
 int32_t event_regime(int32_t which);
 
 /* Return whether a kind is a change of tyres: of a road, or of an axle. */
-int is_of_tyres(int32_t which);
+int is_tyre_change(int32_t which);
 
 /* Return the channel at fault in a kind of event, or NO_FAULT. */
-int32_t fault_of_event(int32_t which);
+int32_t event_fault(int32_t which);
 
 /* Return whether EVENT_ROAD_RETURN is possible: something has changed, and an axle was
  * better known before the change than now. Behind a patch of ice the ice itself is not a
  * road to return to. */
-int may_be_back(const tse_kalman *k);
+int can_return(const tse_kalman *k);
 
 /* Update all events with a measurement.
  *   Given:  channel  ACCEL_X ..., or NO_SENSOR_*     along  as in scalar
@@ -307,7 +307,7 @@ tse_real velocity_across_var(const tse_kalman *k);
 STAGE void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 
 /* Update the gyro bias at standstill. */
-void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
+void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* ------------------------------------------------------------------------ backwards.c */
 
@@ -325,11 +325,12 @@ int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_re
  *                         wheels are ahead
  *   Updated:   k->agreement
  *   O(1) time */
-STAGE void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second);
+STAGE void check_agreement(
+    const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second);
 
 /* Return the channel that contradicts the others, as fault_channel numbers it, or 0.
  *   Returned:  *factor  how many times too large it is; 0 where no factor explains it */
-int32_t plausible_channel(const tse_kalman *k, tse_real *factor);
+int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor);
 
 /* --------------------------------------------------------------------------- output.c */
 

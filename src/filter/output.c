@@ -6,35 +6,35 @@
 typedef struct possible {
   int32_t at[TSE_EVENTS], count;
   tse_real weight[TSE_EVENTS];
-  event_says says[TSE_EVENTS];
+  event_posterior says[TSE_EVENTS];
 } possible;
 
 /* Collect the events of nonnegligible probability. */
-static void possible_of(const tse_kalman *k, possible *e)
+static void collect_possible(const tse_kalman *k, possible *e)
 {
   e->count = 0;
   for (int n = 0; n < TSE_EVENTS; n++) {
     if (k->weight[n] < MIN_WEIGHT) continue;
     e->at[e->count] = n;
     e->weight[e->count] = k->weight[n];
-    e->says[e->count++] = event_of(k, n);
+    e->says[e->count++] = compute_posterior(k, n);
   }
 }
 
 /* Return the variance of state i [SI] over posterior, consider parameters and the events
  * that are possible.
  *   Returned:  *shift  mean shift by these events */
-static tse_real variance_of(
+static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
   if (i >= STATES) { /* TSE_SMALL: a constant */
     *shift = TSE_R(0);
     return r_sqr(p->prior_sd[i]);
   }
-  const tse_real var = own_variance_of(k, i);
+  const tse_real var = compute_total_variance(k, i);
   tse_real mean = TSE_R(0), square = TSE_R(0);
   for (int n = 0; n < e->count; n++) {
-    const event_says *const s = &e->says[n];
+    const event_posterior *const s = &e->says[n];
     const tse_real second = s->second ? r_long(s->second->v[i]) : TSE_R(0);
     const tse_real by = r_long(k->event[e->at[n]].v[i]) - r_mul(s->part, second);
     const tse_real moved = r_mul(s->amplitude, by) + r_mul(s->beside, second);
@@ -48,10 +48,10 @@ static tse_real variance_of(
 
 /* Return the posterior probability that in neither group an event of relevant size has
  * happened. */
-static tse_real probability_none(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
+static tse_real compute_none(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the regime if no event is pending. */
-static int regime_now(const tse_params *p, const tse_kalman *k)
+static int find_regime(const tse_params *p, const tse_kalman *k)
 {
   if (k->fault || is_frozen(k, STEERING)) return TSE_REGIME_FAULT;
   if (r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip) return TSE_REGIME_SLIDING;
@@ -70,17 +70,16 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    *state_sd[i] = r_min(r_sqrt(variance_of(p, k, e, VX + i, &shift)), state_most[VX + i]);
-    *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
+    *state_sd[i] = r_min(r_sqrt(compute_variance(p, k, e, VX + i, &shift)), state_max[VX + i]);
+    *state[i] = r_clamp(k->x[VX + i] + shift, -state_max[VX + i], state_max[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
   const tse_real model = r_mul(
       r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
   const tse_real unmeasured = r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x));
-  if (k->ud.extras)
-    out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
+  if (k->ud.extras) out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_max[VY], state_max[VY]);
   out->vel_y_sd = r_sqrt(k->ud.extras ? r_min(velocity_across_var(k), unmeasured) : unmeasured);
-  out->vel_y_sd = r_min(out->vel_y_sd, state_most[VY]);
+  out->vel_y_sd = r_min(out->vel_y_sd, state_max[VY]);
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < MIN_SIDESLIP_SPEED
       ? TSE_R(0)
       : r_atan2(out->vel_y, out->vel_x);
@@ -98,8 +97,8 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
   for (int i = 0; i < 3; i++) {
     const tse_real floor = i == TSE_CX_FRONT ? MODEL_FLOOR : side_floor;
     const int at = stiffness_at(i);
-    tse_real var = variance_of(p, k, e, at, &shift);
-    const tse_real c = HAS_SLIP && i == TSE_CX_FRONT ? along_of(p, k, shift, &var) : k->x[at] + shift;
+    tse_real var = compute_variance(p, k, e, at, &shift);
+    const tse_real c = HAS_SLIP && i == TSE_CX_FRONT ? along_estimate(p, k, shift, &var) : k->x[at] + shift;
     out->stiffness[i] = exponential(r_clamp(c, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
@@ -108,8 +107,8 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }
-  const tse_real var = variance_of(p, k, e, LMU, &shift);
-  out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU])));
+  const tse_real var = compute_variance(p, k, e, LMU, &shift);
+  out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_max[LMU], state_max[LMU])));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
 }
 
@@ -118,10 +117,10 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
 {
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    out->bias_sd[i] = r_sqrt(variance_of(p, k, e, bias_at(i), &shift));
+    out->bias_sd[i] = r_sqrt(compute_variance(p, k, e, bias_at(i), &shift));
     out->bias[i] = k->x[bias_at(i)] + shift;
   }
-  out->lag_steer_sd = r_sqrt(variance_of(p, k, e, LATE, &shift));
+  out->lag_steer_sd = r_sqrt(compute_variance(p, k, e, LATE, &shift));
   out->lag_steer = k->x[LATE] + shift;
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
@@ -143,12 +142,12 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* the sum over both groups may exceed 1 */
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
-  out->regime[regime_now(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
+  out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
 /* Return the channel of the most probable pending fault if a fault is more likely than
  * not, else NO_FAULT. So each row in the regime of a fault names its channel. */
-static int32_t likely_fault(const tse_kalman *k, const tse_output *out)
+static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
   tse_real largest = TSE_R(0);
@@ -157,7 +156,7 @@ static int32_t likely_fault(const tse_kalman *k, const tse_output *out)
     if (kind == EVENT_NONE || event_regime(kind) != TSE_REGIME_FAULT || event_is_small(k, n)) continue;
     if (!(k->weight[n] > largest)) continue;
     largest = k->weight[n];
-    channel = fault_of_event(kind);
+    channel = event_fault(kind);
   }
   return channel;
 }
@@ -173,19 +172,19 @@ static void report_change(const tse_params *p, const tse_kalman *k, tse_output *
   }
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
-  out->change_probability = changed ? probability_none(k) : TSE_R(0);
-  const int32_t implausible = plausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
+  out->change_probability = changed ? compute_none(k) : TSE_R(0);
+  const int32_t implausible = find_implausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
   out->fault_channel = implausible ? implausible
       : k->fault                   ? k->fault
       : is_frozen(k, STEERING)     ? (int32_t)FAULT_STEER
       : velocity                   ? velocity
-                                   : likely_fault(k, out);
+                                   : find_likely_fault(k, out);
 }
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   possible e;
-  possible_of(k, &e);
+  collect_possible(k, &e);
   report_motion(p, k, &e, out);
   report_tyres(p, k, &e, out);
   report_sensors(p, k, &e, out);
@@ -197,7 +196,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 
 /* Return whether the slow innovations of a channel are larger than usual, or larger than
  * a model that fits leaves them. In TSE_SMALL no event finds a faulty channel. */
-static int misfits(const tse_kalman *k, int channel)
+static int is_misfit(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];
   return usual > TAIL
@@ -206,7 +205,7 @@ static int misfits(const tse_kalman *k, int channel)
 
 /* Return the first reason that applies.
  *   Given:  sd, mean  of the quantity      at  its state */
-static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_class *w,
+static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const row_class *w,
     const tse_output *out, tse_real sd, tse_real mean, int at)
 {
   const tse_real var = r_sqr(sd);
@@ -216,7 +215,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
-  if (probability_none(k) < BELIEVED || (!HAS_SLIP && (misfits(k, ACCEL_Y) || misfits(k, YAW_RATE))))
+  if (compute_none(k) < BELIEVED || (!HAS_SLIP && (is_misfit(k, ACCEL_Y) || is_misfit(k, YAW_RATE))))
     return TSE_MISFIT;
   if (var <= r_mul(p->valid_var, r_sqr(mean))) return TSE_VALID;
   tse_real consider_var = p->mass_var;
@@ -244,7 +243,7 @@ static int has_other_steering(const tse_params *p, const tse_output *out)
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
   for (int a = 0; a < 3; a++)
-    out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
+    out->reason[a] = (int32_t)find_reason(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
         a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
   /* Slip shows if there is a second speed, and one of them, or accel_x, shows that of the
    * car. A second one is missing where both wheel speeds are one signal. An axle that
@@ -260,7 +259,7 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
     if (out->reason[a] == TSE_VALID && has_other_steering(p, out)) out->reason[a] = TSE_MISFIT;
   }
-  out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
+  out->grip_reason = (int32_t)find_reason(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0)))
     out->grip_reason = TSE_NOT_EXCITED; /* a constant setting */
 }
@@ -274,7 +273,7 @@ typedef struct origin {
 } origin;
 
 /* Return the part of the sd of state i, in its units, by an uncertainty. */
-static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int i)
+static tse_real compute_part(const tse_params *p, const tse_kalman *k, origin o, int i)
 {
   if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR : TSE_R(0);
   if ((o.of == OF_STATE && o.at >= STATES) || (o.of == OF_CONSIDER && o.at >= TSE_CONSIDERED))
@@ -313,11 +312,11 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = stiffness_at(a);
-    const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
+    const tse_real all = f->step == 0 ? TSE_R(0) : compute_part(p, &f->k, origins[k], i);
     const int by_filter = origins[k].of == OF_CONSIDER || origins[k].of == OF_STATE;
     tse_real var, part = all;
     if (HAS_SLIP && i == LCX && by_filter)
-      part = r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &var), all);
+      part = r_mul(along_share(p, &f->k, compute_total_variance(&f->k, LCX), &var), all);
     sd[a] = r_mul(exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
   }
   return TSE_OK;

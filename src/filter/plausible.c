@@ -38,7 +38,7 @@ enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 /* Return the variance of the first quantity of a pair that the second must explain.
  * accel_x also holds gravity along the road: up to 3 sd of the grade are subtracted, down
  * to the variance of the second. */
-static tse_real to_explain(const tse_params *p, const tse_pair *q, int which)
+static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int which)
 {
   const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
@@ -57,8 +57,8 @@ static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 }
 
 /* Return the squared correlation of a pair.
- *   Given:  first  variance of the first, from to_explain() */
-static tse_real related_of(const tse_pair *q, tse_real first)
+ *   Given:  first  variance of the first, from compute_explainable() */
+static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
 {
   return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
 }
@@ -68,7 +68,7 @@ static tse_real related_of(const tse_pair *q, tse_real first)
 static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
 {
   const tse_real x = r_max(first, MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
-  const tse_real related = related_of(q, first);
+  const tse_real related = compute_squared_correlation(q, first);
   if (which == IN_BENDS) return q->both < TSE_R(0) && related > AGAINST;
   if (which == BY_DRIVE)
     return related > AGAINST && ((driven == 1 && q->both < TSE_R(0)) || (driven == 2 && q->both > TSE_R(0)));
@@ -82,7 +82,7 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
  *   Given:     memory     [s] of the estimates
  *              least      min variance of a deviation
  *   Returned:  deviation  of both from their means, limited */
-static void pair_learn(
+static void update_pair(
     tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least, tse_real deviation[2])
 {
   q->time = r_mul(q->time, r_max(TSE_R(1) - r_div(dt, memory), TSE_R(0))) + dt;
@@ -100,10 +100,10 @@ static void pair_learn(
 }
 
 /* Return the factor between the quantities of a pair, or 0 if they do not correlate. */
-static tse_real factor_of(const tse_pair *q)
+static tse_real compute_factor(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
-  if (related_of(q, q->var[0]) < UNRELATED) return TSE_R(0);
+  if (compute_squared_correlation(q, q->var[0]) < UNRELATED) return TSE_R(0);
   const tse_real size = r_sqrt(r_div(y, x));
   return q->both < TSE_R(0) ? -size : size;
 }
@@ -111,19 +111,19 @@ static tse_real factor_of(const tse_pair *q)
 /* Update the sums by which the scale of the speed is found: square and product of a pair
  * that agrees, over SCALE_TIME of driving. Effects that lead by a quarter of a period
  * cancel: slip against the speed, and the rate of the lateral speed in a fast sweep. */
-static void scale_learn(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
+static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
   tse_real *const sum = a->moved[which == ALONG];
   const tse_real keep = r_max(TSE_R(1) - r_div(dt, SCALE_TIME), TSE_R(0));
-  if (((a->apart >> which) & 1) || related_of(q, q->var[0]) < SCALE_RELATED) return;
+  if (((a->apart >> which) & 1) || compute_squared_correlation(q, q->var[0]) < SCALE_RELATED) return;
   sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(deviation[0]));
   sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(deviation[0], deviation[1])), TSE_R(0));
 }
 
 /* Return the squared factor of the speed by the wheels: ratio of the rate of the speed to
  * accel_x, over ratio of accel_y to v r. Return 0 if the drive has not shown it. */
-static tse_real scale_of(const tse_agreement *a)
+static tse_real compute_scale(const tse_agreement *a)
 {
   const tse_real *const across = a->moved[0], *const along = a->moved[1];
   if (!(across[0] > SCALE_SHOWN_ACROSS) || !(along[0] > SCALE_SHOWN_ALONG)) return TSE_R(0);
@@ -131,7 +131,7 @@ static tse_real scale_of(const tse_agreement *a)
 }
 
 /* Return the same from the variances alone, which hold noise and slopes. */
-static tse_real rough_scale_of(const tse_pair *across, const tse_pair *along, tse_real first)
+static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
   return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),
       r_div(along->var[1], r_max(first, MIN_VARIANCE))));
@@ -142,15 +142,16 @@ static tse_real rough_scale_of(const tse_pair *across, const tse_pair *along, ts
 static int is_far_off(const tse_params *p, const tse_agreement *a)
 {
   const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
-  const tse_real first = to_explain(p, along, ALONG);
+  const tse_real first = compute_explainable(p, along, ALONG);
   if (a->apart || !is_shown(across, ACROSS, across->var[0], 0) || !is_shown(along, ALONG, first, 0)) return 0;
-  if (related_of(across, across->var[0]) < ROUGH_RELATED || related_of(along, first) < ROUGH_RELATED)
+  if (compute_squared_correlation(across, across->var[0]) < ROUGH_RELATED
+      || compute_squared_correlation(along, first) < ROUGH_RELATED)
     return 0;
-  const tse_real scale = rough_scale_of(across, along, first);
+  const tse_real scale = compute_rough_scale(across, along, first);
   return scale > MAX_ROUGH_SCALE || scale < MIN_ROUGH_SCALE;
 }
 
-static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
+static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
 /* Update a timing with a row. For y = g x - late x', the sum of (x y' - y x')/2 is that
  * of late x'^2, whatever the factor g.
@@ -237,13 +238,13 @@ static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], 
   a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
 }
 
-int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
+int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
 {
   const tse_agreement *const a = &k->agreement;
   const tse_pair *const going = &a->pair[ALONG];
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
   /* where another pair is apart, a difference in accel_x is not the road */
-  const int also = factor_of(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
+  const int also = compute_factor(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
   if (!(a->apart & PAIRS_APART)) {
@@ -251,33 +252,35 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
     if (a->apart & LATE_ACCEL) return 1 + (int32_t)TSE_CHANNEL_accel_y;
     if (a->apart & LATE_YAW) return 1 + (int32_t)TSE_CHANNEL_yaw_rate;
     if (!a->off_scale) return 0;
-    const tse_real scale = scale_of(a);
-    *factor = r_sqrt(scale > TSE_R(0) ? scale : rough_scale_of(&a->pair[ACROSS], going, going->var[0]));
+    const tse_real scale = compute_scale(a);
+    *factor = r_sqrt(scale > TSE_R(0) ? scale : compute_rough_scale(&a->pair[ACROSS], going, going->var[0]));
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
-  const tse_real gained = along ? factor_of(going) : TSE_R(0);
+  const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
   if (along && (turning || is_speed)) { /* both pairs contain the speed */
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
   if (turning) {
-    *factor = across ? factor_of(&a->pair[TURNING_BY]) : inverse(factor_of(&a->pair[TURNING_BY]));
+    *factor = across ? compute_factor(&a->pair[TURNING_BY])
+                     : invert_factor(compute_factor(&a->pair[TURNING_BY]));
     return 1 + (int32_t)(across ? TSE_CHANNEL_yaw_rate : TSE_CHANNEL_steer_angle);
   }
   if (across) {
-    *factor = factor_of(&a->pair[ACROSS]);
+    *factor = compute_factor(&a->pair[ACROSS]);
     return 1 + (int32_t)TSE_CHANNEL_accel_y;
   }
   /* front and rear wheels are exchanged, or the other axle is driven */
   if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
-  *factor = inverse(factor_of(going));
+  *factor = invert_factor(compute_factor(going));
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
 }
 
 /* Compute the values that the pairs are made of, in the order of the low-passed values.
  *   Given:  x  channels      speed  of the car */
-static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
+static void compute_values(
+    const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
 {
   const tse_real wheelbase = p->car.lf + p->car.lr, square = r_sqr(speed);
   const tse_real understeer = r_div(
@@ -293,21 +296,22 @@ static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_r
 }
 
 /* Update a pair with the sample (x, y), and decide whether it disagrees. */
-static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
+static void compare_pair(
+    const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
 {
   tse_pair *const q = &a->pair[which];
   tse_real deviation[2];
   const int apart = (a->apart >> which) & 1;
-  pair_learn(q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(least_shown[which], USUAL_TIME), deviation);
-  const tse_real first = to_explain(p, q, which);
+  update_pair(q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(least_shown[which], USUAL_TIME), deviation);
+  const tse_real first = compute_explainable(p, q, which);
   if (!is_shown(q, which, first, apart)) return;
   a->apart = is_apart(q, which, first, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);
-  if (which == ACROSS || which == ALONG) scale_learn(a, which, deviation, dt);
+  if (which == ACROSS || which == ALONG) update_scale(a, which, deviation, dt);
 }
 
 /* Read the channels.
  *   Returned:  bits of those that are present and in their range; x  0 for the others */
-static uint32_t channels_of(const tse_input *u, tse_real x[TSE_CHANNELS])
+static uint32_t read_channels(const tse_input *u, tse_real x[TSE_CHANNELS])
 {
   uint32_t has = 0;
   for (int c = 0; c < (int)TSE_CHANNELS; c++) {
@@ -319,13 +323,13 @@ static uint32_t channels_of(const tse_input *u, tse_real x[TSE_CHANNELS])
   return has;
 }
 
-void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second)
+void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second)
 {
   static const uint32_t made_of[6] = { TSE_MISSING_accel_y, TSE_MISSING_yaw_rate, TSE_MISSING_accel_x, 0,
     TSE_MISSING_yaw_rate, TSE_MISSING_steer_angle };
   tse_agreement *const a = &k->agreement;
   tse_real x[TSE_CHANNELS], value[6], change;
-  const uint32_t has = channels_of(u, x);
+  const uint32_t has = read_channels(u, x);
   const uint32_t wheels = has & (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const int both = wheels == (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const tse_real front = r_mul(p->radius_front, x[TSE_CHANNEL_wheel_speed_front]),
@@ -334,7 +338,7 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   dt = r_min(a->since + dt, MAX_TIME);
   a->since = wheels ? TSE_R(0) : dt; /* wheel speeds may come in every third row only */
   if (!wheels || !(speed > p->hold_speed)) return;
-  values_of(p, x, speed, value);
+  compute_values(p, x, speed, value);
   const int starts = dt > MAX_SMOOTH_DT || !(a->smooth[SPEED] > TSE_R(0));
   tse_real was[6];
   memcpy(was, a->smooth, sizeof was);
@@ -364,7 +368,7 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
     { s[GAINED], faster, both && !no_second && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
   };
   for (int i = 0; i < TSE_PAIRS; i++)
-    if (now[i].counts) compare(p, a, i, now[i].x, now[i].y, dt);
-  const tse_real scale = scale_of(a);
+    if (now[i].counts) compare_pair(p, a, i, now[i].x, now[i].y, dt);
+  const tse_real scale = compute_scale(a);
   a->off_scale = (scale > TSE_R(0) && (scale > MAX_SCALE || scale < MIN_SCALE)) || is_far_off(p, a);
 }

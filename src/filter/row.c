@@ -5,9 +5,9 @@
 /* Return the freely rolling axle by brake switch and wheel torques. It is the undriven
  * axle, unless these show that it brakes. Where both axles are driven it is one without
  * torque while the other has torque, because a brake switch alone does not show it. */
-static int32_t rolls_by(const tse_params *p, const decoded *z)
+static int32_t find_free_axle(const tse_params *p, const decoded *z)
 {
-  const int32_t undriven = not_driven(&p->car);
+  const int32_t undriven = find_undriven_axle(&p->car);
   const int has_brake = (z->given & TSE_GIVEN_brake) != 0;
   const int known[2] = { (z->given & TSE_GIVEN_wheel_torque_front) != 0,
     (z->given & TSE_GIVEN_wheel_torque_rear) != 0 };
@@ -66,7 +66,7 @@ static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
   z->use[WHEEL_FRONT] = 0;
 }
 
-tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
+tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
 {
   tse_input given = *u;
   if (!f->started) given.dt = p->sample_time; /* the first row has no predecessor */
@@ -97,7 +97,7 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   find_one_speed(p, f, z);
   /* Where no axle shows the speed, slip is the integral of accel_x, which holds the
    * grade. */
-  z->rolls = z->given & TSE_GIVEN_PEDALS ? rolls_by(p, z) : ROLLS_UNKNOWN;
+  z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE
       || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));
   z->no_slip = z->no_second || (no_speed && p->prior_sd[GX] > TSE_R(0));

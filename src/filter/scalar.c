@@ -17,7 +17,7 @@
  *   Given:    e, s  innovation and its variance
  *   Updated:  k->slow, slow_var, usual  low-passed innovation, its predicted variance,
  *             the mean */
-static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
+static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
   const tse_real g = r_div(dt, dt + MODEL_TIME);
   const tse_real gain = r_min(r_div(dt, USUAL_TIME), MAX_GAIN);
@@ -35,7 +35,7 @@ enum { TOGETHER = R_TOGETHER(TSE_CONSIDERED) };
 
 /* Compute y, the shift of an innovation per sd of each consider parameter.
  *   Given:  own  slopes of the measurement over the parameters */
-static void shifts_of(
+static void compute_shifts(
     const tse_kalman *k, const tse_real own[TSE_CONSIDERED], const r_sparse *h, tse_real y[TSE_CONSIDERED])
 {
   for (int q = 0; q < TSE_CONSIDERED; q += TOGETHER) {
@@ -86,7 +86,7 @@ tse_real use_scalar(
   const tse_real h_A_h = ud_measure_sparse(&k->ud, m->h, &h, f, v);
   const tse_real e_squared = r_mul(m->e, m->e);
   if (n > STATES) r_sparse_of(m->h, n, &h);
-  shifts_of(k, m->consider, &h, y);
+  compute_shifts(k, m->consider, &h, y);
   tse_real consider_var = TSE_R(0);
   for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = h_A_h + consider_var;
@@ -95,7 +95,7 @@ tse_real use_scalar(
   ud_correct(&k->ud, f, v, h_A_h, r, gain);
   if (consider_var > r_mul(NEGLIGIBLE, S)) correct_gain(k, y, S, h_A_h + r, gain, f);
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white);
-  const tse_real usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
+  const tse_real usual = channel >= 0 ? update_usual(k, channel, m->e, s_event, m->dt) : TSE_R(1);
   const r_scaled scaled = r_scaled_of(gain, n, room);
   events_learn(k, channel, channel >= 0 && m->along, &h, &scaled, m->e,
       r_max(r_mul(usual, s_event), r_div(e_squared, TAIL)), sd);

@@ -10,15 +10,15 @@ void sensitivities_clear(tse_kalman *k, int count)
     for (int i = 0; i < count; i++) k->consider[q][i] = r_short(TSE_R(0));
 }
 
-static void fade_short(tse_short *v, tse_real left)
+static void fade_element(tse_short *v, tse_real left)
 {
   if (*v != TSE_R(0)) *v = r_short(r_mul(left, r_long(*v))); /* most are 0 */
 }
 
 void sensitivities_fade(tse_kalman *k, int i, tse_real left)
 {
-  for (int q = 0; q < TSE_CONSIDERED; q++) fade_short(&k->consider[q][i], left);
-  for (int n = 0; n < TSE_EVENTS; n++) fade_short(&k->event[n].v[i], left);
+  for (int q = 0; q < TSE_CONSIDERED; q++) fade_element(&k->consider[q][i], left);
+  for (int n = 0; n < TSE_EVENTS; n++) fade_element(&k->event[n].v[i], left);
 }
 
 /* Number of sensitivities that are propagated at once. */
@@ -56,7 +56,7 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
           r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
 }
 
-tse_real own_variance_of(const tse_kalman *k, int i)
+tse_real compute_total_variance(const tse_kalman *k, int i)
 {
   tse_real var = ud_variance(&k->ud, i);
   for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][i], k->consider[q][i]);

@@ -10,29 +10,29 @@ void along_start(tse_kalman *k, tse_real var)
 }
 
 /* Return B^2, the variance of the constant model error along the car. */
-static tse_real lacks_along(const tse_params *p) { return r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)); }
+static tse_real compute_error_var(const tse_params *p) { return r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)); }
 
 tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx, tse_real *var)
 {
   const tse_real before = r_max(k->along.var, MIN_ALONG_VAR);
   const tse_real now = r_min(r_mul(var_lcx, r_sqr(state_unit[LCX])), before);
   const tse_real learnt = before - now;
-  const tse_real share = r_div(before, before + r_mul(lacks_along(p), r_div(learnt, before)));
+  const tse_real share = r_div(before, before + r_mul(compute_error_var(p), r_div(learnt, before)));
   *var = before - r_mul(share, learnt);
   return share;
 }
 
-tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
+tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
 {
-  const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.mean;
+  const tse_real own = compute_total_variance(k, LCX), moved = k->x[LCX] - k->along.mean;
   tse_real itself;
   const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
   *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0))
-      + r_max(r_sqr(moved - part) - lacks_along(p), TSE_R(0));
+      + r_max(r_sqr(moved - part) - compute_error_var(p), TSE_R(0));
   return k->along.mean + part + shift;
 }
 
-void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real before)
+void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before)
 {
   tse_real var;
   if (which == EVENT_ROAD_RETURN) {

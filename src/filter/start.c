@@ -5,13 +5,13 @@
 #define STATE_MOST(name, unit, most) TSE_R(most),
 #if defined(TSE_NO_VELOCITY)
 const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) };
-const tse_real state_most[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) };
+const tse_real state_max[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) };
 #else
 const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) EXTRA_ROWS(STATE_UNIT) };
-const tse_real state_most[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
+const tse_real state_max[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
 #endif
 
-void start_all(const tse_params *p, tse_filter *f)
+void start_state(const tse_params *p, tse_filter *f)
 {
   tse_kalman *const k = &f->k;
   tse_real variance[STATES];
@@ -36,9 +36,9 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
   tse_real *const x = k->x, variance[PLACED];
-  const int rear = z->use[WHEEL_REAR] && (not_driven(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
+  const int rear = z->use[WHEEL_REAR] && (find_undriven_axle(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
   const int axle = rear ? WHEEL_REAR : WHEEL_FRONT;
-  const int has_gyro = z->use[YAW_RATE] && works(k, YAW_RATE);
+  const int has_gyro = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
   /* speed of the car over that of the wheel: cos(steer) of a front wheel, to second
    * order */
   const tse_real cos_d = r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));

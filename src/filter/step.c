@@ -29,16 +29,17 @@ static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z
 }
 
 /* Return the speed of an axle, or that of the other axle if it is missing. */
-static tse_real axle_speed(const decoded *z, int axle)
+static tse_real get_axle_speed(const decoded *z, int axle)
 {
   return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle];
 }
 
 /* Return the larger absolute axle speed, or |v_x| of the state when both are missing. */
-static tse_real speed_of(const tse_filter *f, const decoded *z)
+static tse_real compute_speed(const tse_filter *f, const decoded *z)
 {
-  return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR)))
-                            : r_abs(f->k.x[VX]);
+  return has_wheel_speed(z)
+      ? r_max(r_abs(get_axle_speed(z, WHEEL_FRONT)), r_abs(get_axle_speed(z, WHEEL_REAR)))
+      : r_abs(f->k.x[VX]);
 }
 
 /* Keep the wheel speeds for the next row, and update the evidence that they are one
@@ -86,9 +87,9 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
  *   Given:    f    with its timers at this row
  *             gap  1: the motion cannot be followed to this row
  *   Updated:  f->way */
-static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
+static row_class classify_row(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
-  const tse_real slower = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR));
+  const tse_real slower = r_min(get_axle_speed(z, WHEEL_FRONT), get_axle_speed(z, WHEEL_REAR));
   const int reverse = rolls_backwards(p, f, z, speed) || slower < -p->hold_speed;
   row_class w;
   w.gap = gap;
@@ -101,7 +102,7 @@ static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, 
 }
 
 /* Return whether all numbers of tse_agreement before `apart` are finite. */
-static int agreement_finite(const tse_agreement *a)
+static int is_agreement_finite(const tse_agreement *a)
 {
   int fine = 1;
   for (size_t at = 0; at < offsetof(tse_agreement, apart); at += sizeof(tse_real)) {
@@ -113,7 +114,7 @@ static int agreement_finite(const tse_agreement *a)
 }
 
 /* Return whether every state and variance is finite, and no variance negative. */
-static int all_finite(const tse_kalman *k)
+static int is_state_finite(const tse_kalman *k)
 {
   int fine = 1;
   for (int i = 0; i < STATES; i++)
@@ -125,7 +126,7 @@ static int all_finite(const tse_kalman *k)
 
 /* Return whether a number of the filter's rows (number/vector.h) is near saturation in
  * fixed point. */
-static int near_saturation(const tse_kalman *k)
+static int is_near_saturation(const tse_kalman *k)
 {
   int near = r_near_end(k->ud.u, STATES * (STATES - 1) / 2);
   for (int e = 0; e < k->ud.extras; e++) near = near || r_near_end(k->ud.w[e], TSE_ALL);
@@ -136,7 +137,8 @@ static int near_saturation(const tse_kalman *k)
 }
 
 /* Return the most severe caution of the row, which is the largest code. */
-static tse_status status_of(const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
+static tse_status find_status(
+    const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
 {
   tse_status status = TSE_OK;
   for (int a = 0; a < 3; a++)
@@ -148,7 +150,7 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const row_cla
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
-  if (near_saturation(&f->k)) status = worse(status, TSE_W_RANGE);
+  if (is_near_saturation(&f->k)) status = worse(status, TSE_W_RANGE);
   if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0))
     status = worse(status, TSE_W_RECOVERED);
   if (f->k.agreement.apart || f->k.agreement.off_scale) status = worse(status, TSE_W_IMPLAUSIBLE);
@@ -165,9 +167,9 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = k->nis[a] = TSE_R(0);
   k->log_likelihood = TSE_R(0);
   velocity_lose(k);
-  if (f->started) rest_row(p, k, z->dt);
+  if (f->started) predict_slow_states(p, k, z->dt);
   if (!f->lost || !f->started) start_motion(p, k, z);
-  if (!(f->still_for < STILL_TIME)) update_still(p, k, z);
+  if (!(f->still_for < STILL_TIME)) update_at_standstill(p, k, z);
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
@@ -197,11 +199,11 @@ static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 }
 
 /* Restart from the prior, or from what was loaded. */
-static void recover(const tse_params *p, tse_filter *f, const decoded *z)
+static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
   memset(k, 0, sizeof *k);
-  start_all(p, f);
+  start_state(p, f);
   start_motion(p, k, z);
   k->change_kind = TSE_CHANGE_RESTART;
   for (int a = 0; a < 3; a++) {
@@ -212,11 +214,11 @@ static void recover(const tse_params *p, tse_filter *f, const decoded *z)
 
 /* Restart when the steering angle is found frozen: stiffness, steering offset and ratio
  * have absorbed its error. Keep the evidence that it is frozen. */
-static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
+static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
   const tse_real frozen = k->frozen[STEERING], again = k->repeats_again[STEERING];
-  recover(p, f, z);
+  restart_filter(p, f, z);
   k->reading[STEERING] = z->steer;
   k->frozen[STEERING] = frozen;
   k->repeats_again[STEERING] = again;
@@ -230,7 +232,7 @@ static void report_step(
   memset(now, 0, sizeof *now);
   report_row(p, &f->k, now);
   judge_row(p, &f->k, w, now);
-  now->status = (int32_t)status_of(f, z, w, now);
+  now->status = (int32_t)find_status(f, z, w, now);
   for (int a = 0; a < 3; a++)
     if (now->reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
 }
@@ -239,28 +241,29 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 {
   decoded z;
   tse_output now;
-  const tse_status refused = row_decode(p, f, u, &z);
+  const tse_status refused = decode_row(p, f, u, &z);
   if (refused < 0) return refused; /* before anything changes */
-  if (f->step == 0) start_all(p, f);
-  if (watch_steering(&f->k, &z)) start_over(p, f, &z);
-  road_row(p, &f->k, &z);
-  const int was_finite = all_finite(&f->k) && agreement_finite(&f->k.agreement);
+  if (f->step == 0) start_state(p, f);
+  if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
+  update_road(p, &f->k, &z);
+  const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
   /* the steering angle was missing before this row: the car may have turned otherwise */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
   const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);
-  const tse_real speed = speed_of(f, &z);
+  const tse_real speed = compute_speed(f, &z);
   advance_timers(p, f, &z, speed);
   count_gaps(f, gap && f->started && speed > p->hold_speed, z.dt);
-  const row_class w = classify(p, f, &z, speed, gap);
+  const row_class w = classify_row(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  if (!was_finite || !all_finite(&f->k)) { /* faulty memory, or an overflow: discard what was loaded, too */
+  if (!was_finite
+      || !is_state_finite(&f->k)) { /* faulty memory, or an overflow: discard what was loaded, too */
     f->start.loaded = 0;
-    recover(p, f, &z);
+    restart_filter(p, f, &z);
   }
-  if (!w.held) plausible_row(p, &f->k, u, z.dt, z.no_second);
+  if (!w.held) check_agreement(p, &f->k, u, z.dt, z.no_second);
   report_step(p, f, &z, &w, &now);
   if (f->step < UINT32_MAX) f->step++; /* stays above 0, which marks the first row */
   if (out) *out = now;

@@ -58,7 +58,7 @@ void ud_renew(tse_ud *p, tse_real variance)
 /* Add c a a' to the covariance of the extra states alone.
  *   Given:    up  power of two by which a is scaled
  *   Updated:  a   overwritten */
-static void extras_add(tse_ud *p, tse_short *a, int up, tse_real c)
+static void add_to_extras(tse_ud *p, tse_short *a, int up, tse_real c)
 {
   for (int e = EXTRAS_IN_USE(p) - 1; e >= 0; e--) {
     const tse_real own = r_long_scaled(a[e], up);
@@ -137,7 +137,7 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
     if (take_part(p, row, up, j - 1, &c, &share[1], &pull[1])) r_add_in_turn_twice(u, row, share, pull, --j);
     else r_add_in_turn(u[0], row, share[0], pull[0], j - 1);
   }
-  extras_add(p, row + STATES, up, c);
+  add_to_extras(p, row + STATES, up, c);
 }
 
 void ud_add_at(tse_ud *p, int i, tse_real more)
@@ -157,7 +157,7 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
       a[e] = p->w[e][j];
       p->w[e][j] = r_short(TSE_R(0));
     }
-    extras_add(p, a, 0, p->d[j]);
+    add_to_extras(p, a, 0, p->d[j]);
   }
   for (int j = 0; j < STATES; j++)
     for (int i = 0; i < count && i < j; i++) p->u[ud_column(j) + i] = r_short(TSE_R(0));
@@ -174,7 +174,7 @@ typedef struct sums {
 /* Multiply M by U.
  *   Updated:   columns of U behind the motion
  *   Returned:  s  columns of the motion */
-static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
+static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   for (int j = STATES - 1; j >= 0; j--) {
     tse_short *const u = &p->u[ud_column(j)], sum[MOTION];
@@ -190,7 +190,7 @@ static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 /* Orthogonalise the rows before j, and those of the extra states, against row j (weighted
  * Gram-Schmidt). Rows behind j are done.
  *   Updated:  s; column j of U and W, D of state j */
-static void take_out(tse_ud *p, sums *s, int j)
+static void orthogonalise(tse_ud *p, sums *s, int j)
 {
   tse_real v[2 * MOTION], d = TSE_R(0);
   tse_short room[2 * MOTION];
@@ -217,7 +217,7 @@ static void take_out(tse_ud *p, sums *s, int j)
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION])
 {
   sums s;
-  transform(p, M, &s);
+  multiply_by_u(p, M, &s);
   for (int k = 0; k < MOTION; k++) {
     s.variance[k] = p->d[k];
     s.variance[MOTION + k] = noise[k];
@@ -225,12 +225,12 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
   }
   for (int e = 0; e < EXTRAS_IN_USE(p); e++)
     for (int k = 0; k < 2 * MOTION; k++) s.extra[e][k] = k < MOTION ? p->w[e][k] : r_short(TSE_R(0));
-  for (int j = MOTION - 1; j >= 0; j--) take_out(p, &s, j);
+  for (int j = MOTION - 1; j >= 0; j--) orthogonalise(p, &s, j);
   /* remainder of the extra states that does not correlate with the new motion */
   for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) {
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) a[e] = s.extra[e][k];
-    extras_add(p, a, 0, s.variance[k]);
+    add_to_extras(p, a, 0, s.variance[k]);
   }
 }
 

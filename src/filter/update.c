@@ -4,21 +4,21 @@
 
 /* Add the summed correction to x, within its bounds. Keep (OWN_SHARE times the
  * correction)^2 of each stiffness: what was learnt before has a linearisation error.
- * rest_row() adds it to the variance. */
+ * predict_slow_states() adds it to the variance. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
-    k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
+    k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_max[i], state_max[i]);
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++)
     k->moved[a] = r_min(k->moved[a] + r_sqr(r_mul(OWN_SHARE, change[stiffness_at(a)])), MAX_D);
   for (int i = STIFFNESS; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
-void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
+void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   tse_real change[TSE_ALL], state;
   scalar m;
-  if (!z->use[YAW_RATE] || !works(k, YAW_RATE)) return;
+  if (!z->use[YAW_RATE] || !is_usable(k, YAW_RATE)) return;
   memset(&m, 0, sizeof m);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   m.h[BR] = state_unit[BR];
@@ -33,7 +33,7 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
 /* Compute the slopes of the sensors over their consider parameters, per sd: latencies, by
  * the rates of forces and speed, and scales.
  *   Updated:   k->before */
-static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
+static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
     tse_real consider[TSE_SENSORS][TSE_UNCERTAIN_ALL])
 {
   const tse_real over = r_div(TSE_R(1), dt);
@@ -54,35 +54,35 @@ static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *
 /* Return whether the car brakes, by the force of the estimated slip, or by accel_x where
  * it contradicts that force. accel_x alone would ripple with the wheels and select the
  * half turn in which the slip is too large. */
-static int brakes(const tse_params *p, const tse_kalman *k, const forces *f)
+static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
   const tse_real max_square = r_mul(r_mul(TAIL, k->noise[ACCEL_X]), r_sqr(p->sensor_sd[ACCEL_X]));
-  const tse_real contradiction = r_sqr(e) > max_square && works(k, ACCEL_X) ? e : TSE_R(0);
+  const tse_real contradiction = r_sqr(e) > max_square && is_usable(k, ACCEL_X) ? e : TSE_R(0);
   return f->x + contradiction + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
 /* Return the freely rolling axle: by brake switch and wheel torques, else the undriven
  * axle of a car that does not brake. */
-static int32_t rolling_axle(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
+static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   if (z->rolls != ROLLS_UNKNOWN) return z->rolls;
-  return brakes(p, k, f) ? ROLLS_NONE : not_driven(&p->car);
+  return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
 /* Return whether the car may drive. While it brakes no axle rolls freely, so that slip is
  * only the integral of accel_x. */
-static int32_t drives(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
+static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
-  return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !brakes(p, k, f));
+  return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
 }
 
 /* Update the filter with a pseudo-measurement of slip at the freely rolling axle. */
-static void roll_freely(
+static void use_free_rolling(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
-  const int32_t axle = rolling_axle(p, k, z, f);
+  const int32_t axle = find_rolling_axle(p, k, z, f);
   scalar m;
   tse_real state;
   if (!is_rolling_axle(axle)) return;
@@ -113,7 +113,7 @@ static void predict_sensors(
       ? car_pitch(c, k->pitch, f->x, z->dt)
       : TSE_R(0);
   car_measure(c, k->x, f, pitch, s->read, s->H);
-  signal_shares(k, share);
+  compute_signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = HAS_SLIP ? 0 : 1; i < 3; i++)
       s->H[a][stiffness_at(i)] = r_mul(s->H[a][stiffness_at(i)], share[i]);
@@ -121,7 +121,7 @@ static void predict_sensors(
   for (int a = 0; HAS_SLIP && z->no_second && a < TSE_SENSORS; a++) {
     s->H[a][SF] = s->H[a][SR] = s->H[a][LCX] = TSE_R(0); /* one speed does not show slip */
   }
-  slopes_of_sensors(p, k, f, z->dt, s->consider);
+  compute_consider_slopes(p, k, f, z->dt, s->consider);
 }
 
 /* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME), the
@@ -129,7 +129,7 @@ static void predict_sensors(
  * force/force)^2, within 1 .. MAX_LINEAR_RATIO: near saturation the form of the tyre
  * curve matters, which is unknown. The floor is MIN_ACTIVITY^2 and TAIL times the noise
  * variance of accel_y, for uneven roads; for the yaw rate over v_x^2. */
-static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
+static void update_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(MIN_ACTIVITY));
   const tse_real linear = r_sqr(f->endless_x) + r_sqr(f->endless_y);
@@ -147,7 +147,7 @@ static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f,
 /* Return the variance of the model discrepancy of a channel; 0 for wheel speeds. Its
  * discrepancy is coloured noise of time constant MODEL_TIME and sd model_sd
  * sqrt(activity). White noise of the same power at low frequencies stands for it. */
-static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
+static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {
   if (is_wheel(channel)) return TSE_R(0);
   return r_mul(r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))),
@@ -156,7 +156,7 @@ static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channe
 
 /* Return the variance of a wheel speed by the error of a slip that is computed from the
  * force [m2/s2]. */
-static tse_real slip_var(const tse_params *p, const tse_kalman *k, int channel)
+static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int channel)
 {
   const tse_real slip = r_mul(p->prior_sd[LCX], k->x[channel == WHEEL_FRONT ? SF : SR]);
   return r_mul(r_sqr(k->x[VX]), r_sqr(FREE_SLIP_SD) + r_sqr(slip));
@@ -169,7 +169,7 @@ static tse_real slip_var(const tse_params *p, const tse_kalman *k, int channel)
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;
-  const int axle = z->use[WHEEL_REAR] && (not_driven(&p->car) != ROLLS_FRONT || !z->use[WHEEL_FRONT])
+  const int axle = z->use[WHEEL_REAR] && (find_undriven_axle(&p->car) != ROLLS_FRONT || !z->use[WHEEL_FRONT])
       ? WHEEL_REAR
       : WHEEL_FRONT;
   return is_wheel(channel) ? channel == axle : channel != ACCEL_X;
@@ -200,9 +200,9 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   const tse_real ackermann = r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d)));
   const tse_real turn = channel == WHEEL_FRONT ? ackermann : TSE_R(0);
   const int slip_by_force = (!HAS_SLIP || z->no_second) && is_wheel(channel);
-  const tse_real by_slip = slip_by_force ? slip_var(p, k, channel) : TSE_R(0);
+  const tse_real by_slip = slip_by_force ? compute_slip_var(p, k, channel) : TSE_R(0);
   m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn + by_slip;
-  m->r = m->white + unexplained(p, k, channel, z->dt);
+  m->r = m->white + compute_discrepancy_var(p, k, channel, z->dt);
 }
 
 /* Compute the normalised innovation squared (nis) of a channel: 1 on average where
@@ -213,7 +213,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
  *   e = d + white noise
  *   Given:    state  variance of the innovation by the state
  *   Updated:  k->nis, k->lasting, k->lasting_var */
-static void follow_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
+static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
   tse_real *const d = &k->lasting[channel], *const var = &k->lasting_var[channel];
   const tse_real left = left_of(m->dt, MODEL_TIME), keep = r_sqr(left);
@@ -241,7 +241,7 @@ static void use_channel(
   k->last_innovation[channel] = m->e;
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = r_add_sat(state, m->r);
-  follow_lasting(p, k, channel, m, state);
+  update_lasting(p, k, channel, m, state);
   k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m->e), s) + r_mul(LN_2, r_log2(s)) + LN_TWO_PI);
 }
 
@@ -253,10 +253,11 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   tse_real change[TSE_ALL];
   car_forces(&p->car, k->x, u, TSE_R(1), &f);
   predict_sensors(p, k, z, &f, &s);
-  follow_activity(p, k, &f, z->dt);
+  update_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->log_likelihood = TSE_R(0);
-  const int32_t along = HAS_SLIP && drives(p, k, z, &f); /* by the innovation of accel_x in the row before */
+  const int32_t along = HAS_SLIP
+      && is_driving(p, k, z, &f); /* by the innovation of accel_x in the row before */
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];
     scalar m;
@@ -266,10 +267,10 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     m.along = along;
     const tse_real noise_var = r_max(m.white, r_sqr(p->sensor_sd[channel]));
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), noise_var), TSE_R(1) - BELIEVED, z->dt);
-    if (works(k, channel)) use_channel(p, k, channel, &m, change);
+    if (is_usable(k, channel)) use_channel(p, k, channel, &m, change);
     else watch_fault(k, channel, &m);
   }
-  if (HAS_SLIP && !z->no_second && z->has_steer) roll_freely(p, k, z, &f, change);
+  if (HAS_SLIP && !z->no_second && z->has_steer) use_free_rolling(p, k, z, &f, change);
   if (z->has_steer) velocity_update(p, k, z, &f, change);
   apply_correction(p, k, change);
 }

@@ -27,7 +27,7 @@ enum { INS_X, INS_Y, SPEED, COURSE };
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
 /* Return the angle within -pi .. pi. */
-static tse_real wrapped(tse_real angle)
+static tse_real wrap_angle(tse_real angle)
 {
   const tse_real turns = r_mul(angle, PER_TURN);
   return angle - r_mul(TSE_R(2), r_mul(HALF_TURN, r_from_int(r_floor_to_int(turns + TSE_R(0.5)))));
@@ -57,7 +57,7 @@ void velocity_lose(tse_kalman *k)
 }
 
 /* Update the past motion, relative to that of this row, at intervals of PAST_INTERVAL. */
-static void remember(tse_kalman *k, tse_real dt)
+static void keep_past(tse_kalman *k, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
   const int first = m->kept == 0;
@@ -77,7 +77,7 @@ static void remember(tse_kalman *k, tse_real dt)
 
 /* Find the motion `late` seconds ago less that of now, as far back as it is kept.
  *   Returned:  delta; latency that was reached [s] */
-static tse_real past_of(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
+static tse_real find_past(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
 {
   tse_real newer = TSE_R(0);
   for (int i = 0; i < KEPT; i++) delta[i] = TSE_R(0);
@@ -93,7 +93,7 @@ static tse_real past_of(const tse_velocity *m, tse_real late, tse_real delta[KEP
 }
 
 /* Add q to the variance of an extra state. */
-static void grow(tse_kalman *k, int i, tse_real q)
+static void add_variance(tse_kalman *k, int i, tse_real q)
 {
   tse_real a[TSE_ALL];
   for (int j = 0; j < TSE_ALL; j++) a[j] = j == i ? TSE_R(1) : TSE_R(0);
@@ -111,14 +111,14 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
   ud_fade_extra(&k->ud, V_DISCREPANCY - STATES, left);
   sensitivities_fade(k, V_DISCREPANCY, left);
   const tse_real var = r_mul(r_mul(r_sqr(OFF_SHARE), r_sqr(p->model_sd) + p->mass_var), m->activity);
-  grow(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
+  add_variance(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
 }
 
 /* Propagate the heading by the gyro, because the yaw rate of the model has a model error;
  * without a gyro by that. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  const int measured = z->use[YAW_RATE] && works(k, YAW_RATE);
+  const int measured = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
   const int by = measured ? BR : YAW; /* state of which the rate depends */
   const tse_real sign = measured ? TSE_R(-1) : TSE_R(1);
   const tse_real share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
@@ -135,7 +135,7 @@ static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
     k->consider[CONSIDER_GYRO][PSI] = r_short(r_long(k->consider[CONSIDER_GYRO][PSI])
         - r_div(r_mul(r_mul(p->uncertain[CONSIDER_GYRO], rate), z->dt), state_unit[PSI]));
   k->velocity.turned = r_mul(r_mul(TSE_R(0.5), z->dt), before + rate);
-  k->x[PSI] = wrapped(k->x[PSI] + k->velocity.turned);
+  k->x[PSI] = wrap_angle(k->x[PSI] + k->velocity.turned);
 }
 
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
@@ -145,9 +145,9 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   if (!k->ud.extras) return;
   turn_heading(p, k, z);
   fade_discrepancy(p, k, left_of(dt, MODEL_TIME), dt);
-  grow(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
+  add_variance(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
   for (int e = V_SCALE; e < TSE_ALL; e++)
-    grow(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
+    add_variance(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
   for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MAX_SINCE);
 }
 
@@ -161,7 +161,7 @@ typedef struct velocity_reading {
  *   Given:  v        speeds along and across [m/s], yaw rate [rad/s] when it is true
  *           heading  [rad]
  *           extra    extra states */
-static velocity_reading read_of(
+static velocity_reading predict_value(
     int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
 {
   const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES];
@@ -212,14 +212,14 @@ static void predict_reading(
   const tse_real *const x = k->x;
   tse_real delta[KEPT], rate[KEPT], h[TSE_ALL], changes = TSE_R(0);
   tse_real late = p->velocity_late + x[V_LATE];
-  const tse_real span = past_of(&k->velocity, r_max(late, PAST_INTERVAL), delta);
+  const tse_real span = find_past(&k->velocity, r_max(late, PAST_INTERVAL), delta);
   for (int i = 0; i < KEPT; i++) rate[i] = span > TSE_R(0) ? -r_div(delta[i], span) : TSE_R(0);
   late = r_min(late, span);
   for (int i = 0; i < KEPT; i++) delta[i] = -r_mul(late, rate[i]); /* linear, also ahead of the row */
   const tse_real v[3] = { x[VX] + delta[0], x[VY] + delta[1], x[YAW] + delta[2] };
-  const velocity_reading now = read_of(c, v, x[PSI] + delta[KEPT_HEADING], &x[STATES]);
+  const velocity_reading now = predict_value(c, v, x[PSI] + delta[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
-  if (c == COURSE) m->e = wrapped(m->e);
+  if (c == COURSE) m->e = wrap_angle(m->e);
   for (int q = 0; q < TSE_CONSIDERED; q++) m->consider[q] = TSE_R(0);
   for (int j = 0; j < COLUMNS; j++) {
     tse_real slope = TSE_R(0);
@@ -244,9 +244,9 @@ static void predict_reading(
 
 /* Set the heading so that the course fits, and its variance to that of an unknown
  * heading. */
-static void new_heading(tse_kalman *k, tse_real by)
+static void set_heading(tse_kalman *k, tse_real by)
 {
-  k->x[PSI] = wrapped(k->x[PSI] + by);
+  k->x[PSI] = wrap_angle(k->x[PSI] + by);
   ud_renew(&k->ud, r_sqr(r_div(HEADING_SD, state_unit[PSI])));
   for (int q = 0; q < TSE_CONSIDERED; q++) k->consider[q][PSI] = r_short(TSE_R(0));
   for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = r_short(TSE_R(0));
@@ -265,7 +265,7 @@ static void use_velocity(
   if (c == COURSE && k->x[VX] < MIN_COURSE_SPEED)
     nominal = r_mul(nominal, r_sqr(r_div(MIN_COURSE_SPEED, r_max(k->x[VX], p->hold_speed))));
   if (c == COURSE && !m->has_heading) {
-    new_heading(k, s->e);
+    set_heading(k, s->e);
     s->e = change[PSI] = TSE_R(0);
   }
   for (int i = 0; i < TSE_ALL; i++) s->e -= r_mul(s->h[i], change[i]);
@@ -296,11 +296,11 @@ void velocity_update(
 {
   tse_velocity *const m = &k->velocity;
   tse_real rate[3], by[3][COLUMNS];
-  if (k->ud.extras) remember(k, z->dt);
+  if (k->ud.extras) keep_past(k, z->dt);
   if (!(z->given & TSE_GIVEN_VELOCITIES)) return;
   if (!k->ud.extras) {
     start_velocity(p, k);
-    remember(k, z->dt);
+    keep_past(k, z->dt);
   }
   const tse_real lean = k->x[LEAN];
   const int has_bank = (z->given & TSE_GIVEN_bank) != 0; /* LEAN is 0 then, as in move_row() of predict.c */

@@ -113,7 +113,7 @@ static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most
 static int32_t most_of(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)
-    if (place_of(i) == place) return r_to_q24(state_most[FAST + i]);
+    if (place_of(i) == place) return r_to_q24(state_max[FAST + i]);
   return INT32_MAX; /* no state here */
 }
 

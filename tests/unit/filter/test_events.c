@@ -210,7 +210,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     rows(&t, 12, YAW_RATE, n % 2 ? 1.5 : 0, 0, 1, &seed);
     expect_ratio(&t, before, "road");
     if (lacks) TEST_ASSERT_TRUE(t.k.event[slot].both == TSE_R(0));
-    const event_says s = event_of(&t.k, 0);
+    const event_posterior s = compute_posterior(&t.k, 0);
     const double close = BY_NUMBER(1e-9, 0.02, 1e-3);
     apart = fmax(apart, fabs(number(s.beside)));
     for (int i = 0; i < STATES; i++) {
@@ -236,7 +236,7 @@ static void test_an_event_alone_has_no_second_amplitude(void)
   uint32_t seed = 11;
   start(&t, EVENT_SLIP_FRONT, 2, 0, &seed);
   rows(&t, 6, 0, 1, 0, 1, &seed);
-  const event_says s = event_of(&t.k, t.n);
+  const event_posterior s = compute_posterior(&t.k, t.n);
   TEST_ASSERT_NULL(s.second);
   expect_near(0, number(s.part), 0, "part", 0);
   expect_near(0, number(s.beside), 0, "mean beside", 0);

@@ -397,7 +397,7 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   memcpy(before, k.x, sizeof before);
   memset(&z, 0, sizeof z);
   z.dt = real(0.01), z.use[2] = 1, z.z[2] = real(0.004);
-  for (int n = 0; n < 200; n++) update_still(&p, &k, &z);
+  for (int n = 0; n < 200; n++) update_at_standstill(&p, &k, &z);
   expect_near(0.004, number(k.x[BR]), 1e-4, "bias of the gyro", 0);
   for (int i = 0; i < STATES; i++)
     if (i != BR) TEST_ASSERT_EQUAL_MEMORY(&before[i], &k.x[i], sizeof before[i]);
