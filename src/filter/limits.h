@@ -77,14 +77,12 @@
 #define MIN_SLOW_VAR TSE_R(1e-9)        /* [unit of the channel^2] min variance of a slow innovation */
 #define NEGLIGIBLE TSE_R(0.001)         /* [1] share of S below which consider parameters leave the gain as
                                          * is */
-#define MIN_TURNING_SPEED TSE_R(5)      /* [m/s] min speed by which a lateral acceleration becomes a yaw
-                                         * rate */
+#define MIN_TURNING_SPEED TSE_R(5)      /* [m/s] min divisor that makes a lateral acceleration a yaw rate */
 #define MAX_LINEAR_RATIO TSE_R(9)       /* [1] max square of linear force over force: a brush tyre slides
                                          * as a whole there, and its form is meaningless beyond */
 #define MIN_SIDESLIP_SPEED TSE_R(0.01)  /* [m/s] below it the sideslip angle is reported as 0 */
-#define MIN_SIDESLIP_SD_SPEED TSE_R(1)  /* [m/s] min speed by which the sd of the sideslip angle is
-                                         * computed */
-#define MIN_SPEED TSE_R(0.1)            /* [m/s] min speed by which slopes of course and speed are computed */
+#define MIN_SIDESLIP_SD_SPEED TSE_R(1)  /* [m/s] min divisor of the sd of the sideslip angle */
+#define MIN_SPEED TSE_R(0.1)            /* [m/s] min divisor of the slopes of course and speed */
 #define PAST_INTERVAL TSE_R(0.035)      /* [s] spacing of the past motion: 8 of them span the max latency,
                                          * 0.28 s */
 #define MAX_CORRELATION TSE_R(0.999)    /* [1] max correlation of loaded states: variances stay positive */

@@ -48,7 +48,7 @@ static tse_real compute_variance(
 
 /* Return the posterior probability that in neither group an event of relevant size has
  * happened. */
-static tse_real compute_none(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
+static tse_real compute_no_event(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
 /* Return the regime if no event is pending. */
 static int find_regime(const tse_params *p, const tse_kalman *k)
@@ -172,7 +172,7 @@ static void report_change(const tse_params *p, const tse_kalman *k, tse_output *
   }
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
-  out->change_probability = changed ? compute_none(k) : TSE_R(0);
+  out->change_probability = changed ? compute_no_event(k) : TSE_R(0);
   const int32_t implausible = find_implausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
   out->fault_channel = implausible ? implausible
       : k->fault                   ? k->fault
@@ -215,7 +215,7 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
-  if (compute_none(k) < BELIEVED || (!HAS_SLIP && (is_misfit(k, ACCEL_Y) || is_misfit(k, YAW_RATE))))
+  if (compute_no_event(k) < BELIEVED || (!HAS_SLIP && (is_misfit(k, ACCEL_Y) || is_misfit(k, YAW_RATE))))
     return TSE_MISFIT;
   if (var <= r_mul(p->valid_var, r_sqr(mean))) return TSE_VALID;
   tse_real consider_var = p->mass_var;
@@ -245,9 +245,8 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   for (int a = 0; a < 3; a++)
     out->reason[a] = (int32_t)find_reason(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
         a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
-  /* Slip shows if there is a second speed, and one of them, or accel_x, shows that of the
-   * car. A second one is missing where both wheel speeds are one signal. An axle that
-   * rolls freely shows the speed, accel_x does so on a flat road. */
+  /* Slip needs the speed of the car beside that of the wheels. An axle that rolls freely
+   * shows it, and accel_x on a flat road. */
   const int has_speed = p->car.driven != 0 || is_rolling_axle(w->rolls) || !(p->prior_sd[GX] > TSE_R(0));
   const int32_t reason = out->reason[TSE_CX_FRONT];
   const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;

@@ -119,7 +119,7 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int measured = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
-  const int by = measured ? BR : YAW; /* state of which the rate depends */
+  const int by = measured ? BR : YAW; /* state on which the rate depends */
   const tse_real sign = measured ? TSE_R(-1) : TSE_R(1);
   const tse_real share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
   const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW];

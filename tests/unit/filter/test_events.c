@@ -1,6 +1,6 @@
-/* tests/unit/filter/test_events.c <-> src/filter/events.c: what an event's amplitude
- * makes of the likelihood, against two dense Kalman filters, of which one knows that its
- * state may have moved. Linear, so that both are exact. */
+/* tests/unit/filter/test_events.c <-> src/filter/events.c, sensitivities.c,
+ * slip_stiffness.c: likelihood and posterior of an event against two dense Kalman filters,
+ * one of which has the event in its prior. They are linear, so that both are exact. */
 #include "filter_support.h"
 
 /* A dense Kalman filter, its state in units; the last member is an offset of the

@@ -1,7 +1,6 @@
-/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row against a dense
- * Schmidt-Kalman filter in double, of the state and what is uncertain beside it, in one
- * covariance; gains of what is uncertain are 0 (Schmidt 1966), the covariance is
- * Joseph's. */
+/* tests/unit/filter/test_update.c <-> src/filter/update.c, scalar.c, faults.c: a row
+ * against a dense Schmidt-Kalman filter in double. Its covariance is that of the state and
+ * the consider parameters, whose gains are 0 (Schmidt 1966), by Joseph's form. */
 #include "filter_support.h"
 
 enum { ALL = STATES + TSE_CONSIDERED, ROOM = STATES + TSE_UNCERTAIN_ALL };
