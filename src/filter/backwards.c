@@ -20,7 +20,7 @@ static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, ts
 {
   const tse_real wheelbase = p->car.lf + p->car.lr;
   const tse_real steered = r_div(r_mul(speed, z->steer), wheelbase);
-  const tse_real sd = r_div(r_mul(STEER_FAULT_SD, r_max(speed, MIN_SIDESLIP_SD_SPEED)), wheelbase);
+  const tse_real sd = r_div(r_mul(STEER_FAULT_SD, r_max(speed, REVERSE_SD)), wheelbase);
   const tse_real odds = compute_opposite_odds(steered, turn, r_sqr(sd));
   const tse_real share = r_min(r_div(z->dt, SMOOTH_TIME), TSE_R(1));
   w->by_turn = r_clamp(w->by_turn + r_mul(share, odds), -TAIL, TAIL);
@@ -33,7 +33,7 @@ static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);
   w->unread = TSE_R(0);
-  const tse_real var = r_sqr(MIN_SIDESLIP_SD_SPEED) + r_sqr(r_mul(MIN_ACTIVITY, w->rolls_for));
+  const tse_real var = r_sqr(REVERSE_SD) + r_sqr(r_mul(MIN_ACTIVITY, w->rolls_for));
   const tse_real odds = compute_opposite_odds(speed - w->begins, w->gained, var);
   if (r_abs(odds) > r_abs(w->by_gain)) w->by_gain = odds;
 }

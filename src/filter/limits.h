@@ -26,6 +26,8 @@
 #define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] below it the sd of a course grows as 1/speed */
 #define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of an axle in the model discrepancy */
 #define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] below it a car may change its direction */
+#define REVERSE_SD TSE_R(1)             /* [m/s] sd of a gain of speed in the test for reverse, and min speed of
+                                         * its turn */
 #define MAX_REVERSE_SPEED TSE_R(8)      /* [m/s] max speed of a car in reverse */
 
 /* What follows from a definition, or from a tuned constant. */

@@ -8,7 +8,6 @@
  * as effects/<id>.h. */
 
 #define FORMULA_MOST TSE_R(1e6) /* no value is larger; what is no number is 0 */
-#define FORMULA_STACK 8
 
 typedef struct formula_run {
   const point *pt;
