@@ -55,10 +55,10 @@ typedef struct kind {
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
 } kind;
 
-/* The kinds, in the order of EVENT_NONE ... (filter.h). Rows of UNUSED: the states that a
- * ROAD_RETURN moves are set by open_slot(), a faulty sensor shifts its own measurements
- * (events_learn()). A change of tyres moves LCX by the same share as the cornering
- * stiffness; its own uncertainty is the model error along the car before and after. */
+/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres moves LCX by the
+ * same share as the cornering stiffness. Its own uncertainty there is the model error along
+ * the car, before and after. UNUSED: the states that EVENT_ROAD_RETURN moves are set by
+ * open_slot(), and a faulty sensor shifts its own measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -78,23 +78,22 @@ typedef struct kind {
 static const kind *get_kind(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    /* common, own;   every, rate, least, group, slots;   regime,   change,
-     * channel */
-    { UNUSED, UNUSED,       NEVER(0),            TSE_REGIME_STEADY,  TSE_CHANGE_NONE,  NO_CHANNEL },
-    { ROAD, ROAD_OWN,       TYRES(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
-    { AXLE_DIFF, UNUSED,    NEVER(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
+    /* common, own          every .. slots       regime              change            channel */
+    { UNUSED, UNUSED,      NEVER(0),            TSE_REGIME_STEADY,  TSE_CHANGE_NONE,  NO_CHANNEL },
+    { ROAD, ROAD_OWN,      TYRES(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
+    { AXLE_DIFF, UNUSED,   NEVER(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
 #if !defined(TSE_SMALL)
-    { UNUSED, UNUSED,       TYRES(1),            TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
-    { AXLE(LCF),            TYRES(1),            TSE_REGIME_AXLE,    TSE_CHANGE_FRONT, NO_CHANNEL },
-    { AXLE(LCR),            TYRES(1),            TSE_REGIME_AXLE,    TSE_CHANGE_REAR,  NO_CHANNEL },
-    { SLIDES(SF),           WHEELS,              TSE_REGIME_SLIDING, TSE_CHANGE_NONE,  NO_CHANNEL },
-    { SLIDES(SR),           WHEELS,              TSE_REGIME_SLIDING, TSE_CHANGE_NONE,  NO_CHANNEL },
-    { STEERS,               FAULT(LATERAL),      TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  STEERING },
-    { UNUSED, UNUSED,       FAULT(LONGITUDINAL), TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  ACCEL_X },
-    { UNUSED, UNUSED,       FAULT(LATERAL),      TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  ACCEL_Y },
-    { UNUSED, UNUSED,       FAULT(LATERAL),      TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  YAW_RATE },
-    { UNUSED, UNUSED,       FAULT(LONGITUDINAL), TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  WHEEL_FRONT },
-    { UNUSED, UNUSED,       FAULT(LONGITUDINAL), TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  WHEEL_REAR },
+    { UNUSED, UNUSED,      TYRES(1),            TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
+    { AXLE(LCF),           TYRES(1),            TSE_REGIME_AXLE,    TSE_CHANGE_FRONT, NO_CHANNEL },
+    { AXLE(LCR),           TYRES(1),            TSE_REGIME_AXLE,    TSE_CHANGE_REAR,  NO_CHANNEL },
+    { SLIDES(SF),          WHEELS,              TSE_REGIME_SLIDING, TSE_CHANGE_NONE,  NO_CHANNEL },
+    { SLIDES(SR),          WHEELS,              TSE_REGIME_SLIDING, TSE_CHANGE_NONE,  NO_CHANNEL },
+    { STEERS,              FAULT(LATERAL),      TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  STEERING },
+    { UNUSED, UNUSED,      FAULT(LONGITUDINAL), TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  ACCEL_X },
+    { UNUSED, UNUSED,      FAULT(LATERAL),      TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  ACCEL_Y },
+    { UNUSED, UNUSED,      FAULT(LATERAL),      TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  YAW_RATE },
+    { UNUSED, UNUSED,      FAULT(LONGITUDINAL), TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  WHEEL_FRONT },
+    { UNUSED, UNUSED,      FAULT(LONGITUDINAL), TSE_REGIME_FAULT,   TSE_CHANGE_NONE,  WHEEL_REAR },
 #endif
   };
   return &kinds[which];
@@ -296,7 +295,7 @@ int event_is_small(const tse_kalman *k, int n)
 }
 
 /* Compute the posterior of the events of each group, and of none in it. Small events
- * count to none.
+ * count as none.
  *   Returned:  ratio  compute_log2_ratio() of each event */
 static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS])
 {
@@ -388,7 +387,7 @@ int can_return(const tse_kalman *k)
 /* Find a slot for the next event of a kind: a free one, else that of the oldest event. Of
  * several, the most likely keeps its slot for ROAD_TIME: a driver who hardly turns shows
  * little in a second, and an event that is not accepted by then is drift or model error.
- * An axle keeps its slot as long while it is more likely than none.
+ * An axle keeps its slot as long while it is more likely than no event.
  *   Given:     first  first slot of the kind
  *              due    [s] min age of the youngest event when another one is opened
  *   Returned:  -1 if none is to be opened now */
@@ -443,7 +442,7 @@ static void add_rank_one(
 }
 
 /* Add the independent uncertainty of a kind. For a change of tyres add OWN_SHARE of the
- * step of the stiffness, too: what was learnt before has a linearisation error.
+ * step of the stiffness, too, as linearisation error of earlier updates.
  *   Given:  was     stiffness and grip before
  *           weight  1 if the event is accepted */
 static void widen_states(

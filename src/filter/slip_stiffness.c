@@ -1,6 +1,6 @@
 /* filter/slip_stiffness.c - the slip stiffness itself. LCX is its logarithm plus a
- * constant model error along the car of sd B (pitch, rolling radii, tyre curve). The part
- * of its own is found from prior variance P and variance V of LCX: see along_share(). */
+ * constant model error along the car of sd B (pitch, rolling radii, tyre curve).
+ * along_share() separates both by prior variance P and variance V of LCX. */
 #include "filter/filter.h"
 
 void along_start(tse_kalman *k, tse_real var)
@@ -24,12 +24,14 @@ tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real var_lcx,
 
 tse_real along_estimate(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
 {
-  const tse_real own = compute_total_variance(k, LCX), moved = k->x[LCX] - k->along.mean;
-  tse_real itself;
-  const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
-  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0))
-      + r_max(r_sqr(moved - part) - compute_error_var(p), TSE_R(0));
-  return k->along.mean + part + shift;
+  const tse_real var_lcx = compute_total_variance(k, LCX);
+  const tse_real moved = k->x[LCX] - k->along.mean;
+  tse_real own_var;
+  const tse_real own_move = r_mul(along_share(p, k, var_lcx, &own_var), moved);
+  const tse_real by_events = r_max(*var - r_mul(var_lcx, r_sqr(state_unit[LCX])), TSE_R(0));
+  const tse_real beyond_error = r_max(r_sqr(moved - own_move) - compute_error_var(p), TSE_R(0));
+  *var = own_var + by_events + beyond_error;
+  return k->along.mean + own_move + shift;
 }
 
 void along_restart(const tse_params *p, tse_kalman *k, int32_t which, tse_real before)

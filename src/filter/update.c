@@ -3,8 +3,8 @@
 #include "filter/filter.h"
 
 /* Add the summed correction to x, within its bounds. Keep (OWN_SHARE times the
- * correction)^2 of each stiffness: what was learnt before has a linearisation error.
- * predict_slow_states() adds it to the variance. */
+ * correction)^2 of each stiffness, the linearisation error of earlier updates, which
+ * predict_slow_states() adds to the variance. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
@@ -52,8 +52,8 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
 }
 
 /* Return whether the car brakes, by the force of the estimated slip, or by accel_x where
- * it contradicts that force. accel_x alone would ripple with the wheels and select the
- * half turn in which the slip is too large. */
+ * it contradicts that force. The slip ripples with the rotation of the wheels, and alone
+ * would select the half turn in which it is too large. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
