@@ -34,7 +34,7 @@ int watch_steering(tse_kalman *k, decoded *z)
   const int compared = k->innovation_var[YAW_RATE] > TSE_R(0) && is_usable(k, YAW_RATE);
   if (!z->has_steer) return 0;
   const tse_real contradicts = compared && r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0);
-  watch_repeats(k, STEERING, z->steer, contradicts, left_of(z->dt, STEER_HOLD_TIME), z->dt);
+  watch_repeats(k, STEERING, z->steer, contradicts, compute_decay(z->dt, STEER_HOLD_TIME), z->dt);
   z->has_steer = !is_frozen(k, STEERING);
   return !was && !z->has_steer;
 }

@@ -124,6 +124,14 @@ static inline int32_t fault_of(int32_t a)
                      : a + (int32_t)TSE_CHANNEL_accel_x);
 }
 
+/* ---------------------------------------------------------------------- exponential.c */
+
+/* Return e^x. */
+tse_real compute_exponential(tse_real x);
+
+/* Return exp(-dt/time), the share of a process that remains after dt. */
+tse_real compute_decay(tse_real dt, tse_real time);
+
 /* ------------------------------------------------------------------------------ row.c */
 
 /* Check and decode a log row.

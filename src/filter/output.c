@@ -99,7 +99,7 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     const int at = stiffness_at(i);
     tse_real var = compute_variance(p, k, e, at, &shift);
     const tse_real c = HAS_SLIP && i == TSE_CX_FRONT ? along_estimate(p, k, shift, &var) : k->x[at] + shift;
-    out->stiffness[i] = exponential(r_clamp(c, p->log_min, p->log_max));
+    out->stiffness[i] = compute_exponential(r_clamp(c, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
@@ -108,7 +108,8 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }
   const tse_real var = compute_variance(p, k, e, LMU, &shift);
-  out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_max[LMU], state_max[LMU])));
+  out->grip = r_mul(
+      p->car.grip, compute_exponential(r_clamp(k->x[LMU] + shift, -state_max[LMU], state_max[LMU])));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
 }
 
@@ -168,7 +169,7 @@ static void report_change(const tse_params *p, const tse_kalman *k, tse_output *
   const tse_real range = p->log_max - p->log_min;
   for (int i = 0; i < 3; i++) {
     const tse_real change = r_clamp(k->x[stiffness_at(i)] - k->change_from[i], -range, range);
-    out->change_ratio[i] = changed ? exponential(change) : TSE_R(1);
+    out->change_ratio[i] = changed ? compute_exponential(change) : TSE_R(1);
   }
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
@@ -316,7 +317,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     tse_real var, part = all;
     if (HAS_SLIP && i == LCX && by_filter)
       part = r_mul(along_share(p, &f->k, compute_total_variance(&f->k, LCX), &var), all);
-    sd[a] = r_mul(exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
+    sd[a] = r_mul(compute_exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
   }
   return TSE_OK;
 }

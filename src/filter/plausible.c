@@ -45,15 +45,15 @@ static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int 
 }
 
 /* Min excitation of each pair, variance times seconds. */
-static const tse_real least_shown[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
+static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
 /* Return whether the excitation of a pair is large enough for a decision. The variance of
  * a pair that is apart counts over USUAL_TIME, as that of others does. */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 {
-  const int same_unit = which == ACROSS || which == TURNING_BY || which == ALONG;
-  const tse_real var = same_unit ? r_max(first, q->var[1]) : first;
-  return r_mul(apart ? USUAL_TIME : q->time, var) > least_shown[which];
+  const int may_have_factor = which == ACROSS || which == TURNING_BY || which == ALONG;
+  const tse_real var = may_have_factor ? r_max(first, q->var[1]) : first;
+  return r_mul(apart ? USUAL_TIME : q->time, var) > min_excitation[which];
 }
 
 /* Return the squared correlation of a pair.
@@ -171,7 +171,7 @@ static tse_real softer_by(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
   if (k->change_kind != TSE_CHANGE_ROAD || !(lost > TSE_R(0))) return SOFTER;
-  return SOFTER + exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
+  return SOFTER + compute_exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
 }
 
 /* Update the latencies of accel_y behind the turn of the car, and of yaw_rate behind the
@@ -302,7 +302,8 @@ static void compare_pair(
   tse_pair *const q = &a->pair[which];
   tse_real deviation[2];
   const int apart = (a->apart >> which) & 1;
-  update_pair(q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(least_shown[which], USUAL_TIME), deviation);
+  update_pair(
+      q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(min_excitation[which], USUAL_TIME), deviation);
   const tse_real first = compute_explainable(p, q, which);
   if (!is_shown(q, which, first, apart)) return;
   a->apart = is_apart(q, which, first, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);

@@ -79,7 +79,7 @@ static void propagate_gravity(const tse_params *p, tse_kalman *k, int i, tse_rea
   const int at = gravity[i];
   const tse_real mean = get_road_mean(p, k, i);
   k->x[at] -= mean;
-  fade_state(k, at, left_of(r_min(dt, MAX_AGE), ROAD_TIME), get_road_sd(p, k, i));
+  fade_state(k, at, compute_decay(r_min(dt, MAX_AGE), ROAD_TIME), get_road_sd(p, k, i));
   k->x[at] += mean;
 }
 
@@ -169,7 +169,7 @@ static void set_slip_by_force(const tse_params *p, tse_kalman *k, const decoded 
   const int32_t free = z->rolls != ROLLS_UNKNOWN ? z->rolls
       : force < TSE_R(0)                         ? ROLLS_NONE
                                                  : find_undriven_axle(c);
-  const tse_real C = r_mul(exponential(k->x[LCX]),
+  const tse_real C = r_mul(compute_exponential(k->x[LCX]),
       (free == ROLLS_FRONT ? TSE_R(0) : c->kx_front) + (free == ROLLS_REAR ? TSE_R(0) : c->kx_rear));
   const tse_real slip = r_clamp(r_div(force, C), -p->max_slip, p->max_slip);
   const tse_real gain = r_div(z->dt, z->dt + FORCE_TIME);
@@ -181,7 +181,7 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   tse_short M[MOTION][PLACES];
   tse_real noise[MOTION], share[3];
-  const tse_real dt = z->dt, left = left_of(dt, SLIP_TIME);
+  const tse_real dt = z->dt, left = compute_decay(dt, SLIP_TIME);
   const steering u = apply_steering_lag(p, k, z);
   const int by_force = !HAS_SLIP || z->no_second;
   if (by_force) set_slip_by_force(p, k, z);

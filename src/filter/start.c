@@ -50,8 +50,8 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real wheelbase = c->lf + c->lr;
   const tse_real y_front = r_mul(across, r_div(c->lr, wheelbase));
   const tse_real y_rear = r_mul(across, r_div(c->lf, wheelbase));
-  const tse_real a_front = r_div(y_front, r_mul(c->ky_front, exponential(x[LCF])));
-  const tse_real a_rear = r_div(y_rear, r_mul(c->ky_rear, exponential(x[LCR])));
+  const tse_real a_front = r_div(y_front, r_mul(c->ky_front, compute_exponential(x[LCF])));
+  const tse_real a_rear = r_div(y_rear, r_mul(c->ky_rear, compute_exponential(x[LCR])));
   for (int i = 0; i < PLACED; i++) x[i] = TSE_R(0);
   x[VX] = v;
   x[YAW] = r;

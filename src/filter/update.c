@@ -216,7 +216,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
 static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
   tse_real *const d = &k->lasting[channel], *const var = &k->lasting_var[channel];
-  const tse_real left = left_of(m->dt, MODEL_TIME), keep = r_sqr(left);
+  const tse_real left = compute_decay(m->dt, MODEL_TIME), keep = r_sqr(left);
   const tse_real model = is_wheel(channel) ? TSE_R(0) : r_mul(r_sqr(p->model_sd), k->activity[channel]);
   *d = r_mul(left, *d);
   *var = r_mul(keep, *var) + r_mul(TSE_R(1) - keep, state + model);

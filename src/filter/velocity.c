@@ -144,7 +144,7 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real dt = z->dt;
   if (!k->ud.extras) return;
   turn_heading(p, k, z);
-  fade_discrepancy(p, k, left_of(dt, MODEL_TIME), dt);
+  fade_discrepancy(p, k, compute_decay(dt, MODEL_TIME), dt);
   add_variance(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
   for (int e = V_SCALE; e < TSE_ALL; e++)
     add_variance(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));

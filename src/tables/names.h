@@ -18,6 +18,8 @@
 #define along_start TSE_NAME(tse_along_start)
 #define can_return TSE_NAME(tse_can_return)
 #define check_agreement TSE_NAME(tse_check_agreement)
+#define compute_decay TSE_NAME(tse_compute_decay)
+#define compute_exponential TSE_NAME(tse_compute_exponential)
 #define compute_posterior TSE_NAME(tse_compute_posterior)
 #define compute_signal_shares TSE_NAME(tse_compute_signal_shares)
 #define compute_total_variance TSE_NAME(tse_compute_total_variance)
