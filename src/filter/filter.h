@@ -96,13 +96,6 @@ typedef struct row_class {
   int rolls;     /* freely rolling axle: ROLLS_* */
 } row_class;
 
-/* Unit of each state in the covariance: numbers are of order one in every number
- * format. */
-extern const tse_real state_unit[TSE_VALUES + TSE_EXTRAS];
-
-/* Max magnitude of each state [m/s, m/s, rad/s ...]. */
-extern const tse_real state_max[TSE_VALUES + TSE_EXTRAS];
-
 /* Return whether an axle rolls freely: ROLLS_FRONT or ROLLS_REAR. */
 static inline int is_rolling_axle(int32_t rolls) { return rolls == ROLLS_FRONT || rolls == ROLLS_REAR; }
 
@@ -123,6 +116,15 @@ static inline int32_t fault_of(int32_t a)
       + (is_wheel(a) ? a - WHEEL_FRONT + (int32_t)TSE_CHANNEL_wheel_speed_front
                      : a + (int32_t)TSE_CHANNEL_accel_x);
 }
+
+/* ---------------------------------------------------------------------------- units.c */
+
+/* Unit of each state in the covariance: numbers are of order one in every number
+ * format. */
+extern const tse_real state_unit[TSE_VALUES + TSE_EXTRAS];
+
+/* Max magnitude of each state [m/s, m/s, rad/s ...]. */
+extern const tse_real state_max[TSE_VALUES + TSE_EXTRAS];
 
 /* ---------------------------------------------------------------------- exponential.c */
 

@@ -1,16 +1,6 @@
 /* filter/start.c - initial state: the prior, and the motion from wheel speed and gyro. */
 #include "filter/filter.h"
 
-#define STATE_UNIT(name, unit, most) TSE_R(unit),
-#define STATE_MOST(name, unit, most) TSE_R(most),
-#if defined(TSE_NO_VELOCITY)
-const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) };
-const tse_real state_max[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) };
-#else
-const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) EXTRA_ROWS(STATE_UNIT) };
-const tse_real state_max[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
-#endif
-
 void start_state(const tse_params *p, tse_filter *f)
 {
   tse_kalman *const k = &f->k;
