@@ -55,7 +55,7 @@ typedef struct tse_effect_row {
   int32_t bit;            /* of tse_effects.mask */
   const char *filter;     /* "both", "default" or "none": the filters whose estimate it moves */
   const char *occurrence; /* SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED, IN_MODEL: how often cars have it */
-  const char *early;      /* title of a value below early_below, which is of messages or the IMU; "": there is none */
+  const char *early;      /* title of a value below early_below (of messages or the IMU), or "" */
   double early_below;
 } tse_effect_row;
 

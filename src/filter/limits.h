@@ -26,8 +26,8 @@
 #define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] below it the sd of a course grows as 1/speed */
 #define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of an axle in the model discrepancy */
 #define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] below it a car may change its direction */
-#define REVERSE_SD TSE_R(1)             /* [m/s] sd of a gain of speed in the test for reverse, and min speed of
-                                         * its turn */
+#define REVERSE_SD TSE_R(1)             /* [m/s] sd of a gain of speed in the test for reverse, and min
+                                         * speed of its turn */
 #define MAX_REVERSE_SPEED TSE_R(8)      /* [m/s] max speed of a car in reverse */
 
 /* What follows from a definition, or from a tuned constant. */
@@ -133,9 +133,12 @@
 #define LATE_TIME TSE_R(15)             /* [s] min time of both pairs, 28 s of driving: several bends */
 #define LATE_SHOWN TSE_R(8)             /* [m2/s5] min excitation of a latency: two minutes of a motorway,
                                          * five seconds of a mountain road */
+#define ACCEL_SHOWN TSE_R(25)           /* [m2/s5] min excitation of a late accel_y: two corners of a town,
+                                         * of which one that leans makes 0.2 s */
 #define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three sd of a latency times the root of its
                                          * excitation, on cars of tests/cars */
-#define ACCEL_SD TSE_R(1.75)            /* [1] factor of LATE_SD for accel_y: roads whose bank changes */
+#define ACCEL_SD TSE_R(1.75)            /* [1] factor of LATE_SD for accel_y and yaw_rate: roads whose bank
+                                         * changes */
 #define ACCEL_LATE TSE_R(0.01)          /* [s] max relative latency of accel_y. Messages of a bus are 0 ..
                                          * 60 ms late, each by its own delay */
 #define SOFTER TSE_R(0.4)               /* [1] max loss of rear stiffness to nominal of a valid car: class
@@ -144,9 +147,10 @@
                                          * gravity */
 #define STEER_LATE TSE_R(0.05)          /* [s] max time by which the yaw rate leads the steering angle. Of
                                          * cars it is 0 .. 130 ms behind */
-#define YAW_LATE TSE_R(0.07)            /* [s] max latency of the yaw rate behind accel_y */
-#define YAW_LATE_TWICE TSE_R(0.2)       /* [s] max sum of its latencies behind accel_y and behind the
-                                         * steering angle: cars reach 0.16 */
+#define YAW_LATE TSE_R(0.11)            /* [s] max latency of the yaw rate behind accel_y: bus, stiff
+                                         * tyres, an IMU ahead of the centre of gravity */
+#define YAW_LATE_TWICE TSE_R(0.3)       /* [s] max sum of its latencies behind accel_y and behind the
+                                         * steering angle: cars reach 0.24 */
 #define ROAD_HALVINGS 12                /* [1] halvings of the correlations of gravity where a given road
                                          * begins or ends */
 #define MIN_WHEELBASE TSE_R(0.3)        /* [1] min effective wheelbase of an oversteering car at speed,

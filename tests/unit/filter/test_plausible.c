@@ -170,6 +170,7 @@ static void test_a_channel_that_comes_late_is_named(void)
     { "all in time", 0, 0, 0, 0, 0, 0 },
     { "a bus: each channel 0 .. 60 ms late", 0, 0.05, 0, 0, 0, 0 },
     { "a bus: yaw rate", 0, 0, 0, 0.06, 0, 0 },
+    { "a bus and stiff tyres: yaw rate", 0, 0, 0, 0.09, 0, 0 },
     { "a bus: steering angle", 0.06, 0, 0, 0, 0, 0 },
     { "accel_y 200 ms", 0, 0.2, 0, 0, 0, 1 + TSE_CHANNEL_accel_y },
     { "accel_y low-passed at 1 Hz", 0, 0, 0.159, 0, 0, 1 + TSE_CHANNEL_accel_y },
