@@ -55,10 +55,11 @@ typedef struct kind {
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
 } kind;
 
-/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres moves LCX by the
- * same share as the cornering stiffness. Its own uncertainty there is the model error along
- * the car, before and after. UNUSED: the states that EVENT_ROAD_RETURN moves are set by
- * open_slot(), and a faulty sensor shifts its own measurements (events_learn()). */
+/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres moves LCX by
+ * the same share as the cornering stiffness. Its own uncertainty there is the model
+ * error along the car, before and after. UNUSED: the states that EVENT_ROAD_RETURN
+ * moves are set by open_slot(), and a faulty sensor shifts its own measurements
+ * (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -78,7 +79,7 @@ typedef struct kind {
 static const kind *get_kind(int32_t which)
 {
   static const kind kinds[EVENT_KINDS] = {
-    /* common, own          every .. slots       regime              change            channel */
+    /* columns: common, own; every .. slots; regime; change; channel */
     { UNUSED, UNUSED,      NEVER(0),            TSE_REGIME_STEADY,  TSE_CHANGE_NONE,  NO_CHANNEL },
     { ROAD, ROAD_OWN,      TYRES(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },
     { AXLE_DIFF, UNUSED,   NEVER(ROADS),        TSE_REGIME_CHANGED, TSE_CHANGE_ROAD,  NO_CHANNEL },

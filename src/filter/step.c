@@ -258,8 +258,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  if (!was_finite || !is_state_finite(&f->k)) { /* faulty memory, or an overflow */
-    f->start.loaded = 0;                        /* may be its cause */
+  /* faulty memory, or an overflow that loaded numbers may have caused */
+  if (!was_finite || !is_state_finite(&f->k)) {
+    f->start.loaded = 0;
     restart_filter(p, f, &z);
   }
   if (!w.held) check_agreement(p, &f->k, u, z.dt, z.no_second);
