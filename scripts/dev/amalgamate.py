@@ -28,7 +28,7 @@ C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n',
 FORMATTER = re.compile(r"^ *// clang-format o(?:n|ff).*\n", re.M)  # marks of tables
 ALIAS = re.compile(r"^#define (\w+) +TSE_NAME\(\w+\)\n", re.M)
 TOKEN = re.compile(
-    r"""(?P<space>\s+|/\*.*?\*/|\\\n)
+    r"""(?P<space>\s+|/\*.*?\*/|//[^\n]*|\\\n)
     |(?P<directive>(?:(?<=\n)|\A)[ \t]*\#(?:/\*.*?\*/|\\\n|[^\n])*)
     |(?P<text>"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*')
     |(?P<word>[A-Za-z_]\w*)

@@ -45,7 +45,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   }
 #endif
   if (p->form == 0) {
-    if (f->step == 0) start_all(p, f); /* again with the first step: nothing has happened yet */
+    if (f->step == 0) start_state(p, f); /* again with the first step: nothing has happened yet */
     report_row(p, &f->k, now);
   }
   for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];

@@ -1,45 +1,40 @@
-/* filter/output.c - what the filter reports of a row, and whether to act on it. */
+/* filter/output.c - estimates of a row, and whether they are valid. */
 #include "filter/filter.h"
 
-/* Return the variance of state i, A_ii plus that from the consider parameters [unit^2]. */
-static tse_real own_variance_of(const tse_kalman *k, int i)
-{
-  tse_real var = ud_variance(&k->ud, i);
-  for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][i], k->consider[q][i]);
-  return var;
-}
-
-/* Events that may have happened: which, how likely, and what they say. */
+/* Events of nonnegligible probability: slots, probabilities and posteriors of the
+ * amplitude. */
 typedef struct possible {
   int32_t at[TSE_EVENTS], count;
   tse_real weight[TSE_EVENTS];
-  event_says says[TSE_EVENTS];
+  event_posterior says[TSE_EVENTS];
 } possible;
 
-static void possible_of(const tse_kalman *k, possible *e)
+/* Collect the events of nonnegligible probability. */
+static void collect_possible(const tse_kalman *k, possible *e)
 {
   e->count = 0;
   for (int n = 0; n < TSE_EVENTS; n++) {
-    if (k->weight[n] < LEAST_WEIGHT) continue;
+    if (k->weight[n] < MIN_WEIGHT) continue;
     e->at[e->count] = n;
     e->weight[e->count] = k->weight[n];
-    e->says[e->count++] = event_of(k, n);
+    e->says[e->count++] = compute_posterior(k, n);
   }
 }
 
-/* Return the variance of state i over the posterior, the uncertain quantities and the
- * events that may have happened; *shift: their mean. SI */
-static tse_real variance_of(
+/* Return the variance of state i [SI] over posterior, consider parameters and the events
+ * that are possible.
+ *   Returned:  *shift  mean shift by these events */
+static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
-  if (i >= STATES) { /* nothing estimates it */
+  if (i >= STATES) { /* TSE_SMALL: a constant */
     *shift = TSE_R(0);
     return r_sqr(p->prior_sd[i]);
   }
-  const tse_real var = own_variance_of(k, i);
+  const tse_real var = compute_total_variance(k, i);
   tse_real mean = TSE_R(0), square = TSE_R(0);
   for (int n = 0; n < e->count; n++) {
-    const event_says *const s = &e->says[n];
+    const event_posterior *const s = &e->says[n];
     const tse_real second = s->second ? r_long(s->second->v[i]) : TSE_R(0);
     const tse_real by = r_long(k->event[e->at[n]].v[i]) - r_mul(s->part, second);
     const tse_real moved = r_mul(s->amplitude, by) + r_mul(s->beside, second);
@@ -51,12 +46,12 @@ static tse_real variance_of(
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* Return the posterior probability of no event, or of one too small to act on; product of
- * both groups. */
-static tse_real probability_none(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
+/* Return the posterior probability that in neither group an event of relevant size has
+ * happened. */
+static tse_real compute_no_event(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
-/* Return the regime when no event is waiting to be believed. */
-static int regime_now(const tse_params *p, const tse_kalman *k)
+/* Return the regime if no event is pending. */
+static int find_regime(const tse_params *p, const tse_kalman *k)
 {
   if (k->fault || is_frozen(k, STEERING)) return TSE_REGIME_FAULT;
   if (r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip) return TSE_REGIME_SLIDING;
@@ -65,62 +60,35 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion; of one that is lost no sd beyond what it may be. What the model
- * lacks adds to var(v_y): (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW
- * v_x)^2. lr r - v_y is the rear axle's sideways speed, its force over its stiffness,
- * which is as uncertain as that. A measured velocity says more of it, or nothing: it
- * makes no speed less sure. */
+/* Report the motion; of a lost motion with limited sds. Model errors add (model_sd^2 +
+ * mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the variance of v_y. lr r -
+ * v_y is the sideways speed of the rear axle, force over stiffness, and as uncertain as
+ * these. A measured velocity may reduce this variance, and does not increase it. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    *state_sd[i] = r_min(r_sqrt(variance_of(p, k, e, VX + i, &shift)), state_most[VX + i]); /* a lost one */
-    *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
+    *state_sd[i] = r_min(r_sqrt(compute_variance(p, k, e, VX + i, &shift)), state_max[VX + i]);
+    *state[i] = r_clamp(k->x[VX + i] + shift, -state_max[VX + i], state_max[VX + i]);
   }
   const tse_real across = r_mul(p->car.lr, out->yaw_rate) - out->vel_y;
   const tse_real model = r_mul(
       r_sqr(across) + r_sqr(r_mul(p->car.lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
-  const tse_real without = r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x));
-  if (k->ud.extras)
-    out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_most[VY], state_most[VY]);
-  out->vel_y_sd = r_sqrt(k->ud.extras ? r_min(velocity_across_var(k), without) : without);
-  out->vel_y_sd = r_min(out->vel_y_sd, state_most[VY]);
-  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE
+  const tse_real unmeasured = r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x));
+  if (k->ud.extras) out->vel_y = r_clamp(out->vel_y + velocity_discrepancy(k), -state_max[VY], state_max[VY]);
+  out->vel_y_sd = r_sqrt(k->ud.extras ? r_min(velocity_across_var(k), unmeasured) : unmeasured);
+  out->vel_y_sd = r_min(out->vel_y_sd, state_max[VY]);
+  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < MIN_SIDESLIP_SPEED
       ? TSE_R(0)
       : r_atan2(out->vel_y, out->vel_x);
-  out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD)), HALF_TURN);
+  out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), MIN_SIDESLIP_SD_SPEED)), HALF_TURN);
 }
 
-/* Return the variance of what the model lacks along the car, always the same. */
-static tse_real lacks_along(const tse_params *p) { return r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)); }
-
-tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var)
-{
-  const tse_real before = r_max(k->along.var, LEAST_ALONG),
-                 left = r_min(r_mul(own, r_sqr(state_unit[LCX])), before), learnt = before - left;
-  const tse_real share = r_div(before, before + r_mul(lacks_along(p), r_div(learnt, before)));
-  *var = before - r_mul(share, learnt);
-  return share;
-}
-
-/* Return the logarithm of the slip stiffness itself and its variance. Where the model
- * would lack more than it can, the tyres may be others.
- *   Given: shift  by what may have happened      Updated: var  of LCX */
-static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
-{
-  const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.mean;
-  tse_real itself;
-  const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
-  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0))
-      + r_max(r_sqr(moved - part) - lacks_along(p), TSE_R(0));
-  return k->along.mean + part + shift;
-}
-
-/* Report stiffness, grip and what the model does not explain. No stiffness is known
- * better than the model is right: with a measured velocity the covariance shrinks faster
- * than the model's error allows, so that the floor is higher. */
+/* Report stiffness, grip and model discrepancy. The model error is the min relative sd of
+ * a stiffness. While velocities are used the covariance shrinks faster than the model
+ * error allows, so that the min is larger. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -129,9 +97,9 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
   for (int i = 0; i < 3; i++) {
     const tse_real floor = i == TSE_CX_FRONT ? MODEL_FLOOR : side_floor;
     const int at = stiffness_at(i);
-    tse_real var = variance_of(p, k, e, at, &shift);
-    const tse_real log = HAS_SLIP && i == TSE_CX_FRONT ? along_of(p, k, shift, &var) : k->x[at] + shift;
-    out->stiffness[i] = exponential(r_clamp(log, p->log_min, p->log_max));
+    tse_real var = compute_variance(p, k, e, at, &shift);
+    const tse_real c = HAS_SLIP && i == TSE_CX_FRONT ? along_estimate(p, k, shift, &var) : k->x[at] + shift;
+    out->stiffness[i] = compute_exponential(r_clamp(c, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
@@ -139,8 +107,9 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, const possibl
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }
-  const tse_real var = variance_of(p, k, e, LMU, &shift);
-  out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU])));
+  const tse_real var = compute_variance(p, k, e, LMU, &shift);
+  out->grip = r_mul(
+      p->car.grip, compute_exponential(r_clamp(k->x[LMU] + shift, -state_max[LMU], state_max[LMU])));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
 }
 
@@ -149,10 +118,10 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
 {
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    out->bias_sd[i] = r_sqrt(variance_of(p, k, e, bias_at(i), &shift));
+    out->bias_sd[i] = r_sqrt(compute_variance(p, k, e, bias_at(i), &shift));
     out->bias[i] = k->x[bias_at(i)] + shift;
   }
-  out->lag_steer_sd = r_sqrt(variance_of(p, k, e, LATE, &shift));
+  out->lag_steer_sd = r_sqrt(compute_variance(p, k, e, LATE, &shift));
   out->lag_steer = k->x[LATE] + shift;
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
@@ -161,8 +130,8 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   }
 }
 
-/* Report the probability of each regime: of events that wait to be believed, and of what
- * is so if none of them has happened. */
+/* Report the probability of each regime: of the pending events, and of the present regime
+ * if none of them has happened. */
 static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real sum = TSE_R(0);
@@ -172,53 +141,51 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
     if (kind != EVENT_NONE && !event_is_small(k, n)) out->regime[event_regime(kind)] += k->weight[n];
   }
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
-  const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */
+  const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* the sum over both groups may exceed 1 */
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
-  out->regime[regime_now(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
+  out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
-/* Return the channel of the likeliest fault where one is likelier than not and none is
- * believed yet, as fault_channel numbers it. So each row whose regime is a fault names
- * its channel. */
-static int32_t likely_fault(const tse_kalman *k, const tse_output *out)
+/* Return the channel of the most probable pending fault if a fault is more likely than
+ * not, else NO_FAULT. So each row in the regime of a fault names its channel. */
+static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
-  tse_real most = TSE_R(0);
+  tse_real largest = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS && out->regime[TSE_REGIME_FAULT] > LIKELY; n++) {
     const int32_t kind = k->event[n].kind;
-    if (kind == EVENT_NONE || event_regime(kind) != TSE_REGIME_FAULT || event_is_small(k, n)
-        || !(k->weight[n] > most))
-      continue;
-    most = k->weight[n];
-    channel = kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(kind - EVENT_SENSOR);
+    if (kind == EVENT_NONE || event_regime(kind) != TSE_REGIME_FAULT || event_is_small(k, n)) continue;
+    if (!(k->weight[n] > largest)) continue;
+    largest = k->weight[n];
+    channel = event_fault(kind);
   }
   return channel;
 }
 
-/* Report the last change that was believed, and a channel at fault. */
+/* Report the last accepted change, and a channel at fault. */
 static void report_change(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE;
-  const tse_real most = p->log_max - p->log_min; /* as far as a stiffness goes, from end to end */
+  const tse_real range = p->log_max - p->log_min;
   for (int i = 0; i < 3; i++) {
-    const tse_real by = r_clamp(k->x[stiffness_at(i)] - k->change_from[i], -most, most);
-    out->change_ratio[i] = changed ? exponential(by) : TSE_R(1);
+    const tse_real change = r_clamp(k->x[stiffness_at(i)] - k->change_from[i], -range, range);
+    out->change_ratio[i] = changed ? compute_exponential(change) : TSE_R(1);
   }
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
-  out->change_probability = changed ? probability_none(k) : TSE_R(0);
-  const int32_t implausible = plausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
+  out->change_probability = changed ? compute_no_event(k) : TSE_R(0);
+  const int32_t implausible = find_implausible_channel(k, &out->fault_factor), velocity = velocity_fault(k);
   out->fault_channel = implausible ? implausible
       : k->fault                   ? k->fault
       : is_frozen(k, STEERING)     ? (int32_t)FAULT_STEER
       : velocity                   ? velocity
-                                   : likely_fault(k, out);
+                                   : find_likely_fault(k, out);
 }
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   possible e;
-  possible_of(k, &e);
+  collect_possible(k, &e);
   report_motion(p, k, &e, out);
   report_tyres(p, k, &e, out);
   report_sensors(p, k, &e, out);
@@ -228,48 +195,46 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether slow innovations of a channel are larger than a model that fits leaves
- * them, or than usual: where no event names a channel at fault, they do. */
-static int misfits(const tse_kalman *k, int channel)
+/* Return whether the slow innovations of a channel are larger than usual, or larger than
+ * a model that fits leaves them. In TSE_SMALL no event finds a faulty channel. */
+static int is_misfit(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];
   return usual > TAIL
-      || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], LEAST_SLOW_VAR));
+      || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], MIN_SLOW_VAR));
 }
 
-/* Return the first reason that applies.   Given: sd, mean  of the quantity, whose state
- *                                                          is `at` */
-static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const row_class *w,
+/* Return the first reason that applies.
+ *   Given:  sd, mean  of the quantity      at  its state */
+static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const row_class *w,
     const tse_output *out, tse_real sd, tse_real mean, int at)
 {
-  const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
+  const tse_real var = r_sqr(sd);
   if (k->agreement.apart || k->agreement.off_scale) return TSE_IMPLAUSIBLE;
   if (w->predicted || w->sparse) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_SENSOR_FAULT;
   if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
-  if (probability_none(k) < BELIEVED || (!HAS_SLIP && (misfits(k, ACCEL_Y) || misfits(k, YAW_RATE))))
+  if (compute_no_event(k) < BELIEVED || (!HAS_SLIP && (is_misfit(k, ACCEL_Y) || is_misfit(k, YAW_RATE))))
     return TSE_MISFIT;
-  if (var <= most) return TSE_VALID;
+  if (var <= r_mul(p->valid_var, r_sqr(mean))) return TSE_VALID;
   tse_real consider_var = p->mass_var;
   for (int q = 0; q < TSE_CONSIDERED; q++)
     consider_var += r_sqr(r_mul(r_long(k->consider[q][at]), state_unit[at]));
-  return r_mul(consider_var, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */
-      ? TSE_PARAMETERS_UNCERTAIN
-      : TSE_UNCERTAIN;
+  const int parameters_dominate = r_mul(consider_var, r_sqr(mean)) > r_mul(TSE_R(0.5), var);
+  return parameters_dominate ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
 /* Return whether the wheel radii differ from the settings by more than their prior
- * allows. The stiffness then holds an error from before the radii were found. */
+ * allows. The stiffness then holds an error from the time before the radii were found. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
-  return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(RADII_APART), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
+  return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
 }
 
-/* Return whether the steering angle comes at another time than the settings say, by more
- * than their prior allows. Cornering stiffness then stands for what the angle was not
- * yet. */
+/* Return whether the latency of the steering angle differs from the settings by more than
+ * its prior allows. The cornering stiffness then compensates for the wrong angle. */
 static int has_other_steering(const tse_params *p, const tse_output *out)
 {
   const tse_real var = r_sqr(p->prior_sd[LATE]);
@@ -279,11 +244,11 @@ static int has_other_steering(const tse_params *p, const tse_output *out)
 void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse_output *out)
 {
   for (int a = 0; a < 3; a++)
-    out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
+    out->reason[a] = (int32_t)find_reason(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
         a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
-  /* No slip is seen where there is no second speed, and none where no axle rolls freely
-   * and the road may climb: accel_x then says no speed. */
-  const int has_speed = p->car.driven != 0 || w->rolls >= ROLLS_FRONT || !(p->prior_sd[GX] > TSE_R(0));
+  /* Slip needs the speed of the car beside that of the wheels. An axle that rolls freely
+   * shows it, and accel_x on a flat road. */
+  const int has_speed = p->car.driven != 0 || is_rolling_axle(w->rolls) || !(p->prior_sd[GX] > TSE_R(0));
   const int32_t reason = out->reason[TSE_CX_FRONT];
   const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;
   const int shown = !w->no_second && has_speed && HAS_SLIP;
@@ -294,20 +259,21 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
     if (out->reason[a] == TSE_VALID && has_other_steering(p, out)) out->reason[a] = TSE_MISFIT;
   }
-  out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
+  out->grip_reason = (int32_t)find_reason(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0)))
-    out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
+    out->grip_reason = TSE_NOT_EXCITED; /* a constant setting */
 }
 
-/* What an uncertainty is to the filter: the mass, the model error, a consider parameter
- * (CONSIDER_INERTIA ...), a state. */
+/* Kind of an uncertainty: the mass, the model error, a consider parameter or a state. */
 enum { OF_MASS, OF_MODEL, OF_CONSIDER, OF_STATE };
+
+/* Kind of an uncertainty, and its place: CONSIDER_INERTIA ..., or a state. */
 typedef struct origin {
   int32_t of, at;
 } origin;
 
-/* Return what of the sd of state i, in its units, goes with an uncertainty. */
-static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int i)
+/* Return the part of the sd of state i, in its units, by an uncertainty. */
+static tse_real compute_part(const tse_params *p, const tse_kalman *k, origin o, int i)
 {
   if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR : TSE_R(0);
   if ((o.of == OF_STATE && o.at >= STATES) || (o.of == OF_CONSIDER && o.at >= TSE_CONSIDERED))
@@ -316,10 +282,9 @@ static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int 
   if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
   if (o.of == OF_STATE)
     return r_div(r_abs(ud_covariance(&k->ud, i, o.at)), r_sqrt(ud_variance(&k->ud, o.at)));
-  if ((int)CONSIDER_RELAXATION_REAR < TSE_CONSIDERED
-      && o.at == CONSIDER_RELAXATION_FRONT) /* and that of the rear axle */
-    return r_sqrt(r_sqr(r_long(k->consider[o.at][i])) + r_sqr(r_long(k->consider[o.at + 1][i])));
-  return r_abs(r_long(k->consider[o.at][i]));
+  const int both_axles = (int)CONSIDER_RELAXATION_REAR < TSE_CONSIDERED && o.at == CONSIDER_RELAXATION_FRONT;
+  const tse_real part = r_long(k->consider[o.at][i]);
+  return both_axles ? r_sqrt(r_sqr(part) + r_sqr(r_long(k->consider[o.at + 1][i]))) : r_abs(part);
 }
 
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
@@ -347,12 +312,12 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = stiffness_at(a);
-    const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
-    tse_real itself;
-    const tse_real part = HAS_SLIP && i == LCX && origins[k].of >= OF_CONSIDER
-        ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all)
-        : all;
-    sd[a] = r_mul(exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
+    const tse_real all = f->step == 0 ? TSE_R(0) : compute_part(p, &f->k, origins[k], i);
+    const int by_filter = origins[k].of == OF_CONSIDER || origins[k].of == OF_STATE;
+    tse_real var, part = all;
+    if (HAS_SLIP && i == LCX && by_filter)
+      part = r_mul(along_share(p, &f->k, compute_total_variance(&f->k, LCX), &var), all);
+    sd[a] = r_mul(compute_exponential(f->k.x[i]), i < STATES ? r_mul(part, state_unit[i]) : part);
   }
   return TSE_OK;
 }

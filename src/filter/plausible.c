@@ -1,24 +1,29 @@
-/* filter/plausible.c - do the channels agree? A unit, a sign or an axle that was taken
- * for another is a factor between two quantities of which physics says that they are the
- * same. Each such pair is smoothed, and its variances and covariance are kept over
- * USUAL_TIME of driving: means go with the biases, and the factor is the root of the
- * ratio of the variances, with the sign of the covariance. Of a pair that is apart they
- * are kept over ROAD_TIME alone: what contradicts for a stretch, as on ice, is forgotten
- * soon behind it.
+/* filter/plausible.c - test whether the channels agree: wrong units, signs and axles.
  *
- * A factor of the speed alone (km/h taken for rad/s is 3.6 wheel radii: 1.0 .. 1.3) is
- * within what roll and pitch do to each pair. But v r grows with it where the change of
- * the speed does against accel_x, so the two together show it: roll, pitch and latency,
- * which both accelerometers have, leave their ratio as it is. */
+ * Such an error is a factor between two quantities that are equal by physics. Each pair
+ * of them is low-passed, and its means, variances and covariance are estimated over
+ * USUAL_TIME of driving. Biases are in the means. The factor is the root of the ratio of
+ * the variances, with the sign of the covariance. A pair that disagrees is estimated over
+ * ROAD_TIME, so that a stretch of road that contradicts, such as ice, is soon forgotten
+ * behind it.
+ *
+ * A small factor of the speed alone (km/h for rad/s is 3.6 wheel radii, 1.0 .. 1.3) is
+ * within the effects of roll and pitch on each pair. Two pairs together show it: it
+ * raises v r over accel_y, and the change of the speed over accel_x. Roll, pitch and
+ * latency act on both accelerometers and cancel in the ratio. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* The pairs: [m/s2] v r and accel_y, [rad/s] v delta/(L + K v^2) and yaw_rate, [m/s2]
- * accel_x and the change of the wheels' speed, [1] (L r/v)^2/2 and how much faster the
- * front wheels are, [m/s2] accel_x and the same. */
-enum { ACROSS, TURNING_BY, ALONG, IN_BENDS, BY_DRIVE };
+/* The pairs. faster: speed difference of front and rear wheels over the speed. */
+enum {
+  ACROSS,     /* v r and accel_y [m/s2] */
+  TURNING_BY, /* v d/(L + K v^2) and yaw_rate [rad/s] */
+  ALONG,      /* accel_x and the rate of the speed [m/s2] */
+  IN_BENDS,   /* (L r/v)^2/2 and faster [1] */
+  BY_DRIVE    /* accel_x [m/s2] and faster [1] */
+};
 
-/* Bits of tse_agreement.apart: the pairs, and which channel comes late. */
+/* Bits of tse_agreement.apart: pairs that disagree, then a channel that comes late. */
 enum {
   PAIRS_APART = (1 << TSE_PAIRS) - 1,
   LATE_ACCEL = 1 << TSE_PAIRS,
@@ -26,153 +31,154 @@ enum {
   LATE_STEER = LATE_ACCEL << 2
 };
 
-/* What of the smoothed values is which. */
+/* Places of the low-passed values: accel_y, v r, accel_x, speed, yaw rate, and the yaw
+ * rate by the steering angle. */
 enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 
-/* Return the variance of the first of a pair that what the second is made of must
- * explain. A car that keeps its speed on a road that rises and falls feels it in accel_x:
- * more of that than the speed changes by may be the road, 3 sd of its grade. */
-static tse_real to_explain(const tse_params *p, const tse_pair *q, int which)
+/* Return the variance of the first quantity of a pair that the second must explain.
+ * accel_x also holds gravity along the road: up to 3 sd of the grade are subtracted, down
+ * to the variance of the second. */
+static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int which)
 {
   const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
 }
 
-/* Variance times seconds from which a pair has moved so far that what it says counts. */
-static const tse_real least_shown[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
+/* Min excitation of each pair, variance times seconds. */
+static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
-/* Return whether it has; of one that is apart, by the variance as if it were kept for as
- * long as of others. */
+/* Return whether the excitation of a pair is large enough for a decision. The variance of
+ * a pair that is apart counts over USUAL_TIME, as that of others does. */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 {
-  const tse_real most = which < IN_BENDS ? r_max(first, q->var[1]) : first;
-  return r_mul(apart ? USUAL_TIME : q->time, most) > least_shown[which];
+  const int may_have_factor = which == ACROSS || which == TURNING_BY || which == ALONG;
+  const tse_real var = may_have_factor ? r_max(first, q->var[1]) : first;
+  return r_mul(apart ? USUAL_TIME : q->time, var) > min_excitation[which];
 }
 
-/* Return the squared correlation of a pair.   Given: first  variance of the first, of
- *                                                           what is to be explained of
- *                                                           it */
-static tse_real related_of(const tse_pair *q, tse_real first)
+/* Return the squared correlation of a pair.
+ *   Given:  first  variance of the first, from compute_explainable() */
+static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
 {
-  return r_mul(
-      r_div(q->both, r_max(first, LEAST_VARIANCE)), r_div(q->both, r_max(q->var[1], LEAST_VARIANCE)));
+  return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
 }
 
-/* Return whether the two of a pair are not the same.   Given: driven  0 both axles or not
- *                                                      known, 1 front, 2 rear */
+/* Return whether the quantities of a pair disagree.
+ *   Given:  driven  0: both axles, or unknown; 1: front; 2: rear */
 static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
 {
-  const tse_real x = r_max(first, LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
-  const tse_real related = related_of(q, first);
+  const tse_real x = r_max(first, MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
+  const tse_real related = compute_squared_correlation(q, first);
   if (which == IN_BENDS) return q->both < TSE_R(0) && related > AGAINST;
   if (which == BY_DRIVE)
     return related > AGAINST && ((driven == 1 && q->both < TSE_R(0)) || (driven == 2 && q->both > TSE_R(0)));
-  return !(q->both > TSE_R(0)) || related < UNRELATED || y > r_mul(FURTHEST_OFF, x)
-      || x > r_mul(FURTHEST_OFF, y);
+  return !(q->both > TSE_R(0)) || related < UNRELATED || y > r_mul(MAX_VARIANCE_RATIO, x)
+      || x > r_mul(MAX_VARIANCE_RATIO, y);
 }
 
-/* Let a pair have x and y for dt. What is further off than usual counts as 3 sd: a burst
- * of wrong numbers weighs no more than its time, and a wrong unit is in the variance
- * soon.
- *   Given:     memory     [s] for how long it is kept   least  variance that nobody would
- *                                                       see
- *   Returned:  deviation  of both from their means, as they count */
-static void pair_learn(
+/* Update means, variances and covariance of a pair with the sample (x, y). A deviation
+ * beyond 3 sd counts as 3 sd: a burst of wrong numbers weighs by its time only, and a
+ * wrong unit is soon in the variance.
+ *   Given:     memory     [s] of the estimates
+ *              least      min variance of a deviation
+ *   Returned:  deviation  of both from their means, limited */
+static void update_pair(
     tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least, tse_real deviation[2])
 {
   q->time = r_mul(q->time, r_max(TSE_R(1) - r_div(dt, memory), TSE_R(0))) + dt;
   const tse_real gain = r_div(dt, q->time), keep = TSE_R(1) - gain;
-  deviation[0] = x - q->mean[0], deviation[1] = y - q->mean[1];
+  deviation[0] = x - q->mean[0];
+  deviation[1] = y - q->mean[1];
   for (int i = 0; i < 2; i++) {
-    const tse_real most = r_mul(TAIL, r_max(q->var[i], least));
-    if (q->time > dt && r_sqr(deviation[i]) > most)
-      deviation[i] = deviation[i] < TSE_R(0) ? -r_sqrt(most) : r_sqrt(most);
+    const tse_real max_square = r_mul(TAIL, r_max(q->var[i], least));
+    if (q->time > dt && r_sqr(deviation[i]) > max_square)
+      deviation[i] = deviation[i] < TSE_R(0) ? -r_sqrt(max_square) : r_sqrt(max_square);
     q->mean[i] += r_mul(gain, deviation[i]);
     q->var[i] = r_mul(keep, q->var[i] + r_mul(gain, r_sqr(deviation[i])));
   }
   q->both = r_mul(keep, q->both + r_mul(gain, r_mul(deviation[0], deviation[1])));
 }
 
-/* Return the factor between the two of a pair; 0: none, they are not related. */
-static tse_real factor_of(const tse_pair *q)
+/* Return the factor between the quantities of a pair, or 0 if they do not correlate. */
+static tse_real compute_factor(const tse_pair *q)
 {
-  const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
-  if (related_of(q, q->var[0]) < UNRELATED) return TSE_R(0);
+  const tse_real x = r_max(q->var[0], MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
+  if (compute_squared_correlation(q, q->var[0]) < UNRELATED) return TSE_R(0);
   const tse_real size = r_sqrt(r_div(y, x));
   return q->both < TSE_R(0) ? -size : size;
 }
 
-/* Add a row to what tells the scale of the speed: square and product of a pair that goes
- * together, over SCALE_TIME of driving. What is a quarter of a period ahead is in
- * neither: slip, which leads the speed, and the change of the speed across in a fast
- * sweep. */
-static void scale_learn(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
+/* Update the sums by which the scale of the speed is found: square and product of a pair
+ * that agrees, over SCALE_TIME of driving. Effects that lead by a quarter of a period
+ * cancel: slip against the speed, and the rate of the lateral speed in a fast sweep. */
+static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
   tse_real *const sum = a->moved[which == ALONG];
   const tse_real keep = r_max(TSE_R(1) - r_div(dt, SCALE_TIME), TSE_R(0));
-  if (((a->apart >> which) & 1) || related_of(q, q->var[0]) < SCALE_RELATED) return;
+  if (((a->apart >> which) & 1) || compute_squared_correlation(q, q->var[0]) < SCALE_RELATED) return;
   sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(deviation[0]));
   sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(deviation[0], deviation[1])), TSE_R(0));
 }
 
-/* Return how many times too large the speed by the wheels is, squared: how the change of
- * the speed is to accel_x, over how accel_y is to v r; 0: the drive has not shown it. */
-static tse_real scale_of(const tse_agreement *a)
+/* Return the squared factor of the speed by the wheels: ratio of the rate of the speed to
+ * accel_x, over ratio of accel_y to v r. Return 0 if the drive has not shown it. */
+static tse_real compute_scale(const tse_agreement *a)
 {
   const tse_real *const across = a->moved[0], *const along = a->moved[1];
   if (!(across[0] > SCALE_SHOWN_ACROSS) || !(along[0] > SCALE_SHOWN_ALONG)) return TSE_R(0);
-  return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], LEAST_VARIANCE)));
+  return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], MIN_VARIANCE)));
 }
 
-/* Return the same from the variances alone: noise and slopes are in them. */
-static tse_real rough_scale_of(const tse_pair *across, const tse_pair *along, tse_real first)
+/* Return the same from the variances alone, which hold noise and slopes. */
+static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
-  return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], LEAST_VARIANCE)),
-      r_div(along->var[1], r_max(first, LEAST_VARIANCE))));
+  return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),
+      r_div(along->var[1], r_max(first, MIN_VARIANCE))));
 }
 
-/* Return whether the speed is off by so much that noise and slopes, of which no pair has
- * more than what is not related, make no such factor. */
+/* Return whether the speed is off by a factor that noise and slopes cannot make: their
+ * part of the variance is limited by the correlation of each pair. */
 static int is_far_off(const tse_params *p, const tse_agreement *a)
 {
   const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
-  const tse_real first = to_explain(p, along, ALONG);
+  const tse_real first = compute_explainable(p, along, ALONG);
   if (a->apart || !is_shown(across, ACROSS, across->var[0], 0) || !is_shown(along, ALONG, first, 0)) return 0;
-  if (related_of(across, across->var[0]) < ROUGH_RELATED || related_of(along, first) < ROUGH_RELATED)
+  if (compute_squared_correlation(across, across->var[0]) < ROUGH_RELATED
+      || compute_squared_correlation(along, first) < ROUGH_RELATED)
     return 0;
-  const tse_real scale = rough_scale_of(across, along, first);
-  return scale > ROUGH_MOST || scale < ROUGH_LEAST;
+  const tse_real scale = compute_rough_scale(across, along, first);
+  return scale > MAX_ROUGH_SCALE || scale < MIN_ROUGH_SCALE;
 }
 
-static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
+static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Add a row to a timing. Of y = g x - late x' the sum of x y' - y x' is that of late
- * x'^2, twice, whatever the factor g is: its half counts.
- *   Given: x, y  of the row before and of this one    slope  of x per second */
+/* Update a timing with a row. For y = g x - late x', the sum of (x y' - y x')/2 is that
+ * of late x'^2, whatever the factor g.
+ *   Given:  x, y   of the row before and of this row
+ *           slope  rate of x [per second] */
 static void timing_learn(
     tse_timing *t, const tse_real x[2], const tse_real y[2], tse_real slope, tse_real keep, tse_real dt)
 {
   const tse_real turned = r_mul(x[0], y[1]) - r_mul(x[1], y[0]);
   t->square = r_mul(keep, t->square) + r_mul(dt, r_sqr(slope));
-  t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MOST_INFO, MOST_INFO);
+  t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MAX_INFO, MAX_INFO);
 }
 
-/* Return by how much softer than nominal the rear tyres may be: on a road that is
- * believed to have less grip than the one before, by what they have lost, too. */
+/* Return the max relative loss of rear stiffness to nominal: SOFTER, and on an accepted
+ * road of less grip also its loss. */
 static tse_real softer_by(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
   if (k->change_kind != TSE_CHANGE_ROAD || !(lost > TSE_R(0))) return SOFTER;
-  return SOFTER + exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
+  return SOFTER + compute_exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
 }
 
-/* Learn how late accel_y is behind the turn of the car, and yaw_rate behind the steering
- * angle: all in m/s2, yaw rates times the speed.
- *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)    at the centre of
- *                                            gravity, of a car whose rear tyres are
- *                                            nominal
- *   Given: was  smoothed values of the row before */
+/* Update the latencies of accel_y behind the turn of the car, and of yaw_rate behind the
+ * steering angle. All is in m/s2: yaw rates times the speed.
+ *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)
+ * at the centre of gravity, of a car with nominal rear tyres.
+ *   Given:  was  low-passed values of the row before */
 static void late_learn(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
   tse_agreement *const a = &k->agreement;
@@ -188,7 +194,7 @@ static void late_learn(const tse_params *p, tse_kalman *k, const tse_real was[6]
   const tse_real side[2] = { was[SIDE] - beside, s[SIDE] - beside },
                  across[2] = { was[SIDE_ASKED], s[SIDE_ASKED] };
   const tse_real jerk = r_mul(across[1] - across[0], over), steered = r_mul(asked[1] - asked[0], over);
-  if (r_abs(jerk) > MOST_JERK || r_abs(steered) > MOST_JERK) return;
+  if (r_abs(jerk) > MAX_JERK || r_abs(steered) > MAX_JERK) return;
   timing_learn(&a->across, across, side, jerk, keep, dt);
   timing_learn(&a->steered, asked, turns, steered, keep, dt);
   a->across.late += r_mul(r_mul(arm, s[TURN] - was[TURN]), jerk);
@@ -196,11 +202,11 @@ static void late_learn(const tse_params *p, tse_kalman *k, const tse_real was[6]
       + r_mul(dt, r_mul(r_sqr(jerk), r_min(r_mul(softer_by(k), slip_time) + r_div(LEVER, v), TSE_R(1))));
 }
 
-/* Return which of accel_y, yaw_rate and the steering angle comes late, as a bit, or 0.
- * Each lateness counts times the square that shows it, and with its sd, which falls with
- * the root of that square. Tyres that are softer than nominal make accel_y late, too, and
- * an IMU behind the centre of gravity. Behind the steering angle the yaw rate is late in
- * every car, and never early. */
+/* Return the bit of the channel that comes late: accel_y, yaw_rate or the steering
+ * angle; or 0. Each latency is taken times the excitation that shows it. Its sd falls
+ * with the root of the excitation. Soft tyres, and an IMU behind the centre of
+ * gravity, delay accel_y, too. The yaw rate of every car is behind the steering angle,
+ * and never ahead. */
 static int late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late, behind = a->steered.late, square = a->across.square,
@@ -217,29 +223,29 @@ static int late_channel(const tse_params *p, const tse_agreement *a)
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
 }
 
-/* Learn from a row that is one of many complete ones, and decide which channel comes
- * late.
- *   Given: was  smoothed values of the row before    has  bits of the channels that are
- *                                                         there    dt  0: there is no row
- *                                                         before */
+/* Update the latencies with a row if enough rows before it were complete, and find the
+ * channel that comes late.
+ *   Given:  was  low-passed values of the row before
+ *           has  bits of the channels that are present
+ *           dt   0: there is no row before */
 static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
 {
   static const uint32_t needed = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate | TSE_MISSING_steer_angle;
   tse_agreement *const a = &k->agreement;
-  const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < LONGEST_ROW;
+  const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < MAX_ROW_TIME;
   a->complete_for = is_complete ? r_min(a->complete_for + dt, LONGEST_DT) : TSE_R(0);
-  if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > LEAST_TURNING)) return;
+  if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > MIN_TURNING_SPEED)) return;
   late_learn(p, k, was, dt);
   a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
 }
 
-int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
+int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
 {
   const tse_agreement *const a = &k->agreement;
   const tse_pair *const going = &a->pair[ALONG];
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
-  const int also = factor_of(going) != TSE_R(0)
-      && is_apart(going, ALONG, going->var[0], 0); /* where another pair is apart, it is no road */
+  /* where another pair is apart, a difference in accel_x is not the road */
+  const int also = compute_factor(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
   if (!(a->apart & PAIRS_APART)) {
@@ -247,65 +253,67 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
     if (a->apart & LATE_ACCEL) return 1 + (int32_t)TSE_CHANNEL_accel_y;
     if (a->apart & LATE_YAW) return 1 + (int32_t)TSE_CHANNEL_yaw_rate;
     if (!a->off_scale) return 0;
-    const tse_real scale = scale_of(a);
-    *factor = r_sqrt(scale > TSE_R(0) ? scale : rough_scale_of(&a->pair[ACROSS], going, going->var[0]));
+    const tse_real scale = compute_scale(a);
+    *factor = r_sqrt(scale > TSE_R(0) ? scale : compute_rough_scale(&a->pair[ACROSS], going, going->var[0]));
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
-  const tse_real gained = along ? factor_of(going) : TSE_R(0);
-  if (along
-      && (turning
-          || (across && gained < MOST_OF_SPEED && gained > LEAST_OF_SPEED))) { /* in common is the speed */
+  const tse_real gained = along ? compute_factor(going) : TSE_R(0);
+  const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
+  if (along && (turning || is_speed)) { /* both pairs contain the speed */
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
   if (turning) {
-    *factor = across ? factor_of(&a->pair[TURNING_BY]) : inverse(factor_of(&a->pair[TURNING_BY]));
+    *factor = across ? compute_factor(&a->pair[TURNING_BY])
+                     : invert_factor(compute_factor(&a->pair[TURNING_BY]));
     return 1 + (int32_t)(across ? TSE_CHANNEL_yaw_rate : TSE_CHANNEL_steer_angle);
   }
   if (across) {
-    *factor = factor_of(&a->pair[ACROSS]);
+    *factor = compute_factor(&a->pair[ACROSS]);
     return 1 + (int32_t)TSE_CHANNEL_accel_y;
   }
-  if (!along)
-    return 1
-        + (int32_t)TSE_CHANNEL_wheel_speed_front; /* front and rear exchanged, or another axle is driven */
-  *factor = inverse(factor_of(going));
+  /* front and rear wheels are exchanged, or the other axle is driven */
+  if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
+  *factor = invert_factor(compute_factor(going));
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
 }
 
-/* Return what each pair is made of now, in the order of the smoothed values.   Given: x
- * channels   speed  of the car */
-static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
+/* Compute the values that the pairs are made of, in the order of the low-passed values.
+ *   Given:  x  channels      speed  of the car */
+static void compute_values(
+    const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
 {
   const tse_real wheelbase = p->car.lf + p->car.lr, square = r_sqr(speed);
   const tse_real understeer = r_div(
       r_div(r_mul(p->car.lr, p->car.ky_rear) - r_mul(p->car.lf, p->car.ky_front), wheelbase),
       r_mul(p->car.ky_front, p->car.ky_rear));
   value[SIDE] = x[TSE_CHANNEL_accel_y];
-  value[SIDE_ASKED] = r_clamp(r_mul(speed, x[TSE_CHANNEL_yaw_rate]), -MOST_ACROSS, MOST_ACROSS);
+  value[SIDE_ASKED] = r_clamp(r_mul(speed, x[TSE_CHANNEL_yaw_rate]), -MAX_LATERAL, MAX_LATERAL);
   value[GAINED] = x[TSE_CHANNEL_accel_x];
   value[SPEED] = speed;
   value[TURN] = x[TSE_CHANNEL_yaw_rate];
   value[TURN_ASKED] = r_div(r_mul(speed, x[TSE_CHANNEL_steer_angle]),
-      r_max(wheelbase + r_mul(understeer, square), r_mul(SHORTEST, wheelbase)));
+      r_max(wheelbase + r_mul(understeer, square), r_mul(MIN_WHEELBASE, wheelbase)));
 }
 
-/* Let a pair have x and y for dt, and decide whether the two are apart. */
-static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
+/* Update a pair with the sample (x, y), and decide whether it disagrees. */
+static void compare_pair(
+    const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
 {
   tse_pair *const q = &a->pair[which];
   tse_real deviation[2];
   const int apart = (a->apart >> which) & 1;
-  pair_learn(q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(least_shown[which], USUAL_TIME), deviation);
-  const tse_real first = to_explain(p, q, which);
+  update_pair(
+      q, x, y, dt, apart ? ROAD_TIME : USUAL_TIME, r_div(min_excitation[which], USUAL_TIME), deviation);
+  const tse_real first = compute_explainable(p, q, which);
   if (!is_shown(q, which, first, apart)) return;
   a->apart = is_apart(q, which, first, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);
-  if (which == ACROSS || which == ALONG) scale_learn(a, which, deviation, dt);
+  if (which == ACROSS || which == ALONG) update_scale(a, which, deviation, dt);
 }
 
-/* Read the channels.   Returned: bits of those that are there and in their range; x  0 of
- *                      the others */
-static uint32_t channels_of(const tse_input *u, tse_real x[TSE_CHANNELS])
+/* Read the channels.
+ *   Returned:  bits of those that are present and in their range; x  0 for the others */
+static uint32_t read_channels(const tse_input *u, tse_real x[TSE_CHANNELS])
 {
   uint32_t has = 0;
   for (int c = 0; c < (int)TSE_CHANNELS; c++) {
@@ -317,51 +325,52 @@ static uint32_t channels_of(const tse_input *u, tse_real x[TSE_CHANNELS])
   return has;
 }
 
-void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second)
+void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt, int no_second)
 {
   static const uint32_t made_of[6] = { TSE_MISSING_accel_y, TSE_MISSING_yaw_rate, TSE_MISSING_accel_x, 0,
     TSE_MISSING_yaw_rate, TSE_MISSING_steer_angle };
   tse_agreement *const a = &k->agreement;
   tse_real x[TSE_CHANNELS], value[6], change;
-  const uint32_t has = channels_of(u, x);
+  const uint32_t has = read_channels(u, x);
   const uint32_t wheels = has & (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const int both = wheels == (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
   const tse_real front = r_mul(p->radius_front, x[TSE_CHANNEL_wheel_speed_front]),
                  rear = r_mul(p->radius_rear, x[TSE_CHANNEL_wheel_speed_rear]);
   const tse_real speed = r_mul(both ? TSE_R(0.5) : TSE_R(1), front + rear);
-  dt = r_min(a->since + dt, LONGEST_TIME);
-  a->since = wheels ? TSE_R(0) : dt; /* they may come in every third row */
+  dt = r_min(a->since + dt, MAX_TIME);
+  a->since = wheels ? TSE_R(0) : dt; /* wheel speeds may come in every third row only */
   if (!wheels || !(speed > p->hold_speed)) return;
-  values_of(p, x, speed, value);
-  const int starts = dt > FASTEST_DT || !(a->smooth[SPEED] > TSE_R(0));
+  compute_values(p, x, speed, value);
+  const int starts = dt > MAX_SMOOTH_DT || !(a->smooth[SPEED] > TSE_R(0));
   tse_real was[6];
   memcpy(was, a->smooth, sizeof was);
   const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
+  /* A missing channel leaves its value as it is, so that a slow channel is not
+   * attenuated. */
   for (int i = 0; i < 6; i++)
-    if ((has & made_of[i]) == made_of[i])
-      a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]); /* a channel that comes seldom is no smaller */
+    if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
   late_row(p, k, was, has, starts ? TSE_R(0) : dt);
-  /* as the smoothed change of the speed, which begins anew */
-  if (dt > FASTEST_DT) a->smooth[GAINED] = TSE_R(0);
+  /* restarts with the low-passed rate of the speed */
+  if (dt > MAX_SMOOTH_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
   const tse_real *const s = a->smooth;
   const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)),
                  bend = r_clamp(r_div(r_mul(p->car.lf + p->car.lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
-  const tse_real ahead = r_mul(TSE_R(0.5), r_sqr(bend)); /* so much faster the front wheels are in a bend */
+  const tse_real ahead = r_mul(TSE_R(0.5), r_sqr(bend)); /* relative speed excess of the front wheels */
   const struct {
     tse_real x, y;
     int counts;
   } now[TSE_PAIRS] = {
     { s[SIDE_ASKED], s[SIDE], (has & TSE_MISSING_accel_y) && (has & TSE_MISSING_yaw_rate) },
     { s[TURN_ASKED], s[TURN], (has & TSE_MISSING_steer_angle) && (has & TSE_MISSING_yaw_rate) },
-    { s[GAINED], r_clamp(change, -MOST_ACROSS, MOST_ACROSS),
+    { s[GAINED], r_clamp(change, -MAX_LATERAL, MAX_LATERAL),
         (has & TSE_MISSING_accel_x) && r_abs(faster) < SLIPPING },
     { ahead, faster, both && !no_second && (has & TSE_MISSING_yaw_rate) && r_abs(faster) < SLIPPING + ahead },
     { s[GAINED], faster, both && !no_second && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
   };
   for (int i = 0; i < TSE_PAIRS; i++)
-    if (now[i].counts) compare(p, a, i, now[i].x, now[i].y, dt);
-  const tse_real scale = scale_of(a);
-  a->off_scale = (scale > TSE_R(0) && (scale > SCALE_MOST || scale < SCALE_LEAST)) || is_far_off(p, a);
+    if (now[i].counts) compare_pair(p, a, i, now[i].x, now[i].y, dt);
+  const tse_real scale = compute_scale(a);
+  a->off_scale = (scale > TSE_R(0) && (scale > MAX_SCALE || scale < MIN_SCALE)) || is_far_off(p, a);
 }

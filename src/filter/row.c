@@ -1,13 +1,13 @@
-/* filter/row.c - a log row becomes a checked sample. */
+/* filter/row.c - decode a log row to a checked sample. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* Return the axle that rolls freely, by brake switch and wheel torques: the one that is
- * not driven, unless they say that it brakes; of two that are driven, which a switch does
- * not show, one without torque beside one with. */
-static int32_t rolls_by(const tse_params *p, const decoded *z)
+/* Return the freely rolling axle by brake switch and wheel torques. It is the undriven
+ * axle, unless these show that it brakes. Where both axles are driven it is one without
+ * torque while the other has torque, because a brake switch alone does not show it. */
+static int32_t find_free_axle(const tse_params *p, const decoded *z)
 {
-  const int32_t undriven = not_driven(&p->car);
+  const int32_t undriven = find_undriven_axle(&p->car);
   const int has_brake = (z->given & TSE_GIVEN_brake) != 0;
   const int known[2] = { (z->given & TSE_GIVEN_wheel_torque_front) != 0,
     (z->given & TSE_GIVEN_wheel_torque_rear) != 0 };
@@ -15,7 +15,7 @@ static int32_t rolls_by(const tse_params *p, const decoded *z)
     r_abs(z->optional[TSE_OPTIONAL_wheel_torque_rear]) };
   const int less = torque[1] < torque[0];
   if (undriven == ROLLS_UNKNOWN && !(known[0] && known[1])) return ROLLS_UNKNOWN;
-  if (has_brake && !(z->optional[TSE_OPTIONAL_brake] < BRAKES)) return ROLLS_NONE;
+  if (has_brake && !(z->optional[TSE_OPTIONAL_brake] < BRAKE_ON)) return ROLLS_NONE;
   if (undriven == ROLLS_UNKNOWN)
     return torque[less] < p->no_torque && !(torque[!less] < p->no_torque) ? ROLLS_FRONT + less : ROLLS_NONE;
   if (known[undriven - ROLLS_FRONT])
@@ -28,21 +28,20 @@ static int is_equal(tse_real front, tse_real rear)
   return r_abs(front - rear) <= r_mul(SAME_SPEED, r_abs(rear));
 }
 
-/* Return whether two wheel speeds are one signal: the same number, or in the ratio that
- * both have had, as of rounded radii. */
+/* Return whether two wheel speeds are one signal: equal, or in their previous ratio, that
+ * of rounded radii. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
   return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
 }
 
-/* Find whether the columns of both axles are one signal. Of one signal the column that is
- * held longer, or as long, changes only to what the other reads or has read in the row
- * before. Two signals both change to values of their own. Where one column is missing for
- * long and no velocity is measured there is no second speed either.
- *   Updated: z  one_speed, no_second, equal, same, off; of one signal the newer value
- *               stands for the
- *               rear axle, and the front axle is not used */
+/* Find whether the columns of both axles are one signal. Of one signal, the column that
+ * lags or repeats changes only to the present or previous value of the other column. Two
+ * signals both change to values of their own. Where one column is missing for long and no
+ * velocity is measured, there is no second speed either.
+ *   Updated:  z  one_speed, no_second, equal, same, off. Of one signal the newer value is
+ *             that of the rear axle, and the front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
 {
   const tse_real front = z->axle[0], rear = z->axle[1];
@@ -67,13 +66,13 @@ static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
   z->use[WHEEL_FRONT] = 0;
 }
 
-tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
+tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
 {
   tse_input given = *u;
   if (!f->started) given.dt = p->sample_time; /* the first row has no predecessor */
   const tse_status status = tse_input_check(&given, NULL);
   if (status < 0) return status;
-  z->dt = r_max(given.dt, LEAST_DT);
+  z->dt = r_max(given.dt, MIN_DT);
   z->has_steer = !is_missing(u, TSE_MISSING_steer_angle, u->steer_angle);
   z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
   for (int i = 0; i < IMU_CHANNELS; i++) {
@@ -96,9 +95,9 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= ok ? 1u << k : 0u;
   }
   find_one_speed(p, f, z);
-  /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of
-   * the road stands */
-  z->rolls = z->given & TSE_GIVEN_PEDALS ? rolls_by(p, z) : ROLLS_UNKNOWN;
+  /* Where no axle shows the speed, slip is the integral of accel_x, which holds the
+   * grade. */
+  z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE
       || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));
   z->no_slip = z->no_second || (no_speed && p->prior_sd[GX] > TSE_R(0));

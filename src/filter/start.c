@@ -1,28 +1,12 @@
-/* filter/start.c - the prior, and the motion from wheel speed and gyro. */
+/* filter/start.c - initial state: the prior, and the motion from wheel speed and gyro. */
 #include "filter/filter.h"
 
-#define STATE_UNIT(name, unit, most) TSE_R(unit),
-#define STATE_MOST(name, unit, most) TSE_R(most),
-#if defined(TSE_NO_VELOCITY)
-const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) };
-const tse_real state_most[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) };
-#else
-const tse_real state_unit[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_UNIT) EXTRA_ROWS(STATE_UNIT) };
-const tse_real state_most[TSE_VALUES + TSE_EXTRAS] = { STATE_ROWS(STATE_MOST) EXTRA_ROWS(STATE_MOST) };
-#endif
-
-void along_start(tse_kalman *k, tse_real var)
-{
-  k->along.mean = k->x[LCX];
-  k->along.var = var;
-}
-
-void start_all(const tse_params *p, tse_filter *f)
+void start_state(const tse_params *p, tse_filter *f)
 {
   tse_kalman *const k = &f->k;
   tse_real variance[STATES];
   for (int i = 0; i < TSE_VALUES; i++) k->x[i] = p->prior[i];
-  for (int i = 0; i < STATES; i++) { variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i])); }
+  for (int i = 0; i < STATES; i++) variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
   for (int c = 0; c <= STEERING; c++) k->repeats[c] = TSE_R(1);
   for (int c = 0; c < TSE_SENSORS; c++) {
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
@@ -42,31 +26,39 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
   tse_real *const x = k->x, variance[PLACED];
-  const int rear = z->use[WHEEL_REAR] && (not_driven(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
-  const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE] && works(k, YAW_RATE);
-  /* a front wheel runs the faster, the more it is turned */
-  const tse_real ahead = rear ? TSE_R(1) : r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
-  const tse_real v = z->use[axle] ? r_mul(ahead, z->z[axle]) : x[VX],
-                 r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
-  const tse_real across = r_mul(v, r),
-                 wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
-  const tse_real front = r_div(
-      r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));
-  const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, exponential(x[LCR])));
+  const int rear = z->use[WHEEL_REAR] && (find_undriven_axle(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
+  const int axle = rear ? WHEEL_REAR : WHEEL_FRONT;
+  const int has_gyro = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
+  /* speed of the car over that of the wheel: cos(steer) of a front wheel, to second
+   * order */
+  const tse_real cos_d = r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
+  const tse_real v = z->use[axle] ? r_mul(rear ? TSE_R(1) : cos_d, z->z[axle]) : x[VX];
+  const tse_real r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
+  /* slip angles of a steady turn: each axle carries its share of the lateral
+   * acceleration */
+  const tse_real across = r_mul(v, r);
+  const tse_real wheelbase = c->lf + c->lr;
+  const tse_real y_front = r_mul(across, r_div(c->lr, wheelbase));
+  const tse_real y_rear = r_mul(across, r_div(c->lf, wheelbase));
+  const tse_real a_front = r_div(y_front, r_mul(c->ky_front, compute_exponential(x[LCF])));
+  const tse_real a_rear = r_div(y_rear, r_mul(c->ky_rear, compute_exponential(x[LCR])));
   for (int i = 0; i < PLACED; i++) x[i] = TSE_R(0);
   x[VX] = v;
   x[YAW] = r;
-  x[AF] = r_clamp(front, -MOST_SIDEWAYS, MOST_SIDEWAYS);
-  x[AR] = r_clamp(back, -MOST_SIDEWAYS, MOST_SIDEWAYS);
+  x[AF] = r_clamp(a_front, -MAX_TURN_SLIP_ANGLE, MAX_TURN_SLIP_ANGLE);
+  x[AR] = r_clamp(a_rear, -MAX_TURN_SLIP_ANGLE, MAX_TURN_SLIP_ANGLE);
   x[VY] = r_mul(c->lr, r) - r_mul(r_max(r_abs(v), TSE_R(1)), x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
-  const tse_real sd[] = {
-    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX: a wheel that slips */
+  /* clang-format off */
+  const tse_real sd[] = { /* in the order of the states; PHI and later ones are not in TSE_SMALL */
+    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX: slip of the wheel */
     TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                                  /* VY */
     (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), /* YAW */
-    TSE_R(0.01) + r_abs(x[AF]), TSE_R(0.01) + r_abs(x[AR]),               /* AF AR */
+    TSE_R(0.01) + r_abs(x[AF]),                                           /* AF */
+    TSE_R(0.01) + r_abs(x[AR]),                                           /* AR */
     TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                    /* PHI DPHI SF SR */
   };
+  /* clang-format on */
   for (int i = 0; i < PLACED; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
   ud_forget(&k->ud, variance, PLACED);
   sensitivities_clear(k, PLACED);

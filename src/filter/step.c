@@ -1,44 +1,50 @@
 /* filter/step.c - a row of the default filter: start here.
  *
- *   start.c      the prior, and the motion placed from the sensors
- *   row.c        a log row becomes a checked sample
- *   backwards.c  whether the car rolls backwards
- *   predict.c    state and covariance to its time (model/car.c: forces, motion and
- *                sensors of the car; ud.c: the covariance)
- *   update.c     its measurements, one after the other
- *   velocity.c   ... of them a velocity, where one is measured
- *   events.c     what may have happened: a table of kinds, and how they are weighed
- *   plausible.c  whether the channels agree: wrong units, signs, axles
- *   output.c     estimates, and whether to act on them */
+ *   row.c             decode a log row
+ *   start.c           initial state: the prior, and the motion from the sensors
+ *   backwards.c       whether the car rolls backwards
+ *   predict.c         prediction to the time of the row (model/car.c: forces, motion and
+ *                     sensors of the car; ud.c: the covariance)
+ *   update.c          measurements of the row, one after the other
+ *   velocity.c        ... and measured velocities
+ *   scalar.c          update with one measurement
+ *   events.c          hypotheses of what has happened: their table, and their posterior
+ *   faults.c          channels that are frozen or at fault
+ *   sensitivities.c   sensitivities of the state to events and consider parameters
+ *   slip_stiffness.c  slip stiffness without the model error along the car
+ *   plausible.c       whether the channels agree: wrong units, signs, axles
+ *   output.c          estimates, and whether they are valid */
 #include "filter/filter.h"
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether every wheel speed has risen faster than a car can gain it: one that was
- * read as zero, or an outlier. Downwards they may: wheels lock. */
+/* Return whether all wheel speeds have risen faster than a car can accelerate, as after
+ * zeros or by an outlier. They may fall as fast: wheels lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
-  const tse_real most = p->hold_speed + r_mul(JUMP_RATE, z->dt);
+  const tse_real max_rise = p->hold_speed + r_mul(JUMP_RATE, z->dt);
   const tse_real front = z->z[WHEEL_FRONT] - f->v_front, rear = z->z[WHEEL_REAR] - f->v_rear;
-  return f->step > 0 && has_wheel_speed(z) && !(z->use[WHEEL_FRONT] && front < most)
-      && !(z->use[WHEEL_REAR] && rear < most);
+  return f->step > 0 && has_wheel_speed(z) && !(z->use[WHEEL_FRONT] && front < max_rise)
+      && !(z->use[WHEEL_REAR] && rear < max_rise);
 }
 
-/* Return the speed of an axle, where it is missing that of the other. */
-static tse_real axle_speed(const decoded *z, int axle)
+/* Return the speed of an axle, or that of the other axle if it is missing. */
+static tse_real get_axle_speed(const decoded *z, int axle)
 {
   return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle];
 }
 
 /* Return the larger absolute axle speed, or |v_x| of the state when both are missing. */
-static tse_real speed_of(const tse_filter *f, const decoded *z)
+static tse_real compute_speed(const tse_filter *f, const decoded *z)
 {
-  return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR)))
-                            : r_abs(f->k.x[VX]);
+  return has_wheel_speed(z)
+      ? r_max(r_abs(get_axle_speed(z, WHEEL_FRONT)), r_abs(get_axle_speed(z, WHEEL_REAR)))
+      : r_abs(f->k.x[VX]);
 }
 
-/* Keep the wheel speeds for the next row, and what they say of being one signal. A column
- * that agrees, or is alone, may be one again later. */
+/* Keep the wheel speeds for the next row, and update the evidence that they are one
+ * signal. Columns that agree, or of which one is missing, may be one signal again
+ * later. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -48,45 +54,46 @@ static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
     else if (z->same || !both) f->off_for[a] = r_max(f->off_for[a] - z->dt, TSE_R(0));
   }
   if (both && (is_new || z->equal) && z->axle[1] > p->hold_speed) {
-    const tse_real ratio = r_clamp(r_div(z->axle[0], z->axle[1]), LEAST_RATIO, MOST_RATIO);
+    const tse_real ratio = r_clamp(r_div(z->axle[0], z->axle[1]), MIN_SPEED_RATIO, MAX_SPEED_RATIO);
     f->ratio = z->equal ? TSE_R(1) : ratio;
   }
   if (has[0]) f->v_front = z->axle[0];
   if (has[1]) f->v_rear = z->axle[1];
 }
 
-/* Count a gap, or forget those before a row that is none. */
+/* Update the number of recent gaps, with the memory USUAL_TIME. */
 static void count_gaps(tse_filter *f, int gap, tse_real dt)
 {
   const tse_real left = r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0));
-  f->gaps = gap ? r_min(f->gaps + TSE_R(1), MOST_SINCE) : r_mul(f->gaps, left);
+  f->gaps = gap ? r_min(f->gaps + TSE_R(1), MAX_SINCE) : r_mul(f->gaps, left);
 }
 
-/* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for
- * since one had a wheel speed, still_for since the wheels have stood, off_for until wheel
- * speeds that have differed may be one signal again. The motion is lost where the car has
- * rolled, or its angle been held, for too long, or is not known, and is found again by a
- * row that has both. Keep the wheel speeds for the next row. */
+/* Advance the timers [s]: held_for since a row with a steering angle, rolled_for since
+ * one with a wheel speed, still_for since the wheels have stopped, off_for until wheel
+ * speeds that differed may be one signal again. The motion is lost when held_for or
+ * rolled_for is too long, and until a row has both again. Keep the wheel speeds for the
+ * next row. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
-  f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, LONGEST_TIME);
-  f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, LONGEST_TIME);
+  f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, MAX_TIME);
+  f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, MAX_TIME);
   f->lost = f->held_for > p->max_gap || f->rolled_for > ROAD_TIME || (f->lost && !(z->has_steer && wheels));
   f->still_for = wheels && speed < STILL_SPEED ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
   keep_speeds(p, f, z);
 }
 
-/* Classify the row.   Given: f  with its timers at this row      gap  whether the motion
- *                               cannot be followed to it
- *                     Updated: f->way */
-static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
+/* Classify the row.
+ *   Given:    f    with its timers at this row
+ *             gap  1: the motion cannot be followed to this row
+ *   Updated:  f->way */
+static row_class classify_row(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
-  const tse_real least = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR));
-  const int reverse = rolls_backwards(p, f, z, speed) || least < -p->hold_speed;
+  const tse_real slower = r_min(get_axle_speed(z, WHEEL_FRONT), get_axle_speed(z, WHEEL_REAR));
+  const int reverse = rolls_backwards(p, f, z, speed) || slower < -p->hold_speed;
   row_class w;
   w.gap = gap;
-  w.sparse = f->gaps > r_mul(MOST_GAPS, r_min(f->k.seen + TSE_R(1), USUAL_TIME));
+  w.sparse = f->gaps > r_mul(MAX_GAP_RATE, r_min(f->k.seen + TSE_R(1), USUAL_TIME));
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.no_second = z->no_second;
   w.rolls = z->rolls;
@@ -95,7 +102,7 @@ static row_class classify(const tse_params *p, tse_filter *f, const decoded *z, 
 }
 
 /* Return whether all numbers of tse_agreement before `apart` are finite. */
-static int agreement_finite(const tse_agreement *a)
+static int is_agreement_finite(const tse_agreement *a)
 {
   int fine = 1;
   for (size_t at = 0; at < offsetof(tse_agreement, apart); at += sizeof(tse_real)) {
@@ -107,7 +114,7 @@ static int agreement_finite(const tse_agreement *a)
 }
 
 /* Return whether every state and variance is finite, and no variance negative. */
-static int all_finite(const tse_kalman *k)
+static int is_state_finite(const tse_kalman *k)
 {
   int fine = 1;
   for (int i = 0; i < STATES; i++)
@@ -117,9 +124,9 @@ static int all_finite(const tse_kalman *k)
   return fine;
 }
 
-/* Return whether a number of a row of the filter (number/vector.h) is saturated, or
- * nearly, in fixed point. */
-static int near_saturation(const tse_kalman *k)
+/* Return whether a number of the filter's rows (number/vector.h) is near saturation in
+ * fixed point. */
+static int is_near_saturation(const tse_kalman *k)
 {
   int near = r_near_end(k->ud.u, STATES * (STATES - 1) / 2);
   for (int e = 0; e < k->ud.extras; e++) near = near || r_near_end(k->ud.w[e], TSE_ALL);
@@ -129,8 +136,9 @@ static int near_saturation(const tse_kalman *k)
   return near;
 }
 
-/* Return the most severe caution that applies to the row: the largest code. */
-static tse_status status_of(const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
+/* Return the most severe caution of the row, which is the largest code. */
+static tse_status find_status(
+    const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
 {
   tse_status status = TSE_OK;
   for (int a = 0; a < 3; a++)
@@ -142,43 +150,44 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const row_cla
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
-  if (near_saturation(&f->k)) status = worse(status, TSE_W_RANGE);
+  if (is_near_saturation(&f->k)) status = worse(status, TSE_W_RANGE);
   if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0))
     status = worse(status, TSE_W_RECOVERED);
   if (f->k.agreement.apart || f->k.agreement.off_scale) status = worse(status, TSE_W_IMPLAUSIBLE);
   return status;
 }
 
-/* Process a row without predicting the motion: clear the innovations, predict only the
- * parameters, reinitialise the motion from wheels and gyro unless it is lost, and update
- * the gyro bias at standstill. Until the filter has started, nothing is predicted and the
- * motion is always reinitialised. Given: z, with steering angle or not */
+/* Process a row without predicting the motion. Clear the innovations and predict the slow
+ * states. Initialise the motion from wheels and gyro unless it is lost, and update the
+ * gyro bias at standstill. Before the filter has started nothing is predicted, and the
+ * motion is initialised in each row. */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
-  for (int a = 0; a < TSE_SENSORS; a++)
-    k->innovation[a] = k->innovation_var[a] = k->nis[a] = TSE_R(0); /* nothing is weighed */
+  for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = k->nis[a] = TSE_R(0);
   k->log_likelihood = TSE_R(0);
   velocity_lose(k);
-  if (f->started) rest_row(p, k, z->dt);
+  if (f->started) predict_slow_states(p, k, z->dt);
   if (!f->lost || !f->started) start_motion(p, k, z);
-  if (!(f->still_for < STILL_TIME)) update_still(p, k, z);
+  if (!(f->still_for < STILL_TIME)) update_at_standstill(p, k, z);
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Return whether the motion is known at all. Settings of no car, whose motion swings
- * itself up within a substep, and an unstable one that nothing measures leave it unknown
- * long before a number overflows. No variance is less than its element of D. */
+/* Return whether each variance of the motion is below a limit, by its element of D.
+ * Unrealistic settings can make the motion diverge within a substep, and an unstable car
+ * without measurements diverges. The variance passes the limit long before a number
+ * overflows. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = 1;
   for (int i = 0; i < MOTION; i++)
-    if (!(k->ud.d[i] < MOST_D)) known = 0;
+    if (!(k->ud.d[i] < MAX_D)) known = 0;
   return known;
 }
 
-/* Predict, measure, and decide on events; count the seconds that are seen. Without a
- * steering angle nothing is measured: a stiffness would make up for it. */
+/* Predict, update with the measurements, and decide on events. Count the seconds that are
+ * followed. Without a steering angle there is no update: a stiffness would compensate for
+ * the error of the angle. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
   const steering angle = predict_row(p, k, z);
@@ -186,15 +195,15 @@ static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
   for (int a = 0; a < TSE_SENSORS && !z->has_steer; a++) z->use[a] = 0;
   update_row(p, k, z, angle);
   events_decide(p, k, z->dt);
-  k->seen = r_min(k->seen + z->dt, LONGEST_TIME);
+  k->seen = r_min(k->seen + z->dt, MAX_TIME);
 }
 
-/* Start again from the prior, or from what was loaded. */
-static void recover(const tse_params *p, tse_filter *f, const decoded *z)
+/* Restart from the prior, or from what was loaded. */
+static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
   memset(k, 0, sizeof *k);
-  start_all(p, f);
+  start_state(p, f);
   start_motion(p, k, z);
   k->change_kind = TSE_CHANGE_RESTART;
   for (int a = 0; a < 3; a++) {
@@ -203,62 +212,60 @@ static void recover(const tse_params *p, tse_filter *f, const decoded *z)
   }
 }
 
-/* Restart from the prior, or from what was loaded, when the steering angle is found
- * frozen: until then stiffness, steering offset and ratio absorbed its error. Keep what
- * shows that it is frozen. */
-static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
+/* Restart when the steering angle is found frozen: stiffness, steering offset and ratio
+ * have absorbed its error. Keep the evidence that it is frozen. */
+static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
   const tse_real frozen = k->frozen[STEERING], again = k->repeats_again[STEERING];
-  recover(p, f, z);
+  restart_filter(p, f, z);
   k->reading[STEERING] = z->steer;
   k->frozen[STEERING] = frozen;
   k->repeats_again[STEERING] = again;
 }
 
-/* Fill the output of a row, and note which stiffness tse_learnt_save() may call known. */
+/* Fill the output of a row, and note which stiffness tse_learnt_save() may save as
+ * known. */
 static void report_step(
     const tse_params *p, tse_filter *f, const decoded *z, const row_class *w, tse_output *now)
 {
   memset(now, 0, sizeof *now);
   report_row(p, &f->k, now);
   judge_row(p, &f->k, w, now);
-  now->status = (int32_t)status_of(f, z, w, now);
-  for (int a = 0; a < 3; a++) {
+  now->status = (int32_t)find_status(f, z, w, now);
+  for (int a = 0; a < 3; a++)
     if (now->reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
-  }
 }
 
 tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   decoded z;
   tse_output now;
-  const tse_status refused = row_decode(p, f, u, &z);
-  if (refused < 0) return refused; /* nothing has changed yet */
-  if (f->step == 0) start_all(p, f);
-  if (watch_steering(&f->k, &z)) start_over(p, f, &z);
-  road_row(p, &f->k, &z);
-  const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
-  const int blind = f->held_for
-      > r_mul(BLIND_ROWS, p->sample_time); /* before this row: the car may have turned otherwise */
-  const int gap = has_jumped(p, f, &z) || z.dt > (HAS_SLIP ? p->max_gap : r_min(p->max_gap, LONGEST_ROW))
-      || (z.has_steer && f->lost);
-  const tse_real speed = speed_of(f, &z);
+  const tse_status refused = decode_row(p, f, u, &z);
+  if (refused < 0) return refused; /* before anything changes */
+  if (f->step == 0) start_state(p, f);
+  if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
+  update_road(p, &f->k, &z);
+  const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
+  /* the steering angle was missing before this row: the car may have turned otherwise */
+  const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
+  const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
+  const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);
+  const tse_real speed = compute_speed(f, &z);
   advance_timers(p, f, &z, speed);
   count_gaps(f, gap && f->started && speed > p->hold_speed, z.dt);
-  const row_class w = classify(p, f, &z, speed, gap);
+  const row_class w = classify_row(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  if (!fine
-      || !all_finite(
-          &f->k)) { /* a fault of the memory, or an overflow, to which what was loaded may have led */
+  /* faulty memory, or an overflow that loaded numbers may have caused */
+  if (!was_finite || !is_state_finite(&f->k)) {
     f->start.loaded = 0;
-    recover(p, f, &z);
+    restart_filter(p, f, &z);
   }
-  if (!w.held) plausible_row(p, &f->k, u, z.dt, z.no_second);
+  if (!w.held) check_agreement(p, &f->k, u, z.dt, z.no_second);
   report_step(p, f, &z, &w, &now);
-  if (f->step < UINT32_MAX) f->step++; /* 0 is the first row alone */
+  if (f->step < UINT32_MAX) f->step++; /* stays above 0, which marks the first row */
   if (out) *out = now;
   return (tse_status)now.status;
 }

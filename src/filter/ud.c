@@ -1,26 +1,25 @@
-/* filter/ud.c - U D U': see ud.h. */
+/* filter/ud.c - covariance as U D U': see ud.h. */
 #include "filter/ud.h"
 #include "filter/limits.h"
 
 void ud_set(tse_ud *p, const tse_real variance[STATES])
 {
   for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = r_short(TSE_R(0));
-  for (int i = 0; i < STATES; i++) p->d[i] = r_max(variance[i], LEAST_D);
+  for (int i = 0; i < STATES; i++) p->d[i] = r_max(variance[i], MIN_D);
   p->extras = 0;
 }
 
-/* Multiply an element of D by share^2, no further down than it may be.
- *   Returned: what elements of its column of U are multiplied by, so that covariances are
- *   by share: at
- *             the floor, where D does not follow, not by 1/share, in every row anew */
+/* Multiply an element of D by share^2, down to MIN_D at least.
+ *   Returned:  factor of its column of U, so that covariances scale by share. Where D
+ *              stays at MIN_D it is share, and not 1/share in every row again */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
-  *d = r_max(r_mul(before, r_mul(share, share)), LEAST_D);
+  *d = r_max(r_mul(before, r_mul(share, share)), MIN_D);
 #if defined(TSE_REAL_FIXED)
-  const int follows = 1; /* elements of U end by themselves there, and the floor has no digits to divide */
+  const int follows = 1; /* elements of U saturate there, and MIN_D has too few digits for a quotient */
 #else
-  const int follows = *d > LEAST_D;
+  const int follows = *d > MIN_D;
 #endif
   return follows ? r_div(TSE_R(1), share) : r_div(r_mul(before, share), *d);
 }
@@ -30,7 +29,7 @@ void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS])
 {
   p->extras = TSE_EXTRAS;
   for (int e = 0; e < TSE_EXTRAS; e++) {
-    p->e[e] = r_max(variance[e], LEAST_D);
+    p->e[e] = r_max(variance[e], MIN_D);
     for (int j = 0; j < TSE_ALL; j++) p->w[e][j] = r_short(TSE_R(0));
   }
 }
@@ -52,18 +51,19 @@ void ud_fade_extra(tse_ud *p, int e, tse_real share)
 void ud_renew(tse_ud *p, tse_real variance)
 {
   for (int j = 0; j < TSE_ALL; j++) p->w[0][j] = r_short(TSE_R(0));
-  p->e[0] = r_max(variance, LEAST_D);
+  p->e[0] = r_max(variance, MIN_D);
 }
 #endif
 
-/* Add c a a' to the covariance of the extra states alone.   Given: up  what a is scaled
- *                                                           by   Updated: a is used up */
-static void extras_add(tse_ud *p, tse_short *a, int up, tse_real c)
+/* Add c a a' to the covariance of the extra states alone.
+ *   Given:    up  power of two by which a is scaled
+ *   Updated:  a   overwritten */
+static void add_to_extras(tse_ud *p, tse_short *a, int up, tse_real c)
 {
   for (int e = EXTRAS_IN_USE(p) - 1; e >= 0; e--) {
     const tse_real own = r_long_scaled(a[e], up);
     if (own == TSE_R(0)) continue;
-    const tse_real ca = r_mul(c, own), more = r_mul(ca, own), d = r_max(p->e[e] + more, LEAST_D);
+    const tse_real ca = r_mul(c, own), more = r_mul(ca, own), d = r_max(p->e[e] + more, MIN_D);
     const r_divided over = r_divisor(d);
     const r_factored share = r_quotient(ca, over, -up), pull = r_factor(-own, up);
     for (int k = 0; k < e; k++) r_add_in_turn(&p->w[k][STATES + e], &a[k], share, pull, 1);
@@ -77,18 +77,18 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      tse_real
-          left = cov[i][j],
-          own = cov[i][i]; /* of the covariance, of the variance of i: what columns behind j have not taken */
+      /* covariance, and variance of i, less the parts of the columns behind j */
+      tse_real left = cov[i][j];
+      tse_real own = cov[i][i];
       for (int k = j + 1; k < TSE_KEPT; k++) {
         const tse_short *const u = &p->u[ud_column(first + k) + first];
         const tse_real taken = r_mul(p->d[first + k], r_long(u[i]));
         left -= r_mul(taken, r_long(u[j]));
         own -= r_mul(taken, r_long(u[i]));
       }
-      const tse_real most = r_mul(LARGEST_CORRELATION,
-          r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j]))); /* correlations that contradict each other */
-      if (i == j) p->d[first + j] = r_max(left, LEAST_D);
+      /* limits correlations that contradict each other */
+      const tse_real most = r_mul(MAX_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j])));
+      if (i == j) p->d[first + j] = r_max(left, MIN_D);
       else column[i] = r_short(r_div(r_clamp(left, -most, most), p->d[first + j]));
     }
   }
@@ -105,14 +105,14 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
-/* Let D of state j, and the extra states, take their part of c a a'.
- *   Updated:  a  without it, of extra states; c  what is left      Returned: share and
- *                                                pull of column j of U; 0: it has none */
+/* Move the part of c a a' that state j takes into D of j and column j of W.
+ *   Updated:   a  the part taken from the extra states      c  weight of the remainder
+ *   Returned:  factors for column j of U; 0 if a_j is 0 */
 static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
 {
   const tse_real own = r_long_scaled(a[j], up);
   if (own == TSE_R(0)) return 0;
-  const tse_real ca = r_mul(*c, own), more = r_mul(ca, own), d = r_max(p->d[j] + more, LEAST_D);
+  const tse_real ca = r_mul(*c, own), more = r_mul(ca, own), d = r_max(p->d[j] + more, MIN_D);
   const r_divided over = r_divisor(d);
   *share = r_quotient(ca, over, -up);
   *pull = r_factor(-own, up);
@@ -129,7 +129,7 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
   const int up = r_scale_of(a, last + 1, r_scale_of(a + STATES, EXTRAS_IN_USE(p), 64));
   for (int j = 0; j <= last; j++) row[j] = r_short_scaled(a[j], up);
   for (int j = STATES; j < STATES + EXTRAS_IN_USE(p); j++) row[j] = r_short_scaled(a[j], up);
-  for (int j = last; j >= 0; j--) { /* two columns together, where both have a part */
+  for (int j = last; j >= 0; j--) { /* two columns at once where a is not 0 in both */
     r_factored share[2], pull[2];
     if (!take_part(p, row, up, j, &c, &share[0], &pull[0]) || j == 0) continue;
     tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j - 1)] };
@@ -137,7 +137,7 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
     if (take_part(p, row, up, j - 1, &c, &share[1], &pull[1])) r_add_in_turn_twice(u, row, share, pull, --j);
     else r_add_in_turn(u[0], row, share[0], pull[0], j - 1);
   }
-  extras_add(p, row + STATES, up, c);
+  add_to_extras(p, row + STATES, up, c);
 }
 
 void ud_add_at(tse_ud *p, int i, tse_real more)
@@ -151,29 +151,30 @@ void ud_add_at(tse_ud *p, int i, tse_real more)
 
 void ud_forget(tse_ud *p, const tse_real *variance, int count)
 {
-  for (int j = 0; j < count && EXTRAS_IN_USE(p); j++) { /* extra states keep their variance */
+  for (int j = 0; j < count && EXTRAS_IN_USE(p); j++) { /* the variance of extra states stays */
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) {
       a[e] = p->w[e][j];
       p->w[e][j] = r_short(TSE_R(0));
     }
-    extras_add(p, a, 0, p->d[j]);
+    add_to_extras(p, a, 0, p->d[j]);
   }
   for (int j = 0; j < STATES; j++)
     for (int i = 0; i < count && i < j; i++) p->u[ud_column(j) + i] = r_short(TSE_R(0));
-  for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], LEAST_D);
+  for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], MIN_D);
 }
 
-/* Rows of the motion before they are triangular again, as sums over independent errors:
- * those of the states in motion, then their noise. */
+/* Rows of F U before they are triangular again: columns are independent errors, those of
+ * the states in motion, then their process noise. */
 typedef struct sums {
   tse_short row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION];
   tse_real variance[2 * MOTION];
 } sums;
 
-/* Multiply M by U.   Updated: columns of U behind the motion, which may be anything
- *                    Returned: s  columns of the motion */
-static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
+/* Multiply M by U.
+ *   Updated:   columns of U behind the motion
+ *   Returned:  s  columns of the motion */
+static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
   for (int j = STATES - 1; j >= 0; j--) {
     tse_short *const u = &p->u[ud_column(j)], sum[MOTION];
@@ -186,10 +187,10 @@ static void transform(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
   }
 }
 
-/* Take state j, which all behind it have been taken from, out of the rows before it and
- * of the extra states: weighted Gram-Schmidt.
- *   Updated: s; column j of U and W, D of state j */
-static void take_out(tse_ud *p, sums *s, int j)
+/* Orthogonalise the rows before j, and those of the extra states, against row j (weighted
+ * Gram-Schmidt). Rows behind j are done.
+ *   Updated:  s; column j of U and W, D of state j */
+static void orthogonalise(tse_ud *p, sums *s, int j)
 {
   tse_real v[2 * MOTION], d = TSE_R(0);
   tse_short room[2 * MOTION];
@@ -199,7 +200,7 @@ static void take_out(tse_ud *p, sums *s, int j)
     v[k] = r_mul(own, s->variance[k]);
     d += r_mul(v[k], own);
   }
-  p->d[j] = r_max(d, LEAST_D);
+  p->d[j] = r_max(d, MIN_D);
   const r_divided over = r_divisor(p->d[j]);
   const tse_short *const weighted = r_row(v, 2 * MOTION, room, &right);
   for (int i = 0; i < j; i++) {
@@ -216,7 +217,7 @@ static void take_out(tse_ud *p, sums *s, int j)
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION])
 {
   sums s;
-  transform(p, M, &s);
+  multiply_by_u(p, M, &s);
   for (int k = 0; k < MOTION; k++) {
     s.variance[k] = p->d[k];
     s.variance[MOTION + k] = noise[k];
@@ -224,12 +225,12 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
   }
   for (int e = 0; e < EXTRAS_IN_USE(p); e++)
     for (int k = 0; k < 2 * MOTION; k++) s.extra[e][k] = k < MOTION ? p->w[e][k] : r_short(TSE_R(0));
-  for (int j = MOTION - 1; j >= 0; j--) take_out(p, &s, j);
-  for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p);
-      k++) { /* what the motion as it is now does not explain of them */
+  for (int j = MOTION - 1; j >= 0; j--) orthogonalise(p, &s, j);
+  /* remainder of the extra states that does not correlate with the new motion */
+  for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) {
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) a[e] = s.extra[e][k];
-    extras_add(p, a, 0, s.variance[k]);
+    add_to_extras(p, a, 0, s.variance[k]);
   }
 }
 
@@ -242,13 +243,14 @@ void ud_fade(tse_ud *p, int i, tse_real share)
     p->u[ud_column(j) + i] = r_short(r_mul(r_long(p->u[ud_column(j) + i]), share));
 }
 
-tse_real ud_measure_sparse(const tse_ud *p, const tse_real *h, const r_sparse *own, tse_real *f, tse_real *v)
+tse_real ud_measure_sparse(
+    const tse_ud *p, const tse_real *h, const r_sparse *sparse, tse_real *f, tse_real *v)
 {
   tse_real sum = TSE_R(0);
   int count = 0;
   for (int j = 0; j < STATES; j++) {
-    tse_real s = r_sum_sparse(h[j], &p->u[ud_column(j)], own, count);
-    if (count < own->count && own->at[count] == j) count++;
+    tse_real s = r_sum_sparse(h[j], &p->u[ud_column(j)], sparse, count);
+    if (count < sparse->count && sparse->at[count] == j) count++;
     for (int e = 0; e < EXTRAS_IN_USE(p); e++) s += r_mul(r_long(p->w[e][j]), h[STATES + e]);
     f[j] = s;
     v[j] = r_mul(p->d[j], s);
@@ -266,15 +268,15 @@ tse_real ud_measure_sparse(const tse_ud *p, const tse_real *h, const r_sparse *o
 
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v)
 {
-  r_sparse own;
-  r_sparse_of(h, STATES, &own);
-  return ud_measure_sparse(p, h, &own, f, v);
+  r_sparse sparse;
+  r_sparse_of(h, STATES, &sparse);
+  return ud_measure_sparse(p, h, &sparse, f, v);
 }
 
-void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, tse_real r, tse_real *gain)
+void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real h_P_h, tse_real r, tse_real *gain)
 {
   tse_short g[TSE_ALL];
-  const int up = r_scale_of_variance(own + r);
+  const int up = r_scale_of_variance(h_P_h + r);
   tse_real s = r;
   r_divided over = r_divisor(s);
   for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
@@ -282,11 +284,11 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
     const r_factored pull = r_quotient(-f[STATES + e], over, -up), push = r_factor(v[STATES + e], up);
     s += more;
     over = r_divisor(s);
-    p->e[e] = r_max(r_left(p->e[e], before, more, over), LEAST_D);
+    p->e[e] = r_max(r_left(p->e[e], before, more, over), MIN_D);
     for (int k = 0; k < e; k++) r_add_both(&p->w[k][STATES + e], &g[STATES + k], pull, push, 1);
     g[STATES + e] = r_short_of(push, v[STATES + e], up);
   }
-  for (int j = 0; j < STATES; j += 2) { /* two columns together */
+  for (int j = 0; j < STATES; j += 2) { /* two columns at once */
     const int columns = j + 1 < STATES ? 2 : 1;
     tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j + 1)] };
     r_factored pull[2], push[2];
@@ -296,7 +298,7 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, t
       push[c] = r_factor(v[j + c], up);
       s += more;
       over = r_divisor(s);
-      p->d[j + c] = r_max(r_left(p->d[j + c], before, more, over), LEAST_D);
+      p->d[j + c] = r_max(r_left(p->d[j + c], before, more, over), MIN_D);
       for (int e = 0; e < EXTRAS_IN_USE(p); e++)
         r_add_both(&p->w[e][j + c], &g[STATES + e], pull[c], push[c], 1);
       g[j + c] = r_short_of(push[c], v[j + c], up);

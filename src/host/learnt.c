@@ -113,7 +113,7 @@ static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most
 static int32_t most_of(int place)
 {
   for (int i = 0; i < TSE_KEPT; i++)
-    if (place_of(i) == place) return r_to_q24(state_most[FAST + i]);
+    if (place_of(i) == place) return r_to_q24(state_max[FAST + i]);
   return INT32_MAX; /* no state here */
 }
 
@@ -339,7 +339,7 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
       s->kept_cov[i][j] = s->kept_cov[j][i] = r_mul(r, r_mul(was[i], was[j]));
     }
   for (int i = 0; i < TSE_SENSORS; i++)
-    s->noise[i] = c->noise[i] > 0 ? r_clamp(r_sqr(r_from_q24(c->noise[i])), LEAST_NOISE, p->noise_max_var)
+    s->noise[i] = c->noise[i] > 0 ? r_clamp(r_sqr(r_from_q24(c->noise[i])), MIN_NOISE, p->noise_max_var)
                                   : TSE_R(1);
 }
 

@@ -107,7 +107,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_reals(k->x, TSE_VALUES + TSE_EXTRAS, -MOST_REAL, MOST_REAL)
       && sound_shorts(k->ud.u, TSE_STATES * (TSE_STATES - 1) / 2);
   fine = fine && sound_reals(k->ud.d, TSE_STATES, TSE_R(0), MOST_VARIANCE);
-  fine = fine && (k->ud.extras == 0 || k->ud.extras == MOST_EXTRAS)
+  fine = fine && (k->ud.extras == 0 || k->ud.extras == MAX_EXTRAS)
       && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
   fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_VARIANCE)
       && sound_velocity(&k->velocity, k->ud.extras > 0);

@@ -4,7 +4,7 @@
  * Room for sums. `+` and `-` are native and do not detect overflow. All other results
  * therefore saturate at FIXED_MOST, a sixteenth of the range of int64_t: fifteen of them
  * can be added. The longest sums, over the states of the filter, have 23 terms, which are
- * kept far smaller (STEEPEST in filter/limits.h, state_most in filter/start.c). A
+ * kept far smaller (MAX_SLOPE in filter/limits.h, state_max in filter/units.c). A
  * saturated result plays the role of infinity: r_is_finite() returns 0, and the filter
  * restarts.
  *

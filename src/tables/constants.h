@@ -11,7 +11,7 @@
                                           * its sensor) the sd of a faulty channel's offset */
 #define MODEL_TIME TSE_R(1.0)            /* [s] correlation time of the model discrepancy; averaging time
                                           * of the excitation level and of slow innovations */
-#define LEAST_ACTIVITY TSE_R(0.5)        /* [m/s2] floor of the excitation level, for road unevenness, wind
+#define MIN_ACTIVITY TSE_R(0.5)          /* [m/s2] floor of the excitation level, for road unevenness, wind
                                           * and play */
 #define MODEL_FLOOR TSE_R(0.02)          /* [1] min relative sd of a stiffness: model error */
 #define USUAL_MODEL_SD TSE_R(0.08)       /* [1] model error of an ordinary car. Added to the prior of an
@@ -45,7 +45,7 @@
                                           * are weighed */
 #define USUAL_TIME TSE_R(20.0)           /* [s] memory of a channel's noise and of the usual size of its
                                           * slow innovations */
-#define MOST_GROWTH TSE_R(4.0)           /* [1] max ratio of a slow innovation to its usual size that
+#define MAX_GROWTH TSE_R(4.0)            /* [1] max ratio of a slow innovation to its usual size that
                                           * counts as usual */
 #define SETTLE_TIME TSE_R(2.0)           /* [s] min time of samples before an output is valid, duration for
                                           * which a change is recent, time of agreement after which a
@@ -60,7 +60,7 @@
                                           * a cornering stiffness while velocities are used */
 #define OFF_SHARE TSE_R(4.0)             /* [1] model discrepancy of the lateral speed, over model_sd times
                                           * the speed at which axles slip sideways */
-#define MOST_NIS TSE_R(6.0)              /* [1] max normalised innovation squared of a velocity, averaged
+#define MAX_NIS TSE_R(6.0)               /* [1] max normalised innovation squared of a velocity, averaged
                                           * over MODEL_TIME, before it is ignored. A single value counts as
                                           * at most the square of it */
 // clang-format on: end of table

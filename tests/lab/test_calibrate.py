@@ -142,7 +142,7 @@ def test_what_the_model_does_not_explain_is_counted_as_what_lasts_a_second() -> 
         make_piece=lambda g, residual: Piece(time, size, residual),
     )
     constants = read_toml(ROOT / "src" / "tables" / "constants.toml")
-    least = next(section["LEAST_ACTIVITY"] for section in constants.values() if "LEAST_ACTIVITY" in section)[
+    least = next(section["MIN_ACTIVITY"] for section in constants.values() if "MIN_ACTIVITY" in section)[
         "value"
     ]
     happens = 0.2**2 + (least / v) ** 2

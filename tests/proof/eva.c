@@ -120,7 +120,7 @@ static void still_so(void)
   //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
   //@ assert whole: 0 <= f->k.change_kind <= TSE_CHANGE_RESTART && 0 <= f->k.fault <= TSE_CHANNELS;
   //@ assert whole: 0 <= f->k.slow_turn < TSE_SLOW;
-  //@ assert whole: f->k.ud.extras == 0 || f->k.ud.extras == MOST_EXTRAS;
+  //@ assert whole: f->k.ud.extras == 0 || f->k.ud.extras == MAX_EXTRAS;
   //@ assert whole: 0 <= f->k.velocity.kept <= TSE_PAST && 0 <= f->k.agreement.apart < (1 << TSE_PAIRS);
   //@ assert whole: \forall integer i; 0 <= i < TSE_EVENTS ==> EVENT_NONE <= f->k.event[i].kind < EVENT_KINDS;
 }

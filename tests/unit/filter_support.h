@@ -62,7 +62,7 @@ static inline void weaken(tse_real (*slopes)[PLACES], int rows, const tse_kalman
   const dense m = dense_of(&k->ud);
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
-    double signal = 0, error = 1e-6; /* as in signal_shares(): avoids 0/0 */
+    double signal = 0, error = 1e-6; /* as in compute_signal_shares(): never 0 over 0 */
     for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
       signal += pow(number(k->x[of[a][n]]) / number(state_unit[of[a][n]]), 2);
       error += m.p[of[a][n]][of[a][n]];

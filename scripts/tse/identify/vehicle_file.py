@@ -23,7 +23,7 @@ from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
 PRIOR_PIECES = 2.0  # weight of the prior of model_sd, in pieces of 10 s
-MIN_LATERAL_ACTIVITY = 0.5  # m/s2, floor of the signal: LEAST_ACTIVITY of the filter
+MIN_LATERAL_ACTIVITY = 0.5  # m/s2, floor of the signal: MIN_ACTIVITY of the filter
 
 
 class Residuals(Protocol):

@@ -1,6 +1,6 @@
-/* tests/unit/filter/test_events.c <-> src/filter/events.c: likelihood of an event's
- * amplitude, compared with two dense Kalman filters, one of which has the event in its
- * state. The model is linear, so both are exact. */
+/* tests/unit/filter/test_events.c <-> src/filter/events.c, sensitivities.c,
+ * slip_stiffness.c: likelihood and posterior of an event against two dense Kalman filters,
+ * one of which has the event in its prior. They are linear, so that both are exact. */
 #include "filter_support.h"
 
 /* A dense Kalman filter with its state in units. The last member is an offset of the
@@ -211,7 +211,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     rows(&t, 12, YAW_RATE, n % 2 ? 1.5 : 0, 0, 1, &seed);
     expect_ratio(&t, before, "road");
     if (lacks) TEST_ASSERT_TRUE(t.k.event[slot].both == TSE_R(0));
-    const event_says s = event_of(&t.k, 0);
+    const event_posterior s = compute_posterior(&t.k, 0);
     const double close = BY_NUMBER(1e-9, 0.02, 1e-3);
     apart = fmax(apart, fabs(number(s.beside)));
     for (int i = 0; i < STATES; i++) {
@@ -237,7 +237,7 @@ static void test_an_event_alone_has_no_second_amplitude(void)
   uint32_t seed = 11;
   start(&t, EVENT_SLIP_FRONT, 2, 0, &seed);
   rows(&t, 6, 0, 1, 0, 1, &seed);
-  const event_says s = event_of(&t.k, t.n);
+  const event_posterior s = compute_posterior(&t.k, t.n);
   TEST_ASSERT_NULL(s.second);
   expect_near(0, number(s.part), 0, "part", 0);
   expect_near(0, number(s.beside), 0, "mean beside", 0);
@@ -296,7 +296,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(EVENT_STEER, t.k.event[t.n].kind);
     TEST_ASSERT_TRUE(number(t.k.event[t.n].age) == 0);
-    const double w = weight * weight < number(LEAST_WEIGHT) ? 0 : weight * weight,
+    const double w = weight * weight < number(MIN_WEIGHT) ? 0 : weight * weight,
                  close = BY_NUMBER(1e-6, 0.02, 2e-3);
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
@@ -307,7 +307,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
           expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j]
                   + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]),
               m.p[i][j], close, "covariance", 100 * i + j);
-      expect_near(w * pow(number(STEER_OWN) / number(state_unit[STEER_OFFSET]), 2),
+      expect_near(w * pow(number(STEER_ACCEPTED_SD) / number(state_unit[STEER_OFFSET]), 2),
           m.p[STEER_OFFSET][STEER_OFFSET] - (1 - w) * t.without.p[STEER_OFFSET][STEER_OFFSET]
               - w * t.with.p[STEER_OFFSET][STEER_OFFSET]
               - w * (1 - w) * pow(t.with.x[STEER_OFFSET] - t.without.x[STEER_OFFSET], 2),
@@ -365,7 +365,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       memset(h, 0, sizeof h);
       h[i] = 1;
       plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]),
-          n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
+          n % 2 ? number(MIN_RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
     }
     const dense p_was = dense_of(&t.k.ud);
     t.k.slow[ACCEL_X] = real(0.25);

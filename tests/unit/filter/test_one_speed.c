@@ -68,7 +68,7 @@ static void test_two_signals_that_differ_once_are_two_for_20_s(void)
     tse_input u = one_row(EQUAL, n, 0.01);
     decoded z;
     if (n == 500) u.wheel_speed_front += real(0.3);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, row_decode(&w.p, &f, &u, &z));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, decode_row(&w.p, &f, &u, &z));
     if (n < 2495 || n > 2505) TEST_ASSERT_EQUAL_INT(n < 500 || n > 2500, z.one_speed);
     TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&w.p, &f, &u, NULL));
   }

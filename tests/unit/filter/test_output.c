@@ -12,7 +12,7 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
   c.mass_sd = setting(0.03);
   tse_params p = prepared(c);
   p.model_sd = real(0.02);
-  const double least_angle = number(LEAST_SPEED_ANGLE), lr = number(p.car.lr),
+  const double least_angle = number(MIN_SIDESLIP_SPEED), lr = number(p.car.lr),
                close = BY_NUMBER(1e-12, 1e-6, 1e-6);
   for (int n = 0; n < 4 * ROWS(along) * ROWS(across); n++) {
     static tse_kalman k;

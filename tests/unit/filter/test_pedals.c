@@ -61,7 +61,7 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
       u.given = cases[n].given, u.brake = real(cases[n].brake), u.wheel_torque_front = real(cases[n].front);
       u.wheel_torque_rear = real(cases[n].rear);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
-      TEST_ASSERT_EQUAL_INT(TSE_OK, row_decode(&p, &f, &u, &z));
+      TEST_ASSERT_EQUAL_INT(TSE_OK, decode_row(&p, &f, &u, &z));
       TEST_ASSERT_EQUAL_INT_MESSAGE(cases[n].rolls, z.rolls, cases[n].given ? "given" : "not given");
       const int no_speed = cases[n].rolls == ROLLS_NONE
           || (cases[n].rolls == ROLLS_UNKNOWN && cases[n].driven == 0);

@@ -328,7 +328,7 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
     u.steer_angle = real(0.03), u.wheel_speed_front = real(turn[n].front / number(p.radius_front)),
     u.wheel_speed_rear = real(turn[n].rear / number(p.radius_rear));
     u.accel_x = real(0.4), u.accel_y = real(1.5), u.yaw_rate = real(turn[n].r);
-    for (int row = 0; row < 20; row++) plausible_row(&p, &k, &u, real(0.01), 0);
+    for (int row = 0; row < 20; row++) check_agreement(&p, &k, &u, real(0.01), 0);
     const tse_pair *const pair = k.agreement.pair;
     const double v = 0.5 * (turn[n].front + turn[n].rear), bend = fmin(fabs(length * turn[n].r / v), 1);
     const double faster = fmax(-1, fmin(1, (turn[n].front - turn[n].rear) / v));
@@ -366,9 +366,9 @@ static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
     u.wheel_speed_front = real(v / number(p.radius_front)),
     u.wheel_speed_rear = real(v / number(p.radius_rear));
     u.accel_x = real(gained);
-    plausible_row(&p, &k, &u, real(dt), 0);
-    if (row == 0) continue;                           /* start */
-    sum = keep * sum + gained * (1 - pow(left, row)); /* response of a first-order filter */
+    check_agreement(&p, &k, &u, real(dt), 0);
+    if (row == 0) continue;                           /* starts */
+    sum = keep * sum + gained * (1 - pow(left, row)); /* as a filter of first order answers */
     weights = keep * weights + 1;
   }
   expect_near(
@@ -397,9 +397,9 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
       u.wheel_speed_front = real((exchanged ? v : front) / number(p.radius_front));
       u.wheel_speed_rear = real((exchanged ? front : v) / number(p.radius_rear));
       u.yaw_rate = real(r), u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_steer_angle;
-      plausible_row(&p, &k, &u, real(0.01), 0);
+      check_agreement(&p, &k, &u, real(0.01), 0);
     }
-    TEST_ASSERT_EQUAL_INT(exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, plausible_channel(&k, &factor));
+    TEST_ASSERT_EQUAL_INT(exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, find_implausible_channel(&k, &factor));
     TEST_ASSERT_TRUE(factor == TSE_R(0));
   }
 }
@@ -441,7 +441,7 @@ static void test_what_is_wrong_for_a_while_contradicts_for_a_while(void)
       u.steer_angle = real(x[0]), u.accel_x = real(x[3]), u.accel_y = real(x[4]), u.yaw_rate = real(x[5]);
       u.wheel_speed_front = real(x[1] / number(p.radius_front)),
       u.wheel_speed_rear = real(x[2] / number(p.radius_rear));
-      plausible_row(&p, &k, &u, real(0.01), 0);
+      check_agreement(&p, &k, &u, real(0.01), 0);
       if (!(k.agreement.apart || k.agreement.off_scale)) continue;
       all += 0.01;
       if (t >= w->to) after = t - w->to + 0.01;

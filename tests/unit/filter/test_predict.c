@@ -104,7 +104,7 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
   const tse_kalman before = k;
   const int at = HAS_SLIP ? GX : GY;
   k.x[at] = real(3);
-  for (int n = 0; n < 100; n++) rest_row(&p, &k, real(10));
+  for (int n = 0; n < 100; n++) predict_slow_states(&p, &k, real(10));
   expect_near(number(p.prior[at]), number(k.x[at]), 1e-6, "gravity", 0);
   const double sd = sqrt(number(ud_variance(&k.ud, at))) * number(state_unit[at]);
   TEST_ASSERT_TRUE(sd > 0.05 && sd < 1);
@@ -129,7 +129,7 @@ static void test_slow_states_have_their_noise_in_turn(void)
   for (int a = 0; a < 3; a++) k.moved[a] = real(0.25);
   for (int n = 0; n < TSE_SLOW; n++) {
     const tse_kalman was = k;
-    rest_row(&p, &k, real(0.01));
+    predict_slow_states(&p, &k, real(0.01));
     for (int i = FAST; i < STATES; i++)
       if (i != PLACED + n)
         expect_near(number(ud_variance(&was.ud, i)), number(ud_variance(&k.ud, i)),
@@ -169,7 +169,7 @@ static void test_a_given_road_is_where_gravity_is(void)
   tse_kalman *const k = &f.k;
   const double g = 9.81, sd = 0.004 * g, along = HAS_SLIP ? 0.03 * g : 0, across = number(BANK_SD);
   memset(&f, 0, sizeof f);
-  start_all(&p, &f);
+  start_state(&p, &f);
   static const struct {
     uint32_t given;
     double bank, grade;
@@ -178,15 +178,15 @@ static void test_a_given_road_is_where_gravity_is(void)
   for (int n = 0; n < 4; n++) {
     const decoded z = on_road(0.01, row[n].given, row[n].bank, row[n].grade);
     const int bank = (row[n].given & TSE_GIVEN_bank) != 0, grade = (row[n].given & TSE_GIVEN_grade) != 0;
-    road_row(&p, k, &z);
-    rest_row(&p, k, real(0.01));
+    update_road(&p, k, &z);
+    predict_slow_states(&p, k, real(0.01));
     expect_road(k, GY, -g * sin(bank ? row[n].bank : 0.01), bank ? sd : across, n);
     expect_road(k, GX, grade ? g * sin(row[n].grade) : 0, grade ? sd : along, n);
   }
   const decoded first = on_road(0.01, TSE_GIVEN_bank, 0.05, 0), then = on_road(0.01, TSE_GIVEN_bank, 0.02, 0);
-  road_row(&p, k, &first);
+  update_road(&p, k, &first);
   k->x[GY] += real(0.03);
-  road_row(&p, k, &then);
+  update_road(&p, k, &then);
   expect_road(k, GY, 0.03 - g * sin(0.02), sd, 4);
 }
 
@@ -199,8 +199,8 @@ static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
   const tse_params p = prepared(c);
   const decoded z = on_road(0.01, TSE_GIVEN_bank, 0.05, 0);
   memset(&f, 0, sizeof f);
-  start_all(&p, &f);
-  road_row(&p, &f.k, &z);
+  start_state(&p, &f);
+  update_road(&p, &f.k, &z);
   expect_road(&f.k, GY, -9.81 * sin(0.05), number(BANK_SD), 0);
 }
 
@@ -216,11 +216,11 @@ static void test_a_given_bank_is_all_of_it(void)
   c.bank_superelevation = setting(0), c.lean_sd = setting(0), c.bank_angle = setting(0.04);
   const tse_params q = prepared(c);
   memset(&given, 0, sizeof given), memset(&same, 0, sizeof same);
-  start_all(&p, &given), start_all(&q, &same);
+  start_state(&p, &given), start_state(&q, &same);
   given.k.x[VX] = same.k.x[VX] = TSE_R(20), given.k.x[YAW] = same.k.x[YAW] = real(0.2);
   for (int n = 0; n < 20; n++) {
     const decoded z = on_road(0.01, TSE_GIVEN_bank, 0.04, 0), plain = a_row(0.01, 0.02);
-    road_row(&p, &given.k, &z);
+    update_road(&p, &given.k, &z);
     (void)predict_row(&p, &given.k, &z), (void)predict_row(&q, &same.k, &plain);
   }
   for (int i = 0; i < STATES; i++) {
@@ -260,7 +260,7 @@ static void test_all_starts_as_the_settings_say(void)
   static tse_filter f;
   const tse_params p = a_car();
   memset(&f, 0, sizeof f);
-  start_all(&p, &f);
+  start_state(&p, &f);
   for (int i = 0; i < STATES; i++) {
     const double sd = number(p.prior_sd[i]) / number(state_unit[i]);
     expect_near(number(p.prior[i]), number(f.k.x[i]), 0, "mean", i);
@@ -319,7 +319,7 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
     const tse_params p = prepared(c);
     static tse_filter f;
     memset(&f, 0, sizeof f);
-    start_all(&p, &f);
+    start_state(&p, &f);
     const double lacks = pow(fmax(number(USUAL_MODEL_SD), number(p.model_sd)), 2),
                  unit = number(state_unit[LCX]);
     double mean[2] = { number(p.prior[LCX]), 0 },

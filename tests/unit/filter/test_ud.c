@@ -187,11 +187,11 @@ static void test_a_fading_state_at_the_floor_leaves_u_small(void)
 #if defined(TSE_REAL_FIXED)
   return; /* there, elements of U saturate */
 #endif
-  p.d[at] = LEAST_D;
+  p.d[at] = MIN_D;
   for (int k = 0; k < at; k++) p.u[ud_column(at) + k] = short_of(0.5);
   p.u[ud_column(STATES - 1) + at] = short_of(0.5);
   for (int n = 0; n < 1000; n++) ud_fade(&p, at, real(0.9));
-  TEST_ASSERT_TRUE(p.d[at] == LEAST_D);
+  TEST_ASSERT_TRUE(p.d[at] == MIN_D);
   for (int k = 0; k < at; k++)
     TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(at) + k])) < BY_NUMBER(1e-6, 1e-6, 1e-3));
   TEST_ASSERT_TRUE(fabs(number_of(p.u[ud_column(STATES - 1) + at])) < BY_NUMBER(1e-6, 1e-6, 1e-3));

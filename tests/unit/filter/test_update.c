@@ -1,7 +1,6 @@
-/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row, compared with a dense
- * Schmidt-Kalman filter in double, with state and considered parameters in one
- * covariance. Gains of considered parameters are 0 (Schmidt 1966). The covariance is in
- * Joseph's form. */
+/* tests/unit/filter/test_update.c <-> src/filter/update.c, scalar.c, faults.c: a row
+ * against a dense Schmidt-Kalman filter in double. Its covariance is that of the state and
+ * the consider parameters, whose gains are 0 (Schmidt 1966), by Joseph's form. */
 #include "filter_support.h"
 
 enum { ALL = STATES + TSE_CONSIDERED, ROOM = STATES + TSE_UNCERTAIN_ALL };
@@ -369,7 +368,7 @@ static void expect_activity(double q, double left, double counts)
   k.x[AR] = real(q * number(p.car.grip) * number(p.car.load_rear) / number(p.car.ky_rear));
   for (int n = 0; n < 2000; n++) update_row(&p, &k, &z, u);
   const double force = q * left * number(p.car.grip) * (number(p.car.load_front) + number(p.car.load_rear));
-  const double least = pow(number(LEAST_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
+  const double least = pow(number(MIN_ACTIVITY), 2) + number(TAIL) * pow(number(p.sensor_sd[ACCEL_Y]), 2);
   const double close = BY_NUMBER(1e-6, 2e-3, 1e-4);
   expect_near(pow(force * counts, 2) + least, number(k.activity[ACCEL_Y]), close * pow(force * counts, 2),
       "across [m2/s4]", 0);
@@ -397,7 +396,7 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   memcpy(before, k.x, sizeof before);
   memset(&z, 0, sizeof z);
   z.dt = real(0.01), z.use[2] = 1, z.z[2] = real(0.004);
-  for (int n = 0; n < 200; n++) update_still(&p, &k, &z);
+  for (int n = 0; n < 200; n++) update_at_standstill(&p, &k, &z);
   expect_near(0.004, number(k.x[BR]), 1e-4, "bias of the gyro", 0);
   for (int i = 0; i < STATES; i++)
     if (i != BR) TEST_ASSERT_EQUAL_MEMORY(&before[i], &k.x[i], sizeof before[i]);

@@ -683,7 +683,7 @@ static void test_a_frozen_gyro_turns_no_heading(void)
   tse_input u = measured_row(ins | gnss);
   u.yaw_rate = f.k.reading[YAW_RATE];
   f.k.fault = fault_of(ACCEL_Y);
-  f.k.frozen[YAW_RATE] = MOST_FROZEN;
+  f.k.frozen[YAW_RATE] = MAX_FROZEN;
   (void)stepped(&w.p, &f, &u);
   TEST_ASSERT_TRUE(is_frozen(&f.k, YAW_RATE));
   TEST_ASSERT_EQUAL_INT(0, f.k.velocity.has_gyro);

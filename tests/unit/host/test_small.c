@@ -200,7 +200,7 @@ static void test_what_was_learnt_is_kept(void)
     for (int b = 0; b < 4; b++) bytes[AT_CRC + b] = (uint8_t)(crc >> 8 * b & 0xffu);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_load(&w.p, &f, bytes, sizeof bytes, 0));
-    start_all(&w.p, &f);
+    start_state(&w.p, &f);
     for (int i = FAST; i < FAST + TSE_KEPT; i++)
       expect_near(number(was.x[i]), number(f.k.x[i]), 2e-7, "mean", i);
     for (int i = STATES; i < TSE_VALUES; i++)

@@ -1,0 +1,64 @@
+/* filter/sensitivities.c - sensitivities of the state to the amplitude of each event (v)
+ * and to each consider parameter (k->consider), in units of the state. */
+#include "filter/filter.h"
+
+void sensitivities_clear(tse_kalman *k, int count)
+{
+  for (int n = 0; n < TSE_EVENTS; n++)
+    for (int i = 0; i < count; i++) k->event[n].v[i] = r_short(TSE_R(0));
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    for (int i = 0; i < count; i++) k->consider[q][i] = r_short(TSE_R(0));
+}
+
+static void fade_element(tse_short *v, tse_real left)
+{
+  if (*v != TSE_R(0)) *v = r_short(r_mul(left, r_long(*v))); /* most are 0 */
+}
+
+void sensitivities_fade(tse_kalman *k, int i, tse_real left)
+{
+  for (int q = 0; q < TSE_CONSIDERED; q++) fade_element(&k->consider[q][i], left);
+  for (int n = 0; n < TSE_EVENTS; n++) fade_element(&k->event[n].v[i], left);
+}
+
+/* Number of sensitivities that are propagated at once. */
+enum { MOVED = R_TOGETHER(3) };
+
+/* Multiply MOVED sensitivities by the transition M. */
+static void move_together(tse_short *const v[MOVED], tse_short M[MOTION][PLACES])
+{
+  tse_short to[MOTION * MOVED];
+  for (int i = 0; i < MOTION * MOVED; i++) to[i] = r_short(TSE_R(0));
+  r_slope_sums(to, MOTION, M[0], PLACES, v, MOVED, STATES);
+  for (int i = 0; i < MOTION; i++)
+    for (int b = 0; b < MOVED; b++) v[b][i] = to[i * MOVED + b];
+}
+
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt)
+{
+  tse_short *v[TSE_EVENTS + TSE_CONSIDERED + MOVED];
+  int count = 0;
+  for (int n = 0; n < TSE_EVENTS; n++) {
+    tse_event *const e = &k->event[n];
+    if (e->kind == EVENT_NONE) continue;
+    v[count++] = e->v;
+    e->age += dt;
+  }
+  for (int q = 0; q < TSE_CONSIDERED; q++)
+    if (p->uncertain[q] > TSE_R(0)) v[count++] = k->consider[q];
+  /* Fill the last group with copies of the last one: each is computed from the old
+   * values. */
+  for (int b = 0; b < MOVED && count; b++) v[count + b] = v[count - 1];
+  for (int n = 0; n < count; n += MOVED) move_together(&v[n], M);
+  for (int q = 0; q < COLUMNS - STATES; q++)
+    for (int i = 0; i < MOTION && p->uncertain[q] > TSE_R(0); i++)
+      k->consider[q][i] = r_short(
+          r_long(k->consider[q][i]) + r_mul(r_long(M[i][STATES + q]), p->uncertain[q]));
+}
+
+tse_real compute_total_variance(const tse_kalman *k, int i)
+{
+  tse_real var = ud_variance(&k->ud, i);
+  for (int q = 0; q < TSE_CONSIDERED; q++) var += r_mul_short(k->consider[q][i], k->consider[q][i]);
+  return var;
+}
