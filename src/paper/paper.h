@@ -59,29 +59,26 @@ TSE_INLINE void condition(
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(
-  /* a covariance that stopped at the end of the range is none; below r its density
-     * would beat all others */
-    TSE_REAL_FIXED)
+#if defined(TSE_REAL_FIXED) /* a saturated covariance is invalid: below r its density would win */
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
 #endif
-    const tse_real inv = r_div(TSE_R(1), s);
-    const tse_real left = z - r_mul(d0, e->m[0]) - r_mul(d1, e->m[1]) - r_mul(d2, e->m[2]);
-    const tse_real g = r_mul(inv, left);
-    const tse_real k0 = r_mul(inv, v0), k1 = r_mul(inv, v1), k2 = r_mul(inv, v2);
-    e->q += r_mul(g, left);
-    e->m[0] += r_mul(v0, g);
-    e->m[1] += r_mul(v1, g);
-    e->m[2] += r_mul(v2, g);
-    e->a[0] = e->a[0] - r_mul(k0, v0);
-    e->a[1] = e->a[1] - r_mul(k0, v1);
-    e->a[2] = e->a[2] - r_mul(k0, v2);
-    e->a[3] = e->a[3] - r_mul(k1, v1);
-    e->a[4] = e->a[4] - r_mul(k1, v2);
-    e->a[5] = e->a[5] - r_mul(k2, v2);
-    *scale = s;
+  const tse_real inv = r_div(TSE_R(1), s);
+  const tse_real left = z - r_mul(d0, e->m[0]) - r_mul(d1, e->m[1]) - r_mul(d2, e->m[2]);
+  const tse_real g = r_mul(inv, left);
+  const tse_real k0 = r_mul(inv, v0), k1 = r_mul(inv, v1), k2 = r_mul(inv, v2);
+  e->q += r_mul(g, left);
+  e->m[0] += r_mul(v0, g);
+  e->m[1] += r_mul(v1, g);
+  e->m[2] += r_mul(v2, g);
+  e->a[0] = e->a[0] - r_mul(k0, v0);
+  e->a[1] = e->a[1] - r_mul(k0, v1);
+  e->a[2] = e->a[2] - r_mul(k0, v2);
+  e->a[3] = e->a[3] - r_mul(k1, v1);
+  e->a[4] = e->a[4] - r_mul(k1, v2);
+  e->a[5] = e->a[5] - r_mul(k2, v2);
+  *scale = s;
 }
 
 /* Find the innovation of particle i. */
