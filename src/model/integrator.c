@@ -206,7 +206,7 @@ static void step(
   change_within(h, m, k, to, at, dx);
   moved(at, m->lag, dx, to, h, &b, m->lag);
   for (int i = 0; i < 4; i++)
-    if (r_abs(m->lag[i]) < LEAST) m->lag[i] = TSE_R(0);
+    if (r_abs(m->lag[i]) < MIN_MOTION) m->lag[i] = TSE_R(0);
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);

@@ -67,7 +67,7 @@ static tse_input wild_row(uint32_t *seed)
 static void expect_numbers(const tse_output *y, const char *what)
 {
   TEST_ASSERT_TRUE_MESSAGE(outputs_are_finite(y), what);
-  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 3 * number(MOST_YAW_RATE),
+  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 3 * number(MAX_YAW_RATE),
       what); /* with what events, believed half, would add */
 }
 
@@ -179,8 +179,8 @@ static void row_held(tse_short *at, size_t bytes, const char *what)
   static const struct {
     tse_short value;
     tse_status status;
-  } row[] = { { -SHORT_MOST, TSE_OK }, { SHORT_MOST - 1, TSE_OK }, { -SHORT_MOST - 1, TSE_E_STATE },
-    { SHORT_MOST, TSE_E_STATE } };
+  } row[] = { { -MAX_SHORT, TSE_OK }, { MAX_SHORT - 1, TSE_OK }, { -MAX_SHORT - 1, TSE_E_STATE },
+    { MAX_SHORT, TSE_E_STATE } };
   for (size_t i = 0; i < bytes / sizeof *at; i++) {
     const tse_short was = at[i];
     for (int k = 0; k < ROWS(row); k++) {
