@@ -16,10 +16,10 @@ static inline void yaw_inertia_constant(tse_config *c)
  * 0.15 m. Limited to 9/10 of lf or lr, so that it stays between the axles. */
 static inline void cg_shift_constant(tse_config *c)
 {
-  const tse_setting share = TSE_S(0.9), most = r_mul(share, c->lr), least = -r_mul(share, c->lf);
-  const tse_setting d = c->cg_shift_distance > most
-      ? most
-      : (c->cg_shift_distance < least ? least : c->cg_shift_distance);
+  const tse_setting share = TSE_S(0.9), max = r_mul(share, c->lr), min = -r_mul(share, c->lf);
+  const tse_setting d = c->cg_shift_distance > max
+      ? max
+      : (c->cg_shift_distance < min ? min : c->cg_shift_distance);
   c->lf += d;
   c->lr -= d;
 }

@@ -163,9 +163,9 @@ static inline tse_real load_left(tse_real more) { return r_max(TSE_R(1) + more, 
 static inline tse_real drag_of(tse_real drag, tse_real vx) { return r_mul(r_mul(drag, r_abs(vx)), vx); }
 
 /* Return the rolling resistance over mass. It grows linearly with speed up to 0.5 m/s. */
-static inline tse_real rolling_of(tse_real most, tse_real vx)
+static inline tse_real rolling_of(tse_real max, tse_real vx)
 {
-  return r_mul(most, r_div(vx, r_max(r_abs(vx), TSE_R(0.5))));
+  return r_mul(max, r_div(vx, r_max(r_abs(vx), TSE_R(0.5))));
 }
 
 /* Return the gravity component along an axis that climbs by this angle. */

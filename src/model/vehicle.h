@@ -112,9 +112,9 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
 #define MAX_YAW_RATE TSE_R(20) /* rad/s */
 #define MIN_MOTION TSE_R(1e-12)
 
-static inline tse_real vehicle_kept(tse_real v, tse_real most)
+static inline tse_real vehicle_limit(tse_real v, tse_real max)
 {
-  const tse_real inside = r_max(r_min(v, most), -most);
+  const tse_real inside = r_max(r_min(v, max), -max);
   return r_abs(inside) < MIN_MOTION ? TSE_R(0) : inside;
 }
 

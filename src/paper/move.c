@@ -8,9 +8,9 @@
 /* Store the motion of particle i, within bounds that no car leaves. */
 static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, tse_real r)
 {
-  q->x[0][i] = vehicle_kept(vx, MAX_SPEED);
-  q->x[1][i] = vehicle_kept(vy, MAX_SPEED);
-  q->x[2][i] = vehicle_kept(r, MAX_YAW_RATE);
+  q->x[0][i] = vehicle_limit(vx, MAX_SPEED);
+  q->x[1][i] = vehicle_limit(vy, MAX_SPEED);
+  q->x[2][i] = vehicle_limit(r, MAX_YAW_RATE);
 }
 
 /* Move all particles as printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last

@@ -24,9 +24,9 @@ static void place(
 {
   /* gyro less its bias where there is a sample, else straight ahead */
   const tse_real yaw_rate = r_mul(y->use[2], r_mul(p->sd[2], y->y[2] - f->p.bias[2][i]));
-  f->p.x[0][i] = vehicle_kept(vel_x + r_mul(p->x_sd0[0], n[0]), MAX_SPEED);
-  f->p.x[1][i] = vehicle_kept(r_mul(p->x_sd0[1], n[1]), MAX_SPEED);
-  f->p.x[2][i] = vehicle_kept(yaw_rate + r_mul(p->x_sd0[2], n[2]), MAX_YAW_RATE);
+  f->p.x[0][i] = vehicle_limit(vel_x + r_mul(p->x_sd0[0], n[0]), MAX_SPEED);
+  f->p.x[1][i] = vehicle_limit(r_mul(p->x_sd0[1], n[1]), MAX_SPEED);
+  f->p.x[2][i] = vehicle_limit(yaw_rate + r_mul(p->x_sd0[2], n[2]), MAX_YAW_RATE);
 }
 
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y)
