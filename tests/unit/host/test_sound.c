@@ -286,8 +286,8 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
   TEST_ASSERT_TRUE(forged.filter.waiting.count > 3);
   WHOLE(filter.waiting.count, 0, TSE_LATENCY_ROWS);
   WHOLE(filter.waiting.newest, 0, TSE_LATENCY_ROWS - 1);
-  HELD(filter.waiting.since, TSE_R(0), LONGEST_DT);
-  HELD(filter.waiting.unkept, TSE_R(0), LONGEST_DT);
+  HELD(filter.waiting.since, TSE_R(0), MAX_DT);
+  HELD(filter.waiting.unkept, TSE_R(0), MAX_DT);
   HELD(filter.waiting.before, TSE_R(0), p.max_gap + p.latency_least);
   for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
     for (int k = 0; k < TSE_CHANNELS; k++)
