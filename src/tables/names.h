@@ -79,7 +79,7 @@
 #define effects_settle TSE_NAME(tse_effects_settle)
 /* paper */
 #define paper_choose_ancestors TSE_NAME(tse_paper_choose_ancestors)
-#define paper_common_of TSE_NAME(tse_paper_common_of)
+#define paper_compute_common TSE_NAME(tse_paper_compute_common)
 #define paper_copy_particles TSE_NAME(tse_paper_copy_particles)
 #define paper_draw_stiffness TSE_NAME(tse_paper_draw_stiffness)
 #define paper_effective_size TSE_NAME(tse_paper_effective_size)
