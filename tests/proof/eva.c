@@ -39,10 +39,9 @@ float sqrtf(float x)
   return x;
 }
 
-#if defined(
 /* any number that an operation may give: `+` is native, and says nothing when it
-     * overflows */
-    TSE_REAL_FIXED)
+ * overflows */
+#if defined(TSE_REAL_FIXED)
 #include "number/real_ops.h"
 static void any_numbers(void *at, size_t bytes)
     {
