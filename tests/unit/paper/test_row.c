@@ -304,268 +304,267 @@ static void test_stiffness_is_found_on_a_clean_drive(void)
  * them through drives */
 #if !defined(TSE_REAL_FIXED)
 static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void)
-    {
-      double mean[3];
-      learn_from_seventy_percent(0.02, 300, 40.0, mean);
-      expect_stiffness(mean, 0.1, 0.02, "stiffness at 20 ms");
-      learn_from_seventy_percent(0.005, 300, 40.0, mean);
-      expect_stiffness(mean, 0.12, 0.02, "stiffness at 5 ms");
-    }
+{
+  double mean[3];
+  learn_from_seventy_percent(0.02, 300, 40.0, mean);
+  expect_stiffness(mean, 0.1, 0.02, "stiffness at 20 ms");
+  learn_from_seventy_percent(0.005, 300, 40.0, mean);
+  expect_stiffness(mean, 0.12, 0.02, "stiffness at 5 ms");
+}
 
-    static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
-    {
-      set_out(some_settings(100), 0);
-      for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
-        d.steer = d.torque = 0.0;
-        if (i / 6000 % 2 == 0) { d.steer = 0.02, d.torque = 700.0; }
-        const tse_output y = run(&p, &f, &d, 1);
-        TEST_ASSERT_TRUE(outputs_are_finite(&y));
-        for (int a = 0; a < 3; a++) {
-          TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
-          TEST_ASSERT_EQUAL_INT(y.reason[a] == TSE_VALID, y.spread_seen[a]);
-          if (i == 5999) TEST_ASSERT_EQUAL_INT(1, y.spread_seen[a]); /* a minute of both */
-        }
-      }
+static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
+{
+  set_out(some_settings(100), 0);
+  for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
+    d.steer = d.torque = 0.0;
+    if (i / 6000 % 2 == 0) { d.steer = 0.02, d.torque = 700.0; }
+    const tse_output y = run(&p, &f, &d, 1);
+    TEST_ASSERT_TRUE(outputs_are_finite(&y));
+    for (int a = 0; a < 3; a++) {
+      TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
+      TEST_ASSERT_EQUAL_INT(y.reason[a] == TSE_VALID, y.spread_seen[a]);
+      if (i == 5999) TEST_ASSERT_EQUAL_INT(1, y.spread_seen[a]); /* a minute of both */
     }
+  }
+}
 #endif
 
-    static void test_another_road_is_found_within_seconds(void)
-    {
-      const tse_config c = some_settings(300);
-      p = prepared(c);
-      double mean[3] = { 0 };
-      set_off(&d, &c, 20.0);
-      d.steer = 0.01, d.torque = 500.0;
-      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-      (void)run(&p, &f, &d, 1500);
-      d.road = 0.4;
-      (void)run(&p, &f, &d, 1500);
-      for (int i = 0; i < 500; i++) {
-        const tse_output y = run(&p, &f, &d, 1);
-        for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
+static void test_another_road_is_found_within_seconds(void)
+{
+  const tse_config c = some_settings(300);
+  p = prepared(c);
+  double mean[3] = { 0 };
+  set_off(&d, &c, 20.0);
+  d.steer = 0.01, d.torque = 500.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 1500);
+  d.road = 0.4;
+  (void)run(&p, &f, &d, 1500);
+  for (int i = 0; i < 500; i++) {
+    const tse_output y = run(&p, &f, &d, 1);
+    for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
+  }
+  for (int a = 0; a < 3; a++) expect_near(0.4, mean[a], 0.05, "stiffness on snow", a);
+}
+
+/* Rows with surplus noise, then an accelerometer that is off, then locked wheels. */
+static tse_input troubled_row(int i, uint32_t *state)
+{
+  tse_input u = next_row(&d);
+  if (i >= 900) u.accel_x = u.accel_x + real(1.5);
+  u.accel_y = u.accel_y
+      + real(0.15 * 10.0 * (next_uniform(state) + next_uniform(state) + next_uniform(state) - 1.5));
+  if (i >= 1000) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
+  return u;
+}
+
+static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
+{
+  for (int taken = 895; taken < 1100; taken += 15) {
+    uint32_t state = 3;
+    tse_output y, z;
+    set_out(some_settings(50), 0);
+    for (int i = 0; i < 1200; i++) {
+      const tse_input u = troubled_row(i, &state);
+      TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+      if (i > taken) {
+        TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &z) >= 0);
+        TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+        TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
       }
-      for (int a = 0; a < 3; a++) expect_near(0.4, mean[a], 0.05, "stiffness on snow", a);
+      if (i == taken) memcpy(&other, &f, sizeof f);
+      TEST_ASSERT_TRUE(outputs_are_finite(&y));
     }
+  }
+}
 
-    /* Rows with surplus noise, then an accelerometer that is off, then locked wheels. */
-    static tse_input troubled_row(int i, uint32_t *state)
-    {
-      tse_input u = next_row(&d);
-      if (i >= 900) u.accel_x = u.accel_x + real(1.5);
-      u.accel_y = u.accel_y
-          + real(0.15 * 10.0 * (next_uniform(state) + next_uniform(state) + next_uniform(state) - 1.5));
-      if (i >= 1000) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
-      return u;
+/* ------------------------------------------------------------------------------ broken numbers, fuzz */
+
+static double special(uint32_t *state)
+{
+  static const double values[] = { 0.0, -0.0, NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e-300, -1e-300, 1e-30,
+    3.4e38, 50.0, -50.0, 1.2, -1.2, 400.0, -400.0, 6.0, -6.0, 1e-3 };
+  return values[next_word(state) % (uint32_t)ROWS(values)];
+}
+
+static double fuzzed(uint32_t *state, double plausible, double most, int wildness)
+{
+  const uint32_t dice = next_word(state) >> 8;
+  if (wildness == 0 || dice % 16u > (uint32_t)wildness) return plausible;
+  if (dice % 3u == 0) return special(state);
+  return next_between(state, -most, most);
+}
+
+/* States of every particle, and so the estimate, are those of a car. */
+static void expect_bounded(const tse_output *y, int row)
+{
+  for (int32_t i = 0; i < pad_count(p.particles); i++)
+    if (!(fabs(number(f.p.x[0][i])) <= 200.0 && fabs(number(f.p.x[1][i])) <= 200.0
+            && fabs(number(f.p.x[2][i])) <= 20.0))
+      expect_near(0.0, number(f.p.x[2][i]), 20.0, "a state beyond any car", row);
+  TEST_ASSERT_TRUE(fabs(number(y->yaw_rate)) < 20.001 && fabs(number(y->vel_x)) < 200.01
+      && fabs(number(y->vel_y)) < 200.01);
+}
+
+/* Returned: 1; 0 where the number format of the build refuses these settings. */
+static int fuzz(const tse_config *c, int rows, uint32_t seed)
+{
+  if (!prepared_if_held(c, &p)) return 0;
+  uint32_t state = seed;
+  double v = 10.0, steer = 0.0;
+  int accepted = 0, wildness = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < rows; i++) {
+    if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 nearly always */
+    v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
+    steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
+    tse_input u = blank_row();
+    u.dt = real(fuzzed(&state, 0.01, 0.2, wildness / 4));
+    u.steer_angle = real(fuzzed(&state, steer, 1.3, wildness));
+    u.wheel_speed_front = real(fuzzed(&state, v / 0.33, 420.0, wildness));
+    u.wheel_speed_rear = real(fuzzed(&state, v / 0.33, 420.0, wildness));
+    u.accel_x = real(fuzzed(&state, next_between(&state, -1.0, 1.0), 60.0, wildness));
+    u.accel_y = real(fuzzed(&state, 2.0 * v * steer, 60.0, wildness));
+    u.yaw_rate = real(fuzzed(&state, 0.3 * v * steer, 7.0, wildness));
+    u.missing = wildness && next_word(&state) % 8u == 0 ? next_word(&state) >> 24 : 0u;
+    tse_output y;
+    memset(&y, 0x55, sizeof y);
+    const tse_status status = tse_step(&p, &f.filter, &u, &y);
+    if (status < 0) continue;
+    accepted++;
+    if (!outputs_are_finite(&y)) {
+      char text[120];
+      (void)snprintf(text, sizeof text, "row %d of seed %u: an output is not finite", i, (unsigned)seed);
+      TEST_FAIL_MESSAGE(text);
     }
-
-    static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
-    {
-      for (int taken = 895; taken < 1100; taken += 15) {
-        uint32_t state = 3;
-        tse_output y, z;
-        set_out(some_settings(50), 0);
-        for (int i = 0; i < 1200; i++) {
-          const tse_input u = troubled_row(i, &state);
-          TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-          if (i > taken) {
-            TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &z) >= 0);
-            TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
-            TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
-          }
-          if (i == taken) memcpy(&other, &f, sizeof f);
-          TEST_ASSERT_TRUE(outputs_are_finite(&y));
-        }
-      }
+    for (int a = 0; a < 3; a++) {
+      TEST_ASSERT_TRUE(
+          number(y.stiffness[a]) > (c->reflect_draws ? 0.0 : -20.0) && number(y.stiffness[a]) < 21.0);
+      /* in fixed point a variance below the resolution is 0 */
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) >= 0.0
+          && number(y.bias_sd[a]) >= 0.0);
+      TEST_ASSERT_TRUE(y.reason[a] >= TSE_VALID && y.reason[a] < TSE_REASON_END_);
     }
+    TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
+    TEST_ASSERT_EQUAL_INT(status, y.status);
+    expect_bounded(&y, i);
+  }
+  TEST_ASSERT_TRUE(accepted > rows / 4);
+  return 1;
+}
 
-    /* ------------------------------------------------------------------------------ broken numbers, fuzz */
+static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
+{
+  tse_config c = some_settings(20); /* 20: padding takes part, and must not break either */
+  for (uint32_t seed = 1; seed <= 4; seed++) {
+    c.resampling = (int32_t)(seed - 1u);
+    TEST_ASSERT_TRUE(fuzz(&c, 25000, seed));
+  }
+}
 
-    static double special(uint32_t *state)
-    {
-      static const double values[] = { 0.0, -0.0, NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e-300, -1e-300,
-        1e-30, 3.4e38, 50.0, -50.0, 1.2, -1.2, 400.0, -400.0, 6.0, -6.0, 1e-3 };
-      return values[next_word(state) % (uint32_t)ROWS(values)];
-    }
+static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
+{
+  tse_config c = some_settings(17);
+  c.mass = setting(50), c.yaw_inertia = setting(10);
+  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = setting(1e7);
+  c.cornering_stiffness_front = c.cornering_stiffness_rear = setting(1e7);
+  c.accel_x_sd = c.accel_y_sd = setting(0.001), c.yaw_rate_sd = setting(1e-5),
+  c.stiffness_min = setting(0.02);
+  c.stiffness_max = setting(20);
+  fuzz(&c, 4000, 77);
+  c = some_settings(16);
+  c.mass = setting(50000), c.forgetting = setting(0.9), c.initial_dof = setting(6);
+  c.initial_mean_sd = c.initial_spread = setting(2), c.max_gap = setting(1), c.sample_time = setting(0.1);
+  c.resample_threshold = setting(0);
+  fuzz(&c, 4000, 78);
+  c = some_settings(18);
+  c.wheel_noise_sd = setting(5), c.stiffness_max = setting(20), c.initial_spread = setting(2);
+  fuzz(&c, 4000, 79);
+}
 
-    static double fuzzed(uint32_t *state, double plausible, double most, int wildness)
-    {
-      const uint32_t dice = next_word(state) >> 8;
-      if (wildness == 0 || dice % 16u > (uint32_t)wildness) return plausible;
-      if (dice % 3u == 0) return special(state);
-      return next_between(state, -most, most);
-    }
-
-    /* States of every particle, and so the estimate, are those of a car. */
-    static void expect_bounded(const tse_output *y, int row)
-    {
-      for (int32_t i = 0; i < pad_count(p.particles); i++)
-        if (!(fabs(number(f.p.x[0][i])) <= 200.0 && fabs(number(f.p.x[1][i])) <= 200.0
-                && fabs(number(f.p.x[2][i])) <= 20.0))
-          expect_near(0.0, number(f.p.x[2][i]), 20.0, "a state beyond any car", row);
-      TEST_ASSERT_TRUE(fabs(number(y->yaw_rate)) < 20.001 && fabs(number(y->vel_x)) < 200.01
-          && fabs(number(y->vel_y)) < 200.01);
-    }
-
-    /* Returned: 1; 0 where the number format of the build refuses these settings. */
-    static int fuzz(const tse_config *c, int rows, uint32_t seed)
-    {
-      if (!prepared_if_held(c, &p)) return 0;
-      uint32_t state = seed;
-      double v = 10.0, steer = 0.0;
-      int accepted = 0, wildness = 0;
-      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-      for (int i = 0; i < rows; i++) {
-        if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 nearly always */
-        v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
-        steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
-        tse_input u = blank_row();
-        u.dt = real(fuzzed(&state, 0.01, 0.2, wildness / 4));
-        u.steer_angle = real(fuzzed(&state, steer, 1.3, wildness));
-        u.wheel_speed_front = real(fuzzed(&state, v / 0.33, 420.0, wildness));
-        u.wheel_speed_rear = real(fuzzed(&state, v / 0.33, 420.0, wildness));
-        u.accel_x = real(fuzzed(&state, next_between(&state, -1.0, 1.0), 60.0, wildness));
-        u.accel_y = real(fuzzed(&state, 2.0 * v * steer, 60.0, wildness));
-        u.yaw_rate = real(fuzzed(&state, 0.3 * v * steer, 7.0, wildness));
-        u.missing = wildness && next_word(&state) % 8u == 0 ? next_word(&state) >> 24 : 0u;
-        tse_output y;
-        memset(&y, 0x55, sizeof y);
-        const tse_status status = tse_step(&p, &f.filter, &u, &y);
-        if (status < 0) continue;
-        accepted++;
-        if (!outputs_are_finite(&y)) {
-          char text[120];
-          (void)snprintf(text, sizeof text, "row %d of seed %u: an output is not finite", i, (unsigned)seed);
-          TEST_FAIL_MESSAGE(text);
-        }
-        for (int a = 0; a < 3; a++) {
-          TEST_ASSERT_TRUE(
-              number(y.stiffness[a]) > (c->reflect_draws ? 0.0 : -20.0) && number(y.stiffness[a]) < 21.0);
-          /* in fixed point a variance below the resolution is 0 */
-          TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) >= 0.0
-              && number(y.bias_sd[a]) >= 0.0);
-          TEST_ASSERT_TRUE(y.reason[a] >= TSE_VALID && y.reason[a] < TSE_REASON_END_);
-        }
-        TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
-        TEST_ASSERT_EQUAL_INT(status, y.status);
-        expect_bounded(&y, i);
-      }
-      TEST_ASSERT_TRUE(accepted > rows / 4);
-      return 1;
-    }
-
-    static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
-    {
-      tse_config c = some_settings(20); /* 20: padding takes part, and must not break either */
-      for (uint32_t seed = 1; seed <= 4; seed++) {
-        c.resampling = (int32_t)(seed - 1u);
-        TEST_ASSERT_TRUE(fuzz(&c, 25000, seed));
-      }
-    }
-
-    static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
-    {
-      tse_config c = some_settings(17);
-      c.mass = setting(50), c.yaw_inertia = setting(10);
-      c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = setting(1e7);
-      c.cornering_stiffness_front = c.cornering_stiffness_rear = setting(1e7);
-      c.accel_x_sd = c.accel_y_sd = setting(0.001), c.yaw_rate_sd = setting(1e-5),
-      c.stiffness_min = setting(0.02);
-      c.stiffness_max = setting(20);
-      fuzz(&c, 4000, 77);
-      c = some_settings(16);
-      c.mass = setting(50000), c.forgetting = setting(0.9), c.initial_dof = setting(6);
-      c.initial_mean_sd = c.initial_spread = setting(2), c.max_gap = setting(1), c.sample_time = setting(0.1);
-      c.resample_threshold = setting(0);
-      fuzz(&c, 4000, 78);
-      c = some_settings(18);
-      c.wheel_noise_sd = setting(5), c.stiffness_max = setting(20), c.initial_spread = setting(2);
-      fuzz(&c, 4000, 79);
-    }
-
-    /* Any of the settings at either end of its range, with the others where they are: 0.1
+/* Any of the settings at either end of its range, with the others where they are: 0.1
      * s to a minute, and what is put out are numbers, in float too. */
-    static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_number(void)
+static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_number(void)
+{
+  uint32_t state = 17;
+  int held = 0;
+  for (int k = 0; k < 400; k++) {
+    tse_config c = some_settings(16);
+    const int32_t kept = c.form;
+    EACH_SETTING(row)
     {
-      uint32_t state = 17;
-      int held = 0;
-      for (int k = 0; k < 400; k++) {
-        tse_config c = some_settings(16);
-        const int32_t kept = c.form;
-        EACH_SETTING(row)
-        {
-          const uint32_t dice = next_word(&state) >> 9;
-          if (dice % 5u < 2u) put_field(&c, row, dice % 5u ? row->lo : row->hi);
-        }
-        EACH_PARAMETER(e)
-        put_parameter(&c, e, e->def);
-        fit_together(&c);
-        c.form = kept, c.particles = 16;
-        held += fuzz(&c, 60, 1000u + (uint32_t)k);
-      }
-      TEST_ASSERT_TRUE(held >= BY_NUMBER(400, 400, 100)); /* fixed point refuses the others by name */
+      const uint32_t dice = next_word(&state) >> 9;
+      if (dice % 5u < 2u) put_field(&c, row, dice % 5u ? row->lo : row->hi);
     }
+    EACH_PARAMETER(e)
+    put_parameter(&c, e, e->def);
+    fit_together(&c);
+    c.form = kept, c.particles = 16;
+    held += fuzz(&c, 60, 1000u + (uint32_t)k);
+  }
+  TEST_ASSERT_TRUE(held >= BY_NUMBER(400, 400, 100)); /* fixed point refuses the others by name */
+}
 
-    /* One row after a pause, whatever its length: what is forgotten has an end, and the
+/* One row after a pause, whatever its length: what is forgotten has an end, and the
      * drive goes on. */
-    static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
-    {
-      static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
-      for (int k = 0; k < ROWS(pause); k++) {
-        tse_output y;
-        set_out(some_settings(100), 800);
-        tse_input u = next_row(&d);
-        u.dt = real(pause[k]);
-        TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-        TEST_ASSERT_TRUE(number(f.gamma) <= fmax(1.0, number(p.gamma0)) && number(f.nu) >= 6.0);
-        for (int i = 0; i < 1000; i++) {
-          y = run(&p, &f, &d, 1);
-          TEST_ASSERT_TRUE(outputs_are_finite(&y) && y.status < TSE_W_HELD);
-        }
-        for (int a = 1; a < 3; a++) expect_near(1.0, number(y.stiffness[a]), 0.15, "stiffness", 10 * k + a);
+static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
+{
+  static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
+  for (int k = 0; k < ROWS(pause); k++) {
+    tse_output y;
+    set_out(some_settings(100), 800);
+    tse_input u = next_row(&d);
+    u.dt = real(pause[k]);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    TEST_ASSERT_TRUE(number(f.gamma) <= fmax(1.0, number(p.gamma0)) && number(f.nu) >= 6.0);
+    for (int i = 0; i < 1000; i++) {
+      y = run(&p, &f, &d, 1);
+      TEST_ASSERT_TRUE(outputs_are_finite(&y) && y.status < TSE_W_HELD);
+    }
+    for (int a = 1; a < 3; a++) expect_near(1.0, number(y.stiffness[a]), 0.15, "stiffness", 10 * k + a);
+  }
+}
+
+static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
+{
+  for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
+    const tse_config c = some_settings(64);
+    set_out(c, 100);
+    for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
+    for (int i = 0; i < 1000; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      TEST_ASSERT_TRUE(outputs_are_finite(&y));
+      if (i == 999 && c.reflect_draws) expect_near(number(d.sim.x[0]), number(y.vel_x), 0.5, "vel_x", share);
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------------------ excitation */
+
+/* noise <= limit^2 memory var(phi), noise: one sigma, and the spread's. */
+static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread(void)
+{
+  for (int a = 0; a < 3; a++)
+    for (int k = 0; k < 2; k++) {
+      tse_config c = config_by(tse_config_robust);
+      c.forgetting = setting(0.99);
+      tse_params own = prepared(c);
+      tse_output est = blank_output();
+      sample y = { 0 };
+      int32_t excited[3];
+      memset(&f, 0, sizeof f);
+      y.dt = own.sample_time;
+      y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
+      f.filter.seen = TSE_R(500);
+      for (int b = 0; b < 3; b++) {
+        f.excite_mean[b] = TSE_R(0.25), f.excite_sq[b] = TSE_R(4);
+        est.stiffness[b] = TSE_R(0.4), est.stiffness_spread[b] = TSE_R(0.1);
       }
+      const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left,
+                   var = sq - pow(0.25 * left, 2.0); /* over two memories */
+      const double noise = 1.0 + sq * 0.01, signal = number(own.memory) * var;
+      own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
+      paper_excitation(&own, &f, &y, &est, excited);
+      TEST_ASSERT_EQUAL_INT(k, excited[a]);
     }
-
-    static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
-    {
-      for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
-        const tse_config c = some_settings(64);
-        set_out(c, 100);
-        for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
-        for (int i = 0; i < 1000; i++) {
-          const tse_output y = run(&p, &f, &d, 1);
-          TEST_ASSERT_TRUE(outputs_are_finite(&y));
-          if (i == 999 && c.reflect_draws)
-            expect_near(number(d.sim.x[0]), number(y.vel_x), 0.5, "vel_x", share);
-        }
-      }
-    }
-
-    /* ------------------------------------------------------------------------------------------ excitation */
-
-    /* noise <= limit^2 memory var(phi), noise: one sigma, and the spread's. */
-    static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread(void)
-    {
-      for (int a = 0; a < 3; a++)
-        for (int k = 0; k < 2; k++) {
-          tse_config c = config_by(tse_config_robust);
-          c.forgetting = setting(0.99);
-          tse_params own = prepared(c);
-          tse_output est = blank_output();
-          sample y = { 0 };
-          int32_t excited[3];
-          memset(&f, 0, sizeof f);
-          y.dt = own.sample_time;
-          y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
-          f.filter.seen = TSE_R(500);
-          for (int b = 0; b < 3; b++) {
-            f.excite_mean[b] = TSE_R(0.25), f.excite_sq[b] = TSE_R(4);
-            est.stiffness[b] = TSE_R(0.4), est.stiffness_spread[b] = TSE_R(0.1);
-          }
-          const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left,
-                       var = sq - pow(0.25 * left, 2.0); /* over two memories */
-          const double noise = 1.0 + sq * 0.01, signal = number(own.memory) * var;
-          own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
-          paper_excitation(&own, &f, &y, &est, excited);
-          TEST_ASSERT_EQUAL_INT(k, excited[a]);
-        }
-    }
+}
