@@ -173,7 +173,14 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
     flags = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-DTSE_REAL_DOUBLE=1",
              "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]  # fmt: skip
     subprocess.run(
-        ["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"],
+        [
+            "cc",
+            *flags,
+            "src/model/integrator.c",
+            "src/estimator/settings.c",
+            "src/estimator/prepare.c",
+            "src/host/replay.c",
+        ],
         cwd=copy,
         check=True,
     )

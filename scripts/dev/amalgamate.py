@@ -27,7 +27,7 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
 ALIAS = re.compile(r"^#define (\w+) +TSE_NAME\(\w+\)\n", re.M)
 TOKEN = re.compile(
-    r"""(?P<space>\s+|/\*.*?\*/|\\\n)
+    r"""(?P<space>\s+|/\*.*?\*/|//[^\n]*|\\\n)
     |(?P<directive>(?:(?<=\n)|\A)[ \t]*\#(?:/\*.*?\*/|\\\n|[^\n])*)
     |(?P<text>"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*')
     |(?P<word>[A-Za-z_]\w*)

@@ -43,7 +43,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   }
 #endif
   if (p->form == 0) {
-    if (f->step == 0) start_all(p, f); /* the first step does so again: nothing has happened yet */
+    if (f->step == 0) start_all(p, f); /* repeated by the first step */
     report_row(p, &f->k, now);
   }
   for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
@@ -58,7 +58,7 @@ static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input 
   tse_input row;
   tse_output now;
   tse_status status = align_row(p, f, u, &row);
-  if (status < 0) return status; /* nothing has changed yet */
+  if (status < 0) return status; /* f is unchanged */
   memset(&now, 0, sizeof now);
   if (status == TSE_W_WAITING) report_waiting(p, f, &now);
   else {
@@ -75,7 +75,7 @@ static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input 
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   if (!p || !f || !u) return TSE_E_NULL;
-  if (!belong(p, f)) return TSE_E_STATE;
+  if (!params_match(p, f)) return TSE_E_STATE;
   if (p->form != 0 && u->given) return TSE_E_INPUT; /* they would have no effect */
 #if defined(TSE_NO_VELOCITY)
   if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;

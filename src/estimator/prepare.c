@@ -1,282 +1,16 @@
-/* estimator/prepare.c - settings: defaults, check, and the constants of the filter. */
-#include <stddef.h>
-
-#include "model/state.h"
-#include "tse/tse.h"
-#include "model/effects.h"
-#include "model/effects_constant.h"
+/* estimator/prepare.c - the constants of a filter, from settings. */
+#include "estimator/settings.h"
 #include "model/car.h"
+#include "model/effects_constant.h"
 #include "tables/constants.h"
-#include "tables/rows.h"
-#include "tables/config.h"
+#include "tables/copies.h"
 
-/* Rows kept beyond the span of the latencies: one on either side, and two so that rows up
- * to 7 % closer than the sample time are kept (28 of at most 30 rows). */
-#define ROWS_TO_SPARE 4
 #define MAX_SPREAD_VAR TSE_R(1000000) /* max square of a spread */
-#define STANDARD_GRAVITY TSE_S(9.81) /* m/s2: GRAVITY of model/laws.h as a setting */
 #define MIN_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
 #define MIN_RELAXATION TSE_S(0.05) /* m, numerics: at 10 m/s a shorter one ends within a substep */
 #define MIN_RADIUS_SD TSE_R(0.002) /* 1: change of radii by pressure and temperature; a quarter of it is
-                                      * half the slip of steady driving */
+                                    * half the slip of steady driving */
 #define DEFAULT_ROLLING TSE_S(0.01) /* 1: rolling resistance of a free-rolling axle if the setting is 0 */
-
-static tse_real real_of(tse_setting x) { return r_from_setting(x); }
-
-void tse_config_default(tse_config *c)
-{
-  if (c) set_defaults(c, reals, REALS, wholes, WHOLES);
-}
-
-void tse_config_exact(tse_config *c)
-{
-  if (!c) return;
-  tse_config_default(c);
-  for (size_t i = 0; i < sizeof exact / sizeof exact[0]; i++)
-    memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
-}
-
-/* Return a stiffness: the setting, or that of the vehicle class for the axle's load.
- *   Given:  share       stiffness over load
- *           other_axle  [m] distance of the other axle from the centre of gravity */
-static tse_setting choose_stiffness(
-    const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
-{
-  const tse_setting mass = c->mass > 0 ? c->mass : TSE_S(CLASS_MASS);
-  const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(mass, c->lf + c->lr));
-  return as_set > 0 ? as_set : r_mul(share, r_mul(weight, other_axle));
-}
-
-static tse_setting cornering_front(const tse_config *c)
-{
-  return choose_stiffness(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr);
-}
-static tse_setting cornering_rear(const tse_config *c)
-{
-  return choose_stiffness(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf);
-}
-static tse_setting longitudinal_front(const tse_config *c)
-{
-  return choose_stiffness(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr);
-}
-static tse_setting longitudinal_rear(const tse_config *c)
-{
-  return choose_stiffness(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf);
-}
-
-void tse_config_complete(tse_config *c)
-{
-  if (!c) return;
-  c->longitudinal_stiffness_front = longitudinal_front(c);
-  c->longitudinal_stiffness_rear = longitudinal_rear(c);
-  c->cornering_stiffness_front = cornering_front(c);
-  c->cornering_stiffness_rear = cornering_rear(c);
-  if (!(c->mass > 0)) {
-    c->mass = TSE_S(CLASS_MASS);
-    if (c->mass_sd < TSE_S(CLASS_MASS_SD)) c->mass_sd = TSE_S(CLASS_MASS_SD);
-  }
-  if (!(c->yaw_inertia > 0)) c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
-}
-
-void tse_config_paper(tse_config *c)
-{
-  if (!c) return;
-  tse_config_exact(c);
-  c->form = 1;
-  c->exact_kinematics_share = TSE_S(0); /* (1)-(4) for a simulation of the paper's car */
-  c->initial_spread = TSE_S(0.3);       /* "30 %" taken as the sd of the mean and as the spread */
-  c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
-  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20); /* the upper limit of the setting: w is free */
-}
-
-void tse_config_robust(tse_config *c)
-{
-  if (!c) return;
-  tse_config_exact(c);
-  c->form = 1;
-  c->exact_kinematics_share = TSE_S(0);
-  c->integration = 1;
-  c->initial_vel_y_sd = TSE_S(1);
-  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->reflect_draws = 1;
-  c->forgetting = TSE_S(0.998);
-  c->forgetting_mean = TSE_S(0.98);
-  c->forgetting_change = TSE_S(0.9);
-  c->initial_spread = TSE_S(0.15);
-  c->spread_max = TSE_S(0.7);
-  c->spread_kernel = TSE_S(0.03);
-}
-
-/* Return whether a formula of the user is active: it has a program and a gain. */
-static int has_formula(const tse_config *c)
-{
-#if defined(TSE_FORMULA)
-  const int there = 1;
-#else
-  const int there = (c->formula_code_1 & 0xff) != 0;
-#endif
-  return there && (c->formula_gain < 0 || c->formula_gain > 0);
-}
-
-/* Return the bits of the active effects: a strength is not 0. */
-static uint64_t find_active_effects(const tse_config *c)
-{
-  uint64_t mask = 0;
-  for (int i = 0; i < COUNT_EFFECTS; i++) {
-    const tse_setting x = real_at(c, &reals[FIRST_EFFECTS + i]);
-    if (effect_settings[i].strength && (x < 0 || x > 0)) mask |= (uint64_t)1 << effect_settings[i].effect;
-  }
-  if (has_formula(c)) mask |= (uint64_t)1 << TSE_BIT_FORMULA;
-  return mask;
-}
-
-#if !defined(TSE_NO_EFFECTS)
-/* Unpack the operations of a formula, one byte each. */
-static void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
-{
-  for (int k = 0; k < TSE_FORMULA_OPS; k++)
-    code[k] = (uint8_t)(((uint32_t)whole_at(c, &wholes[FIRST_WHOLE_FORMULA + 1 + k / 3]) >> (8 * (k % 3)))
-        & 0xffu);
-}
-
-/* Return whether a formula ends with one value and fits stack and memory. */
-static int formula_fits(const tse_config *c)
-{
-#if defined(TSE_FORMULA) /* compiled in: no program in the settings */
-  return !(c->formula_code_1 || c->formula_place);
-#else
-  uint8_t code[TSE_FORMULA_OPS];
-  int depth = 0, memories = 0, late = 0;
-  unpack_formula(c, code);
-  for (int k = 0; k < TSE_FORMULA_OPS && code[k]; k++) {
-    int takes = -1;
-    for (size_t i = 0; i < sizeof formula_operations / sizeof formula_operations[0]; i++)
-      if (formula_operations[i].code == code[k]) {
-        takes = formula_operations[i].takes;
-        memories += formula_operations[i].memory;
-      }
-    late += code[k] == FORMULA_OP_late;
-    if (takes < 0 || takes > depth) return 0;
-    depth += 1 - takes;
-    if (depth > FORMULA_STACK) return 0;
-  }
-  return depth == 1 && memories <= TSE_FORMULA_MEMORIES && late <= 1;
-#endif
-}
-#endif
-
-#if TSE_LATENCY_ROWS == 0
-/* Return TSE_OK if no channel is late. *wrong: the first late one */
-static tse_status check_latencies(const tse_config *c, const char **wrong)
-{
-  for (int k = 0; k < COUNT_LATENCY; k++) {
-    const tse_setting late = real_at(c, &reals[FIRST_LATENCY + k]);
-    if (!(late > 0 || late < 0)) continue;
-    if (wrong) *wrong = reals[FIRST_LATENCY + k].name;
-    return TSE_E_CONFIG;
-  }
-  return TSE_OK;
-}
-
-static void prepare_latencies(const tse_config *c, tse_params *p)
-{
-  p->velocity_late = real_of(c->velocity_latency);
-}
-#else
-/* Read the latency of each channel. That of the yaw rate is 0: it defines the time. */
-static void read_latencies(const tse_config *c, tse_setting latency[TSE_CHANNELS])
-{
-  for (int k = 0; k < COUNT_LATENCY; k++) latency[k] = real_at(c, &reals[FIRST_LATENCY + k]);
-  latency[TSE_CHANNEL_yaw_rate] = 0;
-}
-
-/* Time at which a row is processed: the row is `age` older than the newest row, its
- * earliest channel `span` older still. */
-typedef struct reading_time {
-  tse_setting age, span;
-  int earliest, latest;
-} reading_time;
-
-/* Compute when a row is processed: when all channels are known, and then at a row of
- * accel_x if rows are sample_time apart. Interpolated noise is correlated with its
- * neighbours and vel_x follows it: half a row of it in accel_x biased the longitudinal
- * stiffness by 8 % and was taken for a disturbance. Noise of accel_y and gyro has no such
- * effect (tests/lab/test_latency.py). If all three come from one IMU, none is
- * interpolated. */
-static reading_time compute_reading_time(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
-{
-  reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) {
-    if (latency[k] < latency[r.earliest]) r.earliest = k;
-    if (latency[k] > latency[r.latest]) r.latest = k;
-  }
-  if (r.earliest == r.latest) return r;
-  const tse_setting rows = r_div(latency[r.latest] - latency[TSE_CHANNEL_accel_x], c->sample_time);
-  const int32_t whole = r_floor_to_int(rows + TSE_S(0.999)); /* 3.001 counts as 3: rounding of decimals */
-  r.age = latency[TSE_CHANNEL_accel_x] + r_mul(r_from_int(whole), c->sample_time);
-  if (r.age < latency[r.latest]) r.age = latency[r.latest];
-  r.span = r.age - latency[r.earliest];
-  return r;
-}
-
-/* Return TSE_OK if the filter keeps enough rows for the span of the latencies. *wrong:
- * the channel furthest from the gyro */
-static tse_status check_latencies(const tse_config *c, const char **wrong)
-{
-  const tse_setting max_span = r_mul(r_from_int(TSE_LATENCY_ROWS - ROWS_TO_SPARE), c->sample_time);
-  tse_setting latency[TSE_CHANNELS];
-  read_latencies(c, latency);
-  const reading_time r = compute_reading_time(c, latency);
-  if (!(r.span > r_mul(max_span, TSE_S(1.0001)))) return TSE_OK; /* 28 times 0.01 is rounded */
-  if (wrong)
-    *wrong = reals[FIRST_LATENCY + (latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest)].name;
-  return TSE_E_CONFIG;
-}
-
-/* Compute the age of a row when it is processed, and of each of its channels. */
-static void prepare_latencies(const tse_config *c, tse_params *p)
-{
-  tse_setting latency[TSE_CHANNELS];
-  read_latencies(c, latency);
-  const reading_time r = compute_reading_time(c, latency);
-  p->latency = real_of(r.age);
-  p->velocity_late = real_of(c->velocity_latency - r.age); /* a velocity does not wait */
-  p->latency_span = real_of(r.span);
-  p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
-}
-#endif
-
-/* Return the first setting whose value of the vehicle class is out of range, or NULL. */
-static const char *find_outside_of_class(const tse_config *c)
-{
-  tse_config whole = *c;
-  tse_config_complete(&whole);
-  return first_outside(&whole, reals, REALS, wholes, WHOLES);
-}
-
-tse_status tse_config_check(const tse_config *c, const char **wrong)
-{
-  if (!c) return TSE_E_NULL;
-  const char *name = first_outside(c, reals, REALS, wholes, WHOLES);
-  if (!name) name = find_outside_of_class(c);
-  if (name) {
-    if (wrong) *wrong = name;
-    return TSE_E_CONFIG;
-  }
-  const int formula_is_active = (int)(find_active_effects(c) >> TSE_BIT_FORMULA & 1u);
-#if defined(TSE_NO_EFFECTS)
-  const int formula_fine = !formula_is_active; /* such a build has no formulas */
-#else
-  const int formula_fine = !formula_is_active || formula_fits(c);
-#endif
-  if (!formula_fine) {
-    if (wrong) *wrong = "formula_code_1";
-    return TSE_E_CONFIG;
-  }
-  return check_latencies(c, wrong);
-}
 
 /* Mix a word into the FNV-1a fingerprint. It detects a filter that was reset with other
  * parameters. */
@@ -300,8 +34,8 @@ static uint32_t mix_setting(uint32_t h, tse_setting x)
 static uint32_t compute_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, &reals[i]));
-  for (int i = 0; i < WHOLES; i++) h = mix_word(h, (uint32_t)whole_at(c, &wholes[i]));
+  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, &setting_reals[i]));
+  for (int i = 0; i < WHOLES; i++) h = mix_word(h, (uint32_t)whole_at(c, &setting_wholes[i]));
   return mix_word(h, TSE_MAX_PARTICLES);
 }
 
@@ -319,22 +53,23 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
 static uint32_t compute_vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &reals[i])));
+  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &setting_reals[i])));
   const uint64_t on = find_active_effects(c)
       & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* always exact in the filter */
   for (int i = 0; i < COUNT_EFFECTS; i++) {
-    const real_row *const row = &reals[FIRST_EFFECTS + i];
+    const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
     /* only if not 0: states persisted before this setting existed stay valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
-    h = mix_effect(h, counts && (on >> effect_settings[i].effect & 1u), row->name, value);
+    h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
   const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);
   for (int i = 0; i < COUNT_FORMULA; i++)
-    h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, &reals[FIRST_FORMULA + i]));
+    h = mix_effect(
+        h, formula, setting_reals[FIRST_FORMULA + i].name, real_at(c, &setting_reals[FIRST_FORMULA + i]));
   for (int i = 0; i < COUNT_WHOLE_FORMULA; i++)
-    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name,
-        r_from_int(whole_at(c, &wholes[FIRST_WHOLE_FORMULA + i])));
+    h = mix_effect(h, formula, setting_wholes[FIRST_WHOLE_FORMULA + i].name,
+        r_from_int(whole_at(c, &setting_wholes[FIRST_WHOLE_FORMULA + i])));
   return h;
 }
 
@@ -356,13 +91,13 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #else
   tse_effects *const e = &p->effects;
   for (int i = 0; i < COUNT_EFFECTS; i++) { /* its members after the mask are in the same order */
-    const tse_real x = real_of(real_at(c, &reals[FIRST_EFFECTS + i]));
+    const tse_real x = real_of(real_at(c, &setting_reals[FIRST_EFFECTS + i]));
     memcpy((uint8_t *)e + sizeof e->mask + (size_t)i * sizeof x, &x, sizeof x);
   }
   e->mass = real_of(c->mass);
   e->formula_gain = real_of(c->formula_gain);
   for (int k = 0; k < TSE_FORMULA_NUMBERS; k++)
-    e->formula[k] = real_of(real_at(c, &reals[FIRST_FORMULA + 1 + k])); /* after the gain */
+    e->formula[k] = real_of(real_at(c, &setting_reals[FIRST_FORMULA + 1 + k])); /* after the gain */
   e->formula_place = c->formula_place;
   unpack_formula(c, e->formula_code);
 #endif
@@ -373,10 +108,10 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
  * up to FIXED_MOST, 2^27 (1.3e8). The step of the format is 2e-10: an increment per row
  * must be at least one step. */
 #define MAX_GAIN TSE_R(131072) /* sigma per unit of slip, 230 times the default car's: 10 % of slip and a
-                                 * stiffness error of 30 % */
-#define MAX_START TSE_R(4096)         /* sigma: max initial error of a state */
-#define MAX_BIAS_VAR TSE_R(16777216)  /* sigma^2: max initial bias variance, its square root the same */
-#define MAX_NOISE TSE_R(65536)        /* noise_max squared: times FAULT_NOISE it is in range */
+                                * stiffness error of 30 % */
+#define MAX_START TSE_R(4096) /* sigma: max initial error of a state */
+#define MAX_BIAS_VAR TSE_R(16777216) /* sigma^2: max initial bias variance, its square root the same */
+#define MAX_NOISE TSE_R(65536) /* noise_max squared: times FAULT_NOISE it is in range */
 
 static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
@@ -651,16 +386,4 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   make_params(settings, p);
 #endif
   return TSE_OK;
-}
-
-void tse_stiffness_si(
-    const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
-{
-  if (!c || !y) return;
-  const tse_setting nominal[3] = { longitudinal_front(c), cornering_front(c), cornering_rear(c) };
-  for (int i = 0; i < 3; i++) {
-    if (mean) mean[i] = r_mul(nominal[i], r_to_setting(y->stiffness[i]));
-    if (sd) sd[i] = r_mul(nominal[i], r_to_setting(y->stiffness_sd[i]));
-    if (spread) spread[i] = r_mul(nominal[i], r_to_setting(y->stiffness_spread[i]));
-  }
 }

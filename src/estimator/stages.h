@@ -56,7 +56,7 @@ static inline int is_missing(const tse_input *u, uint32_t bit, tse_real value)
 }
 
 /* Return whether the filter was reset with these parameters. */
-static inline int belong(const tse_params *p, const tse_filter *f)
+static inline int params_match(const tse_params *p, const tse_filter *f)
 {
   return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
 }

@@ -30,8 +30,7 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
   const tse_real most = p->max_gap + p->latency_least;
   const int32_t rows = p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0;
   int fine = sound_int(m->count, 0, rows) && sound_int(m->newest, 0, TSE_LATENCY_KEPT - 1);
-  fine = fine && sound_reals(&m->since, 1, TSE_R(0), MAX_DT)
-      && sound_reals(&m->unkept, 1, TSE_R(0), MAX_DT);
+  fine = fine && sound_reals(&m->since, 1, TSE_R(0), MAX_DT) && sound_reals(&m->unkept, 1, TSE_R(0), MAX_DT);
   fine = fine && sound_reals(m->before, TSE_LATENCY_KEPT, TSE_R(0), most);
   for (int i = 0; i < TSE_LATENCY_KEPT; i++) {
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;

@@ -3,8 +3,8 @@
 #include "model/car.h"
 #include "number/vector.h"
 
-#define MAX_SUBSTEP TSE_R(0.011)  /* s, numerics: max substep; a row of 10 ms is one substep */
-#define GIVE TSE_R(0.005) /* 1, physics: share of the rolling radius lost by static load: 8 % of 20 mm of
+#define MAX_SUBSTEP TSE_R(0.011) /* s, numerics: max substep; a row of 10 ms is one substep */
+#define RADIUS_LOSS TSE_R(0.005) /* 1, physics: share of the rolling radius lost by static load: 8 % of 20 mm of
                            * deflection, over 0.32 m */
 
 /* One direction of a tyre: its force, the slopes over slip (or slip angle) and over the
@@ -163,9 +163,9 @@ static void add_slope(tse_short *row, int j, tse_real more)
 
 /* Advance velocities and roll by a substep of h, and their slopes by the chain rule in
  * the same order. The yaw rate comes first, so that the speeds use its value at mid-step.
- * f holds forces for slip angles at mid-step, but these still change with the velocities
- * within the substep. Without that correction the scheme would be of first order where
- * slip angles relax within a substep; it is added.
+ * f does not include the response of the slip angles to the velocities of this substep.
+ * That response until mid-step is added: without it the scheme would be of first order
+ * where slip angles relax within a substep.
  *   Given:  f       forces at mid-step
  *           follow  [s/m] change of the slip angles in half a substep, over the speed */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
@@ -181,9 +181,11 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
                  rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
   const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear),
                  vy = x[VY] + r_mul(half, across_rate);
+  /* rows of M: v_x, v_y, r, a_f, a_r, phi, phi' */
   tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR],
                    *const mp = M[HAS_ROLL ? (int)PHI : (int)VX],
                    *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
+  /* slopes of a_x over v_x, a_f, a_r; of a_y and r' over a_f, a_r */
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]),
                       y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx),
@@ -200,18 +202,19 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
   x[PHI] += r_mul(h, x[DPHI]);
   for (int j = 0; j < COLUMNS; j++) {
     if (!moves_with(j)) continue;
-    const tse_short was = mx[j];
-    r_total gx = r_plus(r_plus(r_product(x_v, was), x_f, mf[j]), x_b, mb[j]);
+    const tse_short x_slope = mx[j];
+    r_total gx = r_plus(r_plus(r_product(x_v, x_slope), x_f, mf[j]), x_b, mb[j]);
     r_total gy = r_plus(r_product(y_f, mf[j]), y_b, mb[j]), gr = r_plus(r_product(r_f, mf[j]), r_b, mb[j]);
     if (j >= MOTION) {
       gx = r_plus(gx, r_coef(f->by_x[j]), one);
       gy = r_plus(gy, r_coef(f->by_y[j]), one);
       gr = r_plus(gr, r_coef(f->by_yaw[j]), one);
     }
-    const tse_short spun = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, spun);
-    const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, middle), turn, was));
-    mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
-    mr[j] = r_plus_times(mr[j], step, spun);
+    const tse_short yaw_rate_slope = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, yaw_rate_slope);
+    const tse_short side = r_end_rate(gy),
+                    turned = r_end_rate(r_plus(r_product(ahead, middle), turn, x_slope));
+    mx[j] = r_plus_times(x_slope, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
+    mr[j] = r_plus_times(mr[j], step, yaw_rate_slope);
     if (!HAS_ROLL) my[j] = r_plus_times(my[j], step, r_end(r_minus(r_start(side), flat, turned)));
     if (!HAS_ROLL) continue;
     const tse_short swings = r_end_rate(
@@ -234,23 +237,23 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
 static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from,
     tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
 {
-  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn),
-                 goes = TSE_R(1) - stays;
+  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), kept = exponential(-turn),
+                 covered = TSE_R(1) - kept;
   const kinematic kf = compute_kinematic_angle(x[VY] + r_mul(c->lf, x[YAW]), x[VX]),
                   kr = compute_kinematic_angle(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
   const tse_real steer = from + r_mul(r_mul(h, rate), r_div(turn + TSE_R(3), turn + TSE_R(6)));
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[STEER_OFFSET] - r_mul(c->compliance, side);
-  const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
-  const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
+  const tse_real gap_front = d + kf.a - x[AF], gap_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
+  const tse_real by_length = -r_div(r_mul(kept, turn), c->relaxation);
   const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW],
                          *const mp = M[HAS_ROLL ? (int)PHI : (int)VX];
   tse_short *const mf = M[AF], *const mb = M[AR];
   const r_coefficient f_side = r_coef(kf.by_side), f_ahead = r_coef(kf.by_v), r_side = r_coef(kr.by_side),
                       r_ahead = r_coef(kr.by_v);
   const r_coefficient to_axle = r_coef(c->lf), from_axle = r_coef(c->lr), roll = r_coef(c->roll_steer),
-                      stay = r_coef(stays), go = r_coef(goes);
-  x[AF] += r_mul(goes, to_front);
-  x[AR] += r_mul(goes, to_rear);
+                      stay = r_coef(kept), go = r_coef(covered);
+  x[AF] += r_mul(covered, gap_front);
+  x[AR] += r_mul(covered, gap_rear);
   for (int j = 0; j < COLUMNS; j++) {
     if (!moves_with(j)) continue;
     const tse_short front = r_end(
@@ -261,15 +264,15 @@ static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_r
     mf[j] = r_end(r_plus(r_product(stay, mf[j]), go, front));
     mb[j] = r_end(r_plus(r_product(stay, mb[j]), go, rear));
   }
-  add_slope(mf, STEER_OFFSET, goes);
-  add_slope(mf, GAIN, r_mul(goes, steer));
-  add_slope(mf, LATE, -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
-  add_slope(mf, STATES + CONSIDER_CENTRE, r_mul(goes, r_mul(kf.by_side, x[YAW])));
-  add_slope(mb, STATES + CONSIDER_CENTRE, r_mul(goes, r_mul(kr.by_side, x[YAW])));
-  add_slope(mf, STATES + CONSIDER_RELAXATION_FRONT, r_mul(by_length, to_front));
-  add_slope(mb, STATES + CONSIDER_RELAXATION_REAR, r_mul(by_length, to_rear));
-  add_slope(mb, STATES + CONSIDER_ROLL_STEER, r_mul(goes, x[PHI]));
-  return goes;
+  add_slope(mf, STEER_OFFSET, covered);
+  add_slope(mf, GAIN, r_mul(covered, steer));
+  add_slope(mf, LATE, -r_mul(r_mul(covered, TSE_R(1) + x[GAIN]), rate));
+  add_slope(mf, STATES + CONSIDER_CENTRE, r_mul(covered, r_mul(kf.by_side, x[YAW])));
+  add_slope(mb, STATES + CONSIDER_CENTRE, r_mul(covered, r_mul(kr.by_side, x[YAW])));
+  add_slope(mf, STATES + CONSIDER_RELAXATION_FRONT, r_mul(by_length, gap_front));
+  add_slope(mb, STATES + CONSIDER_RELAXATION_REAR, r_mul(by_length, gap_rear));
+  add_slope(mb, STATES + CONSIDER_ROLL_STEER, r_mul(covered, x[PHI]));
+  return covered;
 }
 
 /* Strang splitting (SIAM J. Numer. Anal. 5 (1968) 506): slip angles by half a substep,
@@ -307,13 +310,13 @@ void car_rates(
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real swing = compute_roll_swing(c, x, f->y);
-  const tse_real own = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
+  const tse_real gain_y = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
   rate[0] = f->x + r_mul(vy, r) - x[GX];
   rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
   rate[2] = f->yaw;
   for (int j = 0; j < PLACES; j++) {
     by[0][j] = f->by_x[j];
-    by[1][j] = r_mul(own, f->by_y[j]);
+    by[1][j] = r_mul(gain_y, f->by_y[j]);
     by[2][j] = f->by_yaw[j];
   }
   by[0][VY] += r;
@@ -342,19 +345,19 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
-  const planar there = force_at(f->x, f->y, lx, ly, r, f->yaw);
-  const tse_real here_x = there.x + pitch;
-  const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI])
+  const planar at_imu = force_at(f->x, f->y, lx, ly, r, f->yaw);
+  const tse_real imu_x = at_imu.x + pitch;
+  const tse_real imu_y = at_imu.y + r_mul(c->roll_leak, x[PHI])
       - r_mul(c->roll_height, compute_roll_swing(c, x, f->y));
-  const planar read = turn_axes(here_x, here_y, c->mount_sin, c->mount_cos);
-  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
-                 own_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
+  const planar read = turn_axes(imu_x, imu_y, c->mount_sin, c->mount_cos);
+  const tse_real gain_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
+                 gain_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
   z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
   z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
   z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];
   for (int j = 0; j < COLUMNS; j++) {
-    tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]),
-             hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
+    tse_real hx = r_mul(gain_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]),
+             hy = r_mul(gain_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
     if (j == YAW) {
       hx -= r_mul(TSE_R(2), r_mul(lx, r));
       hy -= r_mul(TSE_R(2), r_mul(ly, r));
@@ -377,21 +380,21 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
 static void predict_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
-  const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front),
-                 give_rear = r_mul(GIVE, c->height_rear);
+  const tse_real r = x[YAW], loss_front = r_mul(RADIUS_LOSS, c->height_front),
+                 loss_rear = r_mul(RADIUS_LOSS, c->height_rear);
   const planar wheel = turn_axes(
       x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* wheel.y is the slope of wheel.x over d */
   const tse_real along = wheel.x, radius = TSE_R(1) + x[RAD];
-  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x),
-                 turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
+  const tse_real turns_front = TSE_R(1) - r_mul(loss_front, f->x),
+                 turns_rear = TSE_R(1) + r_mul(loss_rear, f->x);
   const tse_real forward = r_mul(TSE_R(1) + x[SF], radius), sideways = r_mul(forward, f->sin_d),
                  by_d = r_mul(forward, wheel.y);
   tse_real *const front = H[WHEEL_FRONT], *const rear = H[WHEEL_REAR];
   z[WHEEL_FRONT] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), radius), turns_front);
   z[WHEEL_REAR] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
   for (int j = 0; j < COLUMNS; j++) {
-    front[j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
-    rear[j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
+    front[j] = -r_mul(r_mul(along, loss_front), f->by_x[j]);
+    rear[j] = r_mul(r_mul(x[VX], loss_rear), f->by_x[j]);
   }
   for (int j = COLUMNS; j < PLACES; j++) front[j] = rear[j] = TSE_R(0);
   front[VX] += r_mul(forward, f->cos_d);

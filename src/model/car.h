@@ -42,7 +42,7 @@
  *               yaw_rate = scale_r r + b_r
  *   Speeds      w_f R_f = (v_x cos d + (v_y + lf r) sin d)(1 + s_f)(1 + rad)
  *                         (1 - give height_front a_x)
- *               w_r R_r = v_x (1 + s_r)(1 + give height_rear a_x)
+ *               w_r R_r = v_x (1 + s_r)(1 + give height_rear a_x), give: RADIUS_LOSS
  *
  * Slopes leave out load transfer, compliance, and the grip's effect on longitudinal
  * saturation. The model has no combined slip: with it, errors of the longitudinal model

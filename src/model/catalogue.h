@@ -102,7 +102,6 @@ static inline void relaxation_slip(const tse_real lag[4], point *pt)
   pt->s.a_rear = lag[1];
 }
 
-
 /* Return the rate of relaxation [1/s]. */
 static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
 {

@@ -7,12 +7,12 @@
 #include "model/state.h"
 #include "number/real_ops.h"
 
-#define GRAVITY TSE_R(9.81)     /* m/s2 */
+#define GRAVITY TSE_R(9.81) /* m/s2 */
 #define LOW_SPEED TSE_R(1.0) /* m/s: min speed in the denominator of slip and slip angles. Below it the tyre
                               * acts as a damper of its contact velocity (after Bernard & Clover, SAE
                               * 950311) */
-#define MAX_PULL TSE_R(10)     /* m/s2: max acceleration by tyres on a road; linear tyres would exceed it */
-#define MIN_SHARE_LEFT TSE_R(0.1)   /* 1: min share of load or stiffness after load transfer */
+#define MAX_PULL TSE_R(10) /* m/s2: max acceleration by tyres on a road; linear tyres would exceed it */
+#define MIN_SHARE_LEFT TSE_R(0.1) /* 1: min share of load or stiffness after load transfer */
 #define HALF_TURN TSE_R(3.141592653589793)
 #define TWO_PI TSE_R(6.283185307179586)
 #define PER_TURN TSE_R(0.15915494309189535)

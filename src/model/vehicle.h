@@ -9,8 +9,8 @@
 #include "model/laws.h"
 
 typedef struct inputs {
-  tse_real steer, v_front, v_rear;
-} inputs; /* [rad], R omega [m/s] */
+  tse_real steer, v_front, v_rear; /* [rad], R omega [m/s] */
+} inputs;
 
 typedef struct slips {
   tse_real s_front, s_rear;               /* [1]   longitudinal slip (3)  */
@@ -54,8 +54,8 @@ static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_
 }
 
 typedef struct accels {
-  tse_real x, y, yaw;
-} accels; /* specific force [m/s2], yaw acceleration [rad/s2] */
+  tse_real x, y, yaw; /* specific force [m/s2], yaw acceleration [rad/s2] */
+} accels;
 
 /* Compute the accelerations, (1), (2), with cos(delta) = 1, sin(delta) = delta. */
 static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, tse_real steer)
@@ -108,7 +108,7 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
  * stiffness) or becomes NaN stays finite. Magnitudes below MIN_MOTION become 0: decay
  * over minutes of straight driving ends in denormal numbers, which are slow and which
  * some machines flush. */
-#define MAX_SPEED TSE_R(200)   /* m/s */
+#define MAX_SPEED TSE_R(200) /* m/s */
 #define MAX_YAW_RATE TSE_R(20) /* rad/s */
 #define MIN_MOTION TSE_R(1e-12)
 

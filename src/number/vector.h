@@ -36,7 +36,7 @@
 #endif
 
 #define MAX_ROW 32 /* max elements of a row */
-#define ROW_UP 4    /* log2 of the scale of rows with small numbers */
+#define ROW_UP 4 /* log2 of the scale of rows with small numbers */
 
 /* Nonzero elements of a row, and their indices. */
 typedef struct r_sparse {
@@ -71,7 +71,7 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
 }
 
 /* Scaling by a power of two: only the fixed-point format scales rows. */
-static inline int r_scale_of(const tse_real *x, int n, int most) { return (void)x, (void)n, (void)most, 0; }
+static inline int r_scale_of(const tse_real *x, int n, int max) { return (void)x, (void)n, (void)max, 0; }
 static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
 static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
 static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (void)a, (void)up, x; }
@@ -82,20 +82,20 @@ static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); 
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
 /* Slopes of a transition in units of the state, by which rows are multiplied.
- *   r_slope_in_units  x to/over, limited to +-most. Factors: r_unit(), r_over_unit()
- *   r_short_over      x/over for an element of a row, limited to +-most
+ *   r_slope_in_units  x to/over, limited to +-max. Factors: r_unit(), r_over_unit()
+ *   r_short_over      x/over for an element of a row, limited to +-max
  *   r_slope_sums      to += slope rows (`stride` apart) times each of `together` rows
  * x */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
-static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most)
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real max)
 {
-  return r_clamp(r_mul(r_mul(x, to), over), -most, most);
+  return r_clamp(r_mul(r_mul(x, to), over), -max, max);
 }
-static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most)
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real max)
 {
-  return r_clamp(r_mul(x, over), -most, most);
+  return r_clamp(r_mul(x, over), -max, max);
 }
 static inline void r_slope_sums(
     tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
@@ -184,9 +184,9 @@ typedef struct r_divided {
 #define FIXED_WITHIN(x, bits) __ssat(x, bits)
 #else
 #define FIXED_WITHIN(x, bits) fixed_within(x, (int32_t)1 << ((bits) - 1))
-static inline int32_t fixed_within(int32_t x, int32_t most)
+static inline int32_t fixed_within(int32_t x, int32_t max)
 {
-  return x > most - 1 ? most - 1 : (x < -most ? -most : x);
+  return x > max - 1 ? max - 1 : (x < -max ? -max : x);
 }
 #endif
 
@@ -197,8 +197,8 @@ static inline int64_t fixed_shifted(int64_t x, int right)
 {
   if (right > 0) return right > 62 ? 0 : fixed_saturate(((x >> (right - 1)) + 1) >> 1);
   const int left = right < -59 ? 59 : -right;
-  const int64_t most = FIXED_MOST >> left;
-  return x > most ? FIXED_MOST : (x < -most ? -FIXED_MOST : x * ((int64_t)1 << left));
+  const int64_t max = FIXED_MOST >> left;
+  return x > max ? FIXED_MOST : (x < -max ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
 /* Return x 2^-right, rounded to nearest and saturated to a number of bits, those of a
@@ -211,8 +211,10 @@ static inline int32_t fixed_joined(int32_t high, uint32_t low, int right)
 {
   return (int32_t)(((uint32_t)high << (32 - right)) | (low >> right));
 }
+#define FIXED_HIGH_WORD(x, right) ((int32_t)(uint32_t)(fixed_half_up(x, right) >> 32))
 #define FIXED_NARROW_TO(x, right, bits) \
-  fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)(fixed_half_up(x, right) >> 32), (bits) + (right) - 32), (uint32_t)fixed_half_up(x, right), right)
+  fixed_joined(FIXED_WITHIN(FIXED_HIGH_WORD(x, right), (bits) + (right) - 32), \
+      (uint32_t)fixed_half_up(x, right), right)
 #define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
 
 /* Return the leading zeros of the magnitude, 1 .. 63. Bits of several numbers may be
@@ -306,12 +308,12 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
 
 /* Return the shift that brings the numbers to an eighth of the range of a row, and the
  * square root of a variance to a tenth or more. */
-static inline int r_scale_of(const tse_real *x, int n, int most)
+static inline int r_scale_of(const tse_real *x, int n, int max)
 {
   int64_t bits = 0;
   for (int i = 0; i < n; i++) bits |= fixed_bits_of(x[i]);
   const int up = fixed_zeros_of(bits) - 64 + FIXED_BITS + 2;
-  return up < most ? up : most;
+  return up < max ? up : max;
 }
 static inline int r_scale_of_variance(tse_real x)
 {
@@ -417,10 +419,10 @@ static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
 static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 {
   if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
-  const int32_t product = fixed_product_upper(x, a.m), most = MAX_SHORT >> -a.right;
-  const int32_t more = product > most
+  const int32_t product = fixed_product_upper(x, a.m), max = MAX_SHORT >> -a.right;
+  const int32_t more = product > max
       ? MAX_SHORT - 1
-      : (product < -most ? -MAX_SHORT : (int32_t)((uint32_t)product << -a.right));
+      : (product < -max ? -MAX_SHORT : (int32_t)((uint32_t)product << -a.right));
   return short_stop(y + more);
 }
 
@@ -440,17 +442,17 @@ static inline r_factored r_over_unit(tse_real unit)
   return part;
 }
 
-static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most)
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real max)
 {
   const int32_t moved = short_plus(0, x, to.m); /* half of the product */
   const int64_t product = fixed_product(moved, over.m);
-  return (void)most, FIXED_NARROW_TO(product, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
+  return (void)max, FIXED_NARROW_TO(product, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
 }
 
-static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most)
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real max)
 {
   const int64_t product = fixed_product(x, over.m);
-  return (void)most, FIXED_NARROW(product, ROW_UP + 23);
+  return (void)max, FIXED_NARROW(product, ROW_UP + 23);
 }
 
 static inline void r_slope_sums(
@@ -469,7 +471,7 @@ static inline void r_slope_sums(
  *   coefficient  units 2^-20, up to 1024
  *   number       units 2^-(SHORT_BITS + ROW_UP), up to 16
  *   rate         units 2^-SHORT_BITS, up to 256
- * At most 7 products, each below 2^60. */
+ * At max 7 products, each below 2^60. */
 typedef int32_t r_coefficient;
 typedef int64_t r_total;
 static inline r_coefficient r_coef(tse_real x) { return FIXED_NARROW(x, FIXED_BITS - COEF_BITS); }

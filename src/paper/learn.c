@@ -6,19 +6,19 @@
 
 #define RUN 64
 #define MIN_NU TSE_R(6) /* A and Sigma require nu > 4; reached only with a short memory and long time
-                           * steps */
+                         * steps */
 #define MIN_LOG2_KEPT TSE_R(-20) /* min log2 of the share that is kept */
-#define TINY TSE_R(1e-6 * 1e-6)  /* min pivot: rounding may give a pivot of 0 or less */
+#define TINY TSE_R(1e-6 * 1e-6) /* min pivot: rounding may give a pivot of 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
-#define TINY ((tse_real)16)      /* 16 steps of the format: a smaller value has no significant digit */
+#define TINY ((tse_real)16) /* 16 steps of the format: a smaller value has no significant digit */
 #endif
 
 /* Forgetting that depends on the innovations, if `forgetting_change` is below 1: */
-#define SLOW_TIME TSE_R(0.1)     /* s: time constant of the low-pass for innovations */
+#define SLOW_TIME TSE_R(0.1) /* s: time constant of the low-pass for innovations */
 #define USUAL_RATIO TSE_R(3) /* 1: ratio of their mean square to that of white noise, up to which lambda is
-                        * unchanged */
-#define LAMBDA_SLOPE TSE_R(0.05)        /* decrease of lambda per unit of the ratio above USUAL_RATIO */
+                              * unchanged */
+#define LAMBDA_SLOPE TSE_R(0.05) /* decrease of lambda per unit of the ratio above USUAL_RATIO */
 
 /* Draw Student-t variates for a run of particles. */
 static void draw_student(

@@ -3,10 +3,10 @@
  * predicted with the mean stiffness, and nothing is learnt from them. */
 #include "paper/paper.h"
 
-#define REVERSE_SPEED TSE_R(-0.1)   /* m/s, physics: a wheel that turns back more slowly stands still */
-#define EXCITATION_TIME TSE_R(0.1)  /* s: time constant of the low-pass for regressors */
+#define REVERSE_SPEED TSE_R(-0.1) /* m/s, physics: a wheel that turns back more slowly stands still */
+#define EXCITATION_TIME TSE_R(0.1) /* s: time constant of the low-pass for regressors */
 #define MAX_REGRESSOR TSE_R(1e6) /* 1, numerics: max regressor over its sensor's sd; its square fits a
-                                 * float */
+                                  * float */
 
 /* Kind of a row. */
 typedef struct row_kind {

@@ -1,9 +1,10 @@
-/* tests/unit/estimator/test_prepare.c <-> src/estimator/prepare.c */
+/* tests/unit/estimator/test_prepare.c <-> src/estimator/settings.c, latencies.c, prepare.c */
 #include "tables/constants.h"
 #include "filter/filter.h"
 #include "unit_support.h"
 #include "tables/rows.h"
 #include "tables/config.h"
+#include "tables/config_rows.h"
 
 #include <float.h>
 #include <stddef.h>
