@@ -178,7 +178,7 @@ static void test_simulator_names_lead_to_their_members(void)
   }
 }
 
-/* Ranges are those that the library enforces: of settings test_prepare.c and
+/* Ranges are those that the library enforces: of settings test_settings.c and
  * test_simulate.c ask, of rows test_input.c and test_simulate.c. */
 
 /* --------------------------------------------------------------------------------- statuses and reasons */

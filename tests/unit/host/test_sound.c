@@ -321,7 +321,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   ANY_SIGN(filter.k.agreement.smooth);
   NOT_NEGATIVE(filter.k.agreement.since);
   HELD(filter.k.agreement.moved, TSE_R(0), MOST_SQUARE);
-  WHOLE(filter.k.agreement.apart, 0, (1 << TSE_PAIRS) - 1);
+  WHOLE(filter.k.agreement.apart, 0, (1 << (TSE_PAIRS + 3)) - 1); /* pairs, then LATE_ACCEL ... */
   WHOLE(filter.k.agreement.off_scale, 0, 1);
   for (int c_ = 0; c_ < TSE_PAIRS; c_++) {
     NOT_NEGATIVE(filter.k.agreement.pair[c_].time);
