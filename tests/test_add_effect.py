@@ -1,5 +1,9 @@
-"""What a change touches: a new effect, threshold and output, each put into a copy of the sources, in the files that CONTRIBUTING
-names and no other; scripts/dev/tables.py writes the rest, and the library that is built of it has what is new."""
+"""Files that a change touches.
+
+A new effect, threshold and output are put into a copy of the sources, in the files that
+CONTRIBUTING names and no other. scripts/dev/tables.py writes the rest, and the library that
+is built of it has them.
+"""
 
 import re
 import shutil
@@ -8,6 +12,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from tse.library.files import read_toml
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
@@ -58,7 +64,8 @@ int main(void)
   tse_config_exact(&c);
   u.dt = 0.01;
   u.wheel_speed_front = u.wheel_speed_rear = 60;
-  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || tse_step(&p, &f, &u, &y) < 0) return 1;
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;
+  if (tse_step(&p, &f, &u, &y) < 0) return 1;
   for (int32_t i = 0; i < count; i++) {
     double x;
     memcpy(&x, (const char *)&y + row[i].offset, sizeof x);
@@ -76,6 +83,44 @@ def copy(tmp_path):
             ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("results", "__pycache__")
         )
     return tmp_path
+
+
+ESTIMATE = r"""
+static double front(double strength) /* cornering stiffness after 4 s of slalom */
+{
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_input u = { 0 };
+  tse_output y;
+  tse_config_exact(&c);
+  c.NAME_strength = strength;
+  u.dt = 0.01;
+  u.wheel_speed_front = u.wheel_speed_rear = 60;
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return -1;
+  for (int k = 0; k < 400; k++) {
+    u.steer_angle = 0.02 * ((k / 50) % 2 ? 1 : -1);
+    u.accel_y = 150 * u.steer_angle;
+    u.yaw_rate = 8 * u.steer_angle;
+    if (tse_step(&p, &f, &u, &y) < 0) return -1;
+  }
+  return y.stiffness[TSE_CY_FRONT];
+}
+
+int main(void)
+{
+  printf("%.17g %.17g\n", front(0.0), front(0.2));
+  return 0;
+}
+"""
+# What a hook's function may do, in place of its first body; without it, a call that has
+# no effect.
+ACTS = {
+    "CONSTANT": ("(void)c;", "c->mass += r_mul(c->mass, c->NAME_strength);"),
+    "INPUT": ("return steer;", "return steer + e->NAME_strength;"),
+    "BODY": ("(void)pt;", "pt->force.y += pt->p->effects.NAME_strength;"),
+    "SENSOR": ("(void)z;", "z->y[1] += z->pt->p->effects.NAME_strength;"),
+}
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -132,8 +177,11 @@ def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
         "out->n_eff = NEWS;\n  out->log_evidence = ",
     )
     assert written(copy) == ["src/tables/constants.h"]
-    subprocess.run(["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
-                   cwd=copy, check=True)  # fmt: skip
+    subprocess.run(
+        ["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
+        cwd=copy,
+        check=True,
+    )
 
 
 def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
@@ -154,7 +202,7 @@ def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     assert unit == "m/s" and float(x) == 2 * float(half) > 0
 
 
-# ---- scripts/dev/new_effect.py: what it makes builds without a warning in every hook, is off at 0, and waits for its formula.
+# ---- scripts/dev/new_effect.py: its skeleton builds without a warning in every hook
 
 
 UNITY = ROOT / ".venv" / "share" / "unity" / "src"
@@ -170,8 +218,19 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
     for hook in HOOKS:
         done = new_effect(copy, f"try_{hook.lower()}", "--hook", hook)
         assert done.returncode == 0, done.stderr
-    flags = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-DTSE_REAL_DOUBLE=1",
-             "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]  # fmt: skip
+    flags = [
+        "-std=c99",
+        "-fsyntax-only",
+        "-Wall",
+        "-Wextra",
+        "-Wconversion",
+        "-Wshadow",
+        "-Werror",
+        "-DTSE_REAL_DOUBLE=1",
+        "-DTSE_MAX_PARTICLES=64",
+        "-Iinclude",
+        "-Isrc",
+    ]
     subprocess.run(
         [
             "cc",
@@ -186,26 +245,69 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
     )
 
 
-def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):
-    if not UNITY.is_dir():
-        pytest.skip("Unity is not there: scripts/setup.sh")
-    done = new_effect(copy, "brake_pull", "--hook", "BODY", "--parameter", "arm", "--unit", "m", "--low", -0.5, "--high", 0.5,
-                      "--typical", 0.01, 0.05)  # fmt: skip
-    assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
+@pytest.mark.parametrize("hook", ACTS)
+def test_its_row_says_which_filters_use_it(copy, hook):
+    name = f"try_{hook.lower()}"
+    assert new_effect(copy, name, "--hook", hook).returncode == 0
+    laws = copy / "src" / "model" / ("effects_constant.h" if hook == "CONSTANT" else "catalogue.h")
+    before, mark, law = laws.read_text().partition(f"/* {name}: ")
+    stub, acts = ACTS[hook]
+    assert stub in law
+    laws.write_text(before + mark + law.replace(stub, acts.replace("NAME", name), 1))
+    without, with_it = said(copy, ESTIMATE.replace("NAME", name))
+    row = read_toml(copy / "src" / "tables" / "effects.toml")[name]
+    assert row["filter"] == ("none" if float(without) == float(with_it) else "both")
+    listed = (
+        (copy / "src" / "EQUATIONS.md").read_text().split("Not applied: ")[1].partition("Simulator and")[0]
+    )
+    assert (f"`{name}`" in listed) == (row["filter"] == "none")
+
+
+def its_test(copy: Path) -> str:
+    """Return the output of the test that new_effect.py has written for brake_pull."""
     sources = [str(p.relative_to(copy)) for p in sorted((copy / "src").rglob("*.c"))]
     test = copy / "tests/unit/model/test_effect_brake_pull.c"
     subprocess.run(
         ["cmake", f"-DSOURCE={test}", "-DRUNNER=run.c", "-P", "tests/unit/runner.cmake"], cwd=copy, check=True
     )
     subprocess.run(
-        ["cc", "-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc", "-Itests/unit",
+        ["cc", "-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-DUNITY_INCLUDE_DOUBLE",
+         "-Iinclude", "-Isrc", "-Itests/unit",
          f"-I{UNITY}", "run.c", str(UNITY / "unity.c"), *sources, "-lm", "-o", "run"],
         cwd=copy, check=True,
     )  # fmt: skip
-    said = subprocess.run([copy / "run"], capture_output=True, text=True).stdout
-    assert "2 Tests 1 Failures" in said and "write the formula of brake_pull" in said
+    return subprocess.run([copy / "run"], capture_output=True, text=True).stdout
+
+
+@pytest.mark.skipif(not UNITY.is_dir(), reason="Unity is not there: scripts/setup.sh")
+def test_its_test_fails_in_one_place_which_says_what_to_write_and_finds_a_jump_at_0(copy):
+    done = new_effect(
+        copy,
+        "brake_pull",
+        "--hook",
+        "BODY",
+        "--parameter",
+        "arm",
+        "--unit",
+        "m",
+        "--low",
+        -0.5,
+        "--high",
+        0.5,
+        "--typical",
+        0.01,
+        0.05,
+    )
+    assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
+    output = its_test(copy)
+    assert "2 Tests 1 Failures" in output and "write the formula of brake_pull" in output
     row = re.search(r"^\| brake_pull .*$", (copy / "src" / "EQUATIONS.md").read_text(), re.M)[0]
     assert "`brake_pull_body`" in row and "`test_brake_pull_does_what_its_equation_says`" in row
+    laws = copy / "src" / "model" / "catalogue.h"
+    before, mark, law = laws.read_text().partition("/* brake_pull: ")
+    laws.write_text(before + mark + law.replace("(void)pt;", "pt->force.y += TSE_R(1);", 1))
+    output = its_test(copy)
+    assert "2 Tests 2 Failures" in output and "test_brake_pull_vanishes_with_its_strength:FAIL" in output
 
 
 @pytest.mark.parametrize(

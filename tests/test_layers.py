@@ -89,8 +89,14 @@ FLOORS = [  # rooms of tse, each of which imports from those before it alone
     "gaps", "gaps.infer", "gaps.run", "runs", "streaming", "",
 ]  # fmt: skip
 COMMANDS = re.compile(r"tselab\.(?!montecarlo|fmu_)\w+")  # options in, messages out
+PUBLIC = {"tse", "tse.errors", "tse.files", "tse.tables"}  # modules that the command may import
+# The studies drive simulator, filter and rivals row by row. They are part of the package, not of the command
+# layer: `pip install` brings `tselab paper` and `tselab montecarlo`, which need no checkout.
+STUDIES = "tselab.montecarlo"
 LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
     ("tse._estimate", "tse.report.report"),
+    ("tse._simulate", "tse.report.report"),
+    ("tse.errors", "tse.library.core"),  # numpy, which --help of the command does without
     ("tse.library.processes", "tse.library"),  # in a function that is sent to the workers as code
     ("tse.runs.single", "tse.report.plots"),
     ("tse.runs.single", "tse.report.report"),
@@ -180,6 +186,24 @@ def test_rooms_stand_in_order_and_none_imports_from_a_later_one():
 def test_tse_does_not_know_the_command_nor_what_is_called_one():
     assert {(a, b) for a, b, _ in ARROWS if a.startswith("tse.") and b.startswith("tselab")} == set()
     assert {(a, b) for a, b, _ in ARROWS if COMMANDS.fullmatch(b) and not COMMANDS.fullmatch(a)} == set()
+
+
+def test_commands_import_the_public_api_alone():
+    """Also for types: what a command needs, tse offers to everybody."""
+    wrong = set()
+    for name, tree in TREES.items():
+        if name.partition(".")[0] != "tselab" or name.startswith(STUDIES):
+            continue
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                found = {a.name for a in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                modules = {f"{node.module}.{a.name}" for a in node.names}
+                found = {node.module, *(m for m in modules if m in TREES)}
+            else:
+                continue
+            wrong |= {(name, m) for m in found if m.partition(".")[0] == "tse" and m not in PUBLIC}
+    assert not wrong, "\n".join(f"{name} imports {other}" for name, other in sorted(wrong))
 
 
 def test_imports_stand_at_the_head_but_for_commands_and_what_few_need():

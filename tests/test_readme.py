@@ -64,12 +64,18 @@ def test_its_numbers_are_those_of_scripts_results():
     whole = cells("real.md", "genesis_cpg_fast | the log itself |")[3]
     assert f"{whole} kN/rad: not usable, and it says so" in facts
     assert cells("real.md", "genesis_cpg_fast | the log itself |")[4] == "0"
+    quiet = cells("real.md", "rav4_comma2k19 | as in the file |")[3]
+    assert (
+        f"{quiet} kN/rad: not usable, and it says so" in facts and f"gives {quiet} kN/rad in front" in README
+    )
     cost = cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].strip("*").replace(",", "")) for i in (0, 3, 5))
     assert (
         f"Cortex-M4F in float {row:,} instructions, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM"
         in facts
     )
+    state = int(cells("bench.md", "`tse_filter`: the default form |")[1].split()[0].replace(",", ""))
+    assert f"(the state of the default build: {state / 1000:.1f} kB)" in facts
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
     over = sorted(line.split("|")[4].strip() for line in loop)
@@ -324,3 +330,9 @@ def test_it_is_of_this_version_and_the_changelogs_day(said):
     assert said["date-released"].isoformat() == day
     licence = (ROOT / "LICENSE").read_text()
     assert said["license"] == "Apache-2.0" and "Apache License" in licence and "Version 2.0" in licence
+
+
+def test_its_prose_and_commands_fit_a_terminal():
+    """Tables, pictures and the program in C aside."""
+    text = re.sub(r"```c\n.*?```", "", README, flags=re.S)
+    assert [line for line in text.splitlines() if len(line) > 90 and not line.startswith(("|", "!["))] == []

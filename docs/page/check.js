@@ -1,9 +1,16 @@
-// check.js - do the channels agree with each other? The figures and the weighing of scripts/tse/channels/agree.py and logs/physics.py, whose
-// tables and constants are in PAGE.check; tests/page compares what the two say. The raster is made more simply here (means of the rows
-// around each point in place of splines), so figures agree to a per cent or so, not to the bit.
+// check.js - check whether the channels of a log agree with each other.
+//
+// This is a third implementation of scripts/tse/channels (agree.py, physics.py), with the
+// same tables and constants (PAGE.check). tests/page compares its warnings with those of
+// tselab. It leaves out:
+// - the checks of brake, wheel torques, velocities, course, delays and false stops,
+// - the check of the time of slow logs, and the search for a mistake in parts of a log,
+// - splines: the raster has means of the rows around each point, so figures agree within
+//   a few percent.
 
-// Channels on an even raster of PAGE.check.rate a second, as running means over PAGE.check.smooth: name -> Float64Array, NaN: missing.
-function smoothedChannels(rows) {
+// Return the channels on an even raster of PAGE.check.rate, Hz, as moving means over
+// PAGE.check.smooth: name -> Float64Array, NaN: missing.
+function smoothChannels(rows) {
   const P = PAGE.check,
     { time } = rows,
     first = time[0],
@@ -30,7 +37,7 @@ function smoothedChannels(rows) {
       }
       if (n) raster[k] = sum / n;
       else if (before >= 0) {
-        // rows are further apart than the raster: on the line to the next one
+        // rows are further apart than the raster: interpolate
         let next = at;
         while (next < time.length && !Number.isFinite(x[next])) next++;
         if (next < time.length && time[next] - time[before] <= longest) {
@@ -38,20 +45,20 @@ function smoothedChannels(rows) {
         }
       }
     }
-    out[name] = movingMean(raster, Math.max(1, Math.round(P.smooth * P.rate)));
+    out[name] = averageMoving(raster, Math.max(1, Math.round(P.smooth * P.rate)));
   }
   return out;
 }
 
-const meanOf = (x) => x.reduce((sum, v) => sum + v, 0) / x.length;
+const computeMean = (x) => x.reduce((sum, v) => sum + v, 0) / x.length;
 
-function deviation(x) {
-  const mean = meanOf(x);
+function computeDeviation(x) {
+  const mean = computeMean(x);
   return Math.sqrt(x.reduce((sum, v) => sum + (v - mean) ** 2, 0) / x.length);
 }
 
-// Of a longer log the part in which the car turns most, as tse.log.rows.select_liveliest(): enough to say what its channels are.
-function liveliest(rows, most) {
+// Return the part of a long log with most bends, as tse.log.rows.select_liveliest().
+function selectLiveliest(rows, most) {
   const n = rows.time.length;
   if (n <= most) return rows;
   const channel = rows.data[rows.data.yaw_rate.some(Number.isFinite) ? "yaw_rate" : "steer_angle"],
@@ -73,8 +80,9 @@ function liveliest(rows, most) {
   return { ...rows, time: rows.time.subarray(at, at + most), data };
 }
 
-// Means over n rows, NaN where more than half is missing, aligned as numpy.convolve(x, ones(n), "same") has them.
-function movingMean(x, n) {
+// Return means over n rows, NaN where more than half is missing. The alignment is that of
+// numpy.convolve(x, ones(n), "same").
+function averageMoving(x, n) {
   const sums = new Float64Array(x.length + 1),
     counts = new Int32Array(x.length + 1);
   for (let i = 0; i < x.length; i++) {
@@ -90,8 +98,8 @@ function movingMean(x, n) {
   });
 }
 
-// y by x where keep(i): {slope, corr}; too little to tell: corr 0.
-function fitOf(x, y, keep = () => true) {
+// Fit y = slope x + offset where keep(i): {slope, corr}. corr 0: too few rows.
+function fitLine(x, y, keep = () => true) {
   let n = 0,
     sx = 0,
     sy = 0;
@@ -119,8 +127,8 @@ function fitOf(x, y, keep = () => true) {
   return { slope: Math.sign(corr) * Math.sqrt(yy / xx), corr, rows: n, sd: Math.sqrt(yy / n) };
 }
 
-// numpy.gradient() per second of the raster.
-function slopeOf(x) {
+// Return the derivative, 1/s, as numpy.gradient().
+function differentiate(x) {
   const n = x.length,
     r = PAGE.check.rate;
   return x.map(
@@ -129,8 +137,9 @@ function slopeOf(x) {
   );
 }
 
-// The steering angle by curvature, as physics.steering(): {perCurvature, sd, share}, or null.
-function steeringFit(angle, v, yaw) {
+// Fit the steering angle over the curvature, as physics.fit_steering():
+// {perCurvature, sd, share}, or null.
+function fitSteering(angle, v, yaw) {
   const P = PAGE.check,
     y = [],
     c = [],
@@ -143,16 +152,16 @@ function steeringFit(angle, v, yaw) {
       v2.push(v[i] ** 2);
     }
   }
-  if (y.length < P.fewest || deviation(c) < 1e-5 || deviation(y) < 1e-9) return null;
+  if (y.length < P.fewest || computeDeviation(c) < 1e-5 || computeDeviation(y) < 1e-9) return null;
   const independent = Math.max(y.length / (2 * P.smooth * P.rate), 1),
-    my = meanOf(y),
-    yy = deviation(y) ** 2,
+    my = computeMean(y),
+    yy = computeDeviation(y) ** 2,
     tried = [];
   for (let g = 0; g <= 40; g++) {
     const k = P.understeer + (-3 + (8 * g) / 40) * P.understeerSd,
       x = c.map((value, i) => value * (1 + k * v2[i]));
-    const sx = deviation(x),
-      mx = meanOf(x);
+    const sx = computeDeviation(x),
+      mx = computeMean(x);
     if (sx < 1e-12) {
       tried.push({ k, slope: 0, share: 0 });
       continue;
@@ -184,16 +193,16 @@ function steeringFit(angle, v, yaw) {
   };
 }
 
-// Measured over expected with the speed v: name -> {value, sd}.
-function figuresOf(rows, d, v, car, tracks, wheels) {
+// Return the figures, measured over expected, at the speed v: name -> {value, sd}.
+function computeFigures(rows, d, v, car, tracks, wheels) {
   const P = PAGE.check,
     out = {},
     moving = (i) => Math.abs(v[i]) > P.moving;
   for (const [name, kinematic] of [
     ["accel_y", v.map((x, i) => x * d.yaw_rate[i])],
-    ["accel_x", slopeOf(v)],
+    ["accel_x", differentiate(v)],
   ]) {
-    const f = fitOf(kinematic, d[name], moving);
+    const f = fitLine(kinematic, d[name], moving);
     if (Math.abs(f.corr) > P.enough[name] - P.slack && f.sd > 0.02)
       out[name] = {
         value: f.slope,
@@ -201,7 +210,7 @@ function figuresOf(rows, d, v, car, tracks, wheels) {
         nearly: Math.abs(f.corr) <= P.enough[name],
       };
   }
-  const s = steeringFit(d.steer_angle, v, d.yaw_rate);
+  const s = fitSteering(d.steer_angle, v, d.yaw_rate);
   if (s && s.share > P.enough.steer_angle - P.slack && s.perCurvature !== 0)
     out.steer_angle = {
       value: s.perCurvature / (car.lf + car.lr),
@@ -219,8 +228,8 @@ function figuresOf(rows, d, v, car, tracks, wheels) {
   return out;
 }
 
-// The figures, if these causes are put right.
-function leftOf(figures, causes) {
+// Return the figures after correction of these causes.
+function applyCauses(figures, causes) {
   const by = { yaw_rate: 1, accel_y: 1, accel_x: 1, steer_angle: 1 };
   for (const c of causes) if (c.channel in by) by[c.channel] *= c.factor;
   const expected = {
@@ -233,17 +242,18 @@ function leftOf(figures, causes) {
   return Object.fromEntries(Object.entries(figures).map(([name, f]) => [name, f.value / expected[name]]));
 }
 
-function costOf(figures, causes) {
-  const left = leftOf(figures, causes);
+function computeCost(figures, causes) {
+  const left = applyCauses(figures, causes);
   return Object.entries(left).reduce(
     (sum, [n, x]) => sum + (Math.log(Math.abs(x)) / figures[n].sd) ** 2 + (x < 0 ? PAGE.check.wrongSign : 0),
     0,
   );
 }
 
-// The set of causes that costs least: {causes, cost, figures, plain}, or null where the log says nothing. `may(channel, unit)`: which are
-// weighed; `price(unit)` of each; `most`: at once, beside the wheels'; `without`: figures that say nothing here.
-function weigh(
+// Return the set of causes with min cost: {causes, cost, figures, plain}. Without
+// figures, no causes. `may(channel, unit)`: causes to try. `price(unit)`: their price.
+// `most`: max number beside that of the wheels. `without`: figures to ignore.
+function findBestCauses(
   rows,
   car,
   {
@@ -256,7 +266,7 @@ function weigh(
   } = {},
 ) {
   const P = PAGE.check,
-    d = smoothedChannels(liveliest(rows, P.mostRows));
+    d = smoothChannels(selectLiveliest(rows, P.mostRows));
   const front = d.wheel_speed_front.map((x) => x * car.wheel_radius_front),
     rear = d.wheel_speed_rear.map((x) => x * car.wheel_radius_rear);
   const v = front.map((x, i) => 0.5 * (x + rear[i])),
@@ -290,7 +300,7 @@ function weigh(
     .filter((c) => may(c.channel, c.unit));
   const tried = [null, ...ofWheels].map((wheels) => {
     const per = wheels?.factor ?? 1,
-      figures = figuresOf(
+      figures = computeFigures(
         rows,
         d,
         v.map((x) => x / per),
@@ -311,7 +321,7 @@ function weigh(
   for (const { wheels, figures } of tried) {
     for (const causes of sets) {
       const cost =
-        costOf(figures, causes) +
+        computeCost(figures, causes) +
         P.vanished * (largest - count(figures)) +
         causes.reduce((sum, c) => sum + price(c.unit), wheels ? price(wheels.unit) : 0);
       if (!causes.length && !wheels) plain = { cost, figures };
@@ -324,11 +334,11 @@ function weigh(
     : { causes: [], plain: {}, figures: {}, cost: 0, d, v, front, rear };
 }
 
-// What it costs that one channel is off by a factor that no unit has.
-function ofAnyFactor(figures) {
+// Return the cost of the best free factor on one channel, which is no known unit.
+function costFreeFactor(figures) {
   let least = Infinity;
   for (const channel of ["yaw_rate", "accel_y", "accel_x", "steer_angle"]) {
-    const turned = leftOf(figures, [{ channel, factor: Math.E }]);
+    const turned = applyCauses(figures, [{ channel, factor: Math.E }]);
     let up = 0,
       down = 0;
     for (const [n, f] of Object.entries(figures)) {
@@ -339,19 +349,19 @@ function ofAnyFactor(figures) {
     }
     if (down)
       for (const sign of [1, -1])
-        least = Math.min(least, costOf(figures, [{ channel, factor: sign * Math.exp(up / down) }]));
+        least = Math.min(least, computeCost(figures, [{ channel, factor: sign * Math.exp(up / down) }]));
   }
   return PAGE.check.odd + least;
 }
 
-// Least squares of y on two columns and a constant: {by, left: the variance of what is left, spread: that of the first column}; null
-// where there are too few rows.
-function regression(y, a, b, keep) {
+// Fit y by least squares on two columns and a constant: {by: coefficients, left: residual
+// variance, spread: variance of the first column}. null: too few rows.
+function regress(y, a, b, keep) {
   const rows = [...y.keys()].filter((i) => keep(i) && [y, a, b].every((x) => Number.isFinite(x[i])));
   if (rows.length < PAGE.check.fewest) return null;
   const [p, q, z] = [a, b, y].map((x) => {
     const own = rows.map((i) => x[i]),
-      mean = meanOf(own);
+      mean = computeMean(own);
     return own.map((v) => v - mean);
   });
   const dot = (u, v) => u.reduce((sum, value, i) => sum + value * v[i], 0);
@@ -365,32 +375,34 @@ function regression(y, a, b, keep) {
   const by = [(pz * qq - qz * pq) / det, (qz * pp - pz * pq) / det];
   return {
     by,
-    left: deviation(z.map((v, i) => v - by[0] * p[i] - by[1] * q[i])) ** 2,
+    left: computeDeviation(z.map((v, i) => v - by[0] * p[i] - by[1] * q[i])) ** 2,
     spread: pp / rows.length,
   };
 }
 
-// Each accelerometer reads what belongs to the other, in opposite ways; the wheels of one axle are those of one side, or one is left
-// and the other right (agree._turned(), _aside()).
-function misplaced(d, front, rear) {
+// Return warnings if the IMU is turned about the vertical, or if the wheels of one side
+// are taken for an axle (agree._check_turned_imu(), _check_mixed_sides()).
+function checkPlacement(d, front, rear) {
   const P = PAGE.check,
     v = front.map((x, i) => 0.5 * (x + rear[i])),
     turn = v.map((x, i) => x * d.yaw_rate[i]),
-    short = (x) => brief(x, 2);
+    short = (x) => formatNumber(x, 2);
   const moving = (i) => Math.abs(v[i]) > P.moving,
     out = [];
-  const x = regression(d.accel_x, slopeOf(v), turn, moving),
-    y = regression(d.accel_y, slopeOf(v), turn, moving);
+  const x = regress(d.accel_x, differentiate(v), turn, moving),
+    y = regress(d.accel_y, differentiate(v), turn, moving);
   if (x && y && Math.min(Math.abs(x.by[1]), Math.abs(y.by[0])) >= P.turned && x.by[1] * y.by[0] <= 0) {
     const degrees = ((Math.asin(Math.min(Math.max((x.by[1] - y.by[0]) / 2, -1), 1)) * 180) / Math.PI).toFixed(
       0,
     );
     out.push(
-      `check the axes: accel_x has ${short(x.by[1])} of speed x yaw_rate in it and accel_y ${short(y.by[0])} of the change of the speed: the IMU is turned about the vertical by ${degrees} degrees`,
+      `check the axes: accel_x has ${short(x.by[1])} of speed x yaw_rate in it and accel_y ` +
+        `${short(y.by[0])} of the change of the speed: the IMU is turned about the vertical by ` +
+        `${degrees} degrees`,
     );
   }
-  const slip = slopeOf(rear).map((s, i) => s * rear[i]);
-  const side = regression(
+  const slip = differentiate(rear).map((s, i) => s * rear[i]);
+  const side = regress(
     front.map((s, i) => s - rear[i]),
     d.yaw_rate,
     slip,
@@ -401,49 +413,53 @@ function misplaced(d, front, rear) {
       share = by / (by + side.left + 1e-12);
     if (share >= P.asideShare && Math.abs(side.by[0]) > P.aside[0] && Math.abs(side.by[0]) < P.aside[1]) {
       out.push(
-        `check the wheels: front less rear wheel speed is ${short(side.by[0])} m times yaw_rate, as left less right is: wheel_speed_front or _rear is of one side, or a left and a right wheel are one signal`,
+        `check the wheels: front less rear wheel speed is ${short(side.by[0])} m times yaw_rate, as ` +
+          "left less right is: wheel_speed_front or _rear is of one side, or a left and a right wheel " +
+          "are one signal",
       );
     }
   }
   return out;
 }
 
-// In what the channels contradict each other, in words; [] when they agree or move too little to tell (units.check_units()).
-function contradictions(rows, car, { ratio, tracks } = {}) {
+// Return warnings if the channels contradict each other, else [] (agree.check_units()).
+function checkUnits(rows, car, { ratio, tracks } = {}) {
   const P = PAGE.check;
   if (rows.time.length < 50 || !rows.sampleTime) return [];
-  const found = weigh(rows, car, { ratio, tracks }),
+  const found = findBestCauses(rows, car, { ratio, tracks }),
     { d, v } = found,
-    short = (x) => brief(x, 3);
+    short = (x) => formatNumber(x, 3);
   const typical = (x) => {
     const fast = Array.from(x, Math.abs).filter((s) => s > P.moving);
-    return fast.length ? median(fast) : 0;
+    return fast.length ? computeMedian(fast) : 0;
   };
   const out = [],
     a = typical(found.front),
     b = typical(found.rear);
   if (Math.min(a, b) > 0 && !(a / b > 0.8 && a / b < 1.25))
     out.push(
-      `check the units: front and rear wheels roll at ${short(a)} and ${short(b)} m/s; wheel_radius_* or one wheel speed is wrong`,
+      `check the units: front and rear wheels roll at ${short(a)} and ${short(b)} m/s; ` +
+        "wheel_radius_* or one wheel speed is wrong",
     );
   const moving = (i) => Math.abs(v[i]) > P.moving,
     turn = v.map((x, i) => x * d.yaw_rate[i]);
-  const x = fitOf(turn, d.accel_x, moving),
-    y = fitOf(turn, d.accel_y, moving),
-    along = fitOf(slopeOf(v), d.accel_y, moving);
+  const x = fitLine(turn, d.accel_x, moving),
+    y = fitLine(turn, d.accel_y, moving),
+    along = fitLine(differentiate(v), d.accel_y, moving);
   if (
     Math.abs(x.corr) > P.enough.accel_y &&
     Math.abs(y.corr) < 0.5 &&
     (Math.abs(along.corr) > 0.5 || !y.rows || Math.abs(y.corr) < 0.2)
   ) {
     out.push(
-      `check the axes: accel_x goes with speed x yaw_rate (correlation ${x.corr.toFixed(2)}, factor ${short(x.slope)}) and accel_y does not (${y.corr.toFixed(2)}): accel_x and accel_y are swapped`,
+      `check the axes: accel_x goes with speed x yaw_rate (correlation ${x.corr.toFixed(2)}, factor ` +
+        `${short(x.slope)}) and accel_y does not (${y.corr.toFixed(2)}): accel_x and accel_y are swapped`,
     );
   }
-  if (!out.length) out.push(...misplaced(d, found.front, found.rear));
+  if (!out.length) out.push(...checkPlacement(d, found.front, found.rear));
   if (out.length) return out;
-  if (found.causes.length && found.cost < ofAnyFactor(found.plain)) {
-    const after = leftOf(found.figures, found.causes),
+  if (found.causes.length && found.cost < costFreeFactor(found.plain)) {
+    const after = applyCauses(found.figures, found.causes),
       names = Object.keys(found.plain).filter(
         (n) =>
           n in after &&
@@ -451,25 +467,34 @@ function contradictions(rows, car, { ratio, tracks } = {}) {
             found.plain[n].value * after[n] < 0),
       );
     const fits = names.every((n) => Math.abs(Math.log(Math.abs(after[n]))) < P.well + 0.05);
+    const figures = names.map(
+      (n) => `${P.figures[n]} is ${short(found.plain[n].value)}, ${short(after[n])} after`,
+    );
     return [
-      `check the units: ${fits ? "" : "perhaps "}${found.causes.map((c) => c.text).join(" and ")}; factor ${found.causes.map((c) => short(c.factor)).join(", ")}: ${names.map((n) => `${P.figures[n]} is ${short(found.plain[n].value)}, ${short(after[n])} after`).join("; ")} (about 1 is expected)`,
+      `check the units: ${fits ? "" : "perhaps "}${found.causes.map((c) => c.text).join(" and ")}; ` +
+        `factor ${found.causes.map((c) => short(c.factor)).join(", ")}: ` +
+        `${figures.join("; ")} (about 1 is expected)`,
     ];
   }
+  const far = (x) => Math.abs(Math.log(Math.abs(x)));
+  const braking = (n, f) =>
+    n === "steer_angle" && far(f.value) < P.handling ? ", perhaps braking in bends does" : "";
   return Object.entries(found.plain)
-    .filter(([, f]) => Math.abs(Math.log(Math.abs(f.value))) > P.far + 2 * f.sd)
+    .filter(([, f]) => far(f.value) > P.far + 2 * f.sd)
     .map(
       ([n, f]) =>
-        `check the units: ${P.figures[n]} is ${short(f.value)} times what is expected, about 1 is; no unit that is often mixed up explains it${n === "steer_angle" && Math.abs(Math.log(Math.abs(f.value))) < P.handling ? ", perhaps braking in bends does" : ""}`,
+        `check the units: ${P.figures[n]} is ${short(f.value)} times what is expected, about 1 is; ` +
+        `no unit that is often mixed up explains it${braking(n, f)}`,
     );
 }
 
-// Units and signs of channels of which neither file nor name says the unit, by what the rows have to do with each other: causes.
-// The steering angle is left out: its ratio is unknown, and guessed for itself (map.js).
-function unitsByRows(rows, car, open) {
+// Return units and signs, as causes, of channels whose unit is in neither file nor name.
+// The steering angle is ignored: its ratio is unknown, and is estimated in map.js.
+function guessUnits(rows, car, open) {
   if (rows.time.length < 50 || !rows.sampleTime) return [];
   const P = PAGE.check,
-    may = (channel, unit) => open.has(channel) && (channel !== "wheel_speed" || unit !== ""); // a radius is no unit
-  return weigh(rows, car, {
+    may = (channel, unit) => open.has(channel) && (channel !== "wheel_speed" || unit !== "");
+  return findBestCauses(rows, car, {
     may,
     price: (unit) => (unit ? P.unsaid : P.price),
     most: 3,

@@ -1,5 +1,7 @@
-// core.js - the library in this page: its tables, settings, filters and cars. Nothing of its structs is typed here: names, ranges,
-// units and offsets are read from its own tables (include/tse/describe.h), as scripts/tse/library/core.py does.
+// core.js - the library in this page: its tables, settings, filters and cars.
+//
+// Names, ranges, units and offsets of its structs are read from its own tables
+// (include/tse/describe.h), as in scripts/tse/library/core.py.
 
 const LAYOUT = [
   "name",
@@ -41,7 +43,7 @@ const NOMINAL = {
 class Library {
   constructor(instance) {
     this.c = instance.exports;
-    this.memory = new DataView(this.c.memory.buffer); // it never grows: all memory is static
+    this.memory = new DataView(this.c.memory.buffer); // all memory is static, so the buffer stays valid
     this.f64 = new Float64Array(this.c.memory.buffer);
     this.i32 = new Int32Array(this.c.memory.buffer);
     const at = this.c.page_layout();
@@ -50,7 +52,7 @@ class Library {
       Object.entries(TABLES).map(([name, which]) => [name, this.fields(which)]),
     );
     this.groups = [0, 1, 2].map((k) => this.names(this.c.page_group(k))); // vehicle, what may be off, sensors
-    // those that every log has; what stands behind `missing` counts where it is given, which the page never does
+    // channels of every log; the optional ones after `missing` are not used by the page
     this.channels = this.tables.input.filter(
       (f) => f.name !== "dt" && f.offset < this.field("input", "missing").offset,
     );
@@ -114,16 +116,16 @@ class Library {
   }
 }
 
-// Whether a value stands for a setting that is not set: a default outside the range.
+// Return whether a setting is not set: its value is a default outside the range.
 const isUnset = (f, value) => value === f.def && value < f.lo;
 const mayBeUnset = (f) => f.def < f.lo;
 
-function rangeText(f) {
+function formatRange(f) {
   const unit = f.unit === "" || f.unit === "1" ? "" : ` ${f.unit}`;
-  return f.hi >= f.lo ? `${brief(f.lo)} .. ${brief(f.hi)}${unit}` : "any";
+  return f.hi >= f.lo ? `${formatNumber(f.lo)} .. ${formatNumber(f.hi)}${unit}` : "any";
 }
 
-// A setting that the library refuses, with `setting`, its name.
+// Error of a setting that the library refuses. `setting`: its name.
 class Refused extends Error {
   constructor(text, setting) {
     super(text);
@@ -131,7 +133,7 @@ class Refused extends Error {
   }
 }
 
-// Settings, a filter and a simulated car, with memory of their own.
+// Settings, a filter and a simulated car, with their own memory.
 class Desk {
   constructor(lib, k) {
     this.lib = lib;
@@ -176,12 +178,12 @@ class Desk {
     else this.lib.f64[p.at >> 3] = value;
   }
 
-  // All settings as the library has them: an ordinary car (src/tables/uncalibrated.toml), whose mass is not known.
+  // Set the defaults: an ordinary car (src/tables/uncalibrated.toml) of unknown mass.
   defaults() {
     this.lib.c.page_defaults(this.base);
   }
 
-  // The simulator's car, known exactly.
+  // Set the car of the simulator, known exactly.
   exact() {
     this.lib.c.page_exact(this.base);
   }
@@ -190,7 +192,7 @@ class Desk {
     return Object.fromEntries(this.lib.tables.config.map((f) => [f.name, this.get(f.name)]));
   }
 
-  // The same, with what the filter takes for those that are not set.
+  // Return all settings, with the values that the filter uses for those not set.
   completed() {
     const before = this.settings();
     this.lib.c.page_complete(this.base);
@@ -207,7 +209,8 @@ class Desk {
       const f = this.lib.tables[table].find((x) => x.name === name);
       if (f)
         throw new Refused(
-          `${name} = ${brief(this.get(name, table))} is refused; allowed: ${rangeText(f)} (${f.text})`,
+          `${name} = ${formatNumber(this.get(name, table))} is refused; allowed: ${formatRange(f)} ` +
+            `(${f.text})`,
           name,
         );
     }
@@ -218,7 +221,7 @@ class Desk {
     this.check(this.lib.c.page_start(this.base));
   }
 
-  // Row i of what goes in next: dt, and the channels in the order of tse/input.h; NaN is missing.
+  // Write input row i: dt, and the channels in the order of tse/input.h. NaN: missing.
   put(i, dt, values) {
     const f64 = this.lib.f64,
       at = this.row + i * (this.lib.layout.inputBytes >> 3);
@@ -226,7 +229,8 @@ class Desk {
     for (let k = 0; k < values.length; k++) f64[at + this.inputs[k]] = values[k];
   }
 
-  // Rows 0 .. n - 1. Of a refused row the estimates are NaN, its status says why.
+  // Run rows 0 .. n - 1. The estimates of a refused row are NaN, with the reason as
+  // status.
   step(n) {
     const { f64, i32 } = this.lib,
       bytes = this.lib.layout.outputBytes;
@@ -239,7 +243,7 @@ class Desk {
     this.lib.c.page_step(this.base, n);
   }
 
-  // One output of row i.
+  // Return one output of row i.
   output(name, i = 0) {
     const o = this.byName[name],
       at = this.out + i * this.lib.layout.outputBytes;
@@ -250,7 +254,7 @@ class Desk {
     this.check(this.lib.c.page_sim_start(this.base));
   }
 
-  // The car one row on; it is then row 0 of what goes in.
+  // Simulate one row; it becomes input row 0.
   simStep() {
     const status = this.lib.c.page_sim_step(this.base);
     if (status < 0) throw new Error(`the simulator refused a row: ${this.lib.statusText(status)}`);
@@ -261,8 +265,8 @@ class Desk {
   }
 }
 
-// A number for people.
-function brief(x, digits = 4) {
+// Return a number as text, rounded.
+function formatNumber(x, digits = 4) {
   if (!Number.isFinite(x)) return "–";
   const text =
     Math.abs(x) >= 1e6 || (x !== 0 && Math.abs(x) < 1e-3)

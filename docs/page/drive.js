@@ -1,14 +1,15 @@
-// drive.js - the second pane: the car of the simulator (src/host/simulate.c), driven by whoever looks, and the filter beside it.
+// drive.js - the second pane: the user drives the simulated car (src/host/simulate.c).
 
-const STEP = 0.01; // s between rows, as the filter is tuned
-const MOST_STEER = 6; // degrees at the road wheels: at 72 km/h that is beyond what dry tyres hold
-const STEER_RATE = 8; // degrees/s of the keys
-const FRAME = 0.05; // s: a page that was slower than this drives slower than life, and does not catch up
-const SHOWN = 25; // s in the charts
-const LONGEST_DRIVE = 600; // s: it starts over by itself no more than this; memory is 60 000 rows
-// Stiffness beside a dry road's, and the friction coefficient at which tyres slide, for whoever asks for it: the order of what tyres
-// show. Without it tyres are linear, and what the filter looks for is the truth that is shown; with it their force per slip is less
-// than that the more they slip, and the filter finds what there is.
+const STEP = 0.01; // s between rows, for which the filter is tuned
+const MOST_STEER = 6; // degrees at the road wheels: at 72 km/h dry tyres slide
+const STEER_RATE = 8; // degrees/s by the arrow keys
+const FRAME = 0.05; // s: max time step of the page; a slower page drives slower than real time
+const SHOWN = 25; // s shown in the charts
+const LONGEST_DRIVE = 600; // s: max duration; the memory holds 60 000 rows
+// By road: stiffness over that of a dry road, and the optional friction coefficient,
+// typical values. Without friction the tyres are linear, and the true stiffness is that
+// of the settings. With it the force per slip decreases with slip, and so does the
+// estimate.
 const ROADS = [
   ["dry", 1.0, 1.0],
   ["wet", 0.75, 0.7],
@@ -55,7 +56,8 @@ class DrivePane {
     document.addEventListener("keyup", (e) => this.key(e, false));
     this.chart = new Chart($("drive-chart"), {
       label:
-        "Stiffness with its 95 % interval beside the truth, the sideslip angle, and the probabilities of what happened",
+        "Stiffness with its 95 % interval beside the truth, the sideslip angle, and the " +
+        "probabilities of what happened",
       live: SHOWN,
       time: () => ({ t: this.t, n: this.n }),
       panels: this.panels(),
@@ -66,7 +68,7 @@ class DrivePane {
   }
 
   panels() {
-    const all = panelsOf(
+    const all = makePanels(
       this.lib,
       () => this.columns,
       (s) => this.columns[`true_${s}`],
@@ -91,7 +93,7 @@ class DrivePane {
     return this.lib.tables.reason.find((f) => f.offset === code)?.name ?? "row refused";
   }
 
-  // A car at its start, and a filter that knows nothing of its tyres but the nominal values.
+  // Reset car and filter; the filter starts at the nominal stiffness.
   begin() {
     const { desk } = this,
       speed = 20;
@@ -154,22 +156,23 @@ class DrivePane {
     if (this.going) requestAnimationFrame((next) => this.frame(next));
   }
 
-  // What the driver does now: {steer rad, force N}.
+  // Return the inputs of the driver: {steer, rad, force, N}.
   driver() {
     const t = this.n * STEP,
       car = this.desk,
       v = this.n ? car.sim("true_vel_x") : 20;
     if ($("auto").checked) {
-      const grip = Number($("level").value) < 0.5 ? 0.5 : 1; // gently, where it is slippery
+      const grip = Number($("level").value) < 0.5 ? 0.5 : 1; // less on a slippery road
       $("steer").value =
         (180 / Math.PI) * 0.03 * grip * Math.sin(2 * Math.PI * 0.4 * t) * (0.6 + 0.4 * Math.sin(0.7 * t));
-      const target = 20 + 2.5 * Math.sin((2 * Math.PI * t) / 9); // speeds up and slows down: without force there is no slip to see
+      // the speed varies: without force there is no slip
+      const target = 20 + 2.5 * Math.sin((2 * Math.PI * t) / 9);
       $("pedal").value = Math.max(-1, Math.min(1, (PAGE.rules.speedGain * (target - v)) / 4));
     } else {
       const hold = (key) => this.keys.has(key);
       if (hold("ArrowLeft") || hold("ArrowRight"))
         $("steer").value = Number($("steer").value) + (hold("ArrowLeft") ? 1 : -1) * STEER_RATE * STEP;
-      else if (this.steered) $("steer").value = Number($("steer").value) * (1 - 3 * STEP); // let go: it goes back
+      else if (this.steered) $("steer").value = Number($("steer").value) * (1 - 3 * STEP); // self-aligning
       if (hold("ArrowUp") || hold("ArrowDown")) $("pedal").value = hold("ArrowUp") ? 0.6 : -0.7;
       else if (this.pedalled) $("pedal").value = 0;
     }
@@ -183,7 +186,8 @@ class DrivePane {
 
   key(e, down) {
     if (!e.key.startsWith("Arrow") || $("pane-drive").hidden || e.altKey || e.ctrlKey || e.metaKey) return;
-    if (e.target.matches?.("select, input:not(#steer, #pedal), [role=tab]")) return; // these have their own use for them
+    // other controls use the arrow keys themselves
+    if (e.target.matches?.("select, input:not(#steer, #pedal), [role=tab]")) return;
     e.preventDefault();
     if (!down) {
       this.keys.delete(e.key);
@@ -205,7 +209,7 @@ class DrivePane {
       b.setAttribute("aria-pressed", String(which !== null && b.textContent === which[0]));
   }
 
-  // One row on: the driver, the car, what it logs, the filter.
+  // Make one row: driver, car, log, filter.
   row() {
     const { desk } = this,
       d = this.driver(),
@@ -257,7 +261,7 @@ class DrivePane {
       c[name][i] = desk.output(name);
     c.true_sideslip[i] = vx === 0 && vy === 0 ? 0 : Math.atan2(vy, vx);
     for (const f of this.lib.channels) c[`row_${f.name}`][i] = desk.sim(f.name);
-    const p = this.pose; // for the picture only
+    const p = this.pose; // pose of the car in the picture
     p.x += STEP * (vx * Math.cos(p.heading) - vy * Math.sin(p.heading));
     p.y += STEP * (vx * Math.sin(p.heading) + vy * Math.cos(p.heading));
     p.heading += STEP * desk.sim("true_yaw_rate");
@@ -303,7 +307,7 @@ class DrivePane {
     const now = performance.now();
     if (now - (this.said ?? -1e9) < 150 && this.going) return;
     this.said = now;
-    cardsOf(
+    showCards(
       $("drive-cards"),
       (name) => this.at(name),
       (s) => this.at(`true_${s}`),
@@ -311,11 +315,11 @@ class DrivePane {
     );
     const time = this.t[this.n - 1];
     $("drive-state").textContent =
-      this.n > 1 ? `${time.toFixed(1)} s. ${changeText((name) => this.at(name), time)}` : "Press Start.";
+      this.n > 1 ? `${time.toFixed(1)} s. ${describeChange((name) => this.at(name), time)}` : "Press Start.";
     $("keep").disabled = this.n < 200;
   }
 
-  // The car from above, its nose up; the path that it came, by road.
+  // Draw the car from above, front up, and its path in the colours of the roads.
   look() {
     const view = $("view"),
       ratio = window.devicePixelRatio || 1,
@@ -387,7 +391,7 @@ class DrivePane {
       wheel(-lr, side, 0);
     }
     const arrow = (angle, color, dash) => {
-      // where the centre of gravity goes
+      // velocity of the centre of gravity
       const long = 3 + 0.25 * Math.abs(this.desk.sim("true_vel_x"));
       g.strokeStyle = ink(color);
       g.lineWidth = 0.22;
@@ -412,7 +416,7 @@ class DrivePane {
     g.textAlign = "left";
   }
 
-  // The rows of this drive into the other pane.
+  // Hand the rows of this drive to the other pane.
   keep() {
     if (this.going) this.toggle();
     const n = this.n,
@@ -420,7 +424,7 @@ class DrivePane {
     const rows = { name: "drive", time: part(this.t), data: {}, truth: {}, notes: [], sampleTime: null };
     for (const f of this.lib.channels) rows.data[f.name] = part(this.columns[`row_${f.name}`]);
     for (const s of STIFFNESS) rows.truth[s] = part(this.columns[`true_${s}`]);
-    rows.sampleTime = median(differences(rows.time));
+    rows.sampleTime = computeMedian(computeSteps(rows.time));
     this.adopt(rows, this.desk.settings());
   }
 }

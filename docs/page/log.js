@@ -6,8 +6,8 @@ const make = (tag, properties = {}, ...children) => {
   node.append(...children);
   return node;
 };
-const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
-const NAMES = Object.fromEntries(Object.entries(PAGE.names).map(([s, name]) => [s, capital(name)]));
+const capitalize = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+const NAMES = Object.fromEntries(Object.entries(PAGE.names).map(([s, name]) => [s, capitalize(name)]));
 const SHORT = { cx_front: "Cx front", cy_front: "Cy front", cy_rear: "Cy rear" };
 const REGIMES = [
   ["p_steady", "tyres as before", "good"],
@@ -25,13 +25,15 @@ const CHANGES = [
   "all was started over",
 ];
 
-// What stands above an answer that the command would give otherwise.
+// Note above an estimate that differs from that of the command
 const ITSELF =
-  "The car is taken as an ordinary one of its mass and axles. `tselab estimate` and Python calibrate such a car on the log first, " +
+  "Not calibrated on this log: the car is taken as an ordinary one of its mass and axles. " +
+  "`tselab estimate` and Python calibrate it first, " +
   "so theirs is surer and some percent off this one; --no-calibrate gives these numbers.";
 
-// The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
-function panelsOf(lib, columns, truth, reason, height) {
+// Return the panels of a chart over a growing table. columns(): name -> values. truth(s):
+// true stiffness, or null.
+function makePanels(lib, columns, truth, reason, height) {
   const unit = (s) => `k${lib.field("config", NOMINAL[s]).unit}`;
   const panels = ["cy_front", "cy_rear", "cx_front"].map((s) => ({
     title: NAMES[s],
@@ -58,8 +60,8 @@ function panelsOf(lib, columns, truth, reason, height) {
   ];
 }
 
-// What the estimates of the last row say: a card a stiffness.
-function cardsOf(host, at, truth, share, contradicted = false) {
+// Show the estimates of the last row, one card per stiffness.
+function showCards(host, at, truth, share, contradicted = false) {
   host.replaceChildren(
     ...["cy_front", "cy_rear", "cx_front"].map((s) => {
       const valid = at(`${s}_valid`) && !contradicted,
@@ -73,7 +75,8 @@ function cardsOf(host, at, truth, share, contradicted = false) {
         make("span", {
           textContent: contradicted
             ? "not usable: the channels contradict each other"
-            : `${valid ? "valid" : `not valid: ${at(`${s}_reason`)}`}${share ? `; valid in ${share(s)} of the rows` : ""}`,
+            : (valid ? "valid" : `not valid: ${at(`${s}_reason`)}`) +
+              (share ? `; valid in ${share(s)} of the rows` : ""),
         }),
       );
       if (known !== null)
@@ -83,14 +86,17 @@ function cardsOf(host, at, truth, share, contradicted = false) {
   );
 }
 
-// The last change, in a sentence; "" while there was none.
-function changeText(at, time) {
+// Return the last change in a sentence.
+function describeChange(at, time) {
   const kind = at("change_kind");
   if (!kind) return "No change of the tyres or the road was found so far.";
   const ratio = ["cx_front", "cy_front", "cy_rear"]
     .map((s) => `${SHORT[s]} × ${tidy(at(`change_${s}`), 3)}`)
     .join(", ");
-  return `Last change: ${CHANGES[kind] ?? `kind ${kind}`} at ${tidy(time - at("change_age"), 5)} s, probability ${Math.round(100 * at("change_probability"))} %: ${ratio}.`;
+  return (
+    `Last change: ${CHANGES[kind] ?? `kind ${kind}`} at ${tidy(time - at("change_age"), 5)} s, ` +
+    `probability ${Math.round(100 * at("change_probability"))} %: ${ratio}.`
+  );
 }
 
 class LogPane {
@@ -108,7 +114,7 @@ class LogPane {
       ratioSd: null,
       plainRatioSd: null,
     });
-    this.said = new Map(); // settings that somebody said, by hand or by a vehicle file: no rule changes them
+    this.said = new Map(); // settings by the user or the vehicle file, which rules keep
     this.driven = DRIVEN.front;
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
@@ -149,20 +155,20 @@ class LogPane {
       this.show();
     };
     $("save-est").onclick = () =>
-      this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
-    $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
-    $("save-car").onclick = () => save([vehicleOf(this.used, "the car of the page")], "vehicle.toml");
+      this.guarded(async () => save(await formatCsv(this.table, makeBreather()), `${this.stem()}.est.csv`));
+    $("save-log").onclick = () => save([formatLog(this.rows, lib)], "log.csv");
+    $("save-car").onclick = () => save([formatVehicle(this.used, "the car of the page")], "vehicle.toml");
     if (PAGE.toml) {
       $("load-car").hidden = false;
       $("car-file").onchange = () => $("car-file").files[0] && this.openCar($("car-file").files[0]);
     }
     $("known").value = "1";
     this.settings();
-    if (innerWidth < 760) $("vehicle-more").open = false; // on a phone the results are far down else
+    if (innerWidth < 760) $("vehicle-more").open = false; // so that results are not far down on a phone
     this.chart = new Chart($("chart"), {
       label: "Stiffness with its 95 % interval, validity and the probabilities of what happened, over time",
       time: () => (this.table ? { t: this.table.time, n: this.table.rows } : { t: [], n: 0 }),
-      panels: panelsOf(
+      panels: makePanels(
         lib,
         () => this.table?.columns ?? {},
         (s) => this.rows?.truth?.[s] ?? null,
@@ -238,7 +244,7 @@ class LogPane {
               input,
               make("i", { textContent: f.unit === "1" ? "" : f.unit }),
             ),
-            make("small", { id: `${id}-text`, textContent: `${f.text}; ${rangeText(f)}` }),
+            make("small", { id: `${id}-text`, textContent: `${f.text}; ${formatRange(f)}` }),
           ),
         );
       }
@@ -257,29 +263,30 @@ class LogPane {
     this.complain(null, "car-wrong");
   }
 
-  // In an empty field: what the filter takes for a setting that is not set, by mass and axles as they are now.
+  // Show the value of an unset setting in its empty field, by the present mass and axles.
   hint() {
     const made = this.car();
     for (const [name, input] of this.fields) {
       if (mayBeUnset(this.lib.field("config", name)))
-        input.placeholder = name === "mass" ? "not known" : brief(made[name]);
+        input.placeholder = name === "mass" ? "not known" : formatNumber(made[name]);
     }
   }
 
-  // One setting from its field. false: it cannot be.
+  // Read a setting from its field; return false if it is refused.
   read(name) {
     const input = this.fields.get(name),
       f = this.lib.field("config", name),
       value = input.value === "" ? (mayBeUnset(f) ? f.def : NaN) : Number(input.value);
     const fine = (value >= f.lo && value <= f.hi) || isUnset(f, value);
-    input.setCustomValidity(fine ? "" : `allowed: ${rangeText(f)}`);
+    input.setCustomValidity(fine ? "" : `allowed: ${formatRange(f)}`);
     if (fine) input.removeAttribute("aria-invalid");
     else input.setAttribute("aria-invalid", "true");
     this.complain(
       fine
         ? null
         : new Refused(
-            `${name.replaceAll("_", " ")}: ${input.value === "" ? "is empty" : brief(value)}; allowed: ${rangeText(f)} (${f.text})`,
+            `${name.replaceAll("_", " ")}: ${input.value === "" ? "is empty" : formatNumber(value)}; ` +
+              `allowed: ${formatRange(f)} (${f.text})`,
             name,
           ),
       "car-wrong",
@@ -293,7 +300,7 @@ class LogPane {
     return this.desk.completed();
   }
 
-  // How well the car is known: exactly, or as one that nobody has calibrated, whose sensors are ordinary ones, too.
+  // Set how well the car is known: exactly, or uncalibrated with ordinary sensors.
   tell(uncalibrated) {
     $("known").value = uncalibrated ? "1" : "0";
     this.plainRatioSd = null; // steer_ratio_sd before loosen()
@@ -309,7 +316,8 @@ class LogPane {
     for (const name of names) this.desk.set(name, from[name]);
   }
 
-  // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tse/car/vehicle.py).
+  // Set what the page does not show. For a car that is not known exactly, these are the
+  // values of its class (filter_values() in scripts/tse/car/vehicle.py).
   prior() {
     const shown = this.desk.settings(),
       names = this.lib.groups.flat();
@@ -323,12 +331,12 @@ class LogPane {
     for (const name of names) this.said.delete(name);
   }
 
-  // Rules leave alone what somebody said.
+  // Restore the settings of the user after a rule.
   repeat() {
     for (const [name, value] of this.said) this.desk.set(name, value);
   }
 
-  // Stiffness and inertia of the class, by the mass and axles that are said, whenever that is.
+  // Set stiffness and inertia of the class, by mass and axles.
   byRule() {
     for (const name of this.lib.groups[0].filter((n) => /_stiffness_|^yaw_inertia$/.test(n)))
       this.desk.set(name, 0);
@@ -339,7 +347,8 @@ class LogPane {
     return this.guarded(async () => {
       if (!PAGE.toml)
         throw new Wrong(
-          `${file.name}: this copy of the page was built without its reader of vehicle files (npm was not there)`,
+          `${file.name}: this copy of the page was built without its reader of vehicle files (npm ` +
+            "was not there)",
         );
       let said;
       try {
@@ -351,7 +360,8 @@ class LogPane {
         missing = PAGE.rules.required.filter((n) => !(n in said));
       if (missing.length)
         throw new Wrong(
-          `${file.name}: key ${missing.join(", ")} is missing (allowed: ${missing.map((n) => `${n}: ${rangeText(this.lib.field("config", n))}`).join("; ")})`,
+          `${file.name}: key ${missing.join(", ")} is missing (allowed: ` +
+            `${missing.map((n) => `${n}: ${formatRange(this.lib.field("config", n))}`).join("; ")})`,
         );
       const values = {},
         unknown = [];
@@ -365,7 +375,8 @@ class LogPane {
             const f = this.lib.field("config", key);
             if (!(Number(value) >= f.lo && Number(value) <= f.hi))
               throw new Wrong(
-                `${file.name}: key ${where}${key} = ${value} is refused; allowed: ${rangeText(f)} (${f.text})`,
+                `${file.name}: key ${where}${key} = ${value} is refused; allowed: ${formatRange(f)} ` +
+                  `(${f.text})`,
               );
             values[key] = Number(value);
           } else if (where || !(PAGE.rules.descriptive.includes(key) || typeof value === "object"))
@@ -399,7 +410,7 @@ class LogPane {
       $("mapping").hidden = true;
       this.said.clear();
       this.driven = DRIVEN.front;
-      const rows = exampleOf(this.desk);
+      const rows = makeExample(this.desk);
       $("known").value = "0";
       this.show();
       await this.run(rows);
@@ -409,20 +420,20 @@ class LogPane {
   async open(file) {
     await this.halt();
     this.file = this.ratioSd = null;
-    $("found").hidden = true; // of another log
+    $("found").hidden = true; // results of another log
     $("run").disabled = true;
     $("mapping").hidden = true;
     this.notes([]);
     await this.guarded(async () => {
       this.say(`reading ${file.name}`);
       const bytes = new Uint8Array(await file.arrayBuffer()),
-        breathe = breather((what, share) => this.say(`${what}: ${Math.round(100 * share)} %`));
+        breathe = makeBreather((what, share) => this.say(`${what}: ${Math.round(100 * share)} %`));
       const isParquet = bytes.length > 8 && String.fromCharCode(...bytes.subarray(0, 4)) === "PAR1";
       const table = isParquet
         ? await readParquet(file.name, bytes, breathe)
         : await readText(file.name, bytes, breathe);
       this.file = { table, ...propose(table, this.lib) };
-      this.desk.defaults(); // the car before may have been the simulator's
+      this.desk.defaults(); // the last car may be that of the simulator
       this.tell(true);
       this.byRule();
       this.mapping();
@@ -433,28 +444,28 @@ class LogPane {
       if (said) $("map-hint").prepend(`${said} `);
       const rows = this.checked();
       this.show();
-      this.notes([...contradictions(rows, this.car(), this.known), ...rows.notes]);
+      this.notes([...checkUnits(rows, this.car(), this.known), ...rows.notes]);
       if (this.file.own) await this.run(rows);
       else this.say("Are the channels right? Then estimate.");
     });
   }
 
   checked() {
-    return rowsOf(this.file.table, this.file.map, this.car(), this.lib);
+    return checkRows(this.file.table, this.file.map, this.car(), this.lib);
   }
 
-  // Units and signs that nobody says, where the rows tell them; in words, or "".
+  // Set missing units and signs by the rows; return them in words, or "".
   units() {
-    const open = openUnits(this.file);
+    const open = listOpenChannels(this.file);
     if (!open.size) return "";
     let causes;
     try {
       const map = structuredClone(this.file.map);
-      map.steer_angle.ratio = 1000; // whatever it is: in the range
-      causes = unitsByRows(rowsOf(this.file.table, map, this.car(), this.lib), this.car(), open);
+      map.steer_angle.ratio = 1000; // unknown; any value inside the range
+      causes = guessUnits(checkRows(this.file.table, map, this.car(), this.lib), this.car(), open);
     } catch {
       return "";
-    } // said when the rows are checked
+    } // reported when the rows are checked
     const said = [];
     for (const c of causes) {
       for (const channel of CHANNELS.filter(
@@ -468,7 +479,7 @@ class LogPane {
     return said.length ? `Guessed from the rows: ${said.join("; ")}.` : "";
   }
 
-  // What is guessed is not known as a ratio is that somebody says: the estimate is as loose. null: somebody said the ratio.
+  // Set the sd of a guessed steering ratio; null: the user stated the ratio.
   loosen(sd) {
     this.ratioSd = sd;
     if (this.said.has("steer_ratio_sd")) return;
@@ -477,22 +488,22 @@ class LogPane {
     this.desk.set(f.name, Math.min(Math.max(sd ?? 0, this.plainRatioSd), f.hi));
   }
 
-  // Sign and ratio of the steering, where the rows tell them.
+  // Set sign and ratio of the steering by the rows.
   guess() {
     $("map-hint").textContent = "";
     if (this.file.own || !this.file.guessed.includes("steer_angle")) return;
     const map = structuredClone(this.file.map);
-    map.steer_angle.ratio = 1000; // whatever it is: in the range
+    map.steer_angle.ratio = 1000; // unknown; any value inside the range
     let found;
     try {
-      found = steeringGain(rowsOf(this.file.table, map, this.car(), this.lib), this.car());
+      found = estimateSteeringGain(checkRows(this.file.table, map, this.car(), this.lib), this.car());
     } catch {
       return;
-    } // said when the rows are checked
+    } // reported when the rows are checked
     if (found === null) return;
     const m = this.file.map.steer_angle,
       ratio = Math.abs(found.gain) * map.steer_angle.ratio,
-      wheel = ratio > 5; // no rack is that direct
+      wheel = ratio > 5; // above that of any steering rack
     if (found.gain < 0) m.sign = -1;
     if (wheel) m.ratio = Number(ratio.toPrecision(3));
     const sd = Math.hypot(found.sd, PAGE.check.sd.steer_angle);
@@ -501,7 +512,9 @@ class LogPane {
       ? `the column is the steering wheel's angle, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)`
       : "the column is the road wheels' angle";
     $("map-hint").textContent =
-      `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? " Say the ratio if you know it better: the stiffness follows it." : ""}`;
+      `Guessed from the rows: ${what}` +
+      (found.gain < 0 ? ", positive to the right: its sign is turned." : ".") +
+      (wheel ? " Say the ratio if you know it better: the stiffness follows it." : "");
     this.mapping();
   }
 
@@ -539,7 +552,7 @@ class LogPane {
       const column = choice("column", m.column, columns, (v) => {
         m.column = v;
         const c = table.columns.find((x) => x.name === v);
-        if (c) m.unit = unitFor(channel, c, this.lib);
+        if (c) m.unit = chooseUnit(channel, c, this.lib);
       });
       column.id = id;
       column.className = axle ? "" : "wide";
@@ -567,7 +580,7 @@ class LogPane {
         choice(
           "unit",
           m.unit,
-          choicesOf(channel).map((u) => [u, u]),
+          listUnits(channel).map((u) => [u, u]),
           (v) => {
             m.unit = v;
           },
@@ -595,7 +608,8 @@ class LogPane {
           step: "any",
           value: m.ratio,
           title:
-            "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road wheels' angle",
+            "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road " +
+            "wheels' angle",
         });
         ratio.setAttribute("aria-label", "steering ratio");
         ratio.onchange = () => {
@@ -614,7 +628,7 @@ class LogPane {
     this.guarded(() => {
       const rows = this.checked();
       this.show();
-      this.notes([...contradictions(rows, this.car(), this.known), ...rows.notes]);
+      this.notes([...checkUnits(rows, this.car(), this.known), ...rows.notes]);
       this.say("Are the channels right? Then estimate.");
     });
   }
@@ -635,20 +649,21 @@ class LogPane {
     for (const name of this.fields.keys()) {
       if (this.read(name)) continue;
       this.say(`Not estimated: ${$("car-wrong").textContent}`);
-      this.fields.get(name).focus(); // and into view
+      this.fields.get(name).focus(); // also scrolls it into view
       return;
     }
     const ok = this.guarded(async () => {
-      const rows = given ?? (this.file ? this.checked() : exampleRows(this));
+      const rows = given ?? (this.file ? this.checked() : repeatRows(this));
       this.prior();
       const sampling = [...setSampling(this.desk, rows.sampleTime), ...setWheels(this.desk, rows)];
-      this.against = contradictions(rows, this.car(), this.known);
+      this.against = checkUnits(rows, this.car(), this.known);
       const unknown = isUnset(this.lib.field("config", "mass"), this.desk.get("mass"))
         ? ["The mass is not known: no stiffness is valid until it is set."]
         : [];
       this.notes([...unknown, ...rows.notes, ...sampling]);
       $("against").textContent = this.against.length
-        ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.`
+        ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, ` +
+          "whatever its rows say."
         : "";
       this.rows = rows;
       this.table = null;
@@ -667,7 +682,8 @@ class LogPane {
         this.table = table;
         const share = table.rows / rows.time.length;
         $("progress").value = share;
-        if (performance.now() - drawn < Math.max(100, 10 * this.chart.cost) && share < 1) return; // drawing takes a tenth
+        // drawing takes at most a tenth of the time
+        if (performance.now() - drawn < Math.max(100, 10 * this.chart.cost) && share < 1) return;
         drawn = performance.now();
         this.say(`${table.rows} of ${rows.time.length} rows`);
         this.now();
@@ -704,14 +720,14 @@ class LogPane {
     if (i < 0) return;
     const share = (s) => `${Math.round((100 * t.valid[s]) / t.rows)} %`;
     $("itself").textContent = $("known").value === "1" ? ITSELF : "";
-    cardsOf(
+    showCards(
       $("cards"),
       (name) => this.at(name),
       (s) => this.rows.truth?.[s]?.[i] ?? null,
       share,
       this.against.length > 0,
     );
-    $("change").textContent = changeText((name) => this.at(name), t.time[i]);
+    $("change").textContent = describeChange((name) => this.at(name), t.time[i]);
     this.chart.later();
   }
 
@@ -754,7 +770,7 @@ class LogPane {
     $("reasons").replaceChildren(table);
   }
 
-  // Rows from elsewhere in the page: a drive. `settings`: of the car that drove.
+  // Estimate the rows of a drive in the other pane. `settings`: those of its car.
   async adopt(rows, settings) {
     await this.halt();
     this.file = null;
@@ -768,13 +784,13 @@ class LogPane {
   }
 }
 
-// Estimate again, without a file: what was estimated last.
-function exampleRows(pane) {
+// Return the rows of the last estimate, to repeat it without a file.
+function repeatRows(pane) {
   if (!pane.rows) throw new Wrong("drop a log, or press Built-in example");
   return pane.rows;
 }
 
-// Hand text to whoever looks at the page, as a file.
+// Offer text to the user as a file.
 function save(parts, name) {
   const url = URL.createObjectURL(new Blob(parts, { type: "text/plain" }));
   const link = make("a", { href: url, download: name });

@@ -1,8 +1,13 @@
-// map.js - which column of a log is which channel, in which unit: guessed by the words that tselab knows
-// (scripts/tse/channels/vocabulary.py, scripts/tse/log/units.py; put into PAGE when it is built), said by whoever looks at the page.
+// map.js - assign the columns of a log to channels and units, and check the rows.
+//
+// The words and units are those of tselab (scripts/tse/channels/vocabulary.py,
+// scripts/tse/log/units.py), which scripts/dev/page.py puts into PAGE. The user can correct
+// the guesses. This is a third implementation of scripts/tse/channels (wheels.py,
+// scales.py, guesses.py, log.py). It leaves out: sign bits, flags, counters, clocks,
+// latencies, resampling, roles by physics and signals.toml.
 
-// The unit of a spelling as tselab has it, or null.
-function unitOf(text) {
+// Return the unit of a spelling as tselab writes it, or null.
+function findUnit(text) {
   const plain = text
     .trim()
     .replace(/^[[(\s]+|[\])\s]+$/g, "")
@@ -10,9 +15,10 @@ function unitOf(text) {
   return [plain, plain.toLowerCase()].find((p) => p in PAGE.spelt) ?? null;
 }
 
-// How much SI of a channel one `unit` is; wheel speeds: also of a speed, by the radius of the wheel. null: none of it.
-function factorOf(unit, si, radius) {
-  const plain = unitOf(unit);
+// Return the factor from `unit` to SI; null: not convertible. Speeds of wheels need
+// `radius`.
+function findFactor(unit, si, radius) {
+  const plain = findUnit(unit);
   if (plain === null) return null;
   const direct = PAGE.factors[si]?.[plain];
   if (direct !== undefined) return direct;
@@ -20,7 +26,7 @@ function factorOf(unit, si, radius) {
   return speed === undefined ? null : speed / radius;
 }
 
-function wordsOf(name) {
+function splitWords(name) {
   const text = name.replace(/([a-z0-9])([A-Z])/g, "$1 $2").replace(/([A-Z]+)([A-Z][a-z])/g, "$1 $2");
   return text
     .toLowerCase()
@@ -28,12 +34,12 @@ function wordsOf(name) {
     .filter(Boolean);
 }
 
-// Name and unit of "Speed [km/h]", vx_kmh.
+// Return name and unit of "Speed [km/h]" or vx_kmh.
 function splitUnit(name) {
   const found = /^(.*?)\s*[[({<]\s*([^[\](){}<>]*)\s*[\])}>]\s*$/.exec(name.trim());
-  if (found?.[1] && (unitOf(found[2]) !== null || ["", "-", "1"].includes(found[2])))
+  if (found?.[1] && (findUnit(found[2]) !== null || ["", "-", "1"].includes(found[2])))
     return [found[1].trim(), found[2]];
-  const words = wordsOf(name);
+  const words = splitWords(name);
   return [name.trim(), words.length > 1 ? (PAGE.atEnd[words.at(-1)] ?? "") : ""];
 }
 
@@ -43,20 +49,20 @@ function matches(pattern, text) {
   return patterns.get(pattern).test(text);
 }
 
-// How much a name sounds like a role, as vocabulary.score().
-function scoreOf(role, name) {
-  const text = wordsOf(name).join(" "),
-    end = wordsOf(name.split(/[./]/).at(-1)).join(" ");
+// Return the score of a name for a role, as vocabulary.score_name().
+function scoreName(role, name) {
+  const text = splitWords(name).join(" "),
+    end = splitWords(name.split(/[./]/).at(-1)).join(" ");
   let best = Math.max(0, ...PAGE.roles[role].filter(([p]) => matches(p, end)).map(([, s]) => s));
   if (best < 3)
     best = Math.max(best, ...PAGE.roles[role].filter(([p]) => matches(p, text)).map(([, s]) => s - 0.2));
   return best && matches(`\\b(${PAGE.not[role]})`, end) ? best - 4 : best;
 }
 
-// Which wheel or axle a name sounds like, and how much, as vocabulary.place_of().
-function wheelOf(name) {
-  const text = wordsOf(name).join(" "),
-    end = wordsOf(name.split(/[./]/).at(-1)).join(" ");
+// Return wheel or axle of a name, and its score, as vocabulary.find_place().
+function findPlace(name) {
+  const text = splitWords(name).join(" "),
+    end = splitWords(name.split(/[./]/).at(-1)).join(" ");
   if (matches(PAGE.noWheel, end)) return ["", 0];
   const wheel = matches(PAGE.wheel, text),
     worth = wheel ? 3 : 1;
@@ -66,14 +72,15 @@ function wheelOf(name) {
         if (place.length > 5 || wheel) return [place, worth];
         continue;
       }
-      const joined = `(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?(${pattern})(kmh|rpm|rads|mps|ms)?$`;
+      const before = "(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?";
+      const joined = `${before}(${pattern})(kmh|rpm|rads|mps|ms)?$`;
       if (place.length > 5 && wheel && matches(joined, part.replaceAll(" ", ""))) return [place, worth - 0.3];
     }
   }
   return ["", 0];
 }
 
-// Channels of a mapping: time, then those of the library. `sides`: axles may be a left and a right wheel.
+// Channels of a mapping: time, then those of the library
 const CHANNELS = [
   "time",
   "steer_angle",
@@ -86,7 +93,12 @@ const CHANNELS = [
 const NEEDED = ["time", "steer_angle"];
 const isAxle = (channel) => channel.startsWith("wheel_speed");
 
-// A proposal: channel -> {column, other (right wheel) or "", unit, sign, ratio}. The library's own names are taken as they are.
+const TIME_NAME =
+  "^(time|t|timestamps?|zeit|temps|tiempo|tempo|sec|seconds|elapsed|datum|clock|uhrzeit)" +
+  "( (s|ms|us|ns|sec|seconds|stamp|rel|abs|s rel))?$";
+
+// Propose a mapping: channel -> {column, other: right wheel or "", unit, sign, ratio}.
+// Columns with the names of the library are used as they are.
 function propose(table, lib) {
   const names = table.columns.map((c) => c.name),
     used = new Set(),
@@ -95,7 +107,7 @@ function propose(table, lib) {
     names.includes("time") &&
     CHANNELS.filter((c) => names.includes(c) || names.includes(`${c}_left`)).length > 3;
   for (const channel of CHANNELS)
-    map[channel] = { column: "", other: "", unit: siOf(channel, lib), sign: 1, ratio: 1 };
+    map[channel] = { column: "", other: "", unit: findSiUnit(channel, lib), sign: 1, ratio: 1 };
   const take = (channel, column, other = "") => {
     for (const n of [column, other]) used.add(n);
     map[channel].column = column;
@@ -109,11 +121,7 @@ function propose(table, lib) {
   const guessed = [];
   const plain = new Map(names.map((n) => [n, splitUnit(n)[0]]));
   if (!map.time.column) {
-    const sounds = names.find((n) =>
-      /^(time|t|timestamps?|zeit|temps|tiempo|tempo|sec|seconds|elapsed|datum|clock|uhrzeit)( (s|ms|us|ns|sec|seconds|stamp|rel|abs|s rel))?$/.test(
-        wordsOf(plain.get(n)).join(" "),
-      ),
-    );
+    const sounds = names.find((n) => matches(TIME_NAME, splitWords(plain.get(n)).join(" ")));
     const rising = table.columns.find((c) => isRising(c.values));
     const found = sounds ?? rising?.name;
     if (found) {
@@ -125,7 +133,7 @@ function propose(table, lib) {
     if (map[channel].column) continue;
     const best = names
       .filter((n) => !used.has(n))
-      .map((n) => [scoreOf(channel, plain.get(n)), n])
+      .map((n) => [scoreName(channel, plain.get(n)), n])
       .sort((a, b) => b[0] - a[0])[0];
     if (best?.[0] > 1) {
       take(channel, best[1]);
@@ -134,7 +142,7 @@ function propose(table, lib) {
   }
   const wheels = {};
   for (const n of names) {
-    const [place, worth] = used.has(n) ? ["", 0] : wheelOf(plain.get(n));
+    const [place, worth] = used.has(n) ? ["", 0] : findPlace(plain.get(n));
     if (place && worth > (wheels[place]?.worth ?? 1)) wheels[place] = { worth, name: n };
   }
   for (const axle of ["front", "rear"]) {
@@ -149,12 +157,12 @@ function propose(table, lib) {
   }
   for (const channel of CHANNELS) {
     const column = table.columns.find((c) => c.name === map[channel].column);
-    if (column) map[channel].unit = unitFor(channel, column, lib);
+    if (column) map[channel].unit = chooseUnit(channel, column, lib);
   }
   return { map, own, guessed };
 }
 
-const siOf = (channel, lib) => (channel === "time" ? "s" : lib.field("input", channel).unit);
+const findSiUnit = (channel, lib) => (channel === "time" ? "s" : lib.field("input", channel).unit);
 
 function isRising(values) {
   if (values.length < 2) return false;
@@ -163,7 +171,7 @@ function isRising(values) {
   return up > 0.95 * (values.length - 1);
 }
 
-// Units that a channel may have, as one reads them; those that are said of a column, else what its size makes likely, first.
+// Units that a channel may have
 const CHOICES = {
   time: ["s", "ms", "us", "ns"],
   angle: ["rad", "deg"],
@@ -171,49 +179,49 @@ const CHOICES = {
   wheel: ["rad/s", "rpm", "km/h", "m/s", "mph"],
   accel: ["m/s2", "g"],
 };
-function choicesOf(channel) {
+function listUnits(channel) {
   if (channel === "time") return CHOICES.time;
   if (channel === "steer_angle") return CHOICES.angle;
   if (channel === "yaw_rate") return CHOICES.rate;
   return isAxle(channel) ? CHOICES.wheel : CHOICES.accel;
 }
 
-const saidUnit = (column) => unitOf(column.unit) || unitOf(splitUnit(column.name)[1]) || "";
+const findStatedUnit = (column) => findUnit(column.unit) || findUnit(splitUnit(column.name)[1]) || "";
 
-// Channels that were guessed, and of which neither file nor name says the unit.
-function openUnits(file) {
+// Return guessed channels whose unit is in neither file nor name.
+function listOpenChannels(file) {
   const open = new Set();
   for (const channel of file.guessed) {
     const column = file.table.columns.find((c) => c.name === file.map[channel].column);
-    if (column && channel !== "time" && channel !== "steer_angle" && !saidUnit(column))
+    if (column && channel !== "time" && channel !== "steer_angle" && !findStatedUnit(column))
       open.add(isAxle(channel) ? "wheel_speed" : channel);
   }
   return open;
 }
 
-function unitFor(channel, column, lib) {
-  const said = saidUnit(column);
-  const choices = choicesOf(channel),
-    si = siOf(channel, lib);
+function chooseUnit(channel, column, lib) {
+  const said = findStatedUnit(column);
+  const choices = listUnits(channel),
+    si = findSiUnit(channel, lib);
   if (said) {
-    const factor = (u) => factorOf(u, si, isAxle(channel) ? 1 : null);
-    const same = choices.find((u) => PAGE.spelt[unitOf(u)] === PAGE.spelt[said] && factor(u) !== null);
+    const factor = (u) => findFactor(u, si, isAxle(channel) ? 1 : null);
+    const same = choices.find((u) => PAGE.spelt[findUnit(u)] === PAGE.spelt[said] && factor(u) !== null);
     if (same) return same;
   }
-  const size = quantileOfSize(column.values, 0.99);
-  if (channel === "time") return stepUnit(column.values);
+  const size = computeQuantile(column.values, 0.99);
+  if (channel === "time") return guessTimeUnit(column.values);
   if (channel === "steer_angle") return size > lib.field("input", channel).hi ? "deg" : "rad";
-  if (channel === "yaw_rate") return size > 2.5 ? "deg/s" : "rad/s"; // 2.5 rad/s is a spin
+  if (channel === "yaw_rate") return size > 2.5 ? "deg/s" : "rad/s"; // a car at 2.5 rad/s spins
   return choices[0];
 }
 
-// A time by its steps: rows of a log are 1 ms to 1 s apart.
-function stepUnit(values) {
-  const step = median(differences(values));
+// Return the unit of a time by its steps: rows of a log are 1 ms to 1 s apart.
+function guessTimeUnit(values) {
+  const step = computeMedian(computeSteps(values));
   return step > 2e5 ? "ns" : step > 500 ? "us" : step > 1 ? "ms" : "s";
 }
 
-function quantileOfSize(values, q) {
+function computeQuantile(values, q) {
   const stride = Math.max(1, Math.floor(values.length / 20000)),
     some = [];
   for (let i = 0; i < values.length; i += stride)
@@ -222,37 +230,39 @@ function quantileOfSize(values, q) {
   return some.length ? some[Math.min(some.length - 1, Math.floor(q * some.length))] : 0;
 }
 
-function differences(x) {
+function computeSteps(x) {
   const out = new Float64Array(Math.max(0, x.length - 1));
   for (let i = 0; i < out.length; i++) out[i] = x[i + 1] - x[i];
   return out;
 }
 
-// As numpy: of an even number the mean of the middle two.
-function median(x) {
+// Return the median as numpy does.
+function computeMedian(x) {
   const sorted = Float64Array.from(x).sort(),
     n = sorted.length;
   return n ? (n % 2 ? sorted[(n - 1) / 2] : (sorted[n / 2 - 1] + sorted[n / 2]) / 2) : NaN;
 }
 
-const MOST_BACK = 0.5; // share of rows that do not go forward above which the column is no time (tse/log/rows.py)
-const FEW_OUTSIDE = 0.05; // share of values outside the range above which it is the column that is wrong
-const SLOWEST = 1.0; // s: rows that are further apart (median) are refused
-const LONGEST_STEP = 3600; // s: the library's limit
+// max share of rows that are not later than the one before (tse/log/rows.py)
+const MAX_BACK = 0.5;
+const FEW_OUTSIDE = 0.05; // max share of values outside the range; above it the column is wrong
+const MAX_SAMPLE_TIME = 1.0; // s: max median step of the rows
+const MAX_STEP = 3600; // s: limit of the library
 
-// Checked rows, SI: {time, data: channel -> Float64Array with NaN for missing, sampleTime, notes}. Wrong: what cannot be.
-function rowsOf(table, map, car, lib) {
+// Return checked rows in SI: {time, data: channel -> Float64Array, NaN: missing,
+// sampleTime, notes}. Throws Wrong.
+function checkRows(table, map, car, lib) {
   const notes = [...table.notes],
     name = table.name;
   const column = (n) => table.columns.find((c) => c.name === n);
   for (const channel of NEEDED) {
-    if (!map[channel].column)
-      throw new Wrong(
-        `${name}: which column is ${channel}? ${channel === "time" ? "Every row needs a time" : "Without the steering angle nothing can be said about the tyres"}. The file has: ${table.columns
-          .map((c) => c.name)
-          .join(", ")
-          .slice(0, 300)}`,
-      );
+    if (map[channel].column) continue;
+    const why =
+      channel === "time"
+        ? "Every row needs a time"
+        : "Without the steering angle nothing can be said about the tyres";
+    const has = table.columns.map((c) => c.name).join(", ");
+    throw new Wrong(`${name}: which column is ${channel}? ${why}. The file has: ${has.slice(0, 300)}`);
   }
   const axles = CHANNELS.filter(isAxle).filter((c) => map[c].column);
   if (!axles.length)
@@ -263,25 +273,30 @@ function rowsOf(table, map, car, lib) {
       parts = [m.column, m.other].filter(Boolean);
     if (!parts.length) continue;
     const radius = isAxle(channel) ? car[channel.replace("wheel_speed", "wheel_radius")] : null;
-    const factor = factorOf(m.unit, siOf(channel, lib), radius);
+    const factor = findFactor(m.unit, findSiUnit(channel, lib), radius);
     if (factor === null)
       throw new Wrong(
-        `${name}: ${channel}: ${m.unit} is no unit of it; allowed: ${choicesOf(channel).join(", ")}`,
+        `${name}: ${channel}: ${m.unit} is no unit of it; allowed: ${listUnits(channel).join(", ")}`,
       );
     if (!(m.ratio > 0))
       throw new Wrong(
-        `${name}: ${channel}: the steering ratio must be above 0; 1: the column is the angle of the road wheels`,
+        `${name}: ${channel}: the steering ratio must be above 0; 1: the column is the angle of the ` +
+          "road wheels",
       );
     const series = parts.map((n) => {
       const c = column(n);
       if (c.bad && c.bad.count > FEW_OUTSIDE * c.values.length) {
         throw new Wrong(
-          `${name}: ${table.place} ${c.bad.line}, column ${n}: "${c.bad.text.slice(0, 40)}" is not a number; allowed: ${channel === "time" ? "seconds, increasing" : rangeText(lib.field("input", channel))}, or empty for missing`,
+          `${name}: ${table.place} ${c.bad.line}, column ${n}: "${c.bad.text.slice(0, 40)}" is not a ` +
+            "number; allowed: " +
+            `${channel === "time" ? "seconds, increasing" : formatRange(lib.field("input", channel))}, ` +
+            "or empty for missing",
         );
       }
       if (c.bad)
         notes.push(
-          `${n}: ${c.bad.count} cells that are no numbers are treated as missing (first in ${table.place} ${c.bad.line}: "${c.bad.text.slice(0, 20)}")`,
+          `${n}: ${c.bad.count} cells that are no numbers are treated as missing (first in ` +
+            `${table.place} ${c.bad.line}: "${c.bad.text.slice(0, 20)}")`,
         );
       if (c.values.every(Number.isNaN)) throw new Wrong(`${name}: column ${n}: every cell is empty`);
       const gain = factor * m.sign;
@@ -291,10 +306,10 @@ function rowsOf(table, map, car, lib) {
     if (channel === "time") picked.time = [series[0]];
     else {
       const f = lib.field("input", channel);
-      picked[channel] = series.map((x, k) => inRange(x, f, parts[k], table, notes));
+      picked[channel] = series.map((x, k) => maskOutside(x, f, parts[k], table, notes));
     }
   }
-  const { time, keep } = forward(
+  const { time, keep } = selectForward(
     picked.time[0],
     table,
     CHANNELS.slice(1).flatMap((c) => picked[c] ?? []),
@@ -308,8 +323,8 @@ function rowsOf(table, map, car, lib) {
       ? new Float64Array(keep.length).fill(NaN)
       : parts.length === 1
         ? parts[0]
-        : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
-    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
+        : joinAxle(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
+    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: quantities that only it shows stay unknown`);
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
     throw new Wrong(
@@ -323,14 +338,17 @@ function rowsOf(table, map, car, lib) {
     data[absent] = data[there].map((x) => x * (radius(there) / radius(absent)));
     data.accel_x = data.accel_x.map(() => NaN);
     notes.push(
-      `${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not estimated`,
+      `${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not ` +
+        "used and cx_front not estimated",
     );
   }
   const rows = { name, time, data, notes, turn };
-  rows.sampleTime = rows.time.length > 1 ? median(differences(rows.time)) : null;
-  if (rows.sampleTime > SLOWEST) {
+  rows.sampleTime = rows.time.length > 1 ? computeMedian(computeSteps(rows.time)) : null;
+  if (rows.sampleTime > MAX_SAMPLE_TIME) {
     throw new Wrong(
-      `${name}: column ${map.time.column}: rows are ${brief(rows.sampleTime)} s apart (median); allowed: up to ${SLOWEST} s. If the column holds milliseconds, choose ms`,
+      `${name}: column ${map.time.column}: rows are ` +
+        `${formatNumber(rows.sampleTime)} s apart (median); ` +
+        `allowed: up to ${MAX_SAMPLE_TIME} s. If the column holds milliseconds, choose ms`,
     );
   }
   rows.truth = Object.fromEntries(
@@ -342,7 +360,7 @@ function rowsOf(table, map, car, lib) {
   return rows;
 }
 
-function inRange(values, f, name, table, notes) {
+function maskOutside(values, f, name, table, notes) {
   let bad = 0,
     first = -1;
   for (let i = 0; i < values.length; i++) {
@@ -356,18 +374,22 @@ function inRange(values, f, name, table, notes) {
     const hint =
       f.name === "steer_angle" ? "choose degrees, or say the steering ratio" : "choose another unit";
     throw new Wrong(
-      `${table.name}: ${table.place} ${table.line[first]}, column ${name}: ${brief(values[first])} ${f.unit} is outside the allowed range ${rangeText(f)} (${bad} such rows). Is it the unit? Then ${hint}`,
+      `${table.name}: ${table.place} ${table.line[first]}, column ${name}: ${formatNumber(values[first])} ` +
+        `${f.unit} is outside the allowed range ${formatRange(f)} (${bad} such rows). Is it the unit? ` +
+        `Then ${hint}`,
     );
   }
   notes.push(
-    `${name}: ${bad} values outside ${rangeText(f)} are treated as missing (first in ${table.place} ${table.line[first]})`,
+    `${name}: ${bad} values outside ${formatRange(f)} are treated as missing (first in ${table.place} ` +
+      `${table.line[first]})`,
   );
   return values.map((x) => (x < f.lo || x > f.hi ? NaN : x));
 }
 
-// The middle of an axle of its two wheels; where one is missing, the other less half of what they differ by in a turn: track over
-// radius times the yaw rate, found from the rows that have both (tse/log/rows.py); where the log shows it, it is put into `turn`.
-function axleOf(name, left, right, yawRate, keep, notes, turn) {
+// Return the mean speed of an axle from its two wheels. A missing wheel follows from the
+// other one and the yaw rate; the factor, track / radius, is found from rows with both
+// wheels (tse/log/rows.py), and is also written to `turn` if the log shows it.
+function joinAxle(name, left, right, yawRate, keep, notes, turn) {
   const mean = left.map((x, i) => 0.5 * (x + right[i]));
   if (!yawRate) return mean;
   const yaw = keep.map((i) => yawRate[i]);
@@ -397,8 +419,9 @@ function axleOf(name, left, right, yawRate, keep, notes, turn) {
   return mean;
 }
 
-// A time that goes on, and which rows have it. Wrong: it is no time. Rows without a time are left out; without anything, silently.
-function forward(all, table, columns, notes) {
+// Return the increasing time, and its rows. Rows without a time are left out, with a note
+// if they have values. Throws Wrong if the column is no time.
+function selectForward(all, table, columns, notes) {
   const where = (i) => `${table.place} ${table.line[i]}`;
   const at = [];
   let without = 0,
@@ -410,40 +433,43 @@ function forward(all, table, columns, notes) {
     }
   }
   if (at.length + without === 0) throw new Wrong(`${table.name}: has no rows with numbers`);
-  if (at.length < MOST_BACK * (at.length + without))
+  if (at.length < MAX_BACK * (at.length + without))
     throw new Wrong(`${table.name}: ${where(first)}, time: empty or not finite; every row needs a time`);
   const t = Float64Array.from(at, (i) => all[i]),
-    back = differences(t).map((d) => (d <= 0 ? 1 : 0)),
+    back = computeSteps(t).map((d) => (d <= 0 ? 1 : 0)),
     count = back.reduce((n, x) => n + x, 0);
-  if (count > MOST_BACK * back.length) {
+  if (count > MAX_BACK * back.length) {
     const k = back.indexOf(1);
     throw new Wrong(
-      `${table.name}: ${where(at[k + 1])}, time: ${brief(t[k + 1], 10)} is ${t[k + 1] === t[k] ? "the same time as" : "earlier than"} ${where(at[k])} (${brief(t[k], 10)}); time must increase from row to row (${count} such rows)`,
+      `${table.name}: ${where(at[k + 1])}, time: ${formatNumber(t[k + 1], 10)} is ` +
+        `${t[k + 1] === t[k] ? "the same time as" : "earlier than"} ${where(at[k])} ` +
+        `(${formatNumber(t[k], 10)}); time must increase from row to row (${count} such rows)`,
     );
   }
-  const done = straight(t);
+  const done = straighten(t);
   if (without) notes.push(`time: ${without} entries without a time are left out`);
   notes.push(...done.notes.map((x) => `time: ${x}`));
-  if (done.kept.length < MOST_BACK * all.length && count)
+  if (done.kept.length < MAX_BACK * all.length && count)
     throw new Wrong(
       `${table.name}: time does not go on in ${count} rows; time must increase from row to row`,
     );
   return { time: done.time, keep: done.kept.map((k) => at[k]) };
 }
 
+// max delay of an entry that is out of order, in rows and in s
 const LATE_ROWS = 8,
-  LATE_TIME = 0.5; // an entry that is out of order belongs before so many, and so many seconds, at most
-const BRIDGED = 60; // s: what is left of a jump ahead
+  LATE_TIME = 0.5;
+const BRIDGED = 60; // s: gap in place of a jump of the clock
 
-// Times that increase, as scripts/tse/log/clock.py puts them right: {time, kept: which entries, notes}.
-function straight(given) {
+// Return corrected times, as scripts/tse/log/clock.py: {time, kept: entries, notes}.
+function straighten(given) {
   const notes = [],
-    step = differences(given),
+    step = computeSteps(given),
     kept = [...given.keys()];
-  if (given.length < 2 || (step.every((d) => d > 0) && step.every((d) => d <= LONGEST_STEP)))
+  if (given.length < 2 || (step.every((d) => d > 0) && step.every((d) => d <= MAX_STEP)))
     return { time: given, kept, notes };
   const ahead = step.filter((d) => d > 0),
-    usual = ahead.length ? median(ahead) : 0.01;
+    usual = ahead.length ? computeMedian(ahead) : 0.01;
   const t = Float64Array.from(given),
     late = new Set(),
     sets = [];
@@ -465,48 +491,53 @@ function straight(given) {
   }
   if (sets.length)
     notes.push(
-      `the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ${brief(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): what follows is bridged, one usual step later`,
+      `the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ` +
+        `${formatNumber(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): ` +
+        "the rest continues one usual step later",
     );
   if (late.size) notes.push(`${late.size} entries are out of order: left out`);
   let at = kept.filter((i) => !late.has(i)),
     time = Float64Array.from(at, (i) => t[i]);
   const same = [...time.keys()].filter((i) => i + 1 < time.length && time[i + 1] === time[i]);
   if (same.length > 0.2 * time.length) {
-    time = spread(time);
+    time = spreadTicks(time);
     notes.push(
-      `the clock is coarser than the entries (${Math.round((100 * same.length) / time.length)} % share a time): they are spread over its ticks`,
+      `the clock is coarser than the entries (${Math.round((100 * same.length) / time.length)} % ` +
+        "share a time): they are spread over its ticks",
     );
   } else if (same.length) {
     notes.push(
-      `${same.length} entries have the time of the next one (first at ${time[same[0]].toFixed(3)} s): left out`,
+      `${same.length} entries have the time of the next one (first at ${time[same[0]].toFixed(3)} ` +
+        "s): left out",
     );
     const gone = new Set(same);
     at = at.filter((_, i) => !gone.has(i));
     time = time.filter((_, i) => !gone.has(i));
   }
-  const jump = differences(time),
-    far = jump.findIndex((d) => d > LONGEST_STEP);
+  const jump = computeSteps(time),
+    far = jump.findIndex((d) => d > MAX_STEP);
   if (far >= 0) {
     notes.push(
-      `the clock jumps ahead by ${brief(jump[far])} s at ${time[far].toFixed(3)} s: bridged, a gap of ${BRIDGED} s is left`,
+      `the clock jumps ahead by ${formatNumber(jump[far])} s at ${time[far].toFixed(3)} s: bridged, a gap ` +
+        `of ${BRIDGED} s is left`,
     );
     let off = 0;
     time = time.map((x, i) => {
-      if (i && jump[i - 1] > LONGEST_STEP) off += jump[i - 1] - BRIDGED;
+      if (i && jump[i - 1] > MAX_STEP) off += jump[i - 1] - BRIDGED;
       return x - off;
     });
   }
   return { time, kept: at, notes };
 }
 
-// Entries that share a tick, spread evenly up to the next one.
-function spread(t) {
+// Return the times of entries that share a tick, spread evenly to the next one.
+function spreadTicks(t) {
   const ticks = Float64Array.from(new Set(t)).sort(),
     count = new Map();
   for (const x of t) count.set(x, (count.get(x) ?? 0) + 1);
-  const usual = ticks.length > 1 ? median(differences(ticks)) : 0.01;
+  const usual = ticks.length > 1 ? computeMedian(computeSteps(ticks)) : 0.01;
   const whole = ticks.map((x, i) => (i + 1 < ticks.length ? ticks[i + 1] : x + usual) - x),
-    most = 2 * median(whole);
+    most = 2 * computeMedian(whole);
   const length = new Map([...ticks].map((x, i) => [x, Math.min(whole[i], most)]));
   let place = 0;
   return t.map((x, i) => {
@@ -515,11 +546,11 @@ function spread(t) {
   });
 }
 
-// What the rows themselves say of sign and ratio of the steering: {gain: the logged angle over the road wheels', sd: of its logarithm},
-// the understeer of cars taken out; null where the log does not turn enough to tell.
-function steeringGain(rows, car) {
-  const d = smoothedChannels(liveliest(rows, PAGE.check.mostRows)),
-    s = steeringFit(
+// Return sign and ratio of the steering by the rows: {gain: logged angle over that of the
+// road wheels, sd: of its logarithm}. null: too few bends.
+function estimateSteeringGain(rows, car) {
+  const d = smoothChannels(selectLiveliest(rows, PAGE.check.mostRows)),
+    s = fitSteering(
       d.steer_angle,
       d.wheel_speed_rear.map((w) => w * car.wheel_radius_rear),
       d.yaw_rate,

@@ -1,12 +1,11 @@
-/* docs/page/page.c - the library as WebAssembly for a page: memory for what the page
- * runs, and where everything lies in it.
+/* docs/page/page.c - the library as WebAssembly for a page, with static memory.
  *
- * There is no C library here: what it takes of one is in tests/embedded/wasm/string.h.
- * JavaScript finds every struct by tse_describe(), so that no offset is typed there; of
- * tse_field itself, and of what is not in its tables, page_layout() says it.
+ * There is no C library. The few functions needed are in tests/embedded/wasm/string.h.
+ * JavaScript finds the members of every struct by tse_describe(). page_layout() returns the
+ * offsets of tse_field itself, and of structs without a table.
  *
- * Two desks: what stands on one - settings, filter, rows, a simulation - knows nothing of
- * the other. The page estimates a log on one and drives on the other. */
+ * There are two independent desks, each with settings, filter, rows and a simulation. The page
+ * estimates a log on one, and drives on the other. */
 #define WASM_STRING
 #include <stddef.h>
 #include <stdint.h>
@@ -16,7 +15,7 @@
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
 
-enum { DESKS = 2, ROWS = 256 }; /* rows that go in at a time: few enough that a page answers between them */
+enum { DESKS = 2, ROWS = 256 }; /* rows per call: few, so that the page responds in between */
 
 typedef struct desk {
   tse_config config;
@@ -31,7 +30,7 @@ typedef struct desk {
 } desk;
 
 static desk desks[DESKS];
-static const char *wrong; /* name of the setting that was refused last */
+static const char *wrong; /* name of the last refused setting */
 
 /* ---- tables */
 
@@ -60,13 +59,12 @@ static const char *const sensor_rows[] = {
 };
 static const char *const *const groups[] = { vehicle_rows, uncertainty_rows, sensor_rows };
 
-/* Names of the settings of one table: 0 vehicle, 1 uncertainty, 2 sensors; NULL ends
- * them. */
+/* Return the setting names of a group: 0 vehicle, 1 uncertainty, 2 sensors. NULL: end. */
 const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
 
-/* Where things lie: a tse_field's name, kind, offset, default, lower and upper end, unit,
- * text, its size; rows that go in at a time; bytes from one row to the next in and out; a
- * desk's config, row, out, sim_config, sim_input, sim_output. */
+/* Offsets in tse_field: name, kind, offset, default, min, max, unit, text; its size. Rows per
+ * call; bytes of an input and an output row. Offsets in a desk: config, row, out, sim_config,
+ * sim_input, sim_output. */
 static const int32_t layout[] = { (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind),
   (int32_t)offsetof(tse_field, offset), (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo),
   (int32_t)offsetof(tse_field, hi), (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text),
@@ -78,7 +76,7 @@ const int32_t *EXPORT(page_layout)(void) { return layout; }
 
 static int32_t count, size;
 const tse_field *EXPORT(page_fields)(int32_t which) { return tse_describe((tse_struct)which, &count, &size); }
-int32_t EXPORT(page_count)(void) { return count; } /* rows of the table asked for last */
+int32_t EXPORT(page_count)(void) { return count; } /* fields of the last table */
 const char *EXPORT(page_version)(void)
 {
   static tse_build build;
@@ -92,25 +90,24 @@ int32_t EXPORT(page_self_test)(void) { return tse_self_test(&wrong); }
 
 desk *EXPORT(page_desk)(int32_t k) { return &desks[k]; }
 
-/* Defaults of all settings: an ordinary car, whose mass is not known. */
+/* Set the defaults: an ordinary car of unknown mass. */
 void EXPORT(page_defaults)(desk *d)
 {
   tse_config_default(&d->config);
   tse_sim_config_default(&d->sim_config);
 }
 
-/* The simulator's car, known exactly. */
+/* Set the car of the simulator, known exactly. */
 void EXPORT(page_exact)(desk *d)
 {
   tse_config_exact(&d->config);
   tse_sim_config_default(&d->sim_config);
 }
 
-/* What a filter takes for what is not set. */
+/* Replace unset settings by the values that the filter uses. */
 void EXPORT(page_complete)(desk *d) { tse_config_complete(&d->config); }
 
-/* Settings -> a filter that waits for its first row.   Returned: a tse_status; negative:
- * page_wrong() */
+/* Prepare a filter for its first row. Returned: a tse_status; negative: page_wrong() */
 int32_t EXPORT(page_start)(desk *d)
 {
   wrong = NULL;
@@ -118,8 +115,7 @@ int32_t EXPORT(page_start)(desk *d)
   return prepared < 0 ? prepared : tse_reset(&d->params, &d->filter, sizeof d->filter);
 }
 
-/* Rows 0 .. n - 1 of the desk. Of a row that is refused only the status changes, as
- * `tselab estimate` has it. */
+/* Run rows 0 .. n - 1 of the desk. A refused row only sets its status, as in `tselab estimate`. */
 void EXPORT(page_step)(desk *d, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) {
@@ -128,14 +124,14 @@ void EXPORT(page_step)(desk *d, int32_t n)
   }
 }
 
-/* A simulated car of the desk's settings, at its start. */
+/* Start a simulated car with the settings of the desk. */
 int32_t EXPORT(page_sim_start)(desk *d)
 {
   wrong = NULL;
   return tse_sim_reset(&d->sim, &d->config, &d->sim_config, &wrong);
 }
 
-/* The car one row on; row 0 of the desk is what it logs. */
+/* Simulate one row, and log it as row 0 of the desk. */
 int32_t EXPORT(page_sim_step)(desk *d)
 {
   const tse_status status = tse_sim_step(&d->sim, &d->sim_input, &d->sim_output);

@@ -1,13 +1,15 @@
-// run.js - the filter over a log, in slices so that the page stays alive, and the table that comes out: the columns, the order and
-// the digits of `tselab estimate --out`.
+// run.js - run the filter over a log in time slices, so that the page responds.
+//
+// The table has the columns, order and digits of `tselab estimate --out`.
 
-const SLICE = 14; // ms of work between two looks at the page
+const SLICE = 14; // ms of work between two updates of the page
 const MOST_ROWS = 1_000_000; // 2.8 h at 100 Hz: 70 columns of 8 bytes each are 0.5 GB
 
 const DRIVEN = { both: 0, front: 1, rear: 2 }; // the setting driven_axle
 
-// Lets the page breathe: returns when it may go on. `said(what, share)` is called now and then.
-function breather(said = () => {}) {
+// Return a function that waits for the page after each slice. It calls `said(what,
+// share)`.
+function makeBreather(said = () => {}) {
   let since = performance.now();
   const channel = new MessageChannel();
   return async (what = "", share = 0) => {
@@ -21,10 +23,10 @@ function breather(said = () => {}) {
   };
 }
 
-const tooLong = (name, rows) =>
+const makeLengthError = (name, rows) =>
   new Wrong(`${name}: has ${rows} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
 
-// Settings of a run as `tselab estimate` makes them of a vehicle file that says everything: the sampling is that of the log.
+// Set the sampling of the log, as `tselab estimate` does; return notes.
 function setSampling(desk, sampleTime) {
   if (sampleTime === null) return [];
   const f = desk.lib.field("config", "sample_time"),
@@ -33,11 +35,15 @@ function setSampling(desk, sampleTime) {
   desk.set("sample_time", used);
   desk.set("max_gap", Math.min(Math.max(gap.def, PAGE.rules.gapInSamples * sampleTime), gap.hi));
   return Math.abs(used - sampleTime) > 1e-6
-    ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`]
+    ? [
+        `rows are ${formatNumber(sampleTime)} s apart; ` +
+          `the nearest sample_time the filter knows is ${formatNumber(used)} s`,
+      ]
     : [];
 }
 
-// One signal, the vehicle's speed, logged as that of both axles (scripts/tse/car/config.py): the filter is set so, and the note says so.
+// Set the filter for a log with one speed for both axles (scripts/tse/car/config.py);
+// return notes.
 function setWheels(desk, rows) {
   const r = PAGE.rules,
     { wheel_speed_front: front, wheel_speed_rear: rear } = rows.data;
@@ -56,8 +62,9 @@ function setWheels(desk, rows) {
   return one ? [r.oneSpeed] : [];
 }
 
-// Columns of the table, in order: what came later stands last (scripts/tse/estimation/estimate.py).
-function generationOf(name) {
+// Return the columns of the table in order: newer ones are last
+// (scripts/tse/estimation/estimate.py).
+function findGeneration(name) {
   if (name.endsWith("_secant")) return 4;
   if (/^(grip|noise_wheel_|innovation_|nis_)/.test(name) || name === "sideslip_sd") return 3;
   if (name === "fault_factor") return 4;
@@ -66,9 +73,9 @@ function generationOf(name) {
   return name.endsWith("_spread_seen") || name.startsWith("noise_") ? 1 : 0;
 }
 
-function columnsOf(lib) {
+function listColumns(lib) {
   const fields = lib.tables.output
-    .map((f, i) => [generationOf(f.name), i, f.name])
+    .map((f, i) => [findGeneration(f.name), i, f.name])
     .sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const of = (least, most) => fields.filter((f) => f[0] >= least && f[0] <= most).map((f) => f[2]);
   return [
@@ -81,17 +88,18 @@ function columnsOf(lib) {
   ];
 }
 
-// Estimates of all rows so far: columns as `tselab estimate` has them, reasons as codes (-1: the row was refused).
+// Estimates of all rows so far, in the columns of `tselab estimate`. Reasons are codes;
+// -1: the row was refused.
 class Table {
   constructor(lib, rows, nominal) {
     this.lib = lib;
     this.time = new Float64Array(rows);
     this.rows = 0;
     this.columns = {};
-    this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0])); // rows in which each is
+    this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0])); // number of valid rows
     this.made = lib.tables.output.map((f) => {
       const stiffness = STIFFNESS.find((s) => f.name === s || f.name.startsWith(`${s}_`));
-      const reason = f.name.endsWith("_valid") ? f.name.replace(/valid$/, "reason") : null; // of grip, too
+      const reason = f.name.endsWith("_valid") ? f.name.replace(/valid$/, "reason") : null; // also of grip
       this.columns[f.name] = f.kind === "r" ? new Float64Array(rows) : new Int16Array(rows);
       if (reason) this.columns[reason] = new Int8Array(rows);
       return {
@@ -103,7 +111,7 @@ class Table {
     });
   }
 
-  // The n rows that a desk has made, at the times from `first` on.
+  // Add the n rows of a desk; `first`: index of the first one.
   take(desk, time, first, n) {
     for (const m of this.made) {
       const column = this.columns[m.name];
@@ -128,13 +136,14 @@ class Table {
   }
 }
 
-// Run the filter over checked rows. `seen(table)`: after every slice; `stopped()`: the rows so far are kept.
+// Run the filter over checked rows. `seen(table)` is called after each slice.
+// `stopped()`: stop and keep the rows so far.
 async function estimate(desk, rows, seen, stopped) {
   const nominal = Object.fromEntries(STIFFNESS.map((s) => [s, desk.completed()[NOMINAL[s]]]));
-  if (rows.time.length > MOST_ROWS) throw tooLong(rows.name, rows.time.length);
+  if (rows.time.length > MOST_ROWS) throw makeLengthError(rows.name, rows.time.length);
   desk.start();
   const table = new Table(desk.lib, rows.time.length, nominal),
-    breathe = breather(() => seen(table));
+    breathe = makeBreather(() => seen(table));
   const data = desk.lib.channels.map((f) => rows.data[f.name]),
     values = new Float64Array(data.length);
   let before = rows.time[0] - (rows.sampleTime || 0.01);
@@ -154,14 +163,14 @@ async function estimate(desk, rows, seen, stopped) {
   return table;
 }
 
-// The table as CSV, in parts.
-async function csvOf(table, breathe) {
-  const names = columnsOf(table.lib),
+// Return the table as CSV, in parts.
+async function formatCsv(table, breathe) {
+  const names = listColumns(table.lib),
     parts = [`${names.join(",")}\n`];
   const cell = names.map((name) => {
     const column = name === "time" ? table.time : table.columns[name];
     if (name.endsWith("_reason")) return (i) => table.reasonText(column[i]);
-    const text = PAGE.double.includes(name) ? shortest : shortestSingle;
+    const text = PAGE.double.includes(name) ? formatShortest : formatShortestSingle;
     return column instanceof Float64Array ? (i) => text(column[i]) : (i) => String(column[i]);
   });
   for (let i = 0; i < table.rows; i++) {
@@ -174,43 +183,51 @@ async function csvOf(table, breathe) {
   return parts;
 }
 
-// The rows that went in, as a log for `tselab estimate`.
-function logOf(rows, lib) {
+// Return the input rows as a log for `tselab estimate`.
+function formatLog(rows, lib) {
   const channels = lib.channels.map((f) => f.name),
     truth = Object.keys(rows.truth ?? {});
   const lines = [["time", ...channels, ...truth.map((s) => `ref_${s}`)].join(",")];
   for (let i = 0; i < rows.time.length; i++) {
     lines.push(
       [rows.time[i], ...channels.map((c) => rows.data[c][i]), ...truth.map((s) => rows.truth[s][i])]
-        .map(shortest)
+        .map(formatShortest)
         .join(","),
     );
   }
   return `${lines.join("\n")}\n`;
 }
 
-// The settings of the car as a vehicle file that leaves nothing to a rule: with it and the log above the command gives the same bits.
-// But for a mass that nobody has said: the command asks for it.
-function vehicleOf(desk, name) {
+// Return all settings of the car as a vehicle file. With it and the log above, the
+// command gives the same bits. An unknown mass is left out, and the command asks for it.
+function formatVehicle(desk, name) {
   const settings = desk.completed();
   const line = (n) => {
     const f = desk.lib.field("config", n),
       about = `${f.unit}, ${f.lo} .. ${f.hi}: ${mayBeUnset(f) ? f.text.replace(/; 0: .*/, "") : f.text}`;
     return n === "mass" && isUnset(f, desk.get(n))
       ? `# mass =  # ${about}; not known`
-      : `${n} = ${shortest(settings[n])}  # ${about}`;
+      : `${n} = ${formatShortest(settings[n])}  # ${about}`;
   };
   const [vehicle, uncertain, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
   const driven = Object.keys(DRIVEN).find((axle) => DRIVEN[axle] === desk.get("driven_axle"));
-  return `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# How uncertain that is: sd of each, 0 for what is known exactly.\n[uncertainty]\n${uncertain}\n\n[sensors]\n${sensors}\n`;
+  return (
+    `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ` +
+    `${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# How uncertain that is: sd of ` +
+    `each, 0 for what is known exactly.\n[uncertainty]\n${uncertain}\n\n[sensors]\n${sensors}\n`
+  );
 }
 
-// The built-in example: a drive of tselab's manoeuvres in the project's simulator, with its truth.
-function exampleOf(desk) {
+// Return the built-in example: a manoeuvre of tselab in the simulator, with true
+// stiffness.
+function makeExample(desk) {
   const e = PAGE.example,
     n = e.rows,
     { lib } = desk,
-    inputs = { steer_angle: doublesOf(e.steer_angle), wheel_torque_front: doublesOf(e.wheel_torque_front) };
+    inputs = {
+      steer_angle: readDoubles(e.steer_angle),
+      wheel_torque_front: readDoubles(e.wheel_torque_front),
+    };
   desk.exact();
   for (const [name, value] of Object.entries(e.settings)) desk.set(name, value, "simConfig");
   desk.simStart();
@@ -221,7 +238,7 @@ function exampleOf(desk) {
     data: {},
     truth: {},
     notes: [],
-    sampleTime: median(differences(time)),
+    sampleTime: computeMedian(computeSteps(time)),
   };
   for (const f of lib.channels) rows.data[f.name] = new Float64Array(n);
   for (const s of STIFFNESS) rows.truth[s] = new Float64Array(n);
@@ -236,6 +253,6 @@ function exampleOf(desk) {
   return rows;
 }
 
-function doublesOf(text) {
+function readDoubles(text) {
   return new Float64Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 }

@@ -1,4 +1,4 @@
-// start.js - the page as it opens.
+// start.js - set the page up.
 
 let choose = () => {};
 
@@ -40,7 +40,7 @@ async function begin() {
     log.chart.later();
     drive.show();
   });
-  // paper is white: what is drawn is drawn anew, with the colours of day
+  // paper is white: draw in the light colours
   for (const [event, on] of [
     ["beforeprint", true],
     ["afterprint", false],
@@ -52,7 +52,7 @@ async function begin() {
       drive.look();
     });
   }
-  window.tse = { lib, log, drive }; // for the browser's console, and the test
+  window.tse = { lib, log, drive }; // for the console of the browser and for tests
 }
 
 begin().catch((error) => {

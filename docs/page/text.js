@@ -1,17 +1,18 @@
-// text.js - numbers and tables of text: what tselab makes of them, to the bit.
+// text.js - read and write numbers and text tables with the same bits as tselab.
 
-// The shortest digits that give the same bits back, written as tselab writes them (Arrow): 1, 0.000001, 1e-7, 1e+10; NaN is an empty cell.
-function shortest(x) {
+// Return the shortest digits with the same bits, in the format of tselab (Arrow): 1,
+// 0.000001, 1e-7, 1e+10. NaN: empty.
+function formatShortest(x) {
   if (Number.isNaN(x)) return "";
   if (Math.abs(x) === Infinity) return x > 0 ? "inf" : "-inf";
   if (Object.is(x, -0)) return "-0";
   return Math.abs(x) >= 1e10 ? x.toExponential() : String(x);
 }
 
-// The same of the nearest number in single precision, as the files of estimates have them; of two that are as near the even one.
-function shortestSingle(x) {
+// Return the digits of the nearest number in single precision, as in files of estimates.
+function formatShortestSingle(x) {
   const single = Math.fround(x);
-  if (!Number.isFinite(single) || single === 0) return shortest(single);
+  if (!Number.isFinite(single) || single === 0) return formatShortest(single);
   for (let digits = 1; digits < 9; digits++) {
     const [more, power] = single.toExponential(digits).split("e"),
       half = more.endsWith("5") && Number(`${more}e${power}`) === single;
@@ -19,20 +20,20 @@ function shortestSingle(x) {
       half && "02468".includes(more.at(-2))
         ? `${more.slice(0, -1)}e${power}`
         : single.toExponential(digits - 1);
-    if (Math.fround(Number(text)) === single) return shortest(Number(text));
+    if (Math.fround(Number(text)) === single) return formatShortest(Number(text));
   }
-  return shortest(Number(single.toPrecision(9)));
+  return formatShortest(Number(single.toPrecision(9)));
 }
 
-// A cell as a number, NaN where it is none; the nearest double, as pandas 3 reads it, so that a file has the same rows here and there.
-function numberOf(text, comma) {
+// Return a cell as the nearest double, as pandas 3 does; NaN if it is no number.
+function parseNumber(text, comma) {
   const plain = comma ? text.replace(",", ".") : text;
   const number = Number(plain);
   if (!Number.isNaN(number) && !/[xob_]/i.test(plain)) return number;
-  return wordOf(text);
+  return parseWord(text);
 }
 
-function wordOf(text) {
+function parseWord(text) {
   const word = text.toLowerCase();
   if (word === "inf" || word === "+inf" || word === "infinity") return Infinity;
   return word === "-inf" || word === "-infinity" ? -Infinity : NaN;
@@ -44,10 +45,10 @@ const isClock = (cell) =>
   /^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T])?\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(Z|[+-]\d{2}:?\d{2})?$/.test(cell);
 const isData = (cell) => isNumber(cell) || isClock(cell) || MISSING.has(cell.toLowerCase());
 
-// Something that is wrong with what somebody gave; the text says where, and what is allowed.
+// Error in the input of the user; the text names the place and the allowed values.
 class Wrong extends Error {}
 
-// Bytes of a file -> text: UTF-8, UTF-16 with its mark, else Windows' Western.
+// Return bytes of a file as text: UTF-8, UTF-16 with its mark, or else windows-1252.
 function decode(bytes, name) {
   let text;
   if ((bytes[0] === 0xff && bytes[1] === 0xfe) || (bytes[0] === 0xfe && bytes[1] === 0xff)) {
@@ -63,13 +64,15 @@ function decode(bytes, name) {
   }
   if (text.slice(0, 65536).includes("\0")) {
     throw new Wrong(
-      `${name}: is a binary file that this page does not read; it reads CSV${PAGE.parquet ? " and Parquet" : ""}. For MF4, BLF, ROS bags and MAT there is the program tselab: 'tselab estimate --help'`,
+      `${name}: is a binary file that this page does not read; it reads ` +
+        `CSV${PAGE.parquet ? " and Parquet" : ""}. For MF4, BLF, ROS bags and MAT there is the program ` +
+        "tselab: 'tselab estimate --help'",
     );
   }
   return text;
 }
 
-function cellsOf(line, separator) {
+function splitCells(line, separator) {
   if (!line.includes('"')) return line.split(separator).map((c) => c.trim());
   const out = [];
   let cell = "",
@@ -90,11 +93,12 @@ function cellsOf(line, separator) {
   return out;
 }
 
-const HEAD = 400; // lines that are looked at to find out what a table is like
+const HEAD = 400; // lines from which the format of a table is found
 const SEPARATORS = { ",": "comma", ";": "semicolon", "\t": "tab", "|": "|" };
 
-// What a table of text is like: separator, decimal, line of the names, names, units, first line of data.
-function dialectOf(name, lines) {
+// Return the format of a text table: separator, decimal, line of the names, names, units,
+// first line of data.
+function findDialect(name, lines) {
   const head = lines.slice(0, HEAD),
     filled = head.filter((x) => x.trim());
   if (!filled.length) throw new Wrong(`${name}: is empty`);
@@ -102,7 +106,7 @@ function dialectOf(name, lines) {
   let separator = "",
     worth = 0;
   for (const s of Object.keys(SEPARATORS)) {
-    const rows = tail.map((x) => cellsOf(x, s)),
+    const rows = tail.map((x) => splitCells(x, s)),
       counts = new Map();
     for (const r of rows) counts.set(r.length, (counts.get(r.length) ?? 0) + 1);
     const [width, often] = [...counts].sort((a, b) => b[1] - a[1])[0];
@@ -115,13 +119,14 @@ function dialectOf(name, lines) {
   }
   if (!separator)
     throw new Wrong(`${name}: is no table: no comma, semicolon, tab or | separates its lines into columns`);
-  const cells = head.map((x) => cellsOf(x, separator)),
+  const cells = head.map((x) => splitCells(x, separator)),
     widths = new Map();
   const numeric = (c) => c.some(isNumber) && c.filter(isData).length >= 0.5 * c.length;
   for (const c of cells) if (numeric(c)) widths.set(c.length, (widths.get(c.length) ?? 0) + 1);
   if (!widths.size)
     throw new Wrong(
-      `${name}: ${filled.length < 2 ? "has a header but no rows" : "no line of it is numbers"}; the first line names the columns, each further line is a row`,
+      `${name}: ${filled.length < 2 ? "has a header but no rows" : "no line holds numbers"}; the ` +
+        "first line names the columns, each further line is a row",
     );
   const width = [...widths].sort((a, b) => b[1] - a[1])[0][0];
   const first = cells.findIndex(
@@ -134,7 +139,7 @@ function dialectOf(name, lines) {
     units = null;
   const isUnits = (c) =>
     c.some(Boolean) &&
-    c.filter((u) => u && (unitOf(u) !== null || ["-", "1", "[-]", "[]"].includes(u))).length >
+    c.filter((u) => u && (findUnit(u) !== null || ["-", "1", "[-]", "[]"].includes(u))).length >
       0.6 * c.filter(Boolean).length;
   while (header >= 0 && cells[header].length < width) header--;
   if (header > 0 && isUnits(cells[header])) {
@@ -157,20 +162,22 @@ function dialectOf(name, lines) {
   };
 }
 
-// A table of text. Returned: columns {name, unit, values (NaN: missing), bad: {count, line, text} of cells that are no numbers},
-// the line of every row in the file, notes. A last line that does not end is left out: it may be cut inside a number.
+// Read a text table: columns {name, unit, values (NaN: missing), bad: {count, line, text}
+// of cells that are no numbers}, the line of each row in the file, notes. A last line
+// without end is left out, as it may be cut inside a number.
 async function readText(name, bytes, breathe) {
   const text = decode(bytes, name).replace(/^\ufeff/, "");
   const lines = text.split(/\r\n|\n|\r/);
   const notes = [];
   const ends = /[\r\n]$/.test(text);
-  const d = dialectOf(name, lines);
+  const d = findDialect(name, lines);
   if (ends) lines.pop();
   else if (lines.length > d.first + 1) {
     notes.push(`line ${lines.length}, the last, does not end: it may be cut inside a number and is left out`);
     lines.pop();
   } else throw new Wrong(`${name}: has one row, and its line does not end: it may be cut inside a number`);
-  if (lines.length - d.first > MOST_ROWS + HEAD) throw tooLong(name, lines.length - d.first); // before minutes go into reading it
+  // refuse before minutes of reading
+  if (lines.length - d.first > MOST_ROWS + HEAD) throw makeLengthError(name, lines.length - d.first);
   const width = d.names.length,
     most = lines.length - d.first,
     comma = d.decimal === ",";
@@ -185,16 +192,17 @@ async function readText(name, bytes, breathe) {
   for (let at = d.first; at < lines.length; at++) {
     if (at % 2000 === 0) await breathe(`reading ${name}`, at / lines.length);
     if (!lines[at].trim()) continue;
-    const cells = cellsOf(lines[at], d.separator);
+    const cells = splitCells(lines[at], d.separator);
     if (cells.length > width)
       throw new Wrong(
-        `${name}: line ${at + 1}: ${cells.length} cells, but the header (line ${d.header + 1}) names ${width} columns`,
+        `${name}: line ${at + 1}: ${cells.length} cells, but the header (line ${d.header + 1}) names ` +
+          `${width} columns`,
       );
     for (let k = 0; k < width; k++) {
       const cell = cells[k] ?? "";
-      let value = cell === "" ? NaN : numberOf(cell, comma);
+      let value = cell === "" ? NaN : parseNumber(cell, comma);
       if (Number.isNaN(value) && !MISSING.has(cell.toLowerCase())) {
-        value = isClock(cell) ? clockOf(cell) : NaN;
+        value = isClock(cell) ? parseClock(cell) : NaN;
         if (Number.isNaN(value)) {
           columns[k].bad ??= { count: 0, line: at + 1, text: cell };
           columns[k].bad.count++;
@@ -208,23 +216,27 @@ async function readText(name, bytes, breathe) {
   for (const c of columns) c.values = c.values.subarray(0, rows);
   if (d.separator !== "," || d.decimal !== "." || d.header || d.units) {
     notes.push(
-      `read as CSV with ${SEPARATORS[d.separator]} and decimal ${d.decimal === "," ? "comma" : "point"}${d.header ? `, names in line ${d.header + 1}` : ""}${d.units ? ", a row of units" : ""}`,
+      `read as CSV with ${SEPARATORS[d.separator]} and decimal ` +
+        (d.decimal === "," ? "comma" : "point") +
+        (d.header ? `, names in line ${d.header + 1}` : "") +
+        (d.units ? ", a row of units" : ""),
     );
   }
   return { name, columns: columns.filter((c) => c.name), line: line.subarray(0, rows), place: "line", notes };
 }
 
-// 12:03:04.5, with or without a date -> s
-function clockOf(cell) {
+// Return the time in s of 12:03:04.5, with or without a date.
+function parseClock(cell) {
   const t = /(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?/.exec(cell);
   return t ? 3600 * t[1] + 60 * t[2] + Number((t[3] ?? "0").replace(",", ".")) : NaN;
 }
 
-// A Parquet file, by hyparquet; every column of numbers.
+// Read the numeric columns of a Parquet file, with hyparquet.
 async function readParquet(name, bytes, breathe) {
   if (!PAGE.parquet)
     throw new Wrong(
-      `${name}: this copy of the page was built without its reader of Parquet (npm was not there); a CSV is read`,
+      `${name}: this copy of the page was built without its reader of Parquet (npm was not there); a ` +
+        "CSV is read",
     );
   const columns = [],
     file = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.byteLength);
@@ -238,7 +250,7 @@ async function readParquet(name, bytes, breathe) {
       if (child.children.length) continue;
       const values = new Float64Array(rows).fill(NaN);
       const take = ({ columnData, rowStart }) => {
-        for (let k = 0; k < columnData.length; k++) values[rowStart + k] = numberIn(columnData[k]);
+        for (let k = 0; k < columnData.length; k++) values[rowStart + k] = convertNumber(columnData[k]);
       };
       await parquet.parquetRead({
         file,
@@ -257,7 +269,7 @@ async function readParquet(name, bytes, breathe) {
   return { name, columns, line: Int32Array.from({ length: rows }, (_, i) => i + 1), place: "row", notes: [] };
 }
 
-function numberIn(value) {
+function convertNumber(value) {
   if (typeof value === "number") return value;
   if (typeof value === "bigint") return Number(value);
   return value instanceof Date ? value.getTime() / 1000 : NaN;

@@ -45,7 +45,8 @@ typedef struct tse_config {
   tse_setting cornering_stiffness_rear;         /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
                                                  * of the rear axle; 0: of its class, by its load */
   tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; share of the front's relative deviation
-                                                 * that the rear longitudinal stiffness takes */
+                                                 * that the rear longitudinal stiffness takes; paper's
+                                                 * filter */
   tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; sd of mass, relative, yaw_inertia
                                                  * with it */
   tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; sd of yaw_inertia, relative */
@@ -81,10 +82,10 @@ typedef struct tse_config {
   tse_setting yaw_rate_sd;                      /* [rad/s] 0.0025, 1e-05 .. 1; noise of yaw_rate, one
                                                  * sample */
   tse_setting wheel_noise_sd;                   /* [rad/s] 0.04, 0 .. 5; noise of the wheel speeds (mean of
-                                                 * an axle's two wheels), one sample; form 0 */
+                                                 * an axle's two wheels), one sample; default filter */
   tse_setting steer_lag_sd;                     /* [s] 0.025, 0 .. 0.2; how late the steering acts behind
                                                  * the IMU (bus, steering, tyres), or how early: sd of what
-                                                 * is not known; 0: not at all; form 0 */
+                                                 * is not known; 0: not at all; default filter */
   tse_setting accel_x_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; bias of accel_x at the start */
   tse_setting accel_y_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; bias of accel_y at the start */
   tse_setting yaw_rate_bias_sd;                 /* [rad/s] 0.01, 0 .. 0.5; bias of yaw_rate at the start */
@@ -256,15 +257,15 @@ typedef struct tse_config {
   int32_t formula_code_11;                      /* 0, 0 .. 16777215; operations 31 .. 33 */
   tse_setting sample_time;                      /* [s] 0.01, 0.001 .. 0.1; nominal time between rows */
   tse_setting forgetting;                       /* [1] 0.99, 0.9 .. 0.9999; lambda of (17) per nominal
-                                                 * sample; memory 1/(1 - lambda) samples; form 1 */
+                                                 * sample; memory 1/(1 - lambda) samples; paper's filter */
   tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; lambda of the mean, of gamma in
                                                  * (17), per nominal sample; 0: forgetting (the paper);
-                                                 * form 1 */
+                                                 * paper's filter */
   tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; what lambda of the mean falls to where
                                                  * innovations last, as after a change of road; 1: it does
-                                                 * not (the paper); form 1 */
+                                                 * not (the paper); paper's filter */
   tse_setting resample_threshold;               /* [1] 0.5, 0 .. 1; resample when N_eff falls to this share
-                                                 * of the particles; form 1 */
+                                                 * of the particles; paper's filter */
   tse_setting initial_cx_front;                 /* [1] 1, 0.2 .. 4; start of the front longitudinal
                                                  * stiffness, share of nominal */
   tse_setting initial_cy_front;                 /* [1] 1, 0.2 .. 4; start of the front cornering stiffness,
@@ -272,29 +273,30 @@ typedef struct tse_config {
   tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; start of the rear cornering stiffness,
                                                  * share of nominal */
   tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; how uncertain the start of the mean is:
-                                                 * sqrt(gamma Sigma), relative to nominal */
+                                                 * sqrt(gamma Sigma), relative to nominal; paper's filter */
   tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; sd of the start of the longitudinal
-                                                 * stiffness, relative; form 0 */
+                                                 * stiffness, relative; default filter */
   tse_setting initial_cy_front_sd;              /* [1] 0.25, 0 .. 2; sd of the start of the front cornering
-                                                 * stiffness, relative; form 0 */
+                                                 * stiffness, relative; default filter */
   tse_setting initial_cy_rear_sd;               /* [1] 0.25, 0 .. 2; sd of the start of the rear cornering
-                                                 * stiffness, relative; form 0 */
+                                                 * stiffness, relative; default filter */
   tse_setting grip;                             /* [1] 1, 0 .. 50; friction of the tyres at the start; 0:
                                                  * 1/tyre_saturation_inverse_friction, or tyres without an
                                                  * end where that is 0; of each axle by
-                                                 * tyre_saturation_balance; form 0 */
-  tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; its sd, relative; form 0 */
+                                                 * tyre_saturation_balance; default filter */
+  tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; its sd, relative; default filter */
   tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; sample-to-sample sd assumed at the
-                                                 * start: sqrt(Sigma), relative to nominal */
+                                                 * start: sqrt(Sigma), relative to nominal; paper's filter */
   tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; the learnt spread is kept at or below
                                                  * this, relative to nominal: what exceeds it is sensor
-                                                 * noise, not tyre; 2: no limit (the paper); form 1 */
+                                                 * noise, not tyre; 2: no limit (the paper); paper's filter */
   tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; Lambda of a particle that was resampled
                                                  * is scaled by a random factor of this relative sd and
                                                  * mean one, so that copies differ; 0: it is not (the
-                                                 * paper); form 1 */
+                                                 * paper); paper's filter */
   tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; degrees of freedom nu at the start:
-                                                 * samples' worth of trust in initial_spread; form 1 */
+                                                 * samples' worth of trust in initial_spread; paper's
+                                                 * filter */
   tse_setting learnt_floor;                     /* [1] 0.1, 0 .. 2; no mean stiffness learnt in an earlier
                                                  * drive is trusted more than this (sd, relative to
                                                  * nominal): the road may be another */
@@ -302,12 +304,13 @@ typedef struct tse_config {
                                                  * stiffness between drives, relative to nominal: wear,
                                                  * pressure, temperature, other tyres */
   tse_setting initial_vel_x;                    /* [m/s] 0, -70 .. 70; start of vel_x, used when
-                                                 * initial_vel_x_from_wheels is 0 */
-  tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; how uncertain the start of vel_x is */
+                                                 * initial_vel_x_from_wheels is 0; paper's filter */
+  tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; how uncertain the start of vel_x is;
+                                                 * paper's filter */
   tse_setting initial_vel_y_sd;                 /* [m/s] 0.1, 0 .. 10; how uncertain the start of vel_y is
-                                                 * (mean 0) */
+                                                 * (mean 0); paper's filter */
   tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; how uncertain the start of
-                                                 * yaw_rate is (mean: first sample, else 0) */
+                                                 * yaw_rate is (mean: first sample, else 0); paper's filter */
   tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; no stiffness falls below this
                                                  * share of nominal; form 1 without reflect_draws: only its
                                                  * start does not */
@@ -318,36 +321,44 @@ typedef struct tse_config {
   tse_setting max_steer;                        /* [rad] 0.7, 0.05 .. 1.2; beyond this steering angle
                                                  * nothing is learnt */
   tse_setting max_slip;                         /* [1] 0.05, 0.01 .. 1; beyond this slip of an axle its
-                                                 * wheels lock or spin; form 0 */
+                                                 * wheels lock or spin; default filter */
   tse_setting noise_max;                        /* [1] 30, 1 .. 1000; what the sensors' sd as found may be
-                                                 * over the setting's; 1: the settings are believed; form 0 */
+                                                 * over the setting's; 1: the settings are believed;
+                                                 * default filter */
   tse_setting max_gap;                          /* [s] 0.25, 0.01 .. 1; longer gaps between rows restart
                                                  * the states */
   tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; a stiffness is valid up to this sd
                                                  * of the mean, relative to the mean (form 1: to nominal) */
   tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; random walk of a stiffness
-                                                 * that nothing changes, relative: wear, warmth; form 0 */
+                                                 * that nothing changes, relative: wear, warmth; default
+                                                 * filter */
   int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM; 0:
                                                  * the car's Kalman filter; 1: the paper's particle filter.
                                                  * 2, the same with a watchdog, is gone: see
                                                  * tse_config_robust() */
   tse_setting cg_height;                        /* [m] 0.55, 0 .. 3; height of the centre of gravity: load
-                                                 * goes from axle to axle with the acceleration; form 0 */
+                                                 * goes from axle to axle with the acceleration; default
+                                                 * filter */
   int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speeds are one signal, the
-                                                 * speed of the vehicle, which does not show slip; form 0 */
+                                                 * speed of the vehicle, which does not show slip; default
+                                                 * filter */
   int32_t driven_axle;                          /* 0, 0 .. 2; 0 both or unknown, 1 front, 2 rear: the other
-                                                 * rolls freely while the car does not brake; form 0 */
-  int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; particles in use; form 1 */
+                                                 * rolls freely while the car does not brake; default
+                                                 * filter */
+  int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; particles in use; paper's
+                                                 * filter */
   int32_t resampling;                           /* 0, 0 .. 3; 0 systematic, 1 stratified, 2 residual, 3
-                                                 * multinomial; form 1 */
+                                                 * multinomial; paper's filter */
   int32_t integration;                          /* 0, 0 .. 2; of (7) between rows: 0 Euler, inputs held
                                                  * (the paper); 1 second order, inputs linear; 2 second
-                                                 * order, the steering angle held; form 1 */
+                                                 * order, the steering angle held; paper's filter */
   int32_t reflect_draws;                        /* 0, 0 .. 1; 1: a draw of (25) below stiffness_min is
-                                                 * reflected at it; 0: it is not (the paper); form 1 */
+                                                 * reflected at it; 0: it is not (the paper); paper's
+                                                 * filter */
   int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: vel_x starts at the mean of the wheel
-                                                 * speeds */
-  int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; form 1 */
+                                                 * speeds; paper's filter */
+  int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; paper's
+                                                 * filter */
   // clang-format on: end of table
 } tse_config;
 

@@ -9,6 +9,7 @@
 #define tse_describe_build TSE_NAME(tse_describe_build)
 #define tse_describe_effects           TSE_NAME(tse_describe_effects)
 #define tse_describe_effect_parameters TSE_NAME(tse_describe_effect_parameters)
+#define tse_describe_settings          TSE_NAME(tse_describe_settings)
 
 #ifdef __cplusplus
 extern "C" {
@@ -28,6 +29,7 @@ typedef enum tse_struct {
   TSE_STRUCT_REPLAY_OUT,
   TSE_STRUCT_FORMULA_PLACE, /* src/tables/formula.toml */
   TSE_STRUCT_FORMULA_OP,    /* number of operands in `def`, kind as a letter n, s, p, m */
+  TSE_STRUCT_FORMULA_LIMIT, /* limits of a formula; the limit in `offset` */
   TSE_STRUCTS
 } tse_struct;
 
@@ -45,12 +47,26 @@ typedef struct tse_field {
  * NULL if there is no such struct. */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
-/* One effect of src/tables/effects.toml.  bit: in tse_effects.mask.  hook: CONSTANT ..
- *                                         SENSOR. */
+/* One effect of src/tables/effects.toml.
+ *   hook       CONSTANT .. SENSOR
+ *   estimator  how the filters use it */
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
-  int32_t bit;
+  int32_t bit;            /* of tse_effects.mask */
+  const char *filter;     /* "both", "default" or "none": the filters whose estimate it moves */
+  const char *occurrence; /* SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED, IN_MODEL: how often cars have it */
+  const char *early;      /* title of a value below early_below (of messages or the IMU), or "" */
+  double early_below;
 } tse_effect_row;
+
+/* The use of one setting of tse_config.
+ *   table        of src/tables that it is from: vehicle, uncertainty, sensors, latency, velocity,
+ *                pedals, road, effects, formula, filter
+ *   filter       "both", "default", "paper" or "none": the filters whose estimate it moves
+ *   replaced_by  the setting that the filter uses instead while that is not 0; "": there is none */
+typedef struct tse_setting_row {
+  const char *name, *table, *filter, *replaced_by;
+} tse_setting_row;
 
 /* One parameter of an effect.  setting: its name in tse_config. */
 typedef struct tse_effect_parameter {
@@ -67,6 +83,10 @@ typedef struct tse_effect_parameter {
  * rows. */
 const tse_effect_row *tse_describe_effects(int32_t *count);
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
+
+/* Return the use of every setting, in the order of tse_describe(TSE_STRUCT_CONFIG): the first row,
+ * *count (if not NULL) rows. */
+const tse_setting_row *tse_describe_settings(int32_t *count);
 
 /* The library as built: version, number format, max particles, sizes of its structs. */
 typedef struct tse_build {

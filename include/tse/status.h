@@ -35,8 +35,8 @@ typedef enum tse_status {
   TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: nothing is
                                  * learnt of the stiffness */
   TSE_W_PREDICTED = 5,          /* no measurement, or inputs missing: predicted only */
-  TSE_W_GAP = 6,                /* time step too long to bridge: states restarted from the sensors, what
-                                 * was learnt is kept */
+  TSE_W_GAP = 6,                /* a step too long to bridge, or sensors that jump: states restarted from
+                                 * the sensors, what was learnt is kept */
   TSE_W_RECOVERED = 7,          /* the state was no finite number, by a fault of the memory or an overflow:
                                  * started over */
   TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the

@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FORMATS = ("double", "float", "fixed")
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
+FORMATTER = re.compile(r"^ *// clang-format o(?:n|ff).*\n", re.M)  # marks of tables
 ALIAS = re.compile(r"^#define (\w+) +TSE_NAME\(\w+\)\n", re.M)
 TOKEN = re.compile(
     r"""(?P<space>\s+|/\*.*?\*/|//[^\n]*|\\\n)
@@ -183,7 +184,7 @@ class Amalgamation:
         if name in self.header_done:
             return ""
         self.header_done.add(name)
-        text = (ROOT / "include" / name).read_text()
+        text = FORMATTER.sub("", (ROOT / "include" / name).read_text())
 
         def put(m: re.Match[str]) -> str:
             if not m[1].startswith("tse/"):  # a test's own number type, which takes the place of tse_real
@@ -301,7 +302,7 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
 
 def without_c_plus_plus(path: Path) -> str:
     """Static functions need no extern "C", and public ones have it from tse.h."""
-    return C_PLUS_PLUS.sub("", path.read_text())
+    return FORMATTER.sub("", C_PLUS_PLUS.sub("", path.read_text()))
 
 
 ABOUT = """\

@@ -20,7 +20,7 @@ UNITS = {
     "cy_rear": "N/rad",
 }  # in which the API has what the library has relative to nominal
 HEAD = '''\
-"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py, not by hand."""
+"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py."""
 
 from __future__ import annotations
 
@@ -32,10 +32,13 @@ from tse._base import EstimateBase
 '''
 
 
+WIDTH = 90  # columns, of which a docstring's indent and quotes take ten
+
+
 def doc(text: str, unit: str = "") -> str:
-    """A docstring of an attribute."""
+    """Return the docstring of an attribute, at most WIDTH wide."""
     text = text[:1].upper() + text[1:] + (f" [{unit}]" if unit not in ("", "1") else "")
-    lines = textwrap.wrap(text.replace('"', "'") + ("" if text.endswith(".") else "."), 118)
+    lines = textwrap.wrap(text.replace('"', "'") + ("" if text.endswith(".") else "."), WIDTH - 10)
     return textwrap.indent('"""' + "\n".join(lines) + '"""', "    ")
 
 
@@ -73,16 +76,16 @@ def estimate_lines() -> list[str]:
             judged = f.name.removesuffix("_valid")
             lines += [
                 f"    {f.name}: bool",
-                doc(f"whether {judged} may be used; {judged}_reason says why not"),
+                doc(f"whether {judged} may be used; {judged}_reason is the reason if not"),
             ]
-            lines += [f"    {judged}_reason: Reason", doc(f"'valid', or why {judged} is not")]
+            lines += [f"    {judged}_reason: Reason", doc(f"'valid', or the reason why {judged} is not")]
         elif f.name.endswith("_spread_seen"):
             lines += [
                 f"    {f.name}: bool",
-                doc("whether the spread is learnt; else it is below what sensors and excitation can show"),
+                doc("whether the spread is estimated; else it is below what sensors and excitation show"),
             ]
         elif f.name == "status":
-            lines += ["    status: Status", doc("how the row was used; `status_text` says it in words")]
+            lines += ["    status: Status", doc("use of the row; `status_text` is a sentence")]
         elif f.name == "fault_channel":
             lines += [
                 "    fault_channel: str | None",
@@ -113,21 +116,23 @@ def text() -> str:
             "",
             "",
             "class Status(IntEnum):",
-            '    """How a row was used. Below 0: refused, nothing has changed; 0: used; above: used, with this caution."""',
+            '    """Use of a row. Below 0: refused, nothing has changed; 0: used; above: used, with',
+            '    this caution."""',
             "",
             *status,
             "",
             "",
             "class Row(TypedDict, total=False):",
-            '    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is',
-            '    left out, None or NaN is missing."""',
+            '    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive',
+            '    to the left). A field that is left out, None or NaN is missing."""',
             "",
             *row_lines(),
             "",
             "",
             "@dataclass(frozen=True, slots=True)",
             "class Estimate(EstimateBase):",
-            '    """What the filter believes after a row. SI units, stiffness per axle; `_sd`: standard deviation of the mean."""',
+            '    """Estimates after a row. SI units, stiffness per axle; `_sd`: standard deviation of',
+            '    the mean."""',
             "",
             *estimate_lines(),
             "",

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Format the sources: Python by ruff, C by clang-format (.clang-format; what is laid out by hand: .clang-format-ignore).
+# Format the sources: Python by ruff, C by clang-format, prose by scripts/dev/prose.py (.clang-format; what is laid out by hand: .clang-format-ignore).
 #   scripts/dev/format.sh            in place
 #   scripts/dev/format.sh --check    change nothing; fails, and names the files, where something would be
 # Versions are those of scripts/lock.txt: another clang-format lays out otherwise.
@@ -17,6 +17,7 @@ status=0
   status=1
   .venv/bin/ruff format --check --config scripts/pyproject.toml scripts tests 2>/dev/null | grep -v "already" >&2
 }
+.venv/bin/python scripts/dev/prose.py ${check:+--check} || status=1
 find docs/page fmu include scripts src tests \( -name '*.c' -o -name '*.h' \) -print0 \
   | if [ -n "$check" ]; then xargs -0 .venv/bin/clang-format --dry-run --Werror; else xargs -0 .venv/bin/clang-format -i; fi || status=1
 exit $status

@@ -4,6 +4,8 @@
     .venv/bin/python scripts/dev/page.py                 build it
     .venv/bin/python scripts/dev/page.py --out FILE      somewhere else
     .venv/bin/python scripts/dev/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
+    .venv/bin/python scripts/dev/page.py --ship          the one that git holds, docs/try.html, for who has no compiler
+    .venv/bin/python scripts/dev/page.py --check         fail where that one is of other sources than these
 
 The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
 the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when it
@@ -23,11 +25,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "docs" / "page"
 SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # what the page of `tselab live` has, too
 BUILD = ROOT / "build" / "page"
 PAGE = ROOT / "build" / "site" / "try.html"
+SHIPPED = ROOT / "docs" / "try.html"
 SCRIPTS = (
     "core.js",
     "text.js",
@@ -85,10 +88,39 @@ def compilers() -> list[list[str]]:
     )
 
 
-def wasm(cc: list[str] | None = None) -> bytes:
-    """The library as WebAssembly."""
+def library_sources() -> Path:
+    """Write the library as two files. Return their folder."""
     BUILD.mkdir(parents=True, exist_ok=True)
     call([sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(BUILD / "src")])
+    return BUILD / "src"
+
+
+def digest() -> str:
+    """Return a number of all that the page is made of, but for the compiler and what npm brings."""
+    files = [
+        *sorted(library_sources().iterdir()),
+        *(SOURCES / name for name in ("page.c", "page.html", "vendor.js", "package-lock.json")),
+    ]
+    files += [(SHARED if name == "draw.js" else SOURCES) / name for name in SCRIPTS] + [SHARED / "page.css"]
+    made = hashlib.sha256(json.dumps([FLAGS, LINK, known(), example()]).encode())
+    for file in files:
+        made.update(file.read_bytes())
+    return made.hexdigest()[:16]
+
+
+def shipped_digest() -> str:
+    """Return the same number of the page that git holds; "": there is none."""
+    found = (
+        re.search(r'<meta name="sources" content="(\w+)">', SHIPPED.read_text(encoding="utf-8"))
+        if SHIPPED.is_file()
+        else None
+    )
+    return found[1] if found else ""
+
+
+def wasm(cc: list[str] | None = None) -> bytes:
+    """The library as WebAssembly."""
+    library_sources()
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or compilers()[0]
     libc = ROOT / "tests" / "embedded" / "wasm"  # what a compiler calls of a C library
@@ -252,6 +284,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     )
     for mark, value in (
         ("<!-- @notices@ -->", f"<!--\n{own}{notices}-->" if notices else ""),
+        ("<!-- @sources@ -->", f'<meta name="sources" content="{digest()}">'),
         ("/* @style@ */", (SHARED / "page.css").read_text()),
         ("/* @script@ */", script),
     ):
@@ -270,10 +303,25 @@ def main() -> int:
     )
     parser.add_argument("--out", type=Path, default=PAGE)
     parser.add_argument("--without-npm", action="store_true")
+    parser.add_argument("--ship", action="store_true")
+    parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
     try:
-        for line in build(options.out, not options.without_npm):
+        if options.check:
+            if shipped_digest() == digest():
+                return 0
+            raise Failed(
+                f"{SHIPPED.relative_to(ROOT)} is of other sources than these: scripts/dev/page.py --ship"
+            )
+        if options.ship:
+            if options.without_npm or not shutil.which("npm"):
+                raise Failed("the page that git holds reads Parquet and vehicle files: npm is needed")
+            options.out = SHIPPED
+        said = build(options.out, not options.without_npm)
+        for line in said:
             print(f"page: {line}")
+        if options.ship and len(said) > 1:
+            raise Failed("not to be shipped")
     except (Failed, ImportError) as error:
         hint = (
             ": run it with .venv/bin/python, after scripts/setup.sh" if isinstance(error, ImportError) else ""

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Write what C sources and headers have of the tables in src/tables/*.toml: structs, enumerations, rows.
+"""Write what C sources and headers have of the tables in src/tables/*.toml: structs,
+enumerations, rows.
 
 scripts/dev/tables.py            write
 scripts/dev/tables.py --check    change nothing; fails, and names the files, where something would be
@@ -44,6 +45,16 @@ SECTIONS = dict.fromkeys(
 )  # table: file that has it beside others
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
 NO_RANGE = "0.0, 1.0, -1.0"
+# End of the text of a setting, by its column `filter`, in tables with settings of both
+# filters.
+ONLY_IN = ("vehicle", "sensors", "filter")
+ONLY = {"default": "; default filter", "paper": "; paper's filter"}
+# Begin of the text about an effect, by its column `filter`.
+USES = {
+    "both": "both filters use it",
+    "default": "the default filter uses it, the paper's does not",
+    "none": "no filter uses it, simulator and replay do",
+}
 Row = dict[str, Any]
 
 
@@ -59,21 +70,29 @@ def file_of(name: str) -> str:
 
 
 def settings(name: str) -> dict[str, Row]:
-    """Return the settings of a table, by their names: defaults, ranges, units, texts.
+    """Return the settings of a table by their names: defaults, ranges, units, texts.
 
-    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car that is known exactly."""
+    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car
+    that is known exactly; filter: the filters whose estimate the setting moves, "both"
+    unless the row states another.
+    """
     table = read(name)
     if name == "formula":
         table = table["setting"]
     if name == "effects":
         table = {
-            f"{i}_{p}": {**row, "effect": i} for i, e in table.items() for p, row in e["parameter"].items()
+            f"{i}_{p}": {"filter": e["filter"], **row, "effect": i}
+            for i, e in table.items()
+            for p, row in e["parameter"].items()
         }
     ordinary = read("uncalibrated")["setting"]
     return {
         n: {
             "unit": "",
+            "filter": "both",
+            "replaced_by": "",
             **row,
+            "text": row["text"] + (ONLY.get(row.get("filter"), "") if name in ONLY_IN else ""),
             "whole": not isinstance(row["default"], float),
             "exact": row["default"],
             "default": ordinary.get(n, {"value": row["default"]})["value"],
@@ -93,7 +112,9 @@ def c(x: float | int | str) -> str:
 
 
 def start(row: Row, of: str = "default") -> str:
-    """Return the default, which is the most where a build allows no more. of: exact: of a car that is known exactly."""
+    """Return the default, which is the most where a build allows no more. of: exact: of a
+    car that is known exactly.
+    """
     default, most = c(row[of]), c(row["most"])
     return f"{default} < {most} ? {default} : {most}" if isinstance(row["most"], str) else default
 
@@ -135,7 +156,10 @@ def struct(rows: dict[str, Row], real: str) -> list[str]:
 
 def field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
     """Return a row of tse_describe()."""
-    return f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, {text(says)} }},"
+    return (
+        f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, "
+        f"{text(says)} }},"
+    )
 
 
 def fmu_name(group: str, name: str) -> str:
@@ -144,10 +168,13 @@ def fmu_name(group: str, name: str) -> str:
 
 
 def settings_lists() -> Iterator[str]:
-    """Yield a list of settings for each of their tables; that of the effects is made of their parameters."""
+    """Yield a list of settings for each of their tables; that of the effects is made of
+    their parameters.
+    """
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
-            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, {start(r, 'exact')}, "
+            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, "
+            f"{start(r, 'exact')}, "
             f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
             for n, r in settings(group).items()
         ]
@@ -194,10 +221,14 @@ def output_members() -> list[str]:
 
 
 def hashed_outputs() -> list[str]:
-    """All but of which time the estimates are: no channel is late in the recorded drives."""
+    """Return the outputs of the hash of a recorded drive.
+
+    estimate_age is not among them: no channel is late in these drives.
+    """
     rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
     return [
-        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }},"
+        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), "
+        f"{int(r['kind'] in ('flag', 'reason', 'code'))} }},"
         for n, r in rows
     ]
 
@@ -210,7 +241,8 @@ def codes(table: str) -> list[str]:
 
 def coded(rows: dict[str, Row]) -> list[str]:
     return [
-        f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, {text(r['text'])} }},"
+        f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, "
+        f"{text(r['text'])} }},"
         for n, r in rows.items()
     ]
 
@@ -226,7 +258,9 @@ def constants() -> list[str]:
 
 
 def config_groups() -> list[str]:
-    """Where the rows of some tables begin among those of their kind, and how many there are."""
+    """Return the start and the count of the rows of some tables among those of their
+    kind.
+    """
     parts = []
     reals = [n for n, r in config().items() if not r["whole"]]
     wholes = [n for n, r in config().items() if r["whole"]]
@@ -249,15 +283,55 @@ def copied(group: str) -> Iterator[str]:
 # ---- effects, formula
 
 
+def estimator_text(effect: Row) -> str:
+    """Return the sentence about the use of an effect by the filters."""
+    parts = [USES[effect["filter"]]]
+    if "remark" in effect:
+        parts.append(effect["remark"])
+    for name, row in effect["parameter"].items():
+        if other := row.get("replaced_by"):
+            parts.append(f"{name} counts only while {other} is 0")
+    return "; ".join(parts)
+
+
+def described_effects() -> list[str]:
+    """Return the rows of tse_describe_effects()."""
+    rows = []
+    for i, e in read("effects").items():
+        early = e.get("early", {"title": "", "below": 0.0})
+        rows += [
+            f"{{ {text(i)}, {text(e['hook'])}, {text(e['title'])},",
+            f"  {text(e['entry'])}, {text(e['channels'])},",
+            f"  {text(e['alike'])},",
+            f"  {text(estimator_text(e))},",
+            f"  TSE_EFFECT_{i}, {text(e['filter'])}, {text(e['occurrence'])},",
+            f"  {text(early['title'])}, {c(early['below'])} }},",
+        ]
+    return rows
+
+
+def described_settings() -> list[str]:
+    """Return the rows of tse_describe_settings(), in the order of tse_config."""
+    return [
+        f"{{ {text(n)}, {text(group)}, {text(r['filter'])}, {text(r['replaced_by'])} }},"
+        for group in CONFIG
+        for n, r in settings(group).items()
+    ]
+
+
 def effect_numbers() -> list[str]:
-    """How many tse_real struct tse_effects holds: its settings, and the ten numbers of mass and formula."""
+    """Return the count of tse_real of struct tse_effects, as a constant of C.
+
+    It holds the settings of the effects and ten numbers of mass and formula.
+    """
     return [f"#define TSE_EFFECT_NUMBERS {len(settings('effects')) + 10}"]
 
 
 def effect_parameters() -> Iterator[str]:
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
-        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {c(r['default'])}, {c(r['exact'])}, {c(r['least'])}, "
+        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {c(r['default'])}, "
+        f"{c(r['exact'])}, {c(r['least'])}, "
         f"{c(r['most'])}, {text(r['unit'])}, {text(r['text'])}, "
         f"{roles[r['role']]}, {r['sign']}, {', '.join(c(x) for x in (*r['typical'], r['negligible']))})"
         for n, r in settings("effects").items()
@@ -271,6 +345,22 @@ def hooked(*hooks: str) -> list[str]:
         f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h)
         for h in hooks
     ]
+
+
+def formula_limits() -> list[str]:
+    """Return the limits of a formula and the count of its numbers, as constants of C."""
+    table = read("formula")
+    numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
+    rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}
+    rows["TSE_FORMULA_NUMBERS"] = (numbers, "numbers, formula_a ..")
+    return [f"#define {f'{n} {value}':<24} /* {what} */" for n, (value, what) in rows.items()]
+
+
+def described_limits() -> list[str]:
+    """Return the rows of TSE_STRUCT_FORMULA_LIMIT."""
+    return coded(
+        {n.removeprefix("TSE_"): {"code": r["value"], **r} for n, r in read("formula")["limit"].items()}
+    )
 
 
 def formula_operations() -> Iterator[str]:
@@ -288,7 +378,9 @@ def formula_operations() -> Iterator[str]:
 
 
 def truths() -> list[tuple[str, str, str, Row]]:
-    """Return group, name, member and row of what a simulated row has besides what the car logs."""
+    """Return group, name, member and row of what a simulated row has besides what the car
+    logs.
+    """
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 
@@ -318,7 +410,10 @@ def output_row(name: str, r: Row) -> str:
     if r["kind"] == "reason":
         name = name.removesuffix("_valid")
         valid = "grip_valid" if name == "grip" else f"valid[{index}"
-        return f"REASON({name}, {r['member']}, {valid}, {text('the grip' if name == 'grip' else 'the stiffness')})"
+        return (
+            f"REASON({name}, {r['member']}, {valid}, "
+            f"{text('the grip' if name == 'grip' else 'the stiffness')})"
+        )
     if r["kind"] == "stiffness":
         place = of.removeprefix("stiffness").removeprefix("_") or "mean"
         return f"STIFFNESS({head}, {place}[{index}, {text(r['unit'])}, {says})"
@@ -447,17 +542,12 @@ REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lin
     # effects, formula
     "effect_places": lambda: packed(f"TSE_EFFECT_{i}," for i in read("effects")),
     "effect_members": lambda: packed(f"{n}," for n in settings("effects")),
-    "effects_described": lambda: [
-        "{ "
-        + ", ".join(
-            text(x)
-            for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator")))
-        )
-        + f", TSE_EFFECT_{i} }},"
-        for i, e in read("effects").items()
-    ],
+    "effects_described": described_effects,
+    "settings_described": described_settings,
     "constant_effects": lambda: hooked("CONSTANT"),
     "acting_effects": lambda: hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
+    "formula_limits": formula_limits,
+    "formula_limits_described": described_limits,
     "formula_places": lambda: packed(
         f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items()
     ),

@@ -4,8 +4,9 @@
     .venv/bin/python -m docsite.fill --check     write nothing; fail if a block is stale
 
 A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with
-`<!-- end -->`. X is a file of the repository, a function of docsite.tables or of this
-module, or symptom/CASE of docsite.symptoms. The text between both comments is replaced.
+`<!-- end -->`. X is a file of the repository, a function make_X() of docsite.tables or of
+this module, or symptom/CASE of docsite.symptoms. The text between both comments is
+replaced.
 """
 
 import enum
@@ -26,7 +27,7 @@ PAGE_BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", f
 LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}
 
 
-def effects() -> str:
+def make_effects() -> str:
     """Return the table of all effects and a section for each."""
     known = tables.library().effects
     anchors = {e.id: links.make_slug(f"{e.id}: {e.title}") for e in known.values()}
@@ -60,7 +61,7 @@ def effects() -> str:
             f"\n## {e.id}: {e.title}\n\n{tables.escape_cell(tables.find_equation(e.id))}\n",
             f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.escape_cell(e.channels)}. "
             f"Looks like {alike}. "
-            f"In an estimator that has it: {tables.escape_cell(e.estimator)}.\n",
+            f"Estimate: {tables.escape_cell(e.estimator)}.\n",
             tables.format_table(
                 ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
                 parameters,
@@ -84,7 +85,7 @@ def format_signature(name: str, thing: Any) -> str:
     )
 
 
-def python_api() -> str:
+def make_python_api() -> str:
     """Return signature and docstring of the public names of tse and their members."""
     import tse
 
@@ -95,8 +96,11 @@ def python_api() -> str:
         head = name if inner else format_signature(name, thing)
         text.append(f"{level} {name}\n\n```text\n{head}\n\n{inspect.getdoc(inner or thing) or ''}\n```\n")
 
-    for name in sorted(tse.__all__, key=str.lower):
-        thing = getattr(tse, name)
+    names = list(tse.__all__)
+    for module in ("files", "tables"):
+        names += [f"{module}.{name}" for name in getattr(tse, module).__all__]
+    for name in sorted(names, key=str.lower):
+        thing = functools.reduce(getattr, name.split("."), tse)
         if not (inspect.isclass(thing) or inspect.isfunction(thing)):
             continue
         add(f"tse.{name}", thing, "##")
@@ -122,7 +126,11 @@ def make_block(kind: str, what: str) -> str:
     if what.endswith(".md"):
         return "\n" + strip_title((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
     of, _, name = what.rpartition("/")
-    text = symptoms.show_case(name) if of == "symptom" else (globals().get(what) or getattr(tables, what))()
+    if of == "symptom":
+        text = symptoms.show_case(name)
+    else:
+        make = globals().get(f"make_{what}") or getattr(tables, f"make_{what}")
+        text = make()
     lines = [line.rstrip() for line in strip_title(text).splitlines()]
     return "\n" + re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n\n"
 

@@ -63,11 +63,11 @@ def on_page_content(content: str, **_: Any) -> str:
     """Convert equations to MathML, without scripts and network."""
     from latex2mathml.converter import convert
 
-    def mathml(match: re.Match[str]) -> str:
+    def convert_equation(match: re.Match[str]) -> str:
         made = convert(html.unescape(match[2]), display="block" if match[1] == "div" else "inline")
         return f'<div class="equation">{made}</div>' if match[1] == "div" else made
 
-    content = MATH.sub(mathml, content)
+    content = MATH.sub(convert_equation, content)
     if "arithmatex" in content:
         raise ValueError("an equation was not made into MathML")
     return content

@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES_FOLDER = ROOT / "docs" / "pages" / "pictures"
 MAX_PICTURE_BYTES = 100_000  # bytes of a picture that git holds
+COLOURS = 64  # of a picture that git holds
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
 PICTURE_STYLE = {
     "axes.spines.top": False,
@@ -177,15 +178,24 @@ PICTURES: dict[str, Callable[[Inks], Any]] = {
 
 
 def shrink_picture(path: Path) -> None:
-    """Reduce a PNG to 64 colours, and in size until it is small enough."""
+    """Reduce a PNG to its COLOURS most frequent colours, and in size until it is small enough.
+
+    A palette of averages would draw a large faint area in the colour of a line.
+    """
     from PIL import Image
 
     picture, scale = Image.open(path).convert("RGB"), 1.0
     while scale == 1.0 or path.stat().st_size > MAX_PICTURE_BYTES:
-        now = picture.resize(
-            (int(picture.width * scale), int(picture.height * scale)), Image.Resampling.LANCZOS
+        size = (int(picture.width * scale), int(picture.height * scale))
+        now = picture.resize(size, Image.Resampling.LANCZOS)
+        colours, which, count = np.unique(
+            np.asarray(now).reshape(-1, 3), axis=0, return_inverse=True, return_counts=True
         )
-        now.quantize(64, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
+        palette = colours[np.argsort(-count, kind="stable")[:COLOURS]].astype(int)
+        nearest = np.array([np.abs(palette - c).sum(axis=1).argmin() for c in colours.astype(int)], np.uint8)
+        reduced = Image.fromarray(nearest[which].reshape(now.height, now.width), "P")
+        reduced.putpalette(palette.astype(np.uint8).tobytes())
+        reduced.save(path, optimize=True)
         scale -= 0.1
 
 

@@ -1,9 +1,8 @@
 """Make the pages and tables of the site from the tables of the library (src/tables).
 
-A function that makes a block of a page has the name of the block (docsite.fill).
+make_X() makes the block X of a page (docsite.fill).
 """
 
-import functools
 import math
 import re
 import warnings
@@ -92,19 +91,13 @@ def format_number(x: float) -> str:
 
 
 def _format_range(f: Field) -> str:
+    """Format the range of a setting."""
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 
-@functools.cache
 def find_group(setting: str) -> str:
-    """Return the table of src/tables that has this setting."""
-    if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
-        return "effects"
-    for name in SETTING_GROUPS:
-        rows = sources.read(name)
-        if setting in (rows["setting"] if name == "formula" else rows):
-            return name
-    raise ValueError(f"setting {setting} stands in no table of src/tables")
+    """Return the table of src/tables that has a setting."""
+    return library().settings[setting].table
 
 
 def format_settings(fields: Iterable[Field]) -> str:
@@ -116,14 +109,15 @@ def format_settings(fields: Iterable[Field]) -> str:
             format_number(f.default),
             _format_range(f),
             escape_cell(f.unit if not f.is_integer else "integer"),
+            library().settings[f.name].filter,
             escape_cell(f.text),
         ]
         for f in fields
     ]
-    return format_table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+    return format_table(["member", "type", "default", "range", "unit", "filter", "meaning"], rows, right=(2,))
 
 
-def config_page() -> str:
+def make_config_page() -> str:
     """Return the page of all members of tse_config."""
     fields, text = library().fields(CONFIG), []
     for name, title in SETTING_GROUPS.items():
@@ -137,14 +131,15 @@ def config_page() -> str:
         "`[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, and parameters of "
         "the FMUs.\n\n"
         "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range "
-        "it is 0: not set. These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
-        + uncalibrated()
+        "it is 0: not set. `filter`: the filters whose estimate a setting moves, `default`, `paper` or "
+        "both; none: simulator and replay alone. These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
+        + make_uncalibrated()
         + "\n"
         + "\n".join(text)
     )
 
 
-def uncalibrated() -> str:
+def make_uncalibrated() -> str:
     """Return the settings in which an ordinary car differs from an exact one."""
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
@@ -158,7 +153,7 @@ def uncalibrated() -> str:
     )
 
 
-def input_fields() -> str:
+def make_input_fields() -> str:
     """Return the table of the members of tse_input."""
     rows = []
     channels = read_toml(TABLES_FOLDER / "input.toml")["channel"]
@@ -204,7 +199,7 @@ def list_output_members() -> dict[str, str]:
     }
 
 
-def output_fields() -> str:
+def make_output_fields() -> str:
     """Return the table of the members of tse_output."""
     members = list_output_members()
     rows = []
@@ -230,17 +225,17 @@ def _format_codes(which: int) -> str:
     return format_table(["code", "name", "meaning"], rows, right=(0,))
 
 
-def status_codes() -> str:
+def make_status_codes() -> str:
     """Return the table of status codes."""
     return _format_codes(STATUS)
 
 
-def reason_codes() -> str:
+def make_reason_codes() -> str:
     """Return the table of reasons."""
     return _format_codes(REASON)
 
 
-def regimes() -> str:
+def make_regimes() -> str:
     """Return the table of regime probabilities."""
     return format_table(
         ["output", "in C", "meaning"],
@@ -251,7 +246,7 @@ def regimes() -> str:
     )
 
 
-def simulator() -> str:
+def make_simulator() -> str:
     """Return the tables of the simulator: settings, input and output."""
     text = []
     for title, which in (
@@ -277,7 +272,7 @@ def simulator() -> str:
     return "\n".join(text)
 
 
-def log_columns() -> str:
+def make_log_columns() -> str:
     """Return the table of the columns of a log."""
     rows = [
         [format_code(name), escape_cell(unit), allowed, escape_cell(text)]
@@ -286,7 +281,7 @@ def log_columns() -> str:
     return format_table(["column", "unit", "range", "meaning"], rows)
 
 
-def estimate_columns() -> str:
+def make_estimate_columns() -> str:
     """Return the table of the columns of estimates."""
     rows = [
         [format_code(name), escape_cell(unit), escape_cell(text)]
@@ -296,19 +291,19 @@ def estimate_columns() -> str:
     return format_table(["column", "unit", "meaning"], rows)
 
 
-def result_columns() -> str:
+def make_result_columns() -> str:
     """Return the table of the columns of results."""
     from tse.report.results import COLUMNS
 
     return format_table(["column", "type in pandas"], [[format_code(n), t] for n, t in COLUMNS.items()])
 
 
-def vehicle_example() -> str:
+def make_vehicle_example() -> str:
     """Return the example of a vehicle file."""
     return f"```toml\n{texts.example_vehicle()}\n```\n"
 
 
-def formula_places() -> str:
+def make_formula_places() -> str:
     """Return the table of places of a formula."""
     lib = library()
     return format_table(
@@ -320,7 +315,7 @@ def formula_places() -> str:
     )
 
 
-def formula_operations() -> str:
+def make_formula_operations() -> str:
     """Return the table of operations of a formula."""
     kinds = {
         "NUMBER": "number",
@@ -341,7 +336,7 @@ def formula_operations() -> str:
     return format_table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
 
 
-def constants() -> str:
+def make_constants() -> str:
     """Return the tables of src/tables/constants.toml by section."""
     text = []
     for section, own in read_toml(TABLES_FOLDER / "constants.toml").items():
@@ -358,7 +353,7 @@ def constants() -> str:
     return "\n".join(text)
 
 
-def gap_exit_codes() -> str:
+def make_gap_exit_codes() -> str:
     """Return the table of exit codes of `tselab gap`."""
     from tse.gaps.run.workflow import EXIT
 
@@ -400,7 +395,7 @@ def list_functions(header: str) -> list[tuple[str, str, str]]:
     return found
 
 
-def c_page() -> str:
+def make_c_page() -> str:
     """Return the page of the C functions."""
     text = ["# C reference", ""]
     about = {
@@ -444,7 +439,7 @@ def c_page() -> str:
 # ---- the command line
 
 
-def cli_page() -> str:
+def make_cli_page() -> str:
     """Return the page of all commands: the text of --help."""
     import click
 
@@ -472,7 +467,7 @@ def cli_page() -> str:
     return "\n".join(text)
 
 
-def learnt_layout() -> str:
+def make_learnt_layout() -> str:
     """Return the file layout in tse/learnt.h."""
     text = (TSE / "learnt.h").read_text(encoding="utf-8")
     layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
@@ -488,7 +483,7 @@ PERIOD = 0.01  # s between rows
 CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # MHz, usual clocks
 
 
-def controller() -> str:
+def make_controller() -> str:
     """Return time, load and memory of a row on microcontrollers, by budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = []
@@ -520,7 +515,7 @@ def controller() -> str:
     )
 
 
-def flash() -> str:
+def make_flash() -> str:
     """Return the flash of the library without some options, by budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
@@ -554,7 +549,7 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     return format_table(kept[0], kept[1:])
 
 
-def measured_cars() -> str:
+def make_measured_cars() -> str:
     """Return the errors of estimates of calibrated cars, with their bounds."""
     names = (
         "calibrated",
@@ -567,14 +562,14 @@ def measured_cars() -> str:
     return select_results("cars-fresh", [f"all | {name}" for name in names], (1, 2, 3, 4, 5, 6))
 
 
-def measured_events() -> str:
+def make_measured_events() -> str:
     """Return the durations of wrong estimates after events, and until samples show it."""
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )
 
 
-def measured_logs() -> str:
+def make_measured_logs() -> str:
     """Return the stiffness that logs of real cars show."""
     logs = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs", "rav4_comma2k19", "subaru_sti")
     return select_results(
@@ -582,7 +577,7 @@ def measured_logs() -> str:
     )
 
 
-def tuning() -> str:
+def make_tuning() -> str:
     """Return NIS, whiteness, validity and error for right and wrong settings."""
     import tse
     from tse.library.core import library

@@ -1,16 +1,25 @@
-"""Tyre stiffness of a car - front longitudinal, front and rear cornering - from what every car measures.
+"""Tyre stiffness of a car - front longitudinal, front and rear cornering - from what
+every car measures.
 
     import tse
 
-    result = tse.estimate("drive.mf4", "car.toml")                 # a log, file or frame: result.words, .plot(), .report(path)
-    tse.signals("drive.mf4").write("signals.toml")                 # which signal is which channel; read_log(), replay()
+    # a whole log: a file or a data frame
+    result = tse.estimate("drive.mf4", "car.toml")
+    result.words, result.plot(), result.report("page.html")
+    # which signal of a log is which channel; read_log(), replay()
+    tse.signals("drive.mf4").write("signals.toml")
     calibration = tse.calibrate(["monday.mf4", "friday.mf4"], "car.toml")
-    gap, fleet = tse.gap("drive.mf4", "car.toml"), tse.fleet("logs/", "car.toml", out="results")
-    f = tse.Filter("car.toml", sample_time=0.01)                   # row by row; tse.live() reads a CAN bus while driving
-    e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1, accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
+    gap = tse.gap("drive.mf4", "car.toml")
+    fleet = tse.fleet("logs/", "car.toml", out="results")
+    # row by row; tse.live() reads a CAN bus while driving
+    f = tse.Filter("car.toml", sample_time=0.01)
+    e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1,
+               accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
 
-SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left. Stiffness is that of an axle. NaN is a
-missing value. The numbers are those of the C library, bit for bit; names, units and ranges come from its tables.
+SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
+Stiffness is that of an axle. NaN is a missing value. The numbers are those of the C
+library, bit for bit; names, units and ranges come from its tables. tse.tables lists them,
+tse.errors has the exceptions, tse.files helps commands that are built on tse.
 """
 
 from __future__ import annotations
@@ -21,44 +30,99 @@ from typing import TYPE_CHECKING, Any
 from tse.library import __version__
 
 if TYPE_CHECKING:
+    from tse import errors, files, tables
     from tse._calibrate import Calibration, calibrate
     from tse._estimate import Result, estimate
     from tse._filter import UNKNOWN_AGE, Filter, Form
     from tse._fleet import Fleet, fleet
-    from tse._gap import Gap, gap
+    from tse._formula import read_formula, write_c_formula
+    from tse._gap import Gap, GapCheck, GapPlan, gap, gap_check, gap_plan
     from tse._live import Live, live
     from tse._log import Log, LogLike, Signals, read_log, signals
     from tse._simulate import Replayed, Simulated, replay, simulate
     from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
-    from tse._vehicle import VehicleLike, read_vehicle, simulated_car
+    from tse._vehicle import VehicleLike, read_vehicle, simulated_car, write_c_settings
+    from tse.car.formula import Formula
     from tse.car.vehicle import Vehicle
-    from tse.errors import Error, InputError, LearntError, SettingError
+    from tse.errors import Error, InputError, Interrupted, LearntError, SettingError
+    from tse.log.rows import Reading
 
-__all__ = ["CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Calibration", "Error", "Estimate", "Filter", "Fleet", "Form", "Gap",
-           "InputError", "LearntError", "Live", "Log", "LogLike", "Reason", "Replayed", "Result", "Row", "SettingError", "Signals",
-           "Simulated", "Status", "Vehicle", "VehicleLike", "__version__", "calibrate", "estimate", "fleet", "gap", "live",
-           "read_log", "read_vehicle", "replay", "signals", "simulate",
-           "simulated_car"]  # fmt: skip
+__all__ = [
+    "CHANNELS",
+    "STIFFNESS",
+    "UNKNOWN_AGE",
+    "Calibration",
+    "Error",
+    "Estimate",
+    "Filter",
+    "Fleet",
+    "Form",
+    "Formula",
+    "Gap",
+    "GapCheck",
+    "GapPlan",
+    "InputError",
+    "Interrupted",
+    "LearntError",
+    "Live",
+    "Log",
+    "LogLike",
+    "Reading",
+    "Reason",
+    "Replayed",
+    "Result",
+    "Row",
+    "SettingError",
+    "Signals",
+    "Simulated",
+    "Status",
+    "Vehicle",
+    "VehicleLike",
+    "__version__",
+    "calibrate",
+    "errors",
+    "estimate",
+    "files",
+    "fleet",
+    "gap",
+    "gap_check",
+    "gap_plan",
+    "live",
+    "read_formula",
+    "read_log",
+    "read_vehicle",
+    "replay",
+    "signals",
+    "simulate",
+    "simulated_car",
+    "tables",
+    "write_c_formula",
+    "write_c_settings",
+]
 
-_LATER = {  # loaded by who uses it: the command is a user, too, and --help needs none of it
+_MODULES = ("errors", "files", "tables")
+_LATER = {  # loaded at the first use: the command is a user, too, and its --help needs none of it
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
     **dict.fromkeys(("Result", "estimate"), "tse._estimate"),
     **dict.fromkeys(("Filter", "Form", "UNKNOWN_AGE"), "tse._filter"),
     **dict.fromkeys(("Fleet", "fleet"), "tse._fleet"),
-    **dict.fromkeys(("Gap", "gap"), "tse._gap"),
+    **dict.fromkeys(("read_formula", "write_c_formula"), "tse._formula"),
+    **dict.fromkeys(("Gap", "GapCheck", "GapPlan", "gap", "gap_check", "gap_plan"), "tse._gap"),
     **dict.fromkeys(("Live", "live"), "tse._live"),
-    **dict.fromkeys(("Log", "LogLike", "read_log"), "tse._log"),
-    **dict.fromkeys(("Replayed", "replay"), "tse._simulate"),
-    **dict.fromkeys(("Signals", "signals"), "tse._log"),
-    **dict.fromkeys(("Simulated", "simulate"), "tse._simulate"),
+    **dict.fromkeys(("Log", "LogLike", "Signals", "read_log", "signals"), "tse._log"),
+    **dict.fromkeys(("Replayed", "Simulated", "replay", "simulate"), "tse._simulate"),
     **dict.fromkeys(("CHANNELS", "Estimate", "Reason", "Row", "STIFFNESS", "Status"), "tse._tables"),
-    **dict.fromkeys(("VehicleLike", "read_vehicle", "simulated_car"), "tse._vehicle"),
-    **dict.fromkeys(("Error", "InputError", "LearntError", "SettingError"), "tse.errors"),
-    **dict.fromkeys(("Vehicle",), "tse.car.vehicle"),
+    **dict.fromkeys(("VehicleLike", "read_vehicle", "simulated_car", "write_c_settings"), "tse._vehicle"),
+    **dict.fromkeys(("Error", "InputError", "Interrupted", "LearntError", "SettingError"), "tse.errors"),
+    "Formula": "tse.car.formula",
+    "Reading": "tse.log.rows",
+    "Vehicle": "tse.car.vehicle",
 }
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return importlib.import_module(f"tse.{name}")
     if name not in _LATER:
         raise AttributeError(f"module 'tse' has no attribute {name!r}")
     try:

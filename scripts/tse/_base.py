@@ -1,4 +1,4 @@
-"""What an Estimate can do beside hold its fields."""
+"""Methods of an Estimate."""
 
 from __future__ import annotations
 
@@ -39,5 +39,5 @@ class EstimateBase:
         return str(library().codes(STATUS)[self.as_dict()["status"]].text)
 
     def as_dict(self) -> dict[str, Any]:
-        """All fields by name."""
+        """Return all fields by name."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]

@@ -35,10 +35,12 @@ class Filter:
     Parameters
     ----------
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an ordinary car, of which
-        `settings` tells the mass at least. Without one no stiffness is valid.
+        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an
+        ordinary car, whose mass must be among `settings`. Without a mass no stiffness is
+        valid.
     settings
-        Any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's.
+        Any settings by name (`tselab settings` lists them with default, range and unit);
+        they win over the vehicle's.
     form
         "default", or the paper's filter with particles: "robust", "paper" as printed.
     sample_time
@@ -47,14 +49,16 @@ class Filter:
     Raises
     ------
     SettingError
-        A setting outside its range, or without effect with this form; a ValueError, and of a name that nobody knows a KeyError.
+        A setting outside its range, or without effect with this form; a ValueError. An
+        unknown name is a KeyError, too.
 
     Notes
     -----
-    What no vehicle file tells of the sensors has the library's default here; estimate() finds it in the log, and a filter for more
-    rows of the same car is `result.filter()`: over the same rows it gives the same bits as estimate(). Filters are independent of
-    each other; one is to be used by one thread at a time. copy() and the module copy make one that goes on by itself; it cannot be
-    pickled.
+    Noise and biases of the sensors that the vehicle leaves out have the library's
+    defaults. estimate() finds them in the log: `result.filter()` is a filter with its
+    settings, and gives the same bits over the same rows. Filters are independent of each
+    other; use one in one thread at a time. copy() and the module copy make an independent
+    one. A filter cannot be pickled.
     """
 
     def __init__(
@@ -74,7 +78,7 @@ class Filter:
             config, notes = make_config(car, None, form=form)
             self.notes = (*car.filled, *car.notes, *notes)  # what was filled in, in words
         if sample_time is not None:
-            self.notes += tuple(set_sampling(config, _sample_time(sample_time)))
+            self.notes += tuple(set_sampling(config, _read_sample_time(sample_time)))
         for name, value in (settings or {}).items():
             config.set(name, value)
         check_effect(settings or {}, config)
@@ -89,18 +93,20 @@ class Filter:
         for name in CHANNELS:
             self._nothing[name] = np.nan
         self._check = config.lib.function("tse_input_check", argtypes=[ctypes.c_void_p] * 2)
-        self._convert = _conversions(config)
+        self._convert = make_conversions(config)
         self._time: float | None = None
 
     @property
     def settings(self) -> Mapping[str, float | int]:
-        """All settings, by name; to read. Another setting needs another filter: Filter(settings={**f.settings, "mass": 1800})."""
+        """All settings, by name; to read. Another setting needs another filter:
+        Filter(settings={**f.settings, "mass": 1800})."""
         return MappingProxyType(self._config.as_dict())
 
     @property
     def latencies(self) -> dict[str, float]:
-        """Channel -> how much later than yaw_rate it is logged, s. They are settings: `steer_angle_latency` and the like, or
-        `{"latency": {"steer_angle": 0.02}}` of a vehicle. Rows then wait for the late channels: status WAITING, and the estimates
+        """Channel -> how much later than yaw_rate it is logged, s. They are settings:
+        `steer_angle_latency` and the like, or `{"latency": {"steer_angle": 0.02}}` of a
+        vehicle. Rows then wait for the late channels: status WAITING, and the estimates
         are of `estimate_age` before their row."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
@@ -114,10 +120,11 @@ class Filter:
         Parameters
         ----------
         row
-            A mapping, or a row of a data frame (Series or named tuple) or of a structured array. Columns ref_... are passed over.
+            A mapping, or a row of a data frame (Series or named tuple) or of a structured
+            array. Columns ref_... are passed over.
         **channels
-            Fields of Row that win over it, SI units. A channel that is left out, None or NaN is missing. Times: `dt`, or `time`,
-            from the second row on.
+            Fields of Row that win over it, SI units. A channel that is left out, None or
+            NaN is missing. Times: `dt`, or `time`, from the second row on.
 
         Returns
         -------
@@ -127,17 +134,18 @@ class Filter:
         Raises
         ------
         InputError
-            Names field, value and range; the filter is as before: a steering angle or wheel speed outside its range, a time that
-            does not go on, a name that nobody knows. A measurement outside its range counts as missing.
+            Names field, value and range; the filter is as before: a steering angle or
+            wheel speed outside its range, a time that does not go on, a name that nobody
+            knows. A measurement outside its range counts as missing.
         """
         u = self._row
         u[:] = self._nothing
         known = u.dtype.names or ()
         optional = [f.name for f in self._config.lib.optional]
         now = step = None
-        for name, value in {**_names(row), **channels}.items():
+        for name, value in {**_make_mapping(row), **channels}.items():
             if not isinstance(name, str):
-                raise InputError(f"{name!r} names no channel: names are strings; {_known()}", repr(name))
+                raise InputError(f"{name!r} names no channel: names are strings; {_list_known()}", repr(name))
             if name == "time":
                 now = self._number(name, value)
             elif name == "dt":
@@ -150,7 +158,7 @@ class Filter:
             elif name in known and name not in ("missing", "given"):
                 u[name] = math.nan if value is None else self._number(name, value)
             elif not (name.startswith("ref_") or name in OPTIONAL_COLUMNS):
-                raise InputError(f"there is no channel {name!r}{_hint(name)}", name)
+                raise InputError(f"there is no channel {name!r}{_make_hint(name)}", name)
         u["dt"] = self._since(now, step)
         status = self._filter.step_one(u, self._out)
         if status < 0:
@@ -169,7 +177,7 @@ class Filter:
             ) from None
 
     def _since(self, now: float | None, step: float | None) -> float:
-        """dt of a row; what the first one says is not used."""
+        """Return dt of a row; the filter does not use that of the first one."""
         if now is not None and step is not None:
             raise InputError("a row has time or dt, not both", "dt")
         if now is not None and not math.isfinite(now):
@@ -207,7 +215,7 @@ class Filter:
         self._time = None
 
     def copy(self) -> Filter:
-        """A filter that goes on from here by itself."""
+        """Return a filter that goes on from here, independent of this one."""
         other = object.__new__(type(self))
         other.notes = self.notes
         other._begin(self._config)
@@ -226,41 +234,45 @@ class Filter:
         )
 
     def save_learnt(self) -> bytes | None:
-        """What was learnt of the car, for the next drive: 268 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
+        """Return the learnt state, for the next drive: 268 bytes that an ECU reads,
+        too (tse/learnt.h). None before a row."""
         return self._filter.save_learnt()
 
     def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:
-        """Start from what an earlier drive taught, before the first row.
+        """Start from the learnt state of an earlier drive, before the first row.
 
         Parameters
         ----------
         learnt
-            What save_learnt() or Result.learnt gave.
+            Of save_learnt() or Result.learnt.
         age
-            s since then; when nobody knows it, nothing of it is trusted more than the settings' start.
+            s since then. With an unknown age the state is trusted no more than the start
+            values of the settings.
 
         Raises
         ------
         LearntError
-            Bytes that are damaged, of another vehicle, or newer; the filter is as before.
+            The bytes are damaged, of another vehicle, or of a newer library; the filter
+            is as before.
         """
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """Share of the sd of the three stiffnesses that each uncertain parameter of the car (`mass_sd` ...) adds: (3,)
-        each, relative to nominal. After the last row."""
+        """Return the share of the sd of the three stiffnesses that each uncertain
+        parameter of the car (`mass_sd` ...) adds: (3,) each, relative to nominal.
+        After the last row."""
         return self._filter.uncertainty_sd()
 
 
 def check_form(form: Any) -> None:
-    """SettingError: there is no such form."""
+    """Refuse an unknown form."""
     forms = get_args(Form)
     if form not in forms:
         raise core.SettingError(f"form = {form!r} is not known; allowed: {', '.join(forms)}")
 
 
-def _sample_time(value: Any) -> float:
-    """SettingError: it is no time that rows may be apart."""
+def _read_sample_time(value: Any) -> float:
+    """Return the time between rows, s. SettingError: it is outside its range."""
     try:
         seconds = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -272,8 +284,8 @@ def _sample_time(value: Any) -> float:
     return seconds
 
 
-def _names(row: Any) -> dict[Any, Any]:
-    """A row by the names of its fields, whatever kind of row it is."""
+def _make_mapping(row: Any) -> dict[Any, Any]:
+    """Return a row as a mapping, whatever kind of row it is."""
     if row is None:
         return {}
     if hasattr(row, "keys"):  # a mapping, a Series: that iterates over its values
@@ -283,15 +295,17 @@ def _names(row: Any) -> dict[Any, Any]:
     if isinstance(row, np.void) and row.dtype.names:
         return {name: row[name] for name in row.dtype.names}
     raise TypeError(
-        f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}"
+        "a row is a mapping, a Series, a named tuple or a record of a structured array, not "
+        f"{type(row).__name__}"
     )
 
 
 Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]
 
 
-def _conversions(config: core.Config) -> list[Convert]:
-    """For each output of the library, in its order: what becomes of it in an Estimate."""
+def make_conversions(config: core.Config) -> list[Convert]:
+    """Return, for each output of the library in its order, the conversion to fields of
+    an Estimate."""
     lib = config.lib
     words = {code: f.name for code, f in lib.codes(REASON).items()}
     channels = {0: None, **{1 + i: f.name for i, f in enumerate([*lib.channels, *lib.optional])}}
@@ -319,12 +333,12 @@ def _conversions(config: core.Config) -> list[Convert]:
     return found
 
 
-def _hint(name: str) -> str:
+def _make_hint(name: str) -> str:
     for axle, pair in SIDES.items():
         if name in pair:
             return f": give {axle}, the mean of both wheels"
-    return suggest_names(name, CHANNELS, other=f"; {_known()}")
+    return suggest_names(name, CHANNELS, other=f"; {_list_known()}")
 
 
-def _known() -> str:
+def _list_known() -> str:
     return f"known: time, dt, {', '.join(CHANNELS)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,36 +11,99 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from tse._filter import UNKNOWN_AGE, Convert, _conversions
+from tse._estimate import learnt_state
+from tse._filter import UNKNOWN_AGE, Convert, make_conversions
 from tse._log import PathLike
 from tse._tables import Estimate
-from tse._vehicle import VehicleLike, named, read_vehicle
+from tse._vehicle import VehicleLike, check_names, read_vehicle
+from tse.calibration.own import is_uncalibrated
 from tse.car.config import check_effect, make_config
-from tse.channels.signals import read_signals
+from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
+from tse.estimation import regimes
 from tse.estimation.answer import answer
-from tse.estimation.estimate import Learnt
-from tse.streaming.drive import Live as _Live
-from tse.streaming.drive import bus_opener
+from tse.estimation.estimate import Estimates, write_learnt
+from tse.estimation.verdict import Finding
+from tse.library.errors import UserError
+from tse.report import results
+from tse.streaming.drive import LiveDrive, bus_opener
+from tse.streaming.page import Page
+
+NOT_CALIBRATED = (
+    "not calibrated: the car is taken as an ordinary one of its class; tselab calibrate makes the "
+    "answer surer"
+)
 
 
 class Live:
-    """A drive that goes on: iterate over it for its estimates. What live() returns."""
+    """A drive that goes on: iterate over it for its estimates. live() returns it."""
 
-    def __init__(self, drive: _Live, duration: float | None):
+    def __init__(
+        self,
+        drive: LiveDrive,
+        duration: float | None,
+        notes: Sequence[str],
+        folder: Path | None,
+        car: str = "",
+    ):
+        self._car = car
         self._drive = drive
+        self._page: Page | None = None
+        self._ended: tuple[Estimates, list[Finding], list[regimes.Change], list[str]] | None = None
         self._end = math.inf if duration is None else time.monotonic() + duration
         self._stopped = False
+        self.notes = tuple(notes)
+        """Learnt state that the drive started from, and what was odd about the settings,
+        in words."""
+        self.folder = folder
+        """Folder where the drive is recorded."""
 
     def __iter__(self) -> Iterator[Estimate]:
-        """Yield the estimates of each row as it comes, until stop() or the end of `duration`."""
+        """Yield the estimates of each row as it comes, until stop() or the end of
+        `duration`."""
         convert: list[Convert] = []
-        while not self._stopped and time.monotonic() < self._end:
-            times, outputs = self._drive.work()
+        while not self.ended:
+            times, outputs = self._work()
             if len(times):
-                convert = convert or _conversions(self._drive.config)
+                convert = convert or make_conversions(self._drive.config)
             for t, raw in zip(times.tolist(), outputs, strict=True):
                 yield _estimate(t, raw, convert)
+
+    @property
+    def ended(self) -> bool:
+        """Whether stop() was called, or `duration` has passed."""
+        return self._stopped or time.monotonic() >= self._end
+
+    def poll(self) -> int:
+        """Use the frames that have come, or wait for them for 0.1 s; the number of rows
+        that they make.
+
+        For who shows `answer` and needs no Estimate of each row, in place of the
+        iteration."""
+        return len(self._work()[0])
+
+    def _work(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.void]]:
+        times, outputs = self._drive.work()
+        if self._page is not None and len(times):
+            self._page.add(times, outputs)
+        return times, outputs
+
+    def serve(self, port: int = 0) -> str:
+        """Show plots of the drive on a page of this machine, until close().
+
+        Parameters
+        ----------
+        port
+            0: any that is free.
+
+        Returns
+        -------
+        str
+            Address of the page, for a browser.
+        """
+        self._page = self._page or Page(self._drive, port, self._car)
+        return self._page.url
 
     def __enter__(self) -> Live:
         return self
@@ -54,30 +118,94 @@ class Live:
         self._stopped = True
 
     def close(self) -> None:
-        """Let go of the bus, and finish the record."""
+        """Release the bus, and finish the record."""
         self._drive.close()
+        if self._page is not None:
+            self._page.close()
+            self._page = None
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness now with its 95 % interval; after close() what the whole drive says."""
-        found = self._drive.result()[1] if self._drive.closed else self._drive.now()
+        """Three lines: each stiffness now with its 95 % interval; after close() those of
+        the whole drive."""
+        found = self._result()[1] if self._drive.closed else self._drive.now()
         return tuple(answer(found, self._drive.config))
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
-        """What happened, each with its time, s: of the bus, of the road, of the sensors."""
+        """Events of bus, road and sensors, each with its time, s."""
         return tuple(self._drive.said)
 
     @property
     def learnt(self) -> bytes | None:
-        """What the drive taught, after close(), for the next one: the argument `learnt`. None: nothing, or its channels contradict
-        each other."""
-        return self._drive.result()[0].learnt
+        """The learnt state after close(), for the next drive: the argument `learnt`.
+        None: nothing was learnt, or the channels contradict each other."""
+        return self._result()[0].learnt
+
+    def save_learnt(self, path: PathLike) -> Path:
+        """Write the learnt state for the next drive. Error: nothing was learnt."""
+        learnt = self.learnt
+        if learnt is None:
+            raise UserError(f"nothing was learnt: {path} is not written")
+        write_learnt(Path(path), learnt)
+        return Path(path)
 
     @property
     def settings(self) -> dict[str, float | int]:
         """All settings, by name."""
         return self._drive.config.as_dict()
+
+    @property
+    def rows(self) -> int:
+        """Rows so far."""
+        return self._drive.drive.rows
+
+    @property
+    def numbers(self) -> str:
+        """Frames, rows, rate and delay, as a sentence."""
+        return self._drive.numbers()
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of `tselab live`, after close(): 0 usable, 3 usable in part, 4
+        nothing usable."""
+        found = self._result()[1]
+        return results.exit_code(found) if found else results.NOTHING
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the document of `tselab live --json`, after close()."""
+        est, found, _, against = self._result()
+        said: dict[str, Any] = {
+            "vehicle": self._drive.vehicle.path,
+            "record": self.folder,
+            "frames": self._drive.drive.frames,
+            "warnings": against,
+            "started_from": self._drive.started_from,
+            "events": [{"time": t, "text": text} for t, text in self.said],
+        }
+        log = self._rows_path()
+        nothing = {"log": str(log), **said, "rows": 0, "usable": "no", "exit_code": results.NOTHING}
+        document = results.document(log, est, found, self._drive.config, said) if found else nothing
+        made: dict[str, Any] = results.plain(document)
+        return made
+
+    def write_table(self, path: PathLike) -> Path:
+        """Write the table of `tselab live --table`, after close(), as .parquet or .csv by
+        the name."""
+        rows = results.rows(self._rows_path(), *self._result())
+        results.write_rows(Path(path), rows, results.COLUMNS)
+        return Path(path)
+
+    def _rows_path(self) -> Path:
+        return (self.folder if self.folder is not None else Path()) / "rows.csv"
+
+    def _result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
+        """Return estimates, findings, changes and contradictions of the drive; those of a
+        drive that has ended once."""
+        if not self._drive.closed:
+            return self._drive.result()
+        self._ended = self._ended or self._drive.result()
+        return self._ended
 
 
 def live(
@@ -90,7 +218,8 @@ def live(
     signals: PathLike | None = None,
     out: PathLike | None = None,
     settings: Mapping[str, float] | None = None,
-    learnt: bytes | None = None,
+    config: PathLike | None = None,
+    learnt: bytes | os.PathLike[str] | None = None,
     age: float = UNKNOWN_AGE,
     rate: float | None = None,
     duration: float | None = None,
@@ -99,7 +228,8 @@ def live(
 ) -> Live:
     """Estimate tyre stiffness while driving, from a CAN bus.
 
-        with tse.live("car.toml", database="car.dbc", interface="socketcan", channel="can0") as drive:
+        with tse.live("car.toml", database="car.dbc", interface="socketcan",
+        channel="can0") as drive:
             for e in drive:
                 if e.cy_front_valid:
                     print(e.time, e.cy_front, e.cy_front_sd)
@@ -109,39 +239,47 @@ def live(
     vehicle
         A vehicle file, a mapping with its keys, or what read_vehicle() returned.
     database
-        What the frames mean: DBC, ARXML, KCD, SYM; one, or several.
+        Meaning of the frames: DBC, ARXML, KCD, SYM; one, or several.
     interface, channel
         Of python-can: "socketcan" and "can0", for instance.
     bus
-        A bus of python-can that is open, in their place; it is shut down at the end.
+        An open bus of python-can in their place; it is shut down at the end.
     signals
-        signals.toml; None: the one beside the database, else signals are proposed from what comes.
+        signals.toml; None: the one beside the database, else signals are proposed from
+        the frames.
     out
-        An empty or new folder where the drive is recorded, as by `tselab live`; None: nowhere.
+        An empty or new folder where the drive is recorded, as by `tselab live`; None:
+        nowhere.
     settings
-        Any settings by name; they win.
+        Any settings by name; they win over `config` and the vehicle.
+    config
+        A file of settings, FILTER.toml.
     learnt
-        What an earlier drive has taught (Live.learnt, Result.learnt), of this vehicle.
+        Learnt state of an earlier drive of this vehicle (Live.learnt, Result.learnt), or
+        the Path of a file with it.
     age
-        s since that drive.
+        s since that drive. Default: unknown, or the age of the file.
     rate
         Rows per second; None: those of the fastest channel, up to 100.
     duration
         s after which the iteration ends; None: at stop().
     say
-        Is given a sentence when something happens: a road that changes, a message that stops. From any thread.
+        Called with a sentence when something happens: the road changes, a message stops.
+        From any thread.
     **options
-        Of the interface: bitrate=500000.
+        Options of the interface, such as bitrate=500000.
 
     Returns
     -------
     Live
-        Its estimates have the bits of `tselab live`, and of estimate() over the rows of the record with its settings.
+        Its estimates have the bits of `tselab live`, and of estimate() over the rows of
+        the record with its settings.
 
     Raises
     ------
     Error
-        A bus that cannot be opened, a signal that no database has, a folder that is not empty; a ValueError.
+        A bus that cannot be opened, a signal that no database has, a folder that is not
+        empty; a ValueError.
     """
     if (bus is None) == (interface is None):
         raise TypeError("live() needs an interface, or a bus that is open")
@@ -152,18 +290,23 @@ def live(
     )
     if not databases:
         raise TypeError("live() needs a database: what the frames of the bus mean")
+    if rate is not None and not MIN_RATE <= rate <= MAX_RATE:
+        raise UserError(f"rate: {rate:g} is outside its range {MIN_RATE:g} .. {MAX_RATE:g} Hz")
     car = read_vehicle(vehicle)
-    config, _ = make_config(car, None)
-    for name, value in named(settings).items():
-        config.set(name, value)
-    check_effect(settings or {}, config)
+    made, notes = make_config(car, None, None if config is None else Path(config))
+    for name, value in check_names(settings).items():
+        made.set(name, value)
+    check_effect(settings or {}, made)
     beside = Path(signals) if signals is not None else databases[0].parent / "signals.toml"
     mapped = read_signals(beside) if signals is not None or beside.is_file() else None
-    before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
+    before = learnt_state(learnt, age)
     opened = (lambda: bus) if bus is not None else bus_opener(str(interface), channel, **options)
     tell = say if say is not None else lambda _: None
     folder = None if out is None else Path(out)
-    return Live(_Live(opened, databases, car, config, mapped, folder, before, rate, tell), duration)
+    drive = LiveDrive(opened, databases, car, made, mapped, folder, before, rate, tell)
+    started = [f"started from: {before.note}"] if before is not None else []
+    about = NOT_CALIBRATED if is_uncalibrated(car) else ""
+    return Live(drive, duration, [*started, *([about] if about else []), *notes], folder, about)
 
 
 def _estimate(time_: float, raw: np.void, convert: list[Convert]) -> Estimate:

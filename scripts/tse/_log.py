@@ -1,9 +1,12 @@
-"""Logs: files of many formats, and what is in memory; and which signal of a log is which channel."""
+"""Logs in files of many formats and in memory, and the proposal of signals for their
+channels."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -12,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from tse._base import Array
-from tse._shown import Shown, drawn
+from tse._shown import Shown, make_figure
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.car.vehicle import Vehicle
 from tse.channels.log import adapt_to_car, read_frame
@@ -26,6 +29,7 @@ from tse.log.rows import Reading
 from tse.readers.readers import read_recording
 from tse.readers.recording import ReadOptions, Recording
 from tse.report import plots
+from tse.report.results import plain
 from tse.roads.road import Road, read_road
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
@@ -59,12 +63,13 @@ class Log(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What was read, and its notes."""
+        """Rows, duration and notes."""
         span = float(self.time[-1] - self.time[0]) if len(self) else 0.0
         return (f"{self.path.name}: {len(self)} rows, {span:.1f} s", *self.notes)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the rows: time, channels, optional channels, columns ref_..., as estimate() takes them."""
+        """Return the rows: time, channels, optional channels, columns ref_..., as
+        estimate() takes them."""
         parts = (self._checked.data, self._checked.extra, self._checked.ref)
         return pd.concat(
             [pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1
@@ -74,7 +79,7 @@ class Log(Shown):
         """Return a figure of plotly: the channels over time."""
         data = plots.Data(self._checked)
         data.rows = len(self)
-        return drawn(plots.inputs_figure(data))
+        return make_figure(plots.inputs_figure(data))
 
 
 def read_log(
@@ -93,9 +98,11 @@ def read_log(
     path
         CSV, Parquet, MF4, BLF, MCAP, ROS bag, MAT, openpilot ...
     vehicle
-        As in estimate(): wheel radii and steering ratio, which speeds of wheels and angles of the steering wheel need.
+        As in estimate(): wheel radii and steering ratio, which speeds of wheels and
+        angles of the steering wheel need.
     signals
-        The file that says which signal is which channel; None: the one beside the log, else they are guessed.
+        The file that says which signal is which channel; None: the one beside the log,
+        else they are guessed.
     rate
         Hz of the rows; None: that of the log, or of `signals`.
     strict
@@ -113,35 +120,45 @@ def read_log(
     FileNotFoundError
         The file is not there.
     Error
-        It is damaged, or lacks a channel that is needed; a ValueError. The text names file, line and column.
+        It is damaged, or lacks a channel that is needed; a ValueError. The text names
+        file, line and column.
     """
     car = None if vehicle is None else read_vehicle(vehicle)
     file = Path(signals) if signals is not None else None
     return Log(_read_log(Path(path), reading=Reading(file, rate, strict, tuple(map(Path, databases)), car)))
 
 
-def checked(log: LogLike, car: Vehicle, name: str = "log") -> Checked:
-    """Whatever holds a log, as the commands have it; `name` of one that is in no file. TypeError: it holds none."""
+def checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
+    """Read and check a log of any kind. `name`: that of a log in memory. TypeError: it is
+    no log."""
     if isinstance(log, str | os.PathLike):
-        return read_log(log, car)._checked
+        return _read_log(Path(log), reading=replace(reading or Reading(), car=car))
     return adapt_to_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
 
 
 def known_road(road: PathLike | Road | None) -> Road | None:
-    """Return the road of a file, or that which is given. UserError: it is no such file."""
+    """Return a road: read it if `road` is a file."""
     return road if road is None or isinstance(road, Road) else read_road(Path(road))
 
 
-def all_checked(logs: LogLike | Sequence[LogLike], car: Vehicle, fewest: int = 1) -> list[Checked]:
-    """One log, or a list or tuple of them; those in no file are counted. UserError: there are fewer."""
+def paths_or_checked(
+    logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int = 1
+) -> list[Path | Checked]:
+    """Return files as paths, and logs in memory checked, by their number. UserError:
+    there are fewer than `min_logs`."""
     given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
-    if len(given) < fewest:
+    if len(given) < min_logs:
         raise UserError("no log is given")
-    return [checked(log, car, f"log {n}" if len(given) > 1 else "log") for n, log in enumerate(given, 1)]
+    return [
+        Path(log)
+        if isinstance(log, str | os.PathLike)
+        else checked(log, car, f"log {n}" if len(given) > 1 else "log")
+        for n, log in enumerate(given, 1)
+    ]
 
 
 def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
-    """What holds a log, by its columns."""
+    """Return the columns of a log in memory."""
     if isinstance(frame, np.ndarray) and frame.dtype.names:
         return {name: frame[name] for name in frame.dtype.names}
     if isinstance(frame, pd.DataFrame | Mapping):
@@ -160,16 +177,23 @@ def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
 
 
 class Signals(Shown):
-    """Which signal of a log is proposed for which channel."""
+    """Proposal of the signal for each channel of a log."""
 
     def __init__(self, recording: Recording, proposal: Proposal, how: ReadOptions):
         self._recording, self._proposal, self._how = recording, proposal, how
+        self.format = recording.format
+        """Format of the log, in words."""
         self.missing = tuple(proposal.missing)
         """Channels for which nothing was found."""
+        self.nearest = {c: tuple(x) for c, x in proposal.nearest.items()}
+        """For each missing channel the signals that come nearest, and what is against
+        each."""
         self.warnings = tuple(proposal.warnings)
         """What is doubtful, in words."""
+        self.notes = tuple(recording.notes)
+        """What was odd when the log was read, in words."""
 
-    @property
+    @cached_property
     def _lines(self) -> list[Line]:
         return list_signals(self._recording, self._proposal)
 
@@ -184,6 +208,11 @@ class Signals(Shown):
         )
 
     @property
+    def guesses(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """A sentence for each guess, with the figures that speak for it."""
+        return tuple((format_headline(g), tuple(g.figures)) for g in self._proposal.guesses)
+
+    @property
     def toml(self) -> str:
         """The text of signals.toml, with what speaks for each guess as comments."""
         return self._text(self._recording.path.parent)
@@ -192,15 +221,38 @@ class Signals(Shown):
         return format_signals(self._recording, self._proposal, self._how, folder)
 
     def write(self, path: PathLike) -> Path:
-        """Write signals.toml, for read_log() and the commands; one that is there is replaced."""
+        """Write signals.toml, for read_log() and the commands; one that is there is
+        replaced."""
         if not self._proposal.guesses:
             raise UserError(f"{self._recording.path}: nothing could be guessed, so {path} is not written")
         with write_atomically(Path(path)) as file:
             file.write(self._text(Path(path).parent))
         return Path(path)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the document of `tselab signals --json`."""
+        found: dict[str, Any] = plain(
+            {
+                "log": self._recording.path,
+                "format": self.format,
+                "signals": [vars(x) for x in self._lines],
+                "proposal": {
+                    g.channel: {k: v for k, v in vars(g).items() if k != "channel"}
+                    for g in self._proposal.guesses
+                },
+                "missing": self.missing,
+                "nearest": self.nearest,
+                "warnings": self.warnings,
+                "notes": self.notes,
+            }
+        )
+        return found
+
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share), used (the channel it is proposed for)."""
+        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share),
+        used.
+
+        `used` is the channel that the signal is proposed for."""
         return pd.DataFrame([vars(line) for line in self._lines])
 
     def _shown_rows(self) -> pd.DataFrame:
@@ -208,18 +260,25 @@ class Signals(Shown):
         return rows[rows["used"] != ""]
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the signals that are proposed, each in the unit that it is logged in."""
+        """Return a figure of plotly: the signals that are proposed, each in the unit that
+        it is logged in."""
         there = {c.name: c for c in self._recording}
-        return plots.lines([
-            (f"{g.channel} [{g.unit}]", [(n, there[n].time, there[n].value) for n in g.name if n in there])
-            for g in self._proposal.guesses
-        ])  # fmt: skip
+        return plots.lines(
+            [
+                (
+                    f"{g.channel} [{g.unit}]",
+                    [(n, there[n].time, there[n].value) for n in g.name if n in there],
+                )
+                for g in self._proposal.guesses
+            ]
+        )
 
 
 def signals(
     log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()
 ) -> Signals:
-    """Propose which signal of a log is which channel, by names, units and physics, as `tselab signals` does.
+    """Propose which signal of a log is which channel, by names, units and physics, as
+    `tselab signals` does.
 
     The log is read as [log] of the signals.toml beside it says, if there is one.
 

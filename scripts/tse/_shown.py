@@ -1,4 +1,4 @@
-"""What every result of the API can do: say itself in words, as a table, as a picture, as a page."""
+"""Common methods of the results of the API: sentences, a table, a figure, a page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pandas as pd
 
 from tse.library.files import write_atomically
 
-MOST_ROWS = 20  # of a table in a notebook
+MAX_ROWS = 20  # of a table in a notebook
 
 
 class Shown:
@@ -45,7 +45,8 @@ class Shown:
         """
         page = (
             '<!doctype html><html lang="en"><meta charset="utf-8"><title>tse</title>'
-            f"<body>{self._repr_html_()}{self.plot().to_html(full_html=False, include_plotlyjs=True)}</body></html>"
+            f"<body>{self._repr_html_()}"
+            f"{self.plot().to_html(full_html=False, include_plotlyjs=True)}</body></html>"
         )
         with write_atomically(Path(path)) as file:
             file.write(page)
@@ -53,15 +54,15 @@ class Shown:
 
     def _repr_html_(self) -> str:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in self.words)
-        return f"<ul>{lines}</ul>{self._shown_rows().to_html(max_rows=MOST_ROWS, border=0)}"
+        return f"<ul>{lines}</ul>{self._shown_rows().to_html(max_rows=MAX_ROWS, border=0)}"
 
     def _shown_rows(self) -> pd.DataFrame:
-        """The table of a notebook."""
+        """Return the table that a notebook shows."""
         return self.to_frame()
 
 
-def drawn(figure: Any) -> Any:
-    """A figure of tse.report.plots, for plotly."""
-    import plotly.graph_objects as go  # half a second, for those who draw
+def make_figure(figure: Any) -> Any:
+    """Return a figure of tse.report.plots as a figure of plotly."""
+    import plotly.graph_objects as go  # takes half a second: only for figures
 
     return go.Figure(figure.as_dict())

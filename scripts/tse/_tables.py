@@ -1,4 +1,4 @@
-"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py, not by hand."""
+"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ Reason = Literal[
 
 
 class Status(IntEnum):
-    """How a row was used. Below 0: refused, nothing has changed; 0: used; above: used, with this caution."""
+    """Use of a row. Below 0: refused, nothing has changed; 0: used; above: used, with
+    this caution."""
 
     E_BUILD = -12
-    """This build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math."""
+    """This build rounds otherwise than the library is tested for: compile with -ffp-
+    contract=off, without -ffast-math."""
     E_FORMAT = -11
-    """A setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them."""
+    """A setting leads to numbers that do not fit the fixed-point format of this build;
+    double and float hold them."""
     E_OLD = -10
     """The learnt state was written by an older version of this library; learn anew."""
     E_VEHICLE = -9
@@ -40,9 +43,11 @@ class Status(IntEnum):
     E_LEARNT = -7
     """Not a learnt state of this library, or damaged."""
     E_SIZE = -6
-    """The filter's memory has another size than the library expects (other capacity or format)."""
+    """The filter's memory has another size than the library expects (other capacity or
+    format)."""
     E_STATE = -5
-    """The filter was not reset with these parameters, or is not a filter of this library."""
+    """The filter was not reset with these parameters, or is not a filter of this
+    library."""
     E_TIME = -4
     """Time step not finite, not positive, or too long."""
     E_INPUT = -3
@@ -60,28 +65,34 @@ class Status(IntEnum):
     MISSING_CHANNEL = 3
     """A measurement was missing; the others were used."""
     HELD = 4
-    """Standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness."""
+    """Standstill, low speed, reverse or large steering angle: nothing is learnt of the
+    stiffness."""
     PREDICTED = 5
     """No measurement, or inputs missing: predicted only."""
     GAP = 6
-    """Time step too long to bridge: states restarted from the sensors, what was learnt is kept."""
+    """A step too long to bridge, or sensors that jump: states restarted from the
+    sensors, what was learnt is kept."""
     RECOVERED = 7
-    """The state was no finite number, by a fault of the memory or an overflow: started over."""
+    """The state was no finite number, by a fault of the memory or an overflow: started
+    over."""
     WAITING = 8
-    """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
+    """No step: channels that are logged later are awaited; estimates of the last step,
+    or of the start."""
     RANGE = 9
-    """A number reached the end of the range of the number format: it stops there, or the sample was dropped."""
+    """A number reached the end of the range of the number format: it stops there, or
+    the sample was dropped."""
     IMPLAUSIBLE = 10
-    """The channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times
-    too large it is."""
+    """The channels contradict each other: a wrong unit, sign or axle, or one comes
+    late; fault_channel says which, fault_factor how many times too large it is."""
 
 
 class Row(TypedDict, total=False):
-    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is
-    left out, None or NaN is missing."""
+    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive
+    to the left). A field that is left out, None or NaN is missing."""
 
     dt: float
-    """Time since the row before; not needed in the first row. Or give `time` [s, above 0 .. 3600]."""
+    """Time since the row before; not needed in the first row. Or give `time` [s, above
+    0 .. 3600]."""
     time: float
     """On any clock; `dt` is what it has gone on since the row before [s]."""
     steer_angle: float
@@ -103,7 +114,8 @@ class Row(TypedDict, total=False):
     gnss_speed: float
     """Speed over ground [0 .. 120 m/s]."""
     gnss_course: float
-    """Direction over ground, positive left (against the clock from above), from any zero [-7 .. 7 rad]."""
+    """Direction over ground, positive left (against the clock from above), from any
+    zero [-7 .. 7 rad]."""
     brake: float
     """The car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides [0 .. 1]."""
     wheel_torque_front: float
@@ -111,14 +123,17 @@ class Row(TypedDict, total=False):
     wheel_torque_rear: float
     """Drive less brake torque of both rear wheels [-20000 .. 20000 Nm]."""
     bank: float
-    """Whole bank of the road, left side high > 0, in place of what the settings say of it [-0.35 .. 0.35 rad]."""
+    """Whole bank of the road, left side high > 0, in place of what the settings say of
+    it [-0.35 .. 0.35 rad]."""
     grade: float
-    """Whole slope of the road, uphill > 0, in place of grade_angle [-0.35 .. 0.35 rad]."""
+    """Whole slope of the road, uphill > 0, in place of grade_angle [-0.35 .. 0.35
+    rad]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate(EstimateBase):
-    """What the filter believes after a row. SI units, stiffness per axle; `_sd`: standard deviation of the mean."""
+    """Estimates after a row. SI units, stiffness per axle; `_sd`: standard deviation of
+    the mean."""
 
     time: float
     """Of the row, on the clock of `time`; else the sum of `dt` [s]."""
@@ -135,54 +150,61 @@ class Estimate(EstimateBase):
     yaw_rate_sd: float
     """Its standard deviation [rad/s]."""
     sideslip: float
-    """Sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill [rad]."""
+    """Sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill
+    [rad]."""
     sideslip_sd: float
     """Its standard deviation [rad]."""
     grip: float
-    """Friction of the tyres: the most lateral force of an axle over its load; with a tyre_saturation_balance, 1 over the
-    mean of 1/friction of both axles; form 0."""
+    """Friction of the tyres: the most lateral force of an axle over its load; with a
+    tyre_saturation_balance, 1 over the mean of 1/friction of both axles; form 0."""
     grip_sd: float
     """Its standard deviation."""
     grip_valid: bool
-    """Whether grip may be used; grip_reason says why not."""
+    """Whether grip may be used; grip_reason is the reason if not."""
     grip_reason: Reason
-    """'valid', or why grip is not."""
+    """'valid', or the reason why grip is not."""
     cx_front: float
     """Longitudinal stiffness, front axle, mean [N]."""
     cx_front_sd: float
     """Sd of that mean [N]."""
     cx_front_spread: float
-    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) [N]."""
+    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd,
+    sqrt(Sigma) [N]."""
     cx_front_spread_seen: bool
-    """Whether the spread is learnt; else it is below what sensors and excitation can show."""
+    """Whether the spread is estimated; else it is below what sensors and excitation
+    show."""
     cx_front_valid: bool
-    """Whether cx_front may be used; cx_front_reason says why not."""
+    """Whether cx_front may be used; cx_front_reason is the reason if not."""
     cx_front_reason: Reason
-    """'valid', or why cx_front is not."""
+    """'valid', or the reason why cx_front is not."""
     cy_front: float
     """Cornering stiffness, front axle, mean [N/rad]."""
     cy_front_sd: float
     """Sd of that mean [N/rad]."""
     cy_front_spread: float
-    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) [N/rad]."""
+    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd,
+    sqrt(Sigma) [N/rad]."""
     cy_front_spread_seen: bool
-    """Whether the spread is learnt; else it is below what sensors and excitation can show."""
+    """Whether the spread is estimated; else it is below what sensors and excitation
+    show."""
     cy_front_valid: bool
-    """Whether cy_front may be used; cy_front_reason says why not."""
+    """Whether cy_front may be used; cy_front_reason is the reason if not."""
     cy_front_reason: Reason
-    """'valid', or why cy_front is not."""
+    """'valid', or the reason why cy_front is not."""
     cy_rear: float
     """Cornering stiffness, rear axle, mean [N/rad]."""
     cy_rear_sd: float
     """Sd of that mean [N/rad]."""
     cy_rear_spread: float
-    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma) [N/rad]."""
+    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd,
+    sqrt(Sigma) [N/rad]."""
     cy_rear_spread_seen: bool
-    """Whether the spread is learnt; else it is below what sensors and excitation can show."""
+    """Whether the spread is estimated; else it is below what sensors and excitation
+    show."""
     cy_rear_valid: bool
-    """Whether cy_rear may be used; cy_rear_reason says why not."""
+    """Whether cy_rear may be used; cy_rear_reason is the reason if not."""
     cy_rear_reason: Reason
-    """'valid', or why cy_rear is not."""
+    """'valid', or the reason why cy_rear is not."""
     bias_accel_x: float
     """Bias of accel_x: what it reads too much [m/s2]."""
     bias_accel_x_sd: float
@@ -238,7 +260,8 @@ class Estimate(EstimateBase):
     discrepancy_yaw_rate: float
     """Model discrepancy of yaw_rate [rad/s]."""
     innovation_accel_x: float
-    """Innovation: what accel_x read less what was predicted; 0 where it was not used; form 0 [m/s2]."""
+    """Innovation: what accel_x read less what was predicted; 0 where it was not used;
+    form 0 [m/s2]."""
     innovation_accel_y: float
     """Innovation of accel_y [m/s2]."""
     innovation_yaw_rate: float
@@ -248,8 +271,8 @@ class Estimate(EstimateBase):
     innovation_wheel_rear: float
     """Innovation of the rear wheel speed times radius [m/s]."""
     nis_accel_x: float
-    """Normalised innovation squared of accel_x, without what lasts: 1 on average where model and settings fit; 0 where it
-    was not used; form 0."""
+    """Normalised innovation squared of accel_x, without what lasts: 1 on average where
+    model and settings fit; 0 where it was not used; form 0."""
     nis_accel_y: float
     """Normalised innovation squared of accel_y."""
     nis_yaw_rate: float
@@ -259,23 +282,29 @@ class Estimate(EstimateBase):
     nis_wheel_rear: float
     """Normalised innovation squared of the rear wheel speed."""
     lag_steer: float
-    """How late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0 [s]."""
+    """How late the steering acts behind the IMU as found: bus, steering, tyres; below
+    0: how early; form 0 [s]."""
     lag_steer_sd: float
     """Its standard deviation [s]."""
     estimate_age: float
-    """How long before this row the time lies that the estimates speak of (settings ..._latency) [s]."""
+    """How long before this row the time lies that the estimates speak of (settings
+    ..._latency) [s]."""
     n_eff: float
     """Effective number of particles, 1/sum q^2 of their weights; 1 in form 0."""
     log_evidence: float
-    """Log density of this row's measurements given the rows before; 0 where none was used [nat]."""
+    """Log density of this row's measurements given the rows before; 0 where none was
+    used [nat]."""
     status: Status
-    """How the row was used; `status_text` says it in words."""
+    """Use of the row; `status_text` is a sentence."""
     cx_front_secant: float
-    """Longitudinal stiffness in effect, front axle: force over slip at this row's slip and load [N]."""
+    """Longitudinal stiffness in effect, front axle: force over slip at this row's slip
+    and load [N]."""
     cy_front_secant: float
-    """Cornering stiffness in effect, front axle: force over slip at this row's slip and load [N/rad]."""
+    """Cornering stiffness in effect, front axle: force over slip at this row's slip
+    and load [N/rad]."""
     cy_rear_secant: float
-    """Cornering stiffness in effect, rear axle: force over slip at this row's slip and load [N/rad]."""
+    """Cornering stiffness in effect, rear axle: force over slip at this row's slip and
+    load [N/rad]."""
     fault_factor: float
-    """How many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor:
-    exchanged, stuck."""
+    """How many times too large the implausible channel is: 57.3 degrees for radians,
+    -1 a sign, 0 none or no factor: exchanged, stuck, late."""

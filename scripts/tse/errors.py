@@ -1,11 +1,16 @@
-"""What the API refuses. Every message names what is wrong, and what is allowed."""
+"""Exceptions of tse. Every message names what is wrong, and what is allowed."""
 
 from __future__ import annotations
 
-from tse.library.core import LearntError, SettingError
+from typing import TYPE_CHECKING, Any
+
+from tse.library.errors import Interrupted, NoFile
 from tse.library.errors import UserError as Error
 
-__all__ = ["Error", "InputError", "LearntError", "SettingError"]
+if TYPE_CHECKING:
+    from tse.library.core import LearntError, SettingError
+
+__all__ = ["Error", "InputError", "Interrupted", "LearntError", "NoFile", "SettingError"]
 
 
 class InputError(Error, ValueError):
@@ -15,3 +20,13 @@ class InputError(Error, ValueError):
         super().__init__(text)
         self.field = field
         """The name of the field that is wrong."""
+
+
+def __getattr__(name: str) -> Any:
+    """Load the exceptions of the C library when they are needed: numpy takes longer than
+    --help may."""
+    if name not in ("LearntError", "SettingError"):
+        raise AttributeError(f"module 'tse.errors' has no attribute {name!r}")
+    from tse.library import core
+
+    return getattr(core, name)

@@ -7,21 +7,37 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, _distinct
-from tselab.options import FILE, JOBS, PAGES, PROGRESS, ROAD, Written, for_programs, reading, saying
+from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, check_logs_once
+from tselab.options import (
+    FILE,
+    JOBS,
+    PAGES,
+    PROGRESS,
+    ROAD,
+    Written,
+    check_table,
+    fold_all,
+    for_programs,
+    print_json,
+    reading,
+    show_steps,
+)
 
 if TYPE_CHECKING:
-    from tse.calibration.result import CalibrationResult
-    from tse.log.rows import Reading
-
-NOT_CONVERGED = 12  # exit code
+    from tse import Reading
 
 
 @click.command(cls=Run)
 @LOGS
 @VEHICLE
-@click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
-              help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
+@click.option(
+    HOLD_OUT,
+    "hold_out",
+    metavar="LOG.csv ...",
+    type=FILE,
+    multiple=True,
+    help="Logs that are not fitted: what was found is proved on them. All files up to the next option.",
+)
 @click.option(
     "--out",
     metavar="CALIBRATED.toml",
@@ -61,7 +77,7 @@ def calibrate(
 
     \b
     tselab calibrate drive1.csv drive2.csv --vehicle car.toml --out calibrated.toml
-    tselab calibrate log_*.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
+    tselab calibrate *.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
     tselab estimate drive3.csv --vehicle calibrated.toml
 
     Found together, with what passenger cars have as prior: bank and grade of the roads,
@@ -76,34 +92,31 @@ def calibrate(
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
-    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated as it is, not fitted
+    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated
+                               as it is, not fitted
     CALIBRATED.json            all numbers, for programs
     CALIBRATED.html            the same for people; --report names it
 
-    --json says the same numbers on standard output, --table writes a row for each finding.
+    --json says the same numbers on standard output, --table writes a row for each
+    finding.
 
-    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it, or less
-    than 20 s of them can be compared with a simulation; 12 not converged (written all the same, and said); 2 bad input; 130
+    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged,
+    and they show nothing of it, or less than 20 s of them can be compared with a
+    simulation; 12 not converged (written all the same, and said); 2 bad input; 130
     Ctrl-C.
     """
-    from tse.calibration import output, page, workflow
-    from tse.calibration.result import describe_result, summarise_result
-    from tse.car.vehicle import describe_stiffness, read_vehicle
-    from tse.library.files import check_distinct, check_writable
-    from tse.report import results
-    from tse.roads.road import read_road
+    import tse
+    from tse.files import check_distinct, check_writable
 
-    _distinct(logs, hold_out)
-    for path in (out, report):
-        if path is not None:
-            check_writable(path)
-    formula = read_vehicle(vehicle_path).formula_path
-    numbers, html = out.with_suffix(".json"), report or out.with_suffix(".html")
-    kept_formula = output.place_formula(out) if formula else None
+    check_logs_once(logs, hold_out)
+    check_writable(out, report)
+    formula = tse.read_vehicle(vehicle_path).formula_path
+    numbers, page = out.with_suffix(".json"), report or out.with_suffix(".html")
+    kept_formula = out.with_suffix(".formula.toml") if formula else None
     check_distinct(
         {
             "--out": out,
-            "the page": html,
+            "the page": page,
             "the numbers": numbers,
             "the formula": kept_formula,
             "--table": table,
@@ -111,55 +124,39 @@ def calibrate(
         {"--vehicle": vehicle_path, "the formula of --vehicle": formula, "--signals": reading.signals}
         | {str(p): p for p in (*logs, *hold_out)},
     )
-    results.check_table(table)
-    with saying(progress) as say:
-        road = read_road(road_path) if road_path is not None else None
-        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading, road)
-        output.write(out, result, [p.name for p in logs])
-        say("the page")
-        stiffness = describe_stiffness(read_vehicle(out))
-        text = [stiffness, *describe_result(result)]
-        page.write(html, result, text)
+    check_table(table)
+    with show_steps(progress) as show:
+        found = tse.calibrate(
+            logs,
+            vehicle_path,
+            hold_out=hold_out,
+            road=road_path,
+            reading=reading,
+            steps=steps,
+            jobs=jobs,
+            progress=show,
+        )
+        found.write(out)
+        show("the page")
+        found.report(page)
+    if table is not None:
+        found.write_table(table)
     written = [
         str(out),
-        *(p.name for p in (kept_formula, numbers, html) if p),
+        *(p.name for p in (kept_formula, numbers, page) if p),
         *([str(table)] if table else []),
     ]
-    if table is not None:
-        results.write_rows(
-            table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings]
-        )
-    code = _code(result)
     if as_json:
-        results.say_json(
-            {
-                "logs": logs,
-                "vehicle": vehicle_path,
-                **output.to_json(result),
-                "exit_code": code,
-                "written": written,
-            }
-        )
-        return code
-    if verbose:
-        for group in result.groups:
-            text += [f"  {f.words}" for f in group.members if f.shown]
-    for line in text if verbose else summarise_result(result, stiffness):
+        about = {"logs": logs, "vehicle": vehicle_path}
+        print_json({**about, **found.to_dict(), "exit_code": found.exit_code, "written": written})
+        return found.exit_code
+    all_words = (*found.words, *(f"  {w}" for w in found.shown_words))
+    for line in all_words if verbose else fold_all(found.answer):
         click.echo(line)
-    for line in result.notes:
-        click.echo(f"note: {line}", err=True)
+    notes = [f"note: {line}" for line in found.notes]
+    for line in notes if verbose else fold_all(notes):
+        click.echo(line, err=True)
     if not verbose:
-        click.echo(f"More: --verbose, {html}")
+        click.echo(f"More: --verbose, {page}")
     click.echo(f"Written: {', '.join(written)}")
-    return code
-
-
-def _code(result: CalibrationResult) -> int:
-    from tse.calibration.result import MIN_RELIABLE_SECONDS
-    from tse.report.results import NOTHING, USABLE
-
-    if not result.fit.converged:
-        return NOT_CONVERGED
-    if result.seconds < MIN_RELIABLE_SECONDS:
-        return NOTHING
-    return USABLE if any(f.shown for f in result.findings) else NOTHING
+    return found.exit_code

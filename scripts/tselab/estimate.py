@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tse.library.errors import UserError
 from tselab.options import (
     CALIBRATE,
     FILE,
@@ -20,41 +18,53 @@ from tselab.options import (
     TABLES,
     Lazy,
     Written,
-    check_range,
+    age_seconds,
+    check_table,
+    fold,
     for_programs,
-    key_values,
+    print_json,
+    quiet_warnings,
+    read_settings,
     reading,
-    saying,
     show_progress,
+    show_steps,
 )
 
 if TYPE_CHECKING:
-    from tse.log.rows import Reading
+    from tse import Reading, Result
 
-
-MOST_FINDINGS = 12  # stretches of road with --verbose
-MOST_LINES, COLUMNS = 12, 100  # without it
-MOST_EVENTS, MOST_NOTES = 4, 2
+MAX_STRETCHES = 12  # stretches of road with --verbose
+MAX_LINES = 12  # of the terminal, without --verbose
+MAX_EVENTS, MAX_NOTES = 4, 2  # without --verbose
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
+Files = dict[str, Path | None]
 
 
 @click.command(
     cls=Lazy,
     tables=(
         (
-            "Columns of LOG.csv (SI units, ISO 8855: left and forward positive; an empty cell is a missing value)",
+            "Columns of LOG.csv (SI units, ISO 8855: left and forward positive; an empty cell is a "
+            "missing value)",
             "log_columns_table",
         ),
         (
-            "Columns of EST.csv after time; _sd: of the estimate; _spread: model discrepancy, of particles from sample to sample",
+            "Columns of EST.csv after time; _sd: of the estimate; _spread: model discrepancy, of "
+            "particles from sample to sample",
             "est_columns_table",
         ),
         ("Codes", "codes_table"),
     ),
 )
 @click.argument("log_path", metavar="LOG", type=FILE)
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
-              help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    required=True,
+    help="Vehicle file; 'tselab vehicle --example' prints one.",
+)
 @click.option(
     "--config",
     "config_path",
@@ -130,43 +140,51 @@ def estimate(
     \b
     tselab estimate log.csv --vehicle car.toml
     tselab estimate log.csv --vehicle car.toml --out est.csv --report report.html
-    tselab estimate log.csv --vehicle car.toml --form paper --particles 200 --forgetting 0.995
+    tselab estimate log.csv --vehicle car.toml --form paper --particles 200
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
-    tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
+    tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4
 
-    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists, with names, units, rates and latencies
-    of its own: signals.toml beside it, or --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
+    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists,
+    with names, units, rates and latencies of its own: signals.toml beside it, or
+    --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
     proposes it.
 
     \b
-    [signals.steer_angle]            [signals.wheel_speed_front]       [signals.accel_y]
-    name = "LWI_Lenkradwinkel"       name = ["ESP_VL", "ESP_VR"]       name = "ESP_Querbeschl"
-    unit = "deg"                     unit = "km/h"                     unit = "g"
-    ratio = 15.3                     latency = 0.02                    sign = -1
+    [signals.steer_angle]          [signals.wheel_speed_front]     [signals.accel_y]
+    name = "LWI_Lenkradwinkel"     name = ["ESP_VL", "ESP_VR"]     name = "ESP_Querbeschl"
+    unit = "deg"                   unit = "km/h"                   unit = "g"
+    ratio = 15.3                   latency = 0.02                  sign = -1
 
-    Further keys: scale, offset, sign_bit, add (a signal with the rest of the value), radius (of a wheel, m), valid and counter
-    (signals of the message that say so), clock (s by which the clock of its group is ahead of the others),
-    hold (sent only when it changes), unsure (what was guessed: every run says so, and
-    --strict refuses, until it is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate,
-    databases, separator, decimal, encoding, header. Channels that the log does not have are missing;
-    what is still observable is estimated.
+    Further keys: scale, offset, sign_bit, add (a signal with the rest of the value),
+    radius (of a wheel, m), valid and counter (signals of the message that say so), clock
+    (s by which the clock of its group is ahead of the others), hold (sent only when it
+    changes), unsure (what was guessed: every run says so, and --strict refuses, until it
+    is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit,
+    step, rate, databases, separator, decimal, encoding, header. Channels that the log
+    does not have are missing; what is still observable is estimated.
 
-    What the vehicle file leaves out is that of an ordinary car of its mass and axles (src/tables/uncalibrated.toml): stiffness
-    from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
-    Noise and biases of the sensors are found while driving; with --form paper or robust the noise is found in the log beforehand.
-    After 'tselab calibrate' the prior is the posterior of the calibration. A car that nobody has calibrated - no [calibration] and
-    no [uncertainty] in its file - is calibrated on the log itself first, on at most ten minutes of it: the run says what that
-    found and where it is kept for the next run; --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
+    What the vehicle file leaves out is that of an ordinary car of its mass and axles
+    (src/tables/uncalibrated.toml): stiffness from the axle loads, yaw inertia mass lf lr,
+    grip of a dry road, each with the scatter of such cars; the run lists it. Noise and
+    biases of the sensors are found while driving; with --form paper or robust the noise
+    is found in the log beforehand. After 'tselab calibrate' the prior is the posterior of
+    the calibration. A car that nobody has calibrated - no [calibration] and no
+    [uncertainty] in its file - is calibrated on the log itself first, on at most ten
+    minutes of it: the run says what that found and where it is kept for the next run;
+    --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
     --load-learnt and --save-learnt leave it out, too.
 
-    Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
-    ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from 0.001 to
-    1 s, also irregularly. To the particle filters (--form paper, robust) noise of the wheel speeds passes for slip and makes
-    tyres look soft: --average 0.1 makes less of it; rows of EST.csv are then blocks, and noise that the vehicle file states is
-    taken for that of one sample. Ctrl-C stops early and writes the rows done so far.
+    Columns of the log that start with ref_ are drawn in the report: ref_vel_x,
+    ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed, ref_wheel_fl ... with the
+    quantity they name, others by themselves. Rows may come at any rate from 0.001 to 1 s,
+    also irregularly. To the particle filters (--form paper, robust) noise of the wheel
+    speeds passes for slip and makes tyres look soft: --average 0.1 makes less of it; rows
+    of EST.csv are then blocks, and noise that the vehicle file states is taken for that
+    of one sample. Ctrl-C stops early and writes the rows done so far.
 
-    A learnt state holds stiffness, grip, sensor biases and steering, with their covariance. It fits the vehicle it was learnt
-    with, and is trusted the less the older it is (settings learnt_floor, learnt_walk_day).
+    A learnt state holds stiffness, grip, sensor biases and steering, with their
+    covariance. It fits the vehicle it was learnt with, and is trusted the less the older
+    it is (settings learnt_floor, learnt_walk_day).
 
     --road gives the filter the bank and grade of the road under each row: the log is
     found on it by gnss_latitude and gnss_longitude, else by its path, the yaw rate over
@@ -175,164 +193,134 @@ def estimate(
     curvature [1/m]; closed, 1 of a circuit, whose last row is the first one again. A log
     that is on another road is refused.
 
-    The answer is a line for each stiffness: its value with its 95 % interval over the last stretches of road between changes,
-    what came after a row counted, too; and whether to act on it. --verbose says all: the values at the end of each stretch, grip,
+    The answer is a line for each stiffness: its value with its 95 % interval over the
+    last stretches of road between changes, what came after a row counted, too; and
+    whether to act on it. --verbose says all: the values at the end of each stretch, grip,
     the largest sideslip angle, what was filled in.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the estimates are written, and no stiffness
-    is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
-    as a row per stretch of road and stiffness.
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the
+    estimates are written, and no stiffness is valid; 2 bad input; 130 Ctrl-C. --json says
+    what was found as JSON on standard output, in place of words; --table writes it as a
+    row per stretch of road and stiffness.
     """
-    from tse.calibration.own import STOPPED
-    from tse.estimation import regimes
-    from tse.estimation.answer import answer
-    from tse.estimation.estimate import read_learnt, write_learnt
-    from tse.library.files import check_distinct, check_writable
-    from tse.report import results
-    from tse.report.results import run_facts
-    from tse.roads.road import read_road
-    from tse.runs import single
-    from tse.runs.single import Calibrate, prepare
+    import tse
+    from tse.files import check_distinct, check_writable
 
     out = out or Path(log_path.stem + ".est.csv")
-    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals,
-              "--road": road_path}  # fmt: skip
+    inputs = {
+        "the log": log_path,
+        "--vehicle": vehicle_path,
+        "--config": config_path,
+        "--signals": reading.signals,
+        "--road": road_path,
+    }
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
-    # a file that is loaded may be replaced by what is learnt now, and by nothing else
+    # --save-learnt may replace the file that was loaded, the other outputs may not
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
-    results.check_table(table)
-    for path in (out, report, save_learnt):
-        if path is not None:
-            check_writable(path)
-    if age is not None and load_learnt is None:
-        raise UserError("option --age: is that of the file of --load-learnt, which is not given")
-    check_range("age", age, 0.0, 40000.0, "days")
-    learnt = read_learnt(load_learnt, age) if load_learnt else None
-    road = read_road(road_path) if road_path is not None else None
-    with saying(progress) as say:
-        itself = (
-            Calibrate(say, goes_on=True)
-            if calibrate and load_learnt is None and save_learnt is None
-            else None
-        )
-        prepared = prepare(
+    check_table(table)
+    check_writable(out, report, save_learnt)
+    age_s = age_seconds(age, load_learnt)
+    settings = read_settings(pairs, options)
+    with show_steps(progress) as show, quiet_warnings():
+        result = tse.estimate(
             log_path,
             vehicle_path,
-            config_path,
-            average,
-            options,
-            form,
-            key_values(pairs),
-            reading,
-            itself,
-            road,
+            settings=settings,
+            form=form,
+            average=average,
+            learnt=load_learnt,
+            age=age_s,
+            calibrate=calibrate and save_learnt is None,
+            road=road_path,
+            config=config_path,
+            reading=reading,
+            out=out,
+            report=report,
+            keep_partial=True,
+            progress=show,
+            bar=show_progress(progress),
         )
-    vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
-    ran = single.run(prepared, out, report, learnt, show_progress(progress))
-    est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
-    if save_learnt is not None:
-        if est.learnt is not None and not warnings:
-            write_learnt(save_learnt, est.learnt)
-        elif warnings:
-            notes.append(
-                f"the channels contradict each other, so nothing was learnt: {save_learnt} is not written"
-            )
-        else:
-            notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
-    odd = [*warnings, *prepared.doubts, *log.warnings]
+    notes = [n for n in result.messages if n not in result.cautions]
+    if save_learnt is not None and result.learnt is not None:
+        result.save_learnt(save_learnt)
+    elif save_learnt is not None:
+        why = "the channels contradict each other" if result.warnings else "no row was used"
+        notes.append(f"{why}, so nothing was learnt: {save_learnt} is not written")
     if table is not None:
-        results.write_rows(table, results.rows(log_path, est, found, changes, odd), results.COLUMNS)
-    written = {"estimates": out, "report": report if ran.reported else None, "table": table}
-    written["learnt"] = save_learnt if est.learnt is not None and not warnings else None
+        result.write_table(table)
+    written: Files = {"estimates": out, "report": report if result.reported else None, "table": table}
+    written["learnt"] = save_learnt if result.learnt is not None else None
     if as_json:
-        said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
-                "calibration": {**prepared.own.found, "words": vehicle.found} if prepared.own else None,
-                "notes": [n for n in notes if n not in odd], "warnings": odd, "interrupted": est.interrupted,
-                "written": written}  # fmt: skip
-        results.say_json(results.document(log_path, est, found, config, said))
+        print_json({**result.to_dict(), "notes": notes, "written": written})
     elif verbose:
-        if learnt is not None:
-            click.echo(f"started from: {learnt.note}")
-        for name, value in run_facts(est, log, vehicle, config):
-            click.echo(f"{name + ':':<11}{value}")
-        for line in (*vehicle.found, *(f"filled in: {f}" for f in vehicle.filled)):
-            click.echo(line)
-        for line in notes:
-            click.echo(f"{'warning' if line in odd else 'note'}: {line}", err=True)
-        for line in regimes.words(changes, regimes.spells(est.table)):
-            click.echo(line)
-        for finding in found[:MOST_FINDINGS]:
-            click.echo("\n".join(finding.lines()))
-        if len(found) > MOST_FINDINGS:
-            click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
-        say_written(written)
+        print_all(result, notes, written)
     else:
-        # what a filter finds of channels that are wrong did not happen
-        events = [] if warnings else regimes.words(changes, regimes.spells(est.table))
-        plain = [f"note: {n}" for n in notes if n not in odd]
-        say_shortly(
-            answer(found, config), [f"warning: {line}" for line in odd], [*events, *vehicle.found[:1]], plain,
-            len(vehicle.found[1:]) + len(vehicle.filled), written, report is not None,
-        )  # fmt: skip
-    if prepared.own is not None and prepared.own.found.get("why") == STOPPED:
+        print_answer(result, notes, written, report is not None)
+    if result.calibration_interrupted:
         click.echo(
             f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True
         )
         sys.exit(130)
-    if est.interrupted:
-        click.echo(
-            f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",
-            err=True,
-        )
+    if result.interrupted:
+        rows = f"{result.rows} of {len(result.log)} rows"
+        click.echo(f"tselab: stopped by Ctrl-C after {rows}; {out} holds the rows done", err=True)
         sys.exit(130)
-    return results.exit_code(found)
+    return result.exit_code
 
 
-def say_shortly(
-    answer: list[str],
-    warnings: list[str],
-    events: list[str],
-    notes: list[str],
-    hidden: int,
-    written: dict[str, Path | None],
-    page: bool,
-) -> None:
-    """Say the answer and every warning; of the last events and the first notes what MOST_LINES have room for, and how many more
-    there are, `hidden` besides. Warnings and notes go to standard error."""
-    folded = {text: fold(text) for text in (*warnings, *events, *notes)}
-    room = (
-        MOST_LINES
-        - len(answer)
-        - sum(len(folded[w]) for w in warnings)
-        - sum(path is not None for path in written.values())
-        - 1
-    )
+def print_all(result: Result, notes: list[str], written: Files) -> None:
+    """Print everything that the run found; warnings and notes on standard error."""
+    if result.started_from is not None:
+        click.echo(f"started from: {result.started_from}")
+    for name, value in result.facts:
+        click.echo(f"{name + ':':<11}{value}")
+    car = result.vehicle
+    if car is not None:
+        for line in (*car.found, *(f"filled in: {f}" for f in car.filled)):
+            click.echo(line)
+    for line in dict.fromkeys((*result.messages, *notes)):
+        click.echo(f"{'warning' if line in result.cautions else 'note'}: {line}", err=True)
+    for line in result.events:
+        click.echo(line)
+    for lines in result.stretch_words[:MAX_STRETCHES]:
+        click.echo("\n".join(lines))
+    if len(result.stretch_words) > MAX_STRETCHES:
+        click.echo(f"and {len(result.stretch_words) - MAX_STRETCHES} more stretches, which --report lists")
+    print_written(written)
+
+
+def print_answer(result: Result, notes: list[str], written: Files, has_report: bool) -> None:
+    """Print the answer and every warning, and the last events and first notes that
+    MAX_LINES have room for.
+
+    The last line says how many more there are. Warnings and notes go to standard
+    error."""
+    found, filled = (result.vehicle.found, result.vehicle.filled) if result.vehicle is not None else ([], [])
+    warnings = [f"warning: {line}" for line in result.cautions]
+    # events that a filter finds in wrong channels did not happen
+    events = [*(() if result.warnings else result.events), *found[:1]]
+    plain = [f"note: {n}" for n in notes]
+    folded = {text: fold(text) for text in (*warnings, *events, *plain)}
+    used = len(result.answer) + sum(len(folded[w]) for w in warnings)
+    room = MAX_LINES - used - sum(path is not None for path in written.values()) - 1
     shown = []
-    for text in (*events[: -MOST_EVENTS - 1 : -1], *notes[:MOST_NOTES]):
+    for text in (*events[: -MAX_EVENTS - 1 : -1], *plain[:MAX_NOTES]):
         if len(folded[text]) <= room:
             shown.append(text)
             room -= len(folded[text])
-    for line in answer:
+    for line in result.answer:
         click.echo(line)
-    for text in (*warnings, *(t for t in events if t in shown), *(t for t in notes if t in shown)):
+    for text in (*warnings, *(t for t in events if t in shown), *(t for t in plain if t in shown)):
         click.echo("\n".join(folded[text]), err=text not in events)
-    more = len(events) + len(notes) - len(shown) + hidden
+    more = len(events) + len(plain) - len(shown) + len(found[1:]) + len(filled)
     if more:
-        click.echo(
-            f"{more} more note{'s' if more > 1 else ''}: --verbose{'' if page else ', or --report PAGE.html'}"
-        )
-    say_written(written)
+        page = "" if has_report else ", or --report PAGE.html"
+        click.echo(f"{more} more note{'s' if more > 1 else ''}: --verbose{page}")
+    print_written(written)
 
 
-def fold(text: str) -> list[str]:
-    """The lines of a text on a terminal."""
-    return textwrap.wrap(
-        text, COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
-
-
-def say_written(written: dict[str, Path | None]) -> None:
-    """Say which files there are now."""
+def print_written(written: Files) -> None:
+    """Print which files were written."""
     for what, path in written.items():
         if path is not None:
             click.echo(f"{WRITTEN[what]} written to {path}")

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from tselab.options import CALIBRATE, FILE, FORM, JOBS, JSON, PROGRESS, key_values, reading, show_progress
+from tse.errors import Error
+from tselab.options import (
+    CALIBRATE,
+    FILE,
+    FORM,
+    JOBS,
+    JSON,
+    PROGRESS,
+    key_values,
+    print_json,
+    reading,
+    show_progress,
+)
 
 if TYPE_CHECKING:
-    from tse.log.rows import Reading
-    from tse.runs.keep import Done
+    from tse import Reading
 
-MOST_CARS = 5  # that the terminal names, the softest first
-MOST_ERRORS = 10  # that the terminal names
+MAX_CARS = 5  # that the terminal names, the softest first
+MAX_ERRORS = 10  # that the terminal names
 
 
 @click.command()
@@ -23,8 +33,13 @@ MOST_ERRORS = 10  # that the terminal names
 @click.option(
     "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars."
 )
-@click.option("--vehicles", "table", metavar="TABLE.csv", type=FILE, help="Which car each log is of: columns log, vehicle, car, "
-              "signals.")  # fmt: skip
+@click.option(
+    "--vehicles",
+    "table",
+    metavar="TABLE.csv",
+    type=FILE,
+    help="Which car each log is of: columns log, vehicle, car, signals.",
+)
 @click.option(
     "--out",
     metavar="DIR",
@@ -33,8 +48,13 @@ MOST_ERRORS = 10  # that the terminal names
     help="Directory; made if needed; what is done there is used again.",
 )
 @click.option("--car", metavar="NAME", help="All logs are of this one car; else a folder of logs is a car.")
-@click.option("--learn/--no-learn", default=True, show_default=True, help="Each drive starts from what the one of the same car "
-              "before it taught; else each by itself, all at once.")  # fmt: skip
+@click.option(
+    "--learn/--no-learn",
+    default=True,
+    show_default=True,
+    help="Each drive starts from what the one of the same car "
+    "before it taught; else each by itself, all at once.",
+)
 @click.option("--reports/--no-reports", default=True, show_default=True, help="A report for each log.")
 @click.option(
     "--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet."
@@ -59,8 +79,12 @@ MOST_ERRORS = 10  # that the terminal names
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
 )
 @JOBS
-@click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
-              "see the logs under the same paths.")  # fmt: skip
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
+    "see the logs under the same paths.",
+)
 @click.option("--restart", is_flag=True, help="Run all again, also what is done.")
 @JSON
 @PROGRESS
@@ -85,20 +109,23 @@ def fleet(
     progress: bool | None,
     reading: Reading,
 ) -> int:
-    """Estimate many logs of many cars, and look at them together.
+    """Estimate many logs of many cars, and compare the cars.
 
     \b
     tselab fleet logs/ --vehicle car.toml --out results
     tselab fleet 'logs/**/*.mf4' --vehicles cars.csv --out results
     tselab fleet logs/ --vehicles cars.csv --out results --scheduler tcp://host:8786
 
-    Each log is run as by 'tselab estimate', in any format that 'tselab signals --help' lists, with the signals.toml beside it or
-    --signals. What a drive teaches is where the next drive of the same car starts, in order of time: what the log itself says (MF4,
-    MDF, BLF, MCAP), else a date in its name or its folder's, else the time of the file. Several cars run at once.
+    Each log is run as by 'tselab estimate', in any format that 'tselab signals --help'
+    lists, with the signals.toml beside it or --signals. Each drive starts from the learnt
+    state of the drive of the same car before it. Their order is that of the time in the
+    log (MF4, MDF, BLF, MCAP), else of a date in its name or its folder's, else of the
+    time of the file. Several cars run at once.
 
-    Which car a log is of: with --vehicle, each folder directly below FOLDER is a car, however deep its logs are; --car: all
-    are one. With --vehicles, the first row of the table that names it: its log is a file, a folder, or a pattern, relative to
-    the table:
+    The car of a log: with --vehicle, each folder directly below FOLDER is a car, however
+    deep its logs are; with --car all logs belong to one car. With --vehicles, the first
+    row of the table that matches the log: a file, a folder, or a pattern, relative to the
+    table:
 
     \b
     log,vehicle,car,signals
@@ -106,97 +133,72 @@ def fleet(
     taxi/*.blf,cars/rav4.toml,taxi,cars/rav4.signals.toml
 
     \b
-    DIR/fleet.parquet   a row per log, stretch of road and stiffness: value, sd, validity, changes, warnings; error of a bad log
-    DIR/fleet.html      cars and their trends, the softest first, with links to all reports
+    DIR/fleet.parquet   a row per log, stretch of road and stiffness: value, sd,
+                        validity, changes, warnings; error of a bad log
+    DIR/fleet.html      cars and trends, the softest first, with links to all reports
     DIR/reports/        a report for each log;  DIR/estimates/  with --estimates
-    DIR/learnt/         what each car's drives taught, for 'tselab estimate --load-learnt'
-    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their first logs, at most ten minutes of four;
-                        learnt states are of these; with --no-learn each log is calibrated by itself, --no-calibrate: none
-    DIR/logs/           what is done: the same command goes on from there, also after it was killed, and runs new and changed logs
+    DIR/learnt/         learnt state of each car, for 'tselab estimate --load-learnt'
+    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their
+                        first logs, at most ten minutes of four. Learnt states belong to
+                        these. With --no-learn each log is calibrated by itself, with
+                        --no-calibrate none
+    DIR/logs/           the logs that are done: the same command continues from there,
+                        also after it was killed, and runs new and changed logs
 
     \b
-    python -c "import pandas as pd; print(pd.read_parquet('results/fleet.parquet').groupby(['car', 'stiffness']).value.last())"
-    duckdb -c "select car, stiffness, arg_max(value, start_time) from 'results/fleet.parquet' where usable <> 'no' group by all"
+    python -c "import pandas; print(pandas.read_parquet('results/fleet.parquet'))"
+    duckdb -c "select car, stiffness, arg_max(value, start_time)
+    from 'results/fleet.parquet' where usable <> 'no' group by all"
 
-    Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130 Ctrl-C.
+    Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130
+    Ctrl-C.
     """
-    from tse.car.vehicle import read_vehicle
-    from tse.library.errors import UserError
-    from tse.runs import find, page
-    from tse.runs.keep import PAGE, TABLE, Store
-    from tse.runs.run import Plan, run
+    import tse
 
     if (vehicle_path is None) == (table is None):
-        raise UserError(
-            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one for each log"
+        raise Error(
+            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one "
+            "for each log"
         )
     if car is not None and table is not None:
-        raise UserError("option --car: the table of --vehicles says which car a log is of")
-    settings = key_values(pairs)
-    drives = find.drives(words, vehicle_path, table, car, out)
-    for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
-        read_vehicle(path)  # one that is wrong is refused before anything is run
-    store = Store(out, restart)
-    plan = Plan(reading, config_path, average, form, settings, learn, reports, estimates, calibrate)
-    done = run(drives, plan, store, jobs, scheduler, show_progress(progress))
-    frame = store.write(done)
-    page.write(out / PAGE, done, frame, out.resolve().name)
-    code = _code(done)
-    found = page.cars(done, frame)
-    if as_json:
-        from tse.report.results import say_json
-
-        say_json(_document(done, found, code, [out / TABLE, out / PAGE]))
-        return code
-    from tse.report.results import CODES
-
-    counts = {c: sum(not d.outcome.error and d.outcome.code == c for d in done) for c in CODES}
-    bad = [d for d in done if d.outcome.error]
-    usable, in_part, nothing = counts.values()
-    hours = sum(d.outcome.seconds for d in done) / 3600
-    click.echo(
-        f"{len(done)} logs of {len(found)} car{'s' if len(found) != 1 else ''}, {hours:.1f} h: {usable} usable, {in_part} in part, "
-        f"{nothing} that tell nothing, {len(bad)} that cannot be read"
+        raise Error("option --car: the table of --vehicles says which car a log is of")
+    done = tse.fleet(
+        words,
+        vehicle_path,
+        out=out,
+        vehicles=table,
+        car=car,
+        settings=key_values(pairs),
+        config=config_path,
+        form=form,
+        average=average,
+        reading=reading,
+        learn=learn,
+        calibrate=calibrate,
+        reports=reports,
+        estimates=estimates,
+        restart=restart,
+        jobs=jobs,
+        isolate=True,
+        scheduler=scheduler,
+        bar=show_progress(progress),
     )
-    for place, c in enumerate(found[:MOST_CARS], 1):
-        click.echo(f"{place}. {c.name or 'without a car'}: {c.reason}")
-    if len(found) > MOST_CARS:
-        click.echo(f"and {len(found) - MOST_CARS} more cars, which {out / PAGE} lists")
-    for d in bad[:MOST_ERRORS]:
-        click.echo(f"error: {d.outcome.error}", err=True)
-    if len(bad) > MOST_ERRORS:
-        click.echo(f"and {len(bad) - MOST_ERRORS} more, which {out / PAGE} lists", err=True)
-    click.echo(f"Written to {out}: {TABLE}, {PAGE}")
-    return code
-
-
-def _code(done: Sequence[Done]) -> int:
-    from tse.report.results import IN_PART, NOTHING, USABLE
-
-    codes = {NOTHING if d.outcome.error else d.outcome.code for d in done}
-    return codes.pop() if len(codes) == 1 else IN_PART if codes else USABLE
-
-
-def _document(
-    done: Sequence[Done], cars: Sequence[Any], code: int, written: Sequence[Path]
-) -> dict[str, Any]:
-    from tse.report.results import CODES
-
-    return {
-        "logs": [
-            {"car": d.drive.car, "log": d.drive.log, "start": d.drive.start, "start_from": d.drive.start_from,
-             "seconds": d.outcome.seconds, "usable": CODES[d.outcome.code] if not d.outcome.error else "no",
-             "error": d.outcome.error or None, "notes": d.outcome.notes, "report": d.report or None}
-            for d in done
-        ],
-        "cars": [
-            {"car": c.name, "logs": len(c.done), "hours": c.hours,
-             "place_by": c.reason, "why_not": c.why,
-             "last": {k: {"value": v.value, "band": v.band, "of_nominal": v.of_nominal, "time": v.when.isoformat()}
-                      for k, v in c.last.items()}}
-            for c in cars
-        ],
-        "usable": CODES[code],
-        "exit_code": code,
-        "written": written,
-    }  # fmt: skip
+    if as_json:
+        print_json({**done.to_dict(), "written": done.files})
+        return done.exit_code
+    count, page = done.counts, done.files[1]
+    cars = f"{len(done.ranking)} car{'s' if len(done.ranking) != 1 else ''}"
+    click.echo(
+        f"{len(done)} logs of {cars}, {done.hours:.1f} h: {count['yes']} usable, {count['in part']} in part, "
+        f"{count['no']} that tell nothing, {count['error']} that cannot be read"
+    )
+    for place, (name, reason) in enumerate(done.ranking[:MAX_CARS], 1):
+        click.echo(f"{place}. {name or 'without a car'}: {reason}")
+    if len(done.ranking) > MAX_CARS:
+        click.echo(f"and {len(done.ranking) - MAX_CARS} more cars, which {page} lists")
+    for error in done.errors[:MAX_ERRORS]:
+        click.echo(f"error: {error}", err=True)
+    if len(done.errors) > MAX_ERRORS:
+        click.echo(f"and {len(done.errors) - MAX_ERRORS} more, which {page} lists", err=True)
+    click.echo(f"Written to {out}: {', '.join(f.name for f in done.files)}")
+    return done.exit_code

@@ -2,18 +2,17 @@
 
 import xml.etree.ElementTree as ElementTree
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import click
 
-from tse.library.core import Config
-from tse.library.errors import NoFile, UserError
-from tselab.options import FILE, JSON
+from tse.errors import Error, NoFile
+from tselab.options import FILE, JSON, print_json
 
-# ---- A vehicle as a parameter set of SSP (.ssv), for the estimator in any tool that connects FMUs.
+# ---- A vehicle as a parameter set of SSP (.ssv), for tools that connect FMUs.
 
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <ssv:ParameterSet version="1.0" name={name}
@@ -28,10 +27,10 @@ EXACT = "vehicle.exact"  # a parameter of the estimator alone
 
 
 class Parameter(NamedTuple):
-    """One of a modelDescription.xml."""
+    """A parameter of a modelDescription.xml."""
 
     name: str
-    kind: str  # as SSP calls it
+    kind: str  # its type in SSP
     start: str
 
 
@@ -42,8 +41,8 @@ def parameters_of(fmu: Path) -> list[Parameter]:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     except FileNotFoundError:
         raise NoFile(f"{fmu}: no such file") from None
-    except Exception as error:  # whatever zip and XML say of whatever stands there
-        raise UserError(f"{fmu}: is not an FMU: {error}") from None
+    except Exception as error:  # of zip or XML, for any other file
+        raise Error(f"{fmu}: is not an FMU: {error}") from None
     found = []
     for variable in root.iterfind("ModelVariables/*"):
         value = variable[0] if variable.tag == "ScalarVariable" else variable
@@ -51,27 +50,29 @@ def parameters_of(fmu: Path) -> list[Parameter]:
         if variable.get("causality") == "parameter":
             found.append(Parameter(variable.get("name", ""), kind, value.get("start", "0")))
     if EXACT not in [p.name for p in found]:
-        raise UserError(f"{fmu}: is not the estimator")
+        raise Error(f"{fmu}: is not the estimator")
     return found
 
 
-def parameter_set(parameters: Iterable[Parameter], config: Config, name: str) -> str:
-    """Return the parameter set of a car: all of vehicle.*, and of the others what is not at its start.
+def parameter_set(parameters: Iterable[Parameter], settings: Mapping[str, float], name: str) -> str:
+    """Return the parameter set of a car: all of vehicle.*, and the others that differ
+    from their start.
 
     Parameters
     ----------
     parameters
-        Of the estimator.
-    config
-        The settings of the car. The parameter effects.body_roll.gain is the setting body_roll_gain.
+        Those of the estimator.
+    settings
+        Those of the car, by name. The parameter effects.body_roll.gain is the setting
+        body_roll_gain.
     name
-        Of the car.
+        Name of the car.
     """
-    values, lines = config.as_dict(), []
+    lines = []
     for p in parameters:
         if p.name == EXACT:
-            continue  # false, the start: what is set counts
-        value = values.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
+            continue  # false, its start: the settings count
+        value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
             continue
         text = str(int(value)) if p.kind == "Integer" else repr(float(value))
@@ -103,17 +104,32 @@ def fmu() -> None:
     help="Directory; made if needed.",
 )
 @click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
-@click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
-              help="With the binary of this platform; may be repeated.")  # fmt: skip
+@click.option(
+    "--platform",
+    "chosen",
+    multiple=True,
+    type=click.Choice(PLATFORM_NAMES),
+    help="With the binary of this platform; may be repeated.",
+)
 @click.option(
     "--max-particles",
     type=click.IntRange(16, 65535),
     help="Particles that an estimator can hold.  [default: 512]",
 )
-@click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
-              help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
-@click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
-              help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
+@click.option(
+    "--real",
+    type=click.Choice(REALS),
+    default=REALS[0],
+    show_default=True,
+    help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.",
+)
+@click.option(
+    "--fmi",
+    type=click.Choice(("2", "3", "both")),
+    default="both",
+    show_default=True,
+    help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).",
+)
 @JSON
 def build(
     out: Path,
@@ -132,15 +148,17 @@ def build(
     tselab fmu build --fmi 3
     tselab fmu build --real fixed --out fmus-fixed
 
-    Without platforms: the binary of this machine, by its C compiler. The others, and then this one too, are compiled from the
-    sources/ that each FMU carries by the Python package ziglang (extra 'platforms'), and run on old systems: linux64 needs
-    glibc 2.2.5. The same sources give the same files, byte for byte. Nothing is written before all has been built.
+    Without platforms: the binary of this machine, by its C compiler. The others, and then
+    this one too, are compiled from the sources/ that each FMU carries by the Python
+    package ziglang (extra 'platforms'), and run on old systems: linux64 needs glibc
+    2.2.5. The same sources give the same files, byte for byte. Nothing is written before
+    all has been built.
 
-    Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one modelDescription.xml, which is of one
-    version, so they are two files. Both compute the same bits; the system (SSP) holds those of 2.0.
+    Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one
+    modelDescription.xml, which is of one version, so they are two files. Both compute the
+    same bits; the system (SSP) holds those of 2.0.
     """
-    from tse.library.files import check_directory
-    from tse.report.results import say_json
+    from tse.files import check_directory
     from tselab.fmu_build import FMI
     from tselab.fmu_build import build as run
 
@@ -149,7 +167,7 @@ def build(
     versions = FMI if fmi == "both" else (fmi,)
     made = run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real, versions)
     if as_json:
-        say_json(
+        print_json(
             [{"path": f.path, "bytes": f.path.stat().st_size, "platforms": list(f.binaries)} for f in made]
         )
         return
@@ -173,18 +191,18 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     \b
     tselab fmu parameters TireStiffnessEstimator.fmu --vehicle car.toml --out car.ssv
 
-    Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of resources/vehicle.ssv of
-    StiffnessStudy.ssp. What is not in it has its start value: that of an ordinary car.
+    Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of
+    resources/vehicle.ssv of StiffnessStudy.ssp. What is not in it has its start value:
+    that of an ordinary car.
     """
-    from tse.car.config import make_config
-    from tse.car.vehicle import read_vehicle
-    from tse.library.files import check_distinct, check_writable, write_atomically
+    import tse
+    from tse.files import check_distinct, check_writable, write_atomically
 
     out = out or Path(f"{vehicle_path.stem}.ssv")
     check_distinct({"--out": out}, {"the FMU": path, "--vehicle": vehicle_path})
     check_writable(out)
-    known, vehicle = parameters_of(path), read_vehicle(vehicle_path)
-    config, _ = make_config(vehicle, None, None, {}, "default")
+    known, car = parameters_of(path), tse.read_vehicle(vehicle_path)
+    settings = tse.Filter(car).settings
     with write_atomically(out, "wb") as file:
-        file.write(parameter_set(known, config, vehicle.name or vehicle_path.stem).encode())
+        file.write(parameter_set(known, settings, car.name or vehicle_path.stem).encode())
     click.echo(f"Parameter set written to {out}")

@@ -1,4 +1,5 @@
-"""Building the FMUs of this checkout: natively by CMake, for other platforms from the sources that each FMU carries."""
+"""Building the FMUs of this checkout: natively by CMake, for other platforms from the
+sources that each FMU carries."""
 
 import importlib.util
 import os
@@ -15,18 +16,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tse.library.errors import UserError
-from tse.library.files import lock_file, write_atomically
+from tse.errors import Error
+from tse.files import lock_file, write_atomically
 
-# ---- The platforms that binaries are for, and how one is cross-compiled: by the C compiler of the Python package ziglang,
-# which carries the C libraries of all of them.
+# ---- Platforms of the binaries. They are cross-compiled by the C compiler of the Python
+# package ziglang, which carries the C libraries of all of them.
 
 FMI = ("2", "3")  # versions that FMUs are built for
 
 
 @dataclass(frozen=True)
 class Platform:
-    """A folder in binaries/, named as FMI 2.0.4 does; in an FMU of FMI 3.0 it has another name, and one processor."""
+    """A folder in binaries/, named as FMI 2.0.4 does; in an FMU of FMI 3.0 it has another
+    name, and one processor."""
 
     name: str
     tuple3: str
@@ -40,7 +42,8 @@ class Platform:
         return self.targets[:1] if fmi == "3" else self.targets
 
 
-# glibc 2.2.5 is the first for x86_64, 2.17 the first for aarch64: nothing newer is needed, so older systems load it, too.
+# glibc 2.2.5 is the first for x86_64, 2.17 the first for aarch64: nothing newer is
+# needed, so older systems load it, too.
 PLATFORMS = {
     p.name: p
     for p in (
@@ -52,13 +55,14 @@ PLATFORMS = {
     )
 }
 
-# How a shared library is made of sources. What decides its bits, and how fast it is, comes from the FMU's buildDescription.xml.
+# How a shared library is made of sources. What decides its bits, and how fast it is,
+# comes from the FMU's buildDescription.xml.
 SHARED = ("-fPIC", "-fvisibility=hidden", "-shared", "-s")
 LANGUAGE = {"C99": "-std=c99"}
 
 
 def native(fmi: str = "2") -> str:
-    """The name of this machine's platform."""
+    """Return the name of this machine's platform."""
     if fmi == "3" and (here := native()) in PLATFORMS:
         return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
@@ -68,7 +72,7 @@ def native(fmi: str = "2") -> str:
 
 @dataclass(frozen=True)
 class Build:
-    """What an FMU's buildDescription.xml says."""
+    """Content of an FMU's buildDescription.xml."""
 
     identifier: str
     sources: tuple[str, ...]
@@ -87,16 +91,17 @@ def read_build(folder: Path) -> Build:
 
 
 def check_compiler() -> None:
-    """Refuse early, before any long work, what cannot be compiled."""
+    """Refuse early a build without the compiler."""
     if importlib.util.find_spec("ziglang") is None:
-        raise UserError(
+        raise Error(
             "binaries of other platforms are compiled by the Python package ziglang, which is not installed: "
             "run 'scripts/setup.sh platforms', or install the extra 'platforms'"
         )
 
 
 def compile_for(platform: Platform, sources: Path, cache: Path, fmi: str = "2") -> bytes:
-    """The binary of one platform, from the sources/ of an FMU for this version of FMI."""
+    """Return the binary of a platform, compiled from the sources/ of an FMU for this
+    version of FMI."""
     return universal([_compile(target, platform, sources, cache) for target in platform.compiled_for(fmi)])
 
 
@@ -110,20 +115,21 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
         binary = Path(folder) / name  # a DLL carries the name it was linked with
         try:
             zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
-        except UserError as error:
-            raise UserError(f"{build.identifier} does not compile for {platform.name}: {error}") from None
+        except Error as error:
+            raise Error(f"{build.identifier} does not compile for {platform.name}: {error}") from None
         return binary.read_bytes()
 
 
 def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
-    """Run its C compiler in a folder. `cache` keeps the C libraries of other platforms, which take a minute to make."""
+    """Run the C compiler of ziglang in a folder. `cache` keeps the C libraries of
+    other platforms, which take a minute to build."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace"
     )
     if done.returncode:
-        raise UserError(f"zig cc says\n{done.stderr.strip()[-2000:]}")
+        raise Error(f"zig cc says\n{done.stderr.strip()[-2000:]}")
 
 
 FAT_MAGIC = 0xCAFEBABE  # big-endian
@@ -132,7 +138,8 @@ PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}  # x86_64, arm64: a slice starts at
 
 
 def universal(slices: Iterable[bytes]) -> bytes:
-    """Mach-O files of several processors in one, as lipo joins them; one alone stays as it is."""
+    """Return Mach-O files of several processors as one, as lipo joins them; a single
+    one as it is."""
     slices = list(slices)
     if len(slices) == 1:
         return slices[0]
@@ -163,17 +170,19 @@ class Built:
 
 
 def checkout() -> Path:
-    """The checkout that this package belongs to."""
+    """Return the checkout that this package belongs to."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
-        raise UserError(
-            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one"
+        raise Error(
+            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed "
+            "without one"
         )
     return root
 
 
 def version_of(name: str) -> str:
-    """The version of FMI that an FMU of this checkout is for, by its name: X is of 2.0, X-fmi3 of 3.0."""
+    """Return the version of FMI of an FMU of this checkout, by its name: X is for 2.0,
+    X-fmi3 for 3.0."""
     return "3" if name.endswith("-fmi3") else "2"
 
 
@@ -185,7 +194,8 @@ def build(
     real: str = "double",
     fmi: Sequence[str] = FMI,
 ) -> list[Built]:
-    """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to `out` once all of it has gone well."""
+    """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to
+    `out` once all of it has gone well."""
     root = checkout()
     if wanted:
         check_compiler()
@@ -193,7 +203,7 @@ def build(
     there = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
     fmus = {name: folder for name, folder in there.items() if version_of(name) in fmi}
     if lacking := [v for v in fmi if not any(version_of(name) == v for name in fmus)]:
-        raise UserError(
+        raise Error(
             f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2"
         )
     files = {name: content(folder) for name, folder in fmus.items()}
@@ -226,9 +236,9 @@ def build(
 
 
 def build_native(root: Path, max_particles: int | None, say: Say, real: str = "double") -> Path:
-    """Run the preset `fmu`; the folder in which the FMUs are laid out."""
+    """Run the preset `fmu`. Return the folder with the content of the FMUs."""
     if shutil.which("cmake") is None:
-        raise UserError("cmake is not installed: version 3.21 or later is needed")
+        raise Error("cmake is not installed: version 3.21 or later is needed")
     kind = [
         "fmu",
         *([str(max_particles)] if max_particles is not None else []),
@@ -241,12 +251,13 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
 
 
 def lock_of(folder: Path) -> Path:
-    """What two processes that build in a folder take; beside it, because the folder itself may be removed."""
+    """Return the lock of processes that build in a folder; beside it, since the folder
+    may be removed."""
     return folder.with_name(f"{folder.name}.lock")
 
 
 def _build_native(root: Path, folder: Path, max_particles: int | None, real: str, say: Say) -> None:
-    _forget_foreign(folder, root)
+    _remove_foreign(folder, root)
     command = ["cmake", "--preset", "fmu", "-B", str(folder), f"-DTSE_REAL={real}"]
     if (
         not (folder / "CMakeCache.txt").is_file()
@@ -263,20 +274,23 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
     for step in (command, ["cmake", "--build", str(folder), "--target", "fmus"]):
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
-            raise UserError(
-                f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}"
+            raise Error(
+                f"the FMUs do not build: {' '.join(step[:3])} "
+                f"says\n{(done.stdout + done.stderr).strip()[-3000:]}"
             )
 
 
-def _forget_foreign(folder: Path, root: Path) -> None:
-    """A build folder of a checkout that was copied or moved knows the wrong paths."""
+def _remove_foreign(folder: Path, root: Path) -> None:
+    """Remove a build folder of a checkout that was copied or moved: its paths are
+    wrong."""
     cache = folder / "CMakeCache.txt"
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={root}\n" not in cache.read_text(errors="replace"):
         shutil.rmtree(folder)
 
 
 def pack(path: Path, files: Mapping[str, bytes]) -> None:
-    """A zip file with the same bytes for the same content: sorted names, one date."""
+    """Write a zip file with the same bytes for the same content: sorted names, one
+    date."""
     with write_atomically(path, "wb") as out, zipfile.ZipFile(out, "w") as file:
         for name in sorted(files):
             info = zipfile.ZipInfo(name, EPOCH)
@@ -286,7 +300,7 @@ def pack(path: Path, files: Mapping[str, bytes]) -> None:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """All files below a folder by their name in the archive."""
+    """Return all files below a folder by their name in the archive."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
     }

@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -14,25 +14,51 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tse.library.errors import UserError
-from tselab.options import DATABASE, FILE, check_range, for_programs, key_values
+from tse.errors import Error
+from tselab.options import (
+    DATABASE,
+    FILE,
+    age_seconds,
+    check_range,
+    check_table,
+    for_programs,
+    print_json,
+    read_settings,
+)
 
 if TYPE_CHECKING:
-    from tse.streaming.drive import Live
+    from tse import Live
 
-EACH = 0.25  # s between two looks at the three lines
-LONGEST = 86400.0  # s
+EACH = 0.25  # s between two updates of the three lines
+MAX_DURATION = 86400.0  # s
+MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
 
 
 @click.command()
-@click.option("--interface", required=True, metavar="NAME", help="Of python-can: socketcan, vector, pcan, kvaser, ixxat, slcan, "
-              "udp_multicast ...")  # fmt: skip
+@click.option(
+    "--interface",
+    required=True,
+    metavar="NAME",
+    help="Of python-can: socketcan, vector, pcan, kvaser, ixxat, slcan, udp_multicast ...",
+)
 @click.option("--channel", metavar="NAME", help="Of the interface: can0, PCAN_USBBUS1, 0 ...")
 @DATABASE
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
-              help="Vehicle file, as for 'tselab estimate'.")  # fmt: skip
-@click.option("--signals", "signals_path", metavar="SIGNALS.toml", type=FILE, help="Which signal is which channel; default: "
-              "signals.toml beside the database, else they are proposed from what comes.")  # fmt: skip
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    required=True,
+    help="Vehicle file, as for 'tselab estimate'.",
+)
+@click.option(
+    "--signals",
+    "signals_path",
+    metavar="SIGNALS.toml",
+    type=FILE,
+    help="Which signal is which channel; default: "
+    "signals.toml beside the database, else they are proposed from what comes.",
+)
 @click.option(
     "--out",
     metavar="DIR",
@@ -63,8 +89,14 @@ LONGEST = 86400.0  # s
 @click.option(
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
 )
-@click.option("--bus", "bus_pairs", metavar="KEY=VALUE", multiple=True, help="An option of the interface: bitrate=500000, fd=true, "
-              "receive_own_messages=true ...; may be repeated.")  # fmt: skip
+@click.option(
+    "--bus",
+    "bus_pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="An option of the interface: bitrate=500000, fd=true, "
+    "receive_own_messages=true ...; may be repeated.",
+)
 @click.option(
     "--duration", metavar="SECONDS", type=float, help="End by itself after so long; default: at Ctrl-C."
 )
@@ -92,140 +124,127 @@ def live(
 
     \b
     tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml
-    tselab live --interface pcan --bus bitrate=500000 --database car.dbc --vehicle car.toml --browser
-    tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml \
-      --load-learnt car.tse --save-learnt car.tse
+    tselab live --interface pcan --bus bitrate=500000 --database car.dbc \
+      --vehicle car.toml --browser
+    tselab live --interface socketcan --channel can0 --database car.dbc \
+      --vehicle car.toml --load-learnt car.tse --save-learnt car.tse
 
-    Three lines say what each stiffness is now, and whether to act on it; above them stands
-    what just happened. Ctrl-C ends the drive. Needs the extra can of the package.
+    Three lines show each stiffness, and whether to act on it; events stand above them.
+    Ctrl-C ends the drive. Needs the extra can of the package.
 
-    Which signal is which channel says signals.toml, as for a log. Without one the bus is
-    listened to for 20 s, again and again, until steering angle, wheel speeds, and yaw rate
-    or lateral acceleration are found; what was taken is said, and stands in the record.
+    signals.toml names the signal of each channel, as for a log. Without it the command
+    listens to the bus for 20 s, again and again, until it finds steering angle, wheel
+    speeds, and yaw rate or lateral acceleration. It prints and records the signals that
+    it takes.
 
-    A row waits until every channel has a value behind it, and no longer than one and a half
-    steps of the channel: estimates are as late as the latest of them. A bus that fails is
-    opened again each second. A bus that is silent or off, a message that stops, a database
-    of another bus, channels that contradict each other: each is a sentence, and it goes on.
+    A row waits until every channel has a value after it, at most one and a half steps of
+    the channel, so estimates are as late as the latest channel. The command opens a bus
+    that fails again each second. It reports a bus that is silent or off, a message that
+    stops, a database of another bus, or channels that contradict each other, and goes on.
 
     \b
     The record, in DIR:
       frames.blf      all frames; frames.signals.toml and the databases stand beside it
-      rows.csv        the rows as the filter had them
+      rows.csv        the rows of the filter
       rows.est.csv    the estimates, as EST.csv of 'tselab estimate'
-      filter.toml     what was set; before.tse: the learnt state that it started from
-      events.txt      what was said
+      filter.toml     the settings; before.tse: the learnt state that it started from
+      events.txt      the events
 
     \b
-    tselab estimate DIR/rows.csv --config DIR/filter.toml --vehicle CAR.toml --no-calibrate
+    tselab estimate DIR/rows.csv --config DIR/filter.toml --vehicle CAR.toml \
+      --no-calibrate
     tselab estimate DIR/frames.blf --vehicle CAR.toml --no-calibrate
 
-    The first gives the same bits, the second the same but for the last digits: a row that
-    is made while driving does not know the values after it. A car that nobody has
-    calibrated is taken as one of its class; 'tselab calibrate' takes the record.
+    The first gives the same bits. The second differs in the last digits, since a row that
+    is made while driving cannot use the values after it. An uncalibrated car is taken as
+    an ordinary one of its class; 'tselab calibrate' reads the record.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2 bad
-    input. Ctrl-C is the usual end.
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2
+    bad input. Ctrl-C is the usual end.
     """
-    from tse.car.config import check_effect, make_config
-    from tse.car.vehicle import read_vehicle
-    from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
-    from tse.estimation.answer import answer
-    from tse.estimation.estimate import read_learnt, write_learnt
-    from tse.library.files import check_distinct, check_writable
-    from tse.report import results
-    from tse.streaming.drive import Live, bus_opener
-    from tse.streaming.page import Page
+    import tse
+    from tse.files import check_distinct, check_writable
 
-    check_range("age", age, 0.0, 40000.0, "days")
     check_range("rate", rate, MIN_RATE, MAX_RATE, "Hz")
-    check_range("duration", duration, 0.1, LONGEST, "s")
-    if age is not None and load_learnt is None:
-        raise UserError("option --age: is that of the file of --load-learnt, which is not given")
+    check_range("duration", duration, 0.1, MAX_DURATION, "s")
+    age_s = age_seconds(age, load_learnt)
     if not databases:
-        raise UserError("option --database: is needed: it says what the frames of the bus mean")
-    results.check_table(table)
+        raise Error("option --database: is needed: it says what the frames of the bus mean")
+    check_table(table)
     check_distinct(
         {"--save-learnt": save_learnt, "--table": table},
         {"--vehicle": vehicle_path, "--config": config_path, "--signals": signals_path},
     )
     check_distinct({"--table": table}, {"--load-learnt": load_learnt})
     check_writable(save_learnt, table)
-    beside = signals_path or databases[0].parent / "signals.toml"
-    signals = read_signals(beside) if signals_path is not None or beside.is_file() else None
-    vehicle = read_vehicle(vehicle_path)
-    config, notes = make_config(vehicle, None, config_path)
-    for key, value in key_values(pairs).items():
-        config.set(key, value, source="option --set")
-    check_effect(list(key_values(pairs)), config)
-    learnt = read_learnt(load_learnt, age) if load_learnt else None
+    settings = read_settings(pairs)
     folder = out or Path(time.strftime("live-%Y%m%d-%H%M%S"))
-    opener = bus_opener(interface, channel, **_bus_options(bus_pairs))
-    with _stopped() as stopped, _Lines(as_json) as lines:
-        drive = Live(opener, databases, vehicle, config, signals, folder, learnt, rate, lines.say)
-        page = Page(drive) if browser else None
+    bus_options = _bus_options(bus_pairs)
+    with _stop_flag() as stopped, _Lines(as_json) as lines:
+        drive = tse.live(
+            vehicle_path,
+            database=databases,
+            interface=interface,
+            channel=channel,
+            signals=signals_path,
+            out=folder,
+            settings=settings,
+            config=config_path,
+            learnt=load_learnt,
+            age=age_s,
+            rate=rate,
+            duration=duration,
+            say=lines.say,
+            **bus_options,
+        )
         try:
-            for line in (
-                *([f"started from: {learnt.note}"] if learnt else []),
-                *notes,
-                f"recorded in {folder}; Ctrl-C ends it",
-            ):
+            for line in (*drive.notes, f"recorded in {folder}; Ctrl-C ends it"):
                 lines.say(line)
-            if page is not None:
-                lines.say(f"plots: {page.url}")
-                click.launch(page.url)
-            _run(drive, page, lines, stopped, duration)
+            if browser:
+                url = drive.serve()
+                lines.say(f"plots: {url}")
+                click.launch(url)
+            _follow(drive, lines, stopped)
         finally:
             drive.close()
-            if page is not None:
-                page.close()
-    est, found, changes, against = drive.result()
-    log = folder / "rows.csv"
-    if table is not None and found:
-        results.write_rows(table, results.rows(log, est, found, changes, against), results.COLUMNS)
-    if save_learnt is not None and est.learnt is not None:
-        write_learnt(save_learnt, est.learnt)
+    if table is not None and drive.rows:
+        drive.write_table(table)
+    learnt = drive.learnt
+    if save_learnt is not None and learnt is not None:
+        drive.save_learnt(save_learnt)
     if as_json:
-        said = {"vehicle": vehicle.path, "record": folder, "frames": drive.drive.frames, "warnings": against,
-                "started_from": learnt.note if learnt else None, "learnt": save_learnt if est.learnt else None,
-                "events": [{"time": t, "text": text} for t, text in drive.said]}  # fmt: skip
-        nothing = {"log": str(log), **said, "rows": 0, "usable": "no", "exit_code": results.NOTHING}
-        results.say_json(results.document(log, est, found, config, said) if found else nothing)
-        return results.exit_code(found) if found else results.NOTHING
-    for line in answer(found, config):
+        print_json({**drive.to_dict(), "learnt": save_learnt if learnt else None})
+        return drive.exit_code
+    for line in drive.answer:
         click.echo(line)
-    if not found:
+    if not drive.rows:
         click.echo("no row was made: nothing is known")
-    click.echo(drive.numbers(), err=True)
-    if save_learnt is not None and est.learnt is not None:
+    click.echo(drive.numbers, err=True)
+    if save_learnt is not None and learnt is not None:
         click.echo(f"Learnt state written to {save_learnt}")
     elif save_learnt is not None:
         click.echo(f"nothing was learnt: {save_learnt} is not written", err=True)
     click.echo(f"Drive recorded in {folder}")
-    return results.exit_code(found) if found else results.NOTHING
+    return drive.exit_code
 
 
-def _run(drive: Live, page: Any, lines: _Lines, stopped: Callable[[], bool], duration: float | None) -> None:
-    from tse.estimation.answer import answer
-
-    end = time.monotonic() + (duration if duration is not None else float("inf"))
+def _follow(drive: Live, lines: _Lines, stopped: Callable[[], bool]) -> None:
+    """Run the drive to its end, and keep the three lines up to date."""
     before = 0.0
-    while not stopped() and time.monotonic() < end:
-        times, outputs = drive.work()
-        if page is not None and len(times):
-            page.add(times, outputs)
+    while not stopped() and not drive.ended:
+        drive.poll()
         if time.monotonic() > before + EACH:
             before = time.monotonic()
-            lines.show(answer(drive.now(), drive.config))
+            lines.show(drive.answer)
 
 
 def _bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
-    """Return options of an interface, as numbers and truths where they are."""
+    """Return the options of an interface, numbers and truth values as such."""
     found: dict[str, Any] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
         if not equals or not key.strip().isidentifier():
-            raise UserError(f"option --bus: {pair!r} is not KEY=VALUE, for instance bitrate=500000")
+            raise Error(f"option --bus: {pair!r} is not KEY=VALUE, for instance bitrate=500000")
         value: Any = {"true": True, "false": False}.get(text.lower(), text)
         for kind in (int, float):
             try:
@@ -238,8 +257,9 @@ def _bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
 
 
 class _Lines:
-    """Three lines of a terminal that stay where they are, and sentences above them. Elsewhere, and where `quiet`, the sentences
-    alone, on standard error."""
+    """Three lines of a terminal that stay in their place, and sentences above them.
+
+    Without a terminal, and if `quiet`, only the sentences, on standard error."""
 
     def __init__(self, quiet: bool) -> None:
         self._terminal = sys.stdout.isatty() and not quiet
@@ -259,13 +279,13 @@ class _Lines:
             self._shown = 0
 
     def say(self, text: str) -> None:
-        """Say a sentence."""
+        """Print a sentence above the lines."""
         with self._lock:
             self._clear()
             click.echo(text, err=not self._terminal)
 
-    def show(self, lines: list[str]) -> None:
-        """Put these lines in the place of those before."""
+    def show(self, lines: Sequence[str]) -> None:
+        """Replace the lines."""
         if not self._terminal or not lines:
             return
         with self._lock:
@@ -275,8 +295,9 @@ class _Lines:
 
 
 @contextmanager
-def _stopped() -> Iterator[Callable[[], bool]]:
-    """While open, Ctrl-C and the end of the session only raise a flag; a second Ctrl-C acts as usual."""
+def _stop_flag() -> Iterator[Callable[[], bool]]:
+    """While open, let Ctrl-C and the end of the session only raise a flag; a second
+    Ctrl-C acts as usual."""
     seen = threading.Event()
 
     def on_signal(_signal: int, _frame: FrameType | None) -> None:
@@ -286,7 +307,7 @@ def _stopped() -> Iterator[Callable[[], bool]]:
     names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
     before = {n: signal.signal(getattr(signal, n), on_signal) for n in names}
     interval = sys.getswitchinterval()
-    sys.setswitchinterval(0.001)  # s: a row must not wait for who writes or draws
+    sys.setswitchinterval(0.001)  # s: a row must not wait for the threads that write or draw
     try:
         yield seen.is_set
     finally:

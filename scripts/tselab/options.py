@@ -1,29 +1,47 @@
-"""What options of several commands share."""
+"""Options that several commands share, and output as JSON and as tables."""
 
+import functools
+import json
 import os
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
-from tse.library.errors import NoFile, UserError
+from tse.errors import Error, NoFile
 
+COLUMNS = 100  # of the output without --verbose
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
 
 
+def fold(text: str) -> list[str]:
+    """Return the lines of a text on a terminal."""
+    indent = text[: len(text) - len(text.lstrip())] + "  "
+    return textwrap.wrap(
+        text, COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def fold_all(texts: Iterable[str]) -> list[str]:
+    """Return the lines of several texts on a terminal."""
+    return [line for text in texts for line in fold(text)]
+
+
 class Written(click.Path):
-    """A file that is written in the format that its name says; a name without an end is the first of them.
+    """A file that is written in the format of its suffix; without a suffix in the first
+    of `suffixes`.
 
     Parameters
     ----------
     suffixes
-        Ends of names that are written.
+        Suffixes of the formats.
     """
 
     def __init__(self, *suffixes: str):
@@ -31,20 +49,24 @@ class Written(click.Path):
         self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Refuse an end that would lie."""
+        """Refuse a suffix of another format."""
         path = Path(super().convert(value, param, ctx))
         if path.suffix and path.suffix.lower() not in self.suffixes:
             option = param.opts[-1] if param is not None else "option"
-            raise UserError(
-                f"option {option}: {path}: is written as {' or '.join(self.suffixes)}, by its name, not as {path.suffix}"
+            raise Error(
+                f"option {option}: {path}: is written as {' or '.join(self.suffixes)}, by its name, not "
+                f"as {path.suffix}"
             )
         return path
 
 
 FORMS = ("default", "robust", "paper")  # tse_config_default() and its like
+DAY = 86400.0  # s
+MAX_AGE = 40000.0  # days
 
 
 def key_values(pairs: tuple[str, ...]) -> dict[str, float]:
+    """Return the numbers of --set KEY=NUMBER by name."""
     values: dict[str, float] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
@@ -53,13 +75,73 @@ def key_values(pairs: tuple[str, ...]) -> dict[str, float]:
         except ValueError:
             equals = ""
         if not equals:
-            raise UserError(f"option --set: {pair!r} is not KEY=NUMBER, for instance forgetting=0.995")
+            raise Error(f"option --set: {pair!r} is not KEY=NUMBER, for instance forgetting=0.995")
         values[key.strip()] = int(number) if number.is_integer() else number
     return values
 
 
+def read_settings(
+    pairs: tuple[str, ...], options: Mapping[str, float | None] | None = None, *, simulator: bool = False
+) -> dict[str, float]:
+    """Return the settings of options of their own, None for those not given, and of
+    --set, each checked.
+
+    --set wins, except over the options of `tselab simulate` (`simulator`)."""
+    from tse import tables
+
+    own = {name: value for name, value in (options or {}).items() if value is not None}
+    others = key_values(pairs)
+    for name, value in own.items():
+        tables.check_setting(name, value, source=f"option --{_option_of(name)}", simulator=simulator)
+    for name, value in others.items():
+        tables.check_setting(name, value, source="option --set", simulator=simulator)
+    return {**others, **own} if simulator else {**own, **others}
+
+
+def _option_of(setting: str) -> str:
+    """Return the option that sets it: --spread sets spread_cx_front and its like."""
+    return "spread" if setting.startswith("spread_") else setting.replace("_", "-")
+
+
 def show_progress(progress: bool | None) -> bool:
+    """Return whether to show progress: as the option says, else on a terminal."""
     return sys.stderr.isatty() if progress is None else progress
+
+
+def age_seconds(days: float | None, load_learnt: Path | None) -> float:
+    """Return the age of a learnt state, s; UNKNOWN_AGE without the option --age."""
+    import tse
+
+    if days is None:
+        return tse.UNKNOWN_AGE
+    if load_learnt is None:
+        raise Error("option --age: is that of the file of --load-learnt, which is not given")
+    check_range("age", days, 0.0, MAX_AGE, "days")
+    return days * DAY
+
+
+def print_json(document: Any) -> None:
+    """Print a document as JSON on standard output; paths are texts."""
+    click.echo(json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False, default=str))
+
+
+def check_table(path: Path | None) -> None:
+    """Refuse early a table of --table that could not be written."""
+    from tse import files
+
+    if path is None:
+        return
+    if not files.is_parquet(path) and path.suffix.lower() != ".csv":
+        raise Error(f"option --table: {path}: a table is written as .parquet or .csv, by its name")
+    files.check_writable(path)
+
+
+@contextmanager
+def quiet_warnings() -> Iterator[None]:
+    """Silence Python's warnings of a result: the command prints them itself."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
 
 
 CALIBRATE = click.option(
@@ -71,7 +153,7 @@ CALIBRATE = click.option(
 
 
 class _Form(click.Choice):
-    """A choice of FORMS that says what takes the place of one that is gone."""
+    """A choice of FORMS. The message for a removed form names its successor."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value == "sampled":
@@ -86,7 +168,8 @@ FORM = click.option(
     type=_Form(FORMS),
     default="default",
     show_default=True,
-    help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from diverging; neither is "
+    help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from "
+    "diverging; neither is "
     "as safe as the default.",
 )
 PROGRESS = click.option(
@@ -95,8 +178,9 @@ PROGRESS = click.option(
 
 
 @contextmanager
-def saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
-    """Progress: what is done now, with the seconds since the start; on a terminal on one line."""
+def show_steps(progress: bool | None) -> Iterator[Callable[[str], None]]:
+    """Give a function that shows the current step with the seconds since the start; on a
+    terminal on one line."""
     start, terminal = time.monotonic(), sys.stderr.isatty()
 
     def say(text: str) -> None:
@@ -113,8 +197,15 @@ def saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
             click.echo("\r\033[K", err=True, nl=False)
 
 
-DATABASE = click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
-                        "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.")  # fmt: skip
+DATABASE = click.option(
+    "--database",
+    "databases",
+    metavar="FILE",
+    type=FILE,
+    multiple=True,
+    help="What the frames of a bus mean: "
+    "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.",
+)
 ROAD = click.option(
     "--road",
     "road_path",
@@ -129,15 +220,14 @@ TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
 
 
 def for_programs(command: Callable[..., Any]) -> Callable[..., Any]:
-    """What every command takes whose findings a program may want: as JSON instead of words, and as a table."""
+    """Add --json and --table to a command."""
     command = click.option("--table", metavar="TABLE.parquet", type=FILE, help=TABLE_HELP)(command)
     return JSON(command)
 
 
 def reading(command: Callable[..., Any]) -> Callable[..., Any]:
-    """What every command takes that reads a log of a car; it comes as one argument `reading`, a log.Reading, which the command
-    completes with the car."""
-    import functools
+    """Add the options of a command that reads logs; it gets them as one argument
+    `reading`, a tse.Reading."""
 
     @functools.wraps(command)
     def with_reading(
@@ -148,22 +238,37 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         databases: tuple[Path, ...],
         **kw: Any,
     ) -> Any:
-        from tse.log.rows import Reading
+        import tse
 
         if signals is not None and not signals.is_file():
             raise NoFile(
-                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one"
+                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' "
+                "proposes one"
             )
-        return command(*args, reading=Reading(signals, rate, strict, databases), **kw)
+        return command(*args, reading=tse.Reading(signals, rate, strict, databases), **kw)
 
     for option in (
-        click.option("--strict", is_flag=True, help="Refuse a log whose channels contradict each other, instead of warning."),
-        click.option("--rate", metavar="HZ", type=float, help="Rows per second to which the log is resampled; default: the fastest "
-                     "channel's, up to 100, or as it is when that is even."),
+        click.option(
+            "--strict",
+            is_flag=True,
+            help="Refuse a log whose channels contradict each other, instead of warning.",
+        ),
+        click.option(
+            "--rate",
+            metavar="HZ",
+            type=float,
+            help="Rows per second to which the log is resampled; default: the fastest "
+            "channel's, up to 100, or as it is when that is even.",
+        ),
         DATABASE,
-        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel "
-                     "('tselab signals' proposes it); default: signals.toml beside the log."),
-    ):  # fmt: skip
+        click.option(
+            "--signals",
+            metavar="SIGNALS.toml",
+            type=FILE,
+            help="Which signal of the log is which channel "
+            "('tselab signals' proposes it); default: signals.toml beside the log.",
+        ),
+    ):
         with_reading = option(with_reading)
     return with_reading
 
@@ -186,7 +291,13 @@ RESTART = click.option("--restart", is_flag=True, help="Discard the runs that ar
 
 
 class Lazy(click.Command):
-    """A command whose help ends in tables of the library."""
+    """A command whose help ends in tables of the library.
+
+    Parameters
+    ----------
+    tables
+        For each its title, and a function that returns its text; of tse.tables by name.
+    """
 
     def __init__(
         self, *args: Any, tables: tuple[tuple[str, str | Callable[[], str]], ...] = (), **kwargs: Any
@@ -195,7 +306,7 @@ class Lazy(click.Command):
         self.tables = tables
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tse.report import tables
+        from tse import tables
 
         super().format_epilog(ctx, formatter)
         for title, made in self.tables:
@@ -204,10 +315,10 @@ class Lazy(click.Command):
                 formatter.write(
                     textwrap.indent((made if callable(made) else getattr(tables, made))(), "  ") + "\n"
                 )
-            except UserError as error:
+            except Error as error:
                 formatter.write(f"  ({error})\n")
 
 
 def check_range(name: str, value: float | None, low: float, high: float, unit: str) -> None:
     if value is not None and not low <= value <= high:
-        raise UserError(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")
+        raise Error(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")

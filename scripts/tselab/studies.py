@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from tse.library.errors import UserError
+from tse.errors import Error
 from tselab.montecarlo import STUDIES
 from tselab.options import (
     FILE,
@@ -17,15 +17,16 @@ from tselab.options import (
     RESTART,
     Lazy,
     key_values,
+    print_json,
     show_progress,
 )
 
 
-def _listed() -> str:
+def _list_studies() -> str:
     return "\n".join(f"{name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items())
 
 
-@click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _listed),))
+@click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _list_studies),))
 @click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
 @click.option(
     "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
@@ -72,25 +73,26 @@ def montecarlo(
     tselab montecarlo --study stress+ekf --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
-    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C, more --runs and --cases are added to
-    what is there; runs of other settings or of another library are not taken.
+    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C,
+    more --runs and --cases are added to what is there; runs of other settings or of
+    another library are not taken.
 
-    NAME+ekf runs another estimator beside the study's, on the same data; so does a function of yours, NAME+module.function, which
-    takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+    NAME+ekf runs another estimator beside the study's, on the same data; so does a
+    function of yours, NAME+module.function, which takes the log and the settings and
+    returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
-    from tse.library.core import Config, SimConfig
+    from tse import tables
 
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
-    sim_config, config = SimConfig(), Config.exact()
+    of_simulator = tables.settings(simulator=True)
     for key, value in key_values(pairs).items():
         if key == "seed":
-            raise UserError("option --set: the seeds are set by --first-seed and --runs")
-        group, checked = (sim_settings, sim_config) if key in sim_config else (settings, config)
-        checked.set(key, value, source="option --set")
-        group[key] = value
+            raise Error("option --set: the seeds are set by --first-seed and --runs")
+        tables.check_setting(key, value, source="option --set", simulator=True)
+        (sim_settings if key in of_simulator else settings)[key] = value
     wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
     plan = {"form": form, "settings": settings, "sim_settings": sim_settings, "cases": wanted}
     _study(
@@ -108,9 +110,17 @@ def montecarlo(
 
 
 def _study(
-    name: str, runs: int | None, first_seed: int, out: Path, plan: dict[str, Any], jobs: int, scheduler: str | None,
-    restart: bool, progress: bool | None, as_json: bool,
-) -> None:  # fmt: skip
+    name: str,
+    runs: int | None,
+    first_seed: int,
+    out: Path,
+    plan: dict[str, Any],
+    jobs: int,
+    scheduler: str | None,
+    restart: bool,
+    progress: bool | None,
+    as_json: bool,
+) -> None:
     """Run a study, write its files and say what it found."""
     from tselab.montecarlo import studies
     from tselab.montecarlo.engine import Plan
@@ -122,9 +132,7 @@ def _study(
     rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
     text, files = write(todo, rows, out)
     if as_json:
-        from tse.report import results
-
-        results.say_json({"study": name, "text": text, "written": files})
+        print_json({"study": name, "text": text, "written": files})
         return
     click.echo(text)
     click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
@@ -151,14 +159,16 @@ def paper(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its numbers beside ours.
+    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its
+    numbers beside ours.
 
     \b
     tselab paper
     tselab paper --runs 40 --jobs 2 --out paper
 
-    The filters: the paper's as printed, the same with settings that keep it from diverging, and the default. Every finished run is
-    kept in DIR/runs.jsonl: the same command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with matplotlib,
-    paper.png.
+    The filters: the paper's as printed, the same with settings that keep it from
+    diverging, and the default. Every finished run is kept in DIR/runs.jsonl: the same
+    command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with
+    matplotlib, paper.png.
     """
     _study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

@@ -155,7 +155,7 @@ static int formula_fits(const tse_config *c)
     depth += 1 - takes;
     if (depth > FORMULA_STACK) return 0;
   }
-  return depth == 1 && memories <= TSE_FORMULA_MEMORIES && late <= 1;
+  return depth == 1 && memories <= TSE_FORMULA_MEMORIES && late <= FORMULA_LATE;
 #endif
 }
 #endif

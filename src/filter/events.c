@@ -104,8 +104,13 @@ static int group_of_channel(int channel)
   return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_LATERAL ? LATERAL : LONGITUDINAL;
 }
 
+static int is_of_road(int32_t which) { return event_regime(which) == TSE_REGIME_CHANGED; }
+
 /* Return whether a kind is of tyres: of a road, or of an axle. */
-static int is_of_tyres(int32_t which) { return which <= EVENT_REAR; }
+static int is_of_tyres(int32_t which) { return is_of_road(which) || event_regime(which) == TSE_REGIME_AXLE; }
+
+/* Return whether a kind is of a channel at fault. */
+static int is_fault(int32_t which) { return event_regime(which) == TSE_REGIME_FAULT; }
 
 static int is_of_axle(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
 
@@ -266,7 +271,7 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
  * that is frozen is used. */
 static int names_frozen(const tse_kalman *k, int32_t which)
 {
-  return which >= EVENT_SENSOR && k->fault == NO_FAULT;
+  return is_fault(which) && which != EVENT_STEER && k->fault == NO_FAULT;
 }
 
 /* Return the log2 penalty for a cornering stiffness that an event raises. Nominal is of a
@@ -303,7 +308,7 @@ static tse_real log2_ratio(const tse_params *p, const tse_kalman *k, int n)
   if (s.second)
     ratio += r_mul(HALF_LOG2_OF_E, r_mul(s.second->score, s.beside))
         - r_mul(TSE_R(0.5), r_log2(TSE_R(1) + s.second->info));
-  if (a->kind < EVENT_STEER) return ratio - beyond(p, k, a, s.amplitude);
+  if (!is_fault(a->kind)) return ratio - beyond(p, k, a, s.amplitude);
   const int changed = k->change_kind != TSE_CHANGE_NONE
       && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
   const tse_real likelier = changed ? r_min(ratio, TSE_R(0)) : ratio,
@@ -557,9 +562,9 @@ static void note_change(
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_kind != TSE_CHANGE_RESTART;
   const int same = changed && k->change_age < SETTLE_TIME && which != EVENT_ROAD_RETURN;
-  k->change_kind = which <= EVENT_ROAD_RETURN ? TSE_CHANGE_ROAD
-      : which == EVENT_FRONT                  ? TSE_CHANGE_FRONT
-                                              : TSE_CHANGE_REAR;
+  k->change_kind = is_of_road(which) ? TSE_CHANGE_ROAD
+      : which == EVENT_FRONT         ? TSE_CHANGE_FRONT
+                                     : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */
   if (same) return;
   k->change_age = TSE_R(0);
@@ -646,7 +651,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   }
   mix_in_believed(p, k, n);
   for (int i = LCX; HAS_SLIP && i <= LMU && which == EVENT_ROAD_RETURN; i++) recall(k, i);
-  if (which >= EVENT_STEER) {
+  if (is_fault(which)) {
     k->fault = which == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(which - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }

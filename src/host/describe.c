@@ -23,6 +23,12 @@ const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count)
   return effect_parameters;
 }
 
+const tse_setting_row *tse_describe_settings(int32_t *count)
+{
+  if (count) *count = (int32_t)(sizeof setting_rows / sizeof setting_rows[0]);
+  return setting_rows;
+}
+
 #define ROWS(which, table, bytes)                              \
   case which:                                                  \
     if (count) *count = (int32_t)(sizeof table / sizeof table[0]); \
@@ -39,6 +45,7 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size)
     ROWS(TSE_STRUCT_REASON, reason_fields, 0)
     ROWS(TSE_STRUCT_FORMULA_PLACE, formula_places, 0)
     ROWS(TSE_STRUCT_FORMULA_OP, formula_ops, 0)
+    ROWS(TSE_STRUCT_FORMULA_LIMIT, formula_limits, 0)
 #if !defined(TSE_NO_EFFECTS)
     ROWS(TSE_STRUCT_SIM_CONFIG, sim_config_fields, sizeof(tse_sim_config))
     ROWS(TSE_STRUCT_SIM_INPUT, sim_input_fields, sizeof(tse_sim_input))

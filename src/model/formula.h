@@ -8,7 +8,6 @@
  * catalogue.h. */
 
 #define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; NaN becomes 0 */
-#define FORMULA_STACK 8
 
 typedef struct formula_run {
   const point *pt;

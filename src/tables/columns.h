@@ -206,7 +206,8 @@
       "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
   ROW(TSE_W_PREDICTED, "TSE_W_PREDICTED", "no measurement, or inputs missing: predicted only") \
   ROW(TSE_W_GAP, "TSE_W_GAP", \
-      "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
+      "a step too long to bridge, or sensors that jump: states restarted from the sensors, what was " \
+      "learnt is kept") \
   ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", \
       "the state was no finite number, by a fault of the memory or an overflow: started over") \
   ROW(TSE_W_WAITING, "TSE_W_WAITING", \

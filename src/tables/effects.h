@@ -23,9 +23,13 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
 };
 
 #define TSE_BIT_FORMULA 62  /* bit of the mask: the user's formula, formula.toml */
-#define TSE_FORMULA_NUMBERS 8
-#define TSE_FORMULA_OPS 33
-#define TSE_FORMULA_MEMORIES 3
+// clang-format off: table formula_limits
+#define TSE_FORMULA_OPS 33       /* operations of a program */
+#define FORMULA_STACK 8          /* values on the stack */
+#define TSE_FORMULA_MEMORIES 3   /* operations that remember */
+#define FORMULA_LATE 1           /* operations late */
+#define TSE_FORMULA_NUMBERS 8    /* numbers, formula_a .. */
+// clang-format on: end of table
 
 /* Constants, made by tse_prepare(). mask: bit TSE_EFFECT_<id> is set if a strength of that
  * effect is not zero. */

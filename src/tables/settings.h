@@ -153,7 +153,7 @@
   REAL("vehicle.cornering_stiffness_rear", cornering_stiffness_rear, 0.0, 140000.0, 1000.0, 10000000.0, \
       "N/rad", "nominal cornering stiffness of the rear axle; 0: of its class, by its load") \
   REAL("vehicle.rear_longitudinal_follows_front", rear_longitudinal_follows_front, 1.0, 1.0, 0.0, 1.0, "1", \
-      "share of the front's relative deviation that the rear longitudinal stiffness takes")
+      "share of the front's relative deviation that the rear longitudinal stiffness takes; paper's filter")
 #define SETTINGS_UNCERTAINTY(REAL, WHOLE) \
   REAL("uncertainty.mass_sd", mass_sd, 0.05, 0.0, 0.0, 0.5, "1", \
       "sd of mass, relative, yaw_inertia with it") \
@@ -192,10 +192,10 @@
   REAL("sensors.yaw_rate_sd", yaw_rate_sd, 0.0025, 0.0034906585039887, 1e-05, 1.0, "rad/s", \
       "noise of yaw_rate, one sample") \
   REAL("sensors.wheel_noise_sd", wheel_noise_sd, 0.04, 0.0, 0.0, 5.0, "rad/s", \
-      "noise of the wheel speeds (mean of an axle's two wheels), one sample; form 0") \
+      "noise of the wheel speeds (mean of an axle's two wheels), one sample; default filter") \
   REAL("sensors.steer_lag_sd", steer_lag_sd, 0.025, 0.02, 0.0, 0.2, "s", \
       "how late the steering acts behind the IMU (bus, steering, tyres), or how early: sd of what is not " \
-      "known; 0: not at all; form 0") \
+      "known; 0: not at all; default filter") \
   REAL("sensors.accel_x_bias_sd", accel_x_bias_sd, 0.2, 0.05, 0.0, 5.0, "m/s2", \
       "bias of accel_x at the start") \
   REAL("sensors.accel_y_bias_sd", accel_y_bias_sd, 0.2, 0.05, 0.0, 5.0, "m/s2", \
@@ -280,14 +280,14 @@
 #define SETTINGS_FILTER(REAL, WHOLE) \
   REAL("filter.sample_time", sample_time, 0.01, 0.01, 0.001, 0.1, "s", "nominal time between rows") \
   REAL("filter.forgetting", forgetting, 0.99, 0.99, 0.9, 0.9999, "1", \
-      "lambda of (17) per nominal sample; memory 1/(1 - lambda) samples; form 1") \
+      "lambda of (17) per nominal sample; memory 1/(1 - lambda) samples; paper's filter") \
   REAL("filter.forgetting_mean", forgetting_mean, 0.0, 0.0, 0.0, 0.9999, "1", \
-      "lambda of the mean, of gamma in (17), per nominal sample; 0: forgetting (the paper); form 1") \
+      "lambda of the mean, of gamma in (17), per nominal sample; 0: forgetting (the paper); paper's filter") \
   REAL("filter.forgetting_change", forgetting_change, 1.0, 1.0, 0.5, 1.0, "1", \
       "what lambda of the mean falls to where innovations last, as after a change of road; 1: it does not" \
-      " (the paper); form 1") \
+      " (the paper); paper's filter") \
   REAL("filter.resample_threshold", resample_threshold, 0.5, 0.5, 0.0, 1.0, "1", \
-      "resample when N_eff falls to this share of the particles; form 1") \
+      "resample when N_eff falls to this share of the particles; paper's filter") \
   REAL("filter.initial_cx_front", initial_cx_front, 1.0, 1.0, 0.2, 4.0, "1", \
       "start of the front longitudinal stiffness, share of nominal") \
   REAL("filter.initial_cy_front", initial_cy_front, 1.0, 1.0, 0.2, 4.0, "1", \
@@ -295,27 +295,27 @@
   REAL("filter.initial_cy_rear", initial_cy_rear, 1.0, 1.0, 0.2, 4.0, "1", \
       "start of the rear cornering stiffness, share of nominal") \
   REAL("filter.initial_mean_sd", initial_mean_sd, 0.3, 0.3, 0.0, 2.0, "1", \
-      "how uncertain the start of the mean is: sqrt(gamma Sigma), relative to nominal") \
+      "how uncertain the start of the mean is: sqrt(gamma Sigma), relative to nominal; paper's filter") \
   REAL("filter.initial_cx_sd", initial_cx_sd, 0.3, 0.3, 0.0, 2.0, "1", \
-      "sd of the start of the longitudinal stiffness, relative; form 0") \
+      "sd of the start of the longitudinal stiffness, relative; default filter") \
   REAL("filter.initial_cy_front_sd", initial_cy_front_sd, 0.25, 0.3, 0.0, 2.0, "1", \
-      "sd of the start of the front cornering stiffness, relative; form 0") \
+      "sd of the start of the front cornering stiffness, relative; default filter") \
   REAL("filter.initial_cy_rear_sd", initial_cy_rear_sd, 0.25, 0.3, 0.0, 2.0, "1", \
-      "sd of the start of the rear cornering stiffness, relative; form 0") \
+      "sd of the start of the rear cornering stiffness, relative; default filter") \
   REAL("filter.grip", grip, 1.0, 0.0, 0.0, 50.0, "1", \
       "friction of the tyres at the start; 0: 1/tyre_saturation_inverse_friction, or tyres without an end" \
-      " where that is 0; of each axle by tyre_saturation_balance; form 0") \
-  REAL("filter.grip_sd", grip_sd, 0.25, 0.0, 0.0, 1.0, "1", "its sd, relative; form 0") \
+      " where that is 0; of each axle by tyre_saturation_balance; default filter") \
+  REAL("filter.grip_sd", grip_sd, 0.25, 0.0, 0.0, 1.0, "1", "its sd, relative; default filter") \
   REAL("filter.initial_spread", initial_spread, 0.07, 0.07, 0.01, 2.0, "1", \
-      "sample-to-sample sd assumed at the start: sqrt(Sigma), relative to nominal") \
+      "sample-to-sample sd assumed at the start: sqrt(Sigma), relative to nominal; paper's filter") \
   REAL("filter.spread_max", spread_max, 2.0, 2.0, 0.01, 2.0, "1", \
       "the learnt spread is kept at or below this, relative to nominal: what exceeds it is sensor noise, " \
-      "not tyre; 2: no limit (the paper); form 1") \
+      "not tyre; 2: no limit (the paper); paper's filter") \
   REAL("filter.spread_kernel", spread_kernel, 0.0, 0.0, 0.0, 0.5, "1", \
       "Lambda of a particle that was resampled is scaled by a random factor of this relative sd and mean " \
-      "one, so that copies differ; 0: it is not (the paper); form 1") \
+      "one, so that copies differ; 0: it is not (the paper); paper's filter") \
   REAL("filter.initial_dof", initial_dof, 7.0, 7.0, 6.0, 1000.0, "1", \
-      "degrees of freedom nu at the start: samples' worth of trust in initial_spread; form 1") \
+      "degrees of freedom nu at the start: samples' worth of trust in initial_spread; paper's filter") \
   REAL("filter.learnt_floor", learnt_floor, 0.1, 0.1, 0.0, 2.0, "1", \
       "no mean stiffness learnt in an earlier drive is trusted more than this (sd, relative to nominal): " \
       "the road may be another") \
@@ -323,13 +323,13 @@
       "random walk of a mean stiffness between drives, relative to nominal: wear, pressure, temperature, " \
       "other tyres") \
   REAL("filter.initial_vel_x", initial_vel_x, 0.0, 0.0, -70.0, 70.0, "m/s", \
-      "start of vel_x, used when initial_vel_x_from_wheels is 0") \
+      "start of vel_x, used when initial_vel_x_from_wheels is 0; paper's filter") \
   REAL("filter.initial_vel_x_sd", initial_vel_x_sd, 0.1, 0.1, 0.0, 20.0, "m/s", \
-      "how uncertain the start of vel_x is") \
+      "how uncertain the start of vel_x is; paper's filter") \
   REAL("filter.initial_vel_y_sd", initial_vel_y_sd, 0.1, 0.1, 0.0, 10.0, "m/s", \
-      "how uncertain the start of vel_y is (mean 0)") \
+      "how uncertain the start of vel_y is (mean 0); paper's filter") \
   REAL("filter.initial_yaw_rate_sd", initial_yaw_rate_sd, 0.01, 0.01, 0.0, 2.0, "rad/s", \
-      "how uncertain the start of yaw_rate is (mean: first sample, else 0)") \
+      "how uncertain the start of yaw_rate is (mean: first sample, else 0); paper's filter") \
   REAL("filter.stiffness_min", stiffness_min, 0.1, 0.1, 0.02, 0.9, "1", \
       "no stiffness falls below this share of nominal; form 1 without reflect_draws: only its start does " \
       "not") \
@@ -340,37 +340,41 @@
   REAL("filter.max_steer", max_steer, 0.7, 0.7, 0.05, 1.2, "rad", \
       "beyond this steering angle nothing is learnt") \
   REAL("filter.max_slip", max_slip, 0.05, 0.05, 0.01, 1.0, "1", \
-      "beyond this slip of an axle its wheels lock or spin; form 0") \
+      "beyond this slip of an axle its wheels lock or spin; default filter") \
   REAL("filter.noise_max", noise_max, 30.0, 30.0, 1.0, 1000.0, "1", \
-      "what the sensors' sd as found may be over the setting's; 1: the settings are believed; form 0") \
+      "what the sensors' sd as found may be over the setting's; 1: the settings are believed; default " \
+      "filter") \
   REAL("filter.max_gap", max_gap, 0.25, 0.25, 0.01, 1.0, "s", "longer gaps between rows restart the states") \
   REAL("filter.valid_sd", valid_sd, 0.1, 0.1, 0.01, 1.0, "1", \
       "a stiffness is valid up to this sd of the mean, relative to the mean (form 1: to nominal)") \
   REAL("filter.steady_walk", steady_walk, 0.0005, 0.0005, 0.0, 0.1, "1/sqrt(s)", \
-      "random walk of a stiffness that nothing changes, relative: wear, warmth; form 0") \
+      "random walk of a stiffness that nothing changes, relative: wear, warmth; default filter") \
   WHOLE("filter.form", form, TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, \
       TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, TSE_FIRST_FORM, TSE_LAST_FORM, \
       "", \
       "0: the car's Kalman filter; 1: the paper's particle filter. 2, the same with a watchdog, is gone: " \
       "see tse_config_robust()") \
   REAL("filter.cg_height", cg_height, 0.55, 0.0, 0.0, 3.0, "m", \
-      "height of the centre of gravity: load goes from axle to axle with the acceleration; form 0") \
+      "height of the centre of gravity: load goes from axle to axle with the acceleration; default filter") \
   WHOLE("filter.wheel_signals", wheel_signals, 2, 2, 1, 2, "", \
-      "1: both wheel speeds are one signal, the speed of the vehicle, which does not show slip; form 0") \
+      "1: both wheel speeds are one signal, the speed of the vehicle, which does not show slip; default " \
+      "filter") \
   WHOLE("filter.driven_axle", driven_axle, 0, 0, 0, 2, "", \
-      "0 both or unknown, 1 front, 2 rear: the other rolls freely while the car does not brake; form 0") \
+      "0 both or unknown, 1 front, 2 rear: the other rolls freely while the car does not brake; default " \
+      "filter") \
   WHOLE("filter.particles", particles, 500 < TSE_MAX_PARTICLES ? 500 : TSE_MAX_PARTICLES, 500 < \
-      TSE_MAX_PARTICLES ? 500 : TSE_MAX_PARTICLES, 16, TSE_MAX_PARTICLES, "", "particles in use; form 1") \
+      TSE_MAX_PARTICLES ? 500 : TSE_MAX_PARTICLES, 16, TSE_MAX_PARTICLES, "", \
+      "particles in use; paper's filter") \
   WHOLE("filter.resampling", resampling, 0, 0, 0, 3, "", \
-      "0 systematic, 1 stratified, 2 residual, 3 multinomial; form 1") \
+      "0 systematic, 1 stratified, 2 residual, 3 multinomial; paper's filter") \
   WHOLE("filter.integration", integration, 0, 0, 0, 2, "", \
       "of (7) between rows: 0 Euler, inputs held (the paper); 1 second order, inputs linear; 2 second " \
-      "order, the steering angle held; form 1") \
+      "order, the steering angle held; paper's filter") \
   WHOLE("filter.reflect_draws", reflect_draws, 0, 0, 0, 1, "", \
-      "1: a draw of (25) below stiffness_min is reflected at it; 0: it is not (the paper); form 1") \
+      "1: a draw of (25) below stiffness_min is reflected at it; 0: it is not (the paper); paper's filter") \
   WHOLE("filter.initial_vel_x_from_wheels", initial_vel_x_from_wheels, 1, 1, 0, 1, "", \
-      "1: vel_x starts at the mean of the wheel speeds") \
-  WHOLE("filter.seed", seed, 1, 1, 0, 2147483647, "", "seed of the random numbers; form 1")
+      "1: vel_x starts at the mean of the wheel speeds; paper's filter") \
+  WHOLE("filter.seed", seed, 1, 1, 0, 2147483647, "", "seed of the random numbers; paper's filter")
 #define SETTINGS_SIM(REAL, WHOLE) \
   REAL("simulation.wheel_inertia_front", wheel_inertia_front, 2.4, 2.4, 0.05, 500.0, "kg m2", \
       "rotational inertia of both front wheels") \

@@ -1,5 +1,7 @@
-"""Write logs: python -m tests.cars --road mountain --minutes 10 --cars 5 --seed 1 --out DIR, from the root of the
-repository."""
+"""Write logs of ordinary cars, from the root of the repository.
+
+python -m tests.cars --road mountain --minutes 10 --cars 5 --seed 1 --out DIR
+"""
 
 import argparse
 import math
@@ -10,7 +12,7 @@ from .road import ROADS, SCENARIOS
 
 
 def main() -> None:
-    """Command line."""
+    """Parse the command line and write the logs."""
     p = argparse.ArgumentParser(prog="python -m tests.cars", description=__doc__)
     p.add_argument("--road", action="append", choices=ROADS, help="may be repeated; default: all three")
     p.add_argument("--minutes", type=float, default=10.0)
@@ -43,10 +45,21 @@ def main() -> None:
     a = p.parse_args()
     for road in a.road or ROADS:
         logs = make_logs(
-            road, a.minutes, a.cars, a.seed, a.scenario, hills=not a.no_hills, even=a.even, event_time=a.event_time,
-            grade_rms=None if a.grade is None else math.atan(a.grade / 100), mass_error=a.mass_error, cg_error=a.cg_error,
-            tell_inertia=a.tell_inertia, clean=a.clean, pedals=a.pedals,
-        )  # fmt: skip
+            road,
+            a.minutes,
+            a.cars,
+            a.seed,
+            a.scenario,
+            hills=not a.no_hills,
+            even=a.even,
+            event_time=a.event_time,
+            grade_rms=None if a.grade is None else math.atan(a.grade / 100),
+            mass_error=a.mass_error,
+            cg_error=a.cg_error,
+            tell_inertia=a.tell_inertia,
+            clean=a.clean,
+            pedals=a.pedals,
+        )
         for i, log in enumerate(logs):
             log.write(a.out / f"car_{i}", road)
             print(a.out / f"car_{i}" / f"log_{road}.csv")

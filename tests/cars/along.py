@@ -1,10 +1,11 @@
-"""Longitudinal stiffness beside a regression of the straight rows and beside nothing.
+"""Compare longitudinal stiffness by calibration, straight rows and class.
 
-    python -m tests.cars.along [--cars N] [--first SEED] [--seeds S] [--straight D] [--out FILE]
+    python -m tests.cars.along [--cars N] [--first SEED] [--seeds S] [--straight D]
+        [--out FILE]
 
-Three questions: what a calibration finds of simulated manoeuvres, and of driven cars
-(tests.cars), and what is valid in the filter on straight roads where the car is known
-exactly. --cars 0, --straight 0 leave them out.
+Three parts: calibrations on simulated manoeuvres, calibrations on driven cars
+(tests.cars), and valid rows of the filter on straight roads with a known car.
+--cars 0 and --straight 0 leave the last two out.
 """
 
 import argparse
@@ -58,8 +59,10 @@ CARS: dict[str, dict[str, Any]] = {
 
 
 def line_of(log: CheckedLog, vehicle: Vehicle) -> float:
-    """Return mass over the slope of slip over accel_x, by least squares: straight rows
-    above 4 m/s without braking, means of 0.6 s; NaN: none. N"""
+    """Return mass over the slope of slip over accel_x, N; NaN: none.
+
+    Least squares over straight rows above 4 m/s without brakes, as means of 0.6 s.
+    """
     front, rear = (
         vehicle.values[f"wheel_radius_{a}"] * log.data[f"wheel_speed_{a}"] for a in ("front", "rear")
     )
@@ -80,7 +83,7 @@ def line_of(log: CheckedLog, vehicle: Vehicle) -> float:
 
 
 def config_of(vehicle: Vehicle, log: CheckedLog) -> Config:
-    """Return the settings with which a calibration begins."""
+    """Return the settings at the start of a calibration."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, log)
     config = Config.exact(vehicle.values)
@@ -90,7 +93,7 @@ def config_of(vehicle: Vehicle, log: CheckedLog) -> Config:
 
 
 def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
-    """Return a row of the table for each car: what a calibration takes of all its drives together."""
+    """Return a row of the table for each car: a calibration on all its drives."""
     drives = [make_logs(road, minutes, cars, first) for road in ROADS]
     rows, errors = [], []
     for i, of_car in enumerate(zip(*drives, strict=True)):
@@ -113,7 +116,8 @@ def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
 
 
 def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
-    """Return errors of class, line and calibration on one simulated manoeuvre, and the calibration's sd."""
+    """Return errors of class, line and calibration on a simulated manoeuvre, and the
+    sd."""
     about = CARS[car]
     made = tse.simulate(name, make_vehicle(dict(about), Path("car.toml")), seed=seed, duration=SECONDS)
     vehicle = make_vehicle({k: v for k, v in about.items() if "stiffness" not in k}, Path("car.toml"))
@@ -131,8 +135,11 @@ def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
 
 
 def straight(seed: int) -> list[float]:
-    """Return shares of valid rows, and of these of those that are more than 10 % off: ten
-    minutes straight on, the car exact."""
+    """Return the share of valid rows on ten straight minutes, and of these those 10 %
+    off.
+
+    The car is known exactly.
+    """
     made = tse.simulate("straight", seed=seed, duration=600.0)
     config = Config.exact({"driven_axle": 1})
     out = NativeFilter(config).estimate_rows(read_frame(made.log).rows())
@@ -153,8 +160,9 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     called = f"python -m tests.cars.along {' '.join(arguments)}".strip()
     parts = [
-        f"# Longitudinal stiffness\n\n`{called}`. *Line*: mass over the slope of slip over accel_x in straight rows without\n"
-        "brakes, by least squares. *Calibrate*: what a calibration takes, its search left out: all else is as the prior has it."
+        f"# Longitudinal stiffness\n\n`{called}`. *Line*: mass over the slope of slip over accel_x in "
+        "straight rows without\nbrakes, by least squares. *Calibrate*: what a calibration takes, its search "
+        "left out: all else is as the prior has it."
     ]
     runs = [manoeuvre(c, m, s) for c in CARS for m in MANOEUVRES for s in range(1, given.seeds + 1)]
     rows = [
@@ -168,18 +176,19 @@ def main(arguments: list[str]) -> int:
     ]
     shown = [r for r in runs if r["sd"] < SHOWN]
     parts.append(
-        f"Simulated manoeuvres of {SECONDS:g} s, cars unlike the built-in one; their tyres are linear and no load moves, which\n"
-        f"the file does not say. Error and sd in %; an sd of 50 is the prior: nothing is shown. Of {len(runs)} drives "
-        f"{len(shown)} show it:\n"
+        f"Simulated manoeuvres of {SECONDS:g} s, cars unlike the built-in one; their tyres are linear and no "
+        "load moves, which\nthe file does not say. Error and sd in %; an sd of 50 is the prior: nothing is "
+        f"shown. Of {len(runs)} drives {len(shown)} show it:\n"
         f"median error {100 * np.median([abs(r['calibrate']) for r in shown]):.1f} %, of the line "
-        f"{100 * np.median([abs(r['line']) for r in shown]):.1f} %; 1.96 sd hold in {sum(r['held'] for r in runs)} of {len(runs)}."
+        f"{100 * np.median([abs(r['line']) for r in shown]):.1f} %; 1.96 sd hold in "
+        f"{sum(r['held'] for r in runs)} of {len(runs)}."
     )
     parts.append("\n".join(markdown_table(["car", "manoeuvre", "class", "line", "calibrate", "sd"], rows, 2)))
     if given.cars:
         table = driven_cars(given.cars, given.first, given.minutes)
         parts.append(
-            f"Cars of tests/cars from seed {given.first}, {given.minutes:g} minutes on each road, all drives together; "
-            "error and sd in %."
+            f"Cars of tests/cars from seed {given.first}, {given.minutes:g} minutes on each road, all drives "
+            "together; error and sd in %."
         )
         parts.append(
             "\n".join(markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2))
@@ -187,10 +196,11 @@ def main(arguments: list[str]) -> int:
     if given.straight:
         valid, off, last = np.array([straight(seed) for seed in range(1, given.straight + 1)]).T
         parts.append(
-            f"The filter on {given.straight} straight drives of ten minutes, car and driven axle known exactly: "
-            f"{100 * valid.min():.0f} .. {100 * valid.max():.0f} %\nof the rows are valid, of these {100 * off.mean():.1f} % "
-            f"more than 10 % off, worst "
-            f"drive {100 * off.max():.0f} %. The last row is {100 * np.sqrt(np.mean(last**2)):.1f} % off, rms."
+            f"The filter on {given.straight} straight drives of ten minutes, car and driven axle known "
+            f"exactly: {100 * valid.min():.0f} .. {100 * valid.max():.0f} %\nof the rows are valid, of these "
+            f"{100 * off.mean():.1f} % more than 10 % off, worst "
+            f"drive {100 * off.max():.0f} %. The last row is "
+            f"{100 * np.sqrt(np.mean(last**2)):.1f} % off, rms."
         )
     given.out.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(given.out.read_text(encoding="utf-8"))
@@ -198,7 +208,7 @@ def main(arguments: list[str]) -> int:
 
 
 def signed(x: float) -> str:
-    """Return an error in percent; -: none, or more than twice as much."""
+    """Return an error in percent; -: unknown, or above 200 %."""
     return f"{100 * x:+.0f}" if abs(x) < 1.0 else "-"
 
 

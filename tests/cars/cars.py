@@ -1,31 +1,42 @@
-"""Passenger cars drawn at random, and what their engineer would write into a vehicle file.
+"""Draw passenger cars at random, with the vehicle files that their engineers would write.
 
-A car is a flat dictionary of numbers in SI units; PARAMETERS says what each is. What the engineer knows of it (Car.vehicle)
-has the keys of a vehicle file: mass and axles as they are unless an error is asked for, wheel radii of new tyres, the nominal
-steering ratio.
+A car is a flat dictionary of numbers in SI units; PARAMETERS has their meaning. The
+engineer knows (Car.vehicle) mass and axles exactly unless an error is asked for, wheel
+radii of new tyres, and the nominal steering ratio. These are keys of a vehicle file.
 
-What "the true stiffness" is of a car whose tyres are not linear, is defined here once:
+Definitions of "the true stiffness" of a car with nonlinear tyres:
 
-    linear stiffness    slope at zero slip of an axle, both tyres at their static load (linear_stiffness)
-    effective           the same of the front axle as the steering wheel sees it: with the compliance of the steering in series,
-                        1/C_eff = 1/C + c, and of the rear with the compliance of its suspension; roll steer is not in it
-    secant              per row: force of the axle over slip of the axle at that moment (columns of the reference file):
-                        cx_front = F_x,f / s_f,  s_f = (R w_f - v_f)/max(|v_f|, |R w_f|, 1 m/s)
+    linear stiffness    slope of an axle at zero slip, both tyres at static load
+                        (linear_stiffness)
+    effective           that of the front axle from the steering wheel, with the
+                        compliance of the steering in series, 1/C_eff = 1/C + c, and
+                        that of the rear axle with the compliance of its suspension;
+                        without roll steer
+    secant              by row: force over slip of the axle at the time (columns of the
+                        reference file):
+                        cx_front = F_x,f / s_f
+                        s_f = (R w_f - v_f)/max(|v_f|, |R w_f|, 1 m/s)
                         cy_front = F_y,f / a_f,  a_f = delta - atan2(vy + lf r, vx)
                         cy_rear  = F_y,r / a_r,  a_r =       - atan2(vy - lr r, vx)
-                        F: sum of both tyres' forces along and across their own wheels; w_f: mean rotation rate of both
-                        wheels, R: mean of their effective rolling radii at that moment, v_f: velocity of the middle of the
-                        axle along delta; delta: mean angle of both road wheels as they stand, after play-free but compliant
-                        steering, with toe of left and right cancelling. NaN where |s| < 0.0005, |a| < 0.002 rad or the car is
-                        slower than 2 m/s. a is ISO 8855's slip angle with the sign turned, so that stiffness is positive, as
-                        in tse. The rear wheels of a single track do not turn: what compliance and roll turn them is in cy_rear.
-                        cx_front_tyre, cy_front_tyre, cy_rear_tyre: the same force over the mean of the slips that the two
-                        carcasses have taken up. Without the lag of the relaxation between both, they do not run away when
-                        slip changes its sign.
-                        cy_front_steered: over the slip angle with delta = steering wheel / true ratio, that is with compliance,
-                        lag and roll steer in the "tyre", as a single track sees it whose input is the steering wheel.
-                        cy_rear_axle: cy_rear_tyre in series with the compliance of the suspension, 1/C = 1/C_tyre + c: the
-                        rear axle of a single track. No sensor tells tyres from suspension that gives in with the same force.
+                        F: sum of both tyres' forces along and across their own wheels.
+                        w_f: mean rotation rate of both wheels. R: mean of their
+                        effective rolling radii at the time. v_f: velocity of the middle
+                        of the axle along delta. delta: mean angle of both road wheels,
+                        after compliant steering without play; toe of left and right
+                        cancels. NaN for |s| < 0.0005, |a| < 0.002 rad, or below 2 m/s.
+                        a is ISO 8855's slip angle with the opposite sign, so stiffness
+                        is positive, as in tse. The rear wheels of a single track do not
+                        steer: their angle by compliance and roll is part of cy_rear.
+                        cx_front_tyre, cy_front_tyre, cy_rear_tyre: the same force over
+                        the mean slip of both carcasses. The lag of the relaxation is
+                        not in them, so they stay finite when the slip changes its sign.
+                        cy_front_steered: over the slip angle with delta = steering
+                        wheel / true ratio. Compliance, lag and roll steer are part of
+                        this "tyre", as for a single track driven by the steering wheel.
+                        cy_rear_axle: cy_rear_tyre in series with the compliance of the
+                        suspension, 1/C = 1/C_tyre + c: the rear axle of a single track.
+                        No sensor separates tyres from a suspension that yields with the
+                        same force.
 """
 
 import math
@@ -38,7 +49,8 @@ GRAVITY = 9.81  # m/s2
 AIR = 1.2  # kg/m3
 CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
 
-PARAMETERS = {  # name: unit and meaning; front and rear where the name says so, stiffness and masses of wheels are of one wheel
+# unit and meaning by name; stiffness and masses of wheels are those of one wheel
+PARAMETERS = {
     "mass": "kg, as driven",
     "yaw_inertia": "kg m2, whole car",
     "roll_inertia": "kg m2, body about its centre of gravity",
@@ -59,7 +71,10 @@ PARAMETERS = {  # name: unit and meaning; front and rear where the name says so,
     "tyre_spring": "N/m, vertical",
     "roll_centre_front": "m above the road",
     "roll_centre_rear": "m above the road",
-    "pitch_centre": "m above the road: what links, not springs, carry of the longitudinal transfer (anti-dive, anti-squat)",
+    "pitch_centre": (
+        "m above the road: what links, not springs, carry of the longitudinal transfer "
+        "(anti-dive, anti-squat)"
+    ),
     "radius_front": "m, effective rolling radius at static load and low speed, worn",
     "radius_rear": "m",
     "radius_by_deflection": "1, loss of rolling radius per vertical deflection",
@@ -85,11 +100,13 @@ PARAMETERS = {  # name: unit and meaning; front and rear where the name says so,
     "trail_mechanical": "m, of the front's kingpins",
     "rolling_resistance": "1",
     "steering_ratio": "1, true",
-    "steering_compliance": "rad/(N m), of the mean road wheel angle per moment of the front tyres about their kingpins",
+    "steering_compliance": "rad/(N m), mean road wheel angle over moment of the front tyres about kingpins",
     "steering_frequency": "rad/s, of the second-order lag from steering wheel to road wheels",
     "steering_damping": "1",
     "ackermann": "1, share of the full difference between both angles",
-    "compliance_rear": "rad/N, turn of the rear wheels out of the bend per side force of the axle; negative: into it",
+    "compliance_rear": (
+        "rad/N, turn of the rear wheels out of the bend per side force of the axle; negative: into it"
+    ),
     "roll_steer_front": "rad/rad, front wheels turn against the turn (understeer)",
     "roll_steer_rear": "rad/rad, rear wheels turn into the turn (understeer)",
     "toe_front": "rad, of one wheel, inwards",
@@ -100,12 +117,13 @@ PARAMETERS = {  # name: unit and meaning; front and rear where the name says so,
     "engine_drag": "N, at the wheels, foot off the pedal",
     "power": "W, at the wheels",
     "gearbox_gap": "s, torque gap of a gear change; 0: none",
-}  # fmt: skip
+}
 
 
 @dataclass
 class Car:
-    """A car: its parameters (PARAMETERS), its sensors (draw_sensors), and its vehicle file as the engineer would write it."""
+    """A car: parameters (PARAMETERS), sensors (draw_sensors), and the engineer's
+    vehicle file."""
 
     parameters: dict[str, float]
     sensors: dict[str, Any]
@@ -113,7 +131,7 @@ class Car:
     driven_axle: str = field(default="front")
 
     def linear_stiffness(self) -> dict[str, float]:
-        """Stiffness of the axles at zero slip and static load; N, N/rad. See the module."""
+        """Return the stiffness of the axles at zero slip and static load, N and N/rad."""
         p = self.parameters
         trail = p["trail_pneumatic"] + p["trail_mechanical"]
         front, rear = 2 * p["cornering_front"], 2 * p["cornering_rear"]
@@ -127,12 +145,16 @@ class Car:
         }
 
     def understeer(self) -> float:
-        """Understeer gradient of the linear car, rad s2/m: steering angle beyond wheelbase/radius per lateral acceleration.
-        With compliance and roll steer."""
+        """Return the understeer gradient of the linear car, rad s2/m.
+
+        Steering angle beyond wheelbase/radius over lateral acceleration, with compliance
+        and roll steer.
+        """
         p, c = self.parameters, self.linear_stiffness()
         wheelbase = p["lf"] + p["lr"]
         loads = p["mass"] * p["lr"] / wheelbase, p["mass"] * p["lf"] / wheelbase
-        # the tyres' aligning moments turn the car out of the bend: front carries more, rear less
+        # the tyres' aligning moments turn the car out of the bend: front carries more,
+        # rear less
         twist = p["mass"] * p["trail_pneumatic"] / wheelbase
         bend = (loads[0] + twist) / c["cy_front_effective"] - (loads[1] - twist) / c["cy_rear_effective"]
         roll = (p["roll_steer_front"] + p["roll_steer_rear"]) * roll_gradient(p)
@@ -140,7 +162,10 @@ class Car:
 
 
 def sprung(p: dict[str, float]) -> tuple[float, float, float]:
-    """Mass of the body, kg, height of its centre of gravity, m, and how far that is ahead of the whole car's, m."""
+    """Return mass of the body, kg, height of its centre of gravity, m, and its offset, m.
+
+    The offset is ahead of the centre of gravity of the whole car.
+    """
     front, rear = 2 * p["unsprung_front"], 2 * p["unsprung_rear"]
     mass = p["mass"] - front - rear
     height = (p["mass"] * p["cg_height"] - front * p["radius_front"] - rear * p["radius_rear"]) / mass
@@ -148,7 +173,7 @@ def sprung(p: dict[str, float]) -> tuple[float, float, float]:
 
 
 def roll_arm(p: dict[str, float]) -> float:
-    """Height of the body's centre of gravity above the roll axis, m."""
+    """Return the height of the body's centre of gravity above the roll axis, m."""
     _, height, ahead = sprung(p)
     wheelbase = p["lf"] + p["lr"]
     axis = (
@@ -159,7 +184,10 @@ def roll_arm(p: dict[str, float]) -> float:
 
 
 def roll_gradient(p: dict[str, float]) -> float:
-    """Roll of the body on springs and tyres per lateral acceleration, rad s2/m, approximately: each axle's tyres in series."""
+    """Return the roll of the body over lateral acceleration, rad s2/m, approximately.
+
+    Springs, and the tyres of each axle in series.
+    """
     mass, _, _ = sprung(p)
     arm, stiffness = roll_arm(p), 0.0
     for axle in ("front", "rear"):
@@ -176,14 +204,20 @@ def draw_car(
     tell_inertia: bool = False,
     name: str = "car",
 ) -> Car:
-    """A plausible passenger car.
+    """Draw a plausible passenger car.
 
-    mass_error: relative, of the mass in the vehicle file; cg_error: m, how much too far back the file has the centre of
-    gravity; tell_inertia: the true yaw inertia is in the file.
+    Parameters
+    ----------
+    mass_error
+        Relative error of the mass in the vehicle file.
+    cg_error
+        Distance, m, of the file's centre of gravity behind the true one.
+    tell_inertia
+        The file has the true yaw inertia.
     """
     u = rng.uniform
     p: dict[str, float] = {}
-    size = u(0.0, 1.0)  # small car .. large car; what belongs together follows it
+    size = u(0.0, 1.0)  # small car .. large car; other sizes follow it
     p["mass"] = float(np.clip(1100 + 1100 * size + u(-100, 200), 1100, 2300))
     wheelbase = 2.42 + 0.52 * size + u(-0.06, 0.06)
     driven = str(rng.choice(["front", "rear", "both"], p=[0.6, 0.22, 0.18]))
@@ -241,7 +275,8 @@ def draw_car(
 
 
 def _draw_suspension(p: dict[str, float], rng: np.random.Generator) -> None:
-    """Springs from ride frequencies, anti-roll bars from the roll gradient that is wanted."""
+    """Derive springs from ride frequencies, and anti-roll bars from the wanted roll
+    gradient."""
     u = rng.uniform
     mass, _, ahead = sprung(p)
     wheelbase = p["lf"] + p["lr"]
@@ -280,14 +315,17 @@ def _draw_tyres(p: dict[str, float], rng: np.random.Generator, wheelbase: float)
 
 
 def _share_flexibility(p: dict[str, float], rng: np.random.Generator, wheelbase: float) -> None:
-    """Cornering stiffness and compliance, so that the car understeers by a usual amount: the front axle gives in by the
-    rear's slip angle and the understeer gradient together, and steering and tyres share that."""
+    """Set cornering stiffness and compliance for a usual understeer gradient.
+
+    The front axle yields by the slip angle of the rear one plus the understeer gradient.
+    Steering and tyres share this.
+    """
     u = rng.uniform
     weight = p["mass"] * GRAVITY
     front, rear = weight * p["lr"] / wheelbase, weight * p["lf"] / wheelbase
     per_g_rear = 1 / u(12.0, 19.0)  # slip angle per g of the rear axle with its suspension, rad
     per_g_front = per_g_rear + math.radians(u(0.8, 3.2))
-    suspension, steering = u(-0.05, 0.1), u(0.12, 0.32)  # shares of the flexibility that are not the tyre's
+    suspension, steering = u(-0.05, 0.1), u(0.12, 0.32)  # shares of the flexibility beside the tyre
     p["cornering_rear"] = 0.5 * rear / (per_g_rear * (1 - suspension))
     p["compliance_rear"] = suspension * per_g_rear / rear
     p["cornering_front"] = 0.5 * front / (per_g_front * (1 - steering))
@@ -295,7 +333,10 @@ def _share_flexibility(p: dict[str, float], rng: np.random.Generator, wheelbase:
 
 
 def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
-    """Sensors and bus of a production car. SI units; latency in s, per channel; steps of the wheel speeds in m/s."""
+    """Draw sensors and bus of a production car.
+
+    SI units; latency in s, by channel; steps of the wheel speeds in m/s.
+    """
     u = rng.uniform
     degree = math.pi / 180
 
@@ -304,6 +345,7 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
 
     wheels = float(rng.choice([0.01, 0.02]))  # 100 or 50 Hz
     wheel_latency = u(0.0, 0.06)
+    # of a tooth's place, in teeth x 100 %: repeats itself every turn
     return {
         "latency": {c: float(u(0.0, 0.06)) for c in CHANNELS}
         # both axles' wheels come from the same controller, in messages of their own
@@ -312,15 +354,13 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
             "wheel_speed_rear": float(np.clip(wheel_latency + u(-0.01, 0.01), 0, 0.06)),
         },
         "jitter": 0.003,  # s, uniform, either side
-        "late": 0.005,  # share of the rows whose message is not there yet: the last one is held
+        "late": 0.005,  # share of the rows with a missing message: the last one is held
         "period": {c: wheels if c.startswith("wheel") else 0.01 for c in CHANNELS},
         "steering_wheel_step": float(rng.choice([0.1, 0.1, 0.04])) * degree,
         "steering_wheel_offset": float(u(-1.0, 1.0)) * degree,
         "wheel_step": float(rng.choice([0.01, 0.01, 0.03125, 0.05625, 0.06])) / 3.6,
         "wheel_pulses": int(rng.choice([0, 43, 48, 96])),  # teeth; 0: a continuous speed with noise
-        "wheel_pitch_sd": float(
-            u(0.0005, 0.002)
-        ),  # of a tooth's place, in teeth x 100 %: repeats itself every turn
+        "wheel_pitch_sd": float(u(0.0005, 0.002)),
         "wheel_noise_sd": float(u(0.003, 0.02)),  # m/s, of one wheel, where there are no pulses
         "accel_step": float(rng.choice([0.01, 0.02, 0.0271267])),
         "accel_sd": float(u(0.015, 0.06)),
@@ -350,6 +390,9 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def clean_sensors(sensors: dict[str, Any]) -> dict[str, Any]:
-    """The same sensors without noise, bias, steps and mounting; latency, rates and bandwidth stay."""
+    """Return the sensors without noise, bias, steps and mounting errors.
+
+    Latency, rates and bandwidth stay.
+    """
     zero = dict.fromkeys((k for k, v in sensors.items() if isinstance(v, float)), 0.0)
     return {**sensors, **zero, "imu_bandwidth": sensors["imu_bandwidth"], "wheel_pulses": 0}

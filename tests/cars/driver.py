@@ -1,11 +1,11 @@
-"""People driving: a path that is looked at ahead, corrections from time to time, hands and feet that lag, and speed that
-wanders.
+"""Simulate drivers: preview of the path, intermittent corrections, slow hands and feet.
 
-Steering: the curvature of the road a little ahead, for which the driver knows the angle (understeer within 10 %), plus a
-correction of where the car would be at the preview point (MacAdam 1981; optimal preview reduces to it), noticed now and then
-and not at every instant (intermittent control: Gawthrop et al. 2011), through arms of second order, with a remnant. Speed:
-what the road asks for, feet that change pedals in no time less than a quarter of a second, gears, anti-lock and traction
-control by axle.
+Steering: the curvature of the road a little ahead, for which the driver knows the angle
+(understeer within 10 %), plus a correction by the predicted offset at the preview point
+(MacAdam 1981; optimal preview reduces to it). Corrections are intermittent (Gawthrop et
+al. 2011). Arms are of second order, with a remnant. Speed: the road's, with pedal
+changes of at least a quarter of a second, gears, and anti-lock and traction control by
+axle.
 """
 
 import numpy as np
@@ -16,14 +16,14 @@ from .model import Fleet
 from .road import Road, Surface
 
 CONTROL = 0.01  # s
-FREEST = 8.0  # rad/s, most that hands turn a steering wheel
+MAX_HAND_RATE = 8.0  # rad/s, of the steering wheel
 LOOK = 0.8  # s, how far ahead speed is read from the road
 TRAITS = {  # of a driver, drawn uniformly
     "preview": (1.3, 1.9),  # s
     "least_preview": (4.0, 5.5),  # m
     "gain": (0.6, 0.9),  # 1, of the correction
     "attention": (0.1, 0.4),  # s, mean time between two corrections
-    "startles": (0.15, 0.4),  # m, miss at the preview point beyond which it is noticed at once
+    "startles": (0.15, 0.4),  # m, error at the preview point with an immediate correction
     "arms": (8.5, 14.0),  # rad/s
     "arms_damping": (0.75, 0.95),
     "misjudged": (-0.1, 0.1),  # 1, of the understeer
@@ -41,7 +41,8 @@ GEARS = np.array([3.5, 7.0, 11.5, 17.0, 24.0])  # m/s, where a gearbox changes u
 
 
 def _wander(rng: np.random.Generator, n: int, tau: float) -> np.ndarray:
-    """Noise of sd 1 that forgets itself in tau, s, every CONTROL: as smooth as two poles make it."""
+    """Return noise of sd 1 and correlation time tau, s, every CONTROL, smoothed by two
+    poles."""
     keep = np.exp(-CONTROL / tau)
     x = rng.standard_normal(n + 500)
     for _ in range(2):
@@ -50,7 +51,8 @@ def _wander(rng: np.random.Generator, n: int, tau: float) -> np.ndarray:
 
 
 class Drivers:
-    """A driver for each car. decide() sets steering_wheel, drive, brake for the next CONTROL seconds."""
+    """A driver for each car. decide() sets steering_wheel, drive, brake for CONTROL
+    seconds."""
 
     def __init__(
         self,
@@ -84,18 +86,13 @@ class Drivers:
         self.early = (
             2 * self.t["arms_damping"] / self.t["arms"] + 2 * p.steering_damping / p.steering_frequency + 0.06
         )
-        self.s, self.e, self.psi = (
-            np.zeros(n),
-            np.zeros(n),
-            np.zeros(n),
-        )  # m, m, rad: along, beside and against the road
+        # m, m, rad: along, beside and against the road
+        self.s, self.e, self.psi = (np.zeros(n), np.zeros(n), np.zeros(n))
         self.correction = np.zeros(n)  # 1/m
         self.steering_wheel, self.turning = np.zeros(n), np.zeros(n)
         self.accel = np.zeros(n)  # m/s2, wanted
-        self.pedal, self.changing = (
-            np.ones(n),
-            np.zeros(n),
-        )  # 1 throttle, 0 neither, -1 brake; s left until the foot is there
+        # 1 throttle, 0 neither, -1 brake; s left until the foot is there
+        self.pedal, self.changing = (np.ones(n), np.zeros(n))
         self.thrust, self.braking = np.zeros(n), np.zeros(n)  # N, after engine and brakes
         self.gear, self.shifting = np.zeros(n), np.zeros(n)
         self.antilock, self.traction = np.ones((2, 1, n)), np.ones((2, 1, n))
@@ -120,7 +117,10 @@ class Drivers:
             x[found] = 0.0
 
     def asked(self) -> np.ndarray:
-        """Lateral acceleration, m/s2, that the road asks for here and shortly ahead, or the car has: the larger."""
+        """Return the lateral acceleration, m/s2: the larger one of road and car.
+
+        That of the road is here and shortly ahead.
+        """
         v = np.abs(self.fleet.vx)
         ahead = [np.abs(self.road.at(self.road.curvature, self.s + t * v)) for t in (0.0, 1.5, 3.0)]
         return np.maximum(v * v * np.maximum.reduce(ahead), v * np.abs(self.fleet.r))
@@ -156,12 +156,12 @@ class Drivers:
         self.turning += CONTROL * (
             w * w * (wanted - self.steering_wheel) - 2 * t["arms_damping"] * w * self.turning
         )
-        self.turning = np.clip(self.turning, -FREEST, FREEST)
+        self.turning = np.clip(self.turning, -MAX_HAND_RATE, MAX_HAND_RATE)
         self.turning = np.where(f.vx < 0.3, 0.8 * self.turning, self.turning)
         self.steering_wheel = self.steering_wheel + CONTROL * self.turning
 
     def _choose_speed(self, k: int) -> None:
-        """Wanted acceleration, m/s2."""
+        """Choose the wanted acceleration, m/s2."""
         f, t, road = self.fleet, self.t, self.road
         v, known = f.vx, self.surface.known
         ahead = self.s + np.maximum(LOOK * v, 1.5)
@@ -178,7 +178,8 @@ class Drivers:
             wanted = np.where(slippery, np.maximum(careful, 2.0), wanted)
         accel = (wanted - v) / LOOK + t["pedal_noise"] * self.noise[2, k]
         left = road.stop_at[self.stop, self.cars] - self.s
-        # who has begun to brake for a stop brakes until the car stands, be it a little before or behind the line
+        # who has begun to brake for a stop brakes until the car stands, be it a little
+        # before or behind the line
         need = v * v / (2 * np.maximum(left, 0.3))
         self.stopping |= ~self.standing & (need > 0.7 * t["stops_with"]) & np.isfinite(left)
         accel = np.where(self.stopping, -np.clip(need, 0.5, t["brake"]), accel)
@@ -200,13 +201,14 @@ class Drivers:
         self.accel = np.where(self.standing, -1.0, np.where(leaves, 0.0, self.accel))
 
     def _press(self) -> None:
-        """Torques of drive and brakes from the wanted acceleration."""
+        """Set torques of drive and brakes by the wanted acceleration."""
         f, t, p = self.fleet, self.t, self.fleet.p
         v = np.maximum(f.vx, 0.0)
         grade = self.road.at(self.road.grade, self.s)
         need = p.mass * (self.accel + GRAVITY * (grade + p.rolling_resistance)) + f.drag * v * v
         drag = np.where(v > 2.0, p.engine_drag, 0.0) + np.where(v > 2.0, 0.0, 0.1 * p.mass)
-        # pedals: neither between what the engine brakes and nothing; a foot that changes over takes its time
+        # pedals: neither between what the engine brakes and nothing; a foot that changes
+        # over takes its time
         want = np.where(need > -0.3 * drag, 1.0, np.where(need < -drag - 0.1 * p.mass, -1.0, 0.0))
         want = np.where(self.standing, -1.0, want)
         over = (want * self.pedal < 0) & ~self.standing

@@ -1,11 +1,13 @@
-"""What the estimator makes of a road or a tyre that changes on a calibrated ordinary car (README.md).
+"""Estimate calibrated ordinary cars over changes of the road or a tyre (README.md).
 
-    python -m tests.cars.events --calibrated DIR [--first SEED] [--minutes M] [--out FILE]
+    python -m tests.cars.events --calibrated DIR [--first SEED] [--minutes M]
+        [--out FILE]
 
-DIR: what `tests.cars.study --keep DIR --first SEED` has left: car<k>/calibrated.toml. Each scenario of road.py begins at a third of
-a drive on a highway and on a mountain road; counted are the seconds of the minute after in which a stiffness is called valid and
-is more than 20 % off, of the rows that have a truth. Beside it: after how long the samples show the change to a filter
-that starts with it.
+DIR: that of `tests.cars.study --keep DIR --first SEED`, with car<k>/calibrated.toml. Each
+scenario of road.py begins at a third of a drive on a highway and on a mountain road. The
+table has the seconds of the next minute in which a stiffness is valid and more than 20 %
+wrong, of the rows with a truth. Beside it, the time until the samples show the change to
+a filter that starts with it.
 """
 
 import argparse
@@ -30,20 +32,15 @@ from tse.report.tables import markdown_table
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")
-OFF, AFTER, ROW, SMOOTH = (
-    0.2,
-    60.0,
-    0.01,
-    51,
-)  # relative error; s; s; rows of the truth: half a second of a new road
+# relative error; s; s; rows of the truth: half a second of a new road
+OFF, AFTER, ROW, SMOOTH = (0.2, 60.0, 0.01, 51)
 SURE = 1.96  # sd
-CHANGE_SD = float(
-    tables.read("constants")["events"]["CHANGE_SD"]["value"]
-)  # of a stiffness that may have changed, relative
+# of a stiffness that may have changed, relative
+CHANGE_SD = float(tables.read("constants")["events"]["CHANGE_SD"]["value"])
 
 
 def share(of: np.ndarray, among: np.ndarray) -> float:
-    """Of those rows; 0 where there are none."""
+    """Return the share of those rows; 0 without rows."""
     return float(of[among].mean()) if among.any() else 0.0
 
 
@@ -62,9 +59,12 @@ def behind(log: CheckedLog, row: int) -> CheckedLog:
 def shown_after(
     log: CheckedLog, config: Config, stiffness: dict[str, float], moved: dict[str, float], began: float
 ) -> float:
-    """Return after how many seconds a filter that starts at the change, and knows of each stiffness that it may be another by
-    CHANGE_SD, would tell one of them from that of before with 95 %; AFTER where it does not. The sd of the mass, which is in both,
-    does not count."""
+    """Return the time, s, after which a filter that starts at the change detects it.
+
+    Its stiffnesses have the sd CHANGE_SD. It detects the change when one of them differs
+    from before with 95 %; AFTER: never. The sd of the mass, common to both, does not
+    count.
+    """
     rest = behind(log, int(np.searchsorted(log.time - log.time[0], began)))
     start = {NOMINAL[k]: stiffness[k] for k in STIFFNESS} | {
         f"initial_{PRIOR[k]}_sd": CHANGE_SD for k in STIFFNESS
@@ -79,8 +79,12 @@ def shown_after(
 
 
 def without_slip(about: dict[str, Any], road: str, key: str, of: np.ndarray, before: float) -> np.ndarray:
-    """Return the true stiffness at no slip, a value per row: that of the dry road times what the event leaves of it. Along the car
-    that of the dry road is what the filter has found, `before`: rolling radii and pitch make it another than the tyres'."""
+    """Return the true stiffness at no slip, a value a row.
+
+    That of the dry road times the factor of the event. The longitudinal one of the dry
+    road is that of the filter, `before`: rolling radii and pitch make it differ from the
+    tyres'.
+    """
     event, linear = about["logs"][road]["event"], about["linear_stiffness"]
     axle = {"cy_front": [0], "cy_rear": [1]}.get(
         key, {"front": [0], "rear": [1]}.get(about["driven_axle"], [0, 1])
@@ -95,7 +99,7 @@ def without_slip(about: dict[str, Any], road: str, key: str, of: np.ndarray, bef
 
 
 def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
-    """A car on a road with an event; `lib`: another build of the filter."""
+    """Score a car on a road with an event. `lib`: another build of the filter."""
     folder, road, scenario, car, began = job
     log, _, truth = driven(folder / f"{scenario}_{road}" / f"car{car}", road, SMOOTH)
     out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, lib=lib)
@@ -120,16 +124,27 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
         wrong = known & valid & (np.abs(error) > OFF)
         value = out[key] * getattr(config, NOMINAL[key])
         at_no_slip = value / without_slip(about, road, key, of, float(np.median(value[before]))) - 1
-        rows.append({"scenario": scenario, "road": road, "car": car, "stiffness": key, "wrong": ROW * float(wrong[after].sum()),
-                     "no slip": ROW * float((valid & (np.abs(at_no_slip) > OFF))[after].sum()),
-                     "valid before": share(valid, before & known), "valid after": share(valid, after & known),
-                     "told": float(told[after & (of < began + 5)].any()),
-                     "moved": moved[key], "shown": shown})  # fmt: skip
+        rows.append(
+            {
+                "scenario": scenario,
+                "road": road,
+                "car": car,
+                "stiffness": key,
+                "wrong": ROW * float(wrong[after].sum()),
+                "no slip": ROW * float((valid & (np.abs(at_no_slip) > OFF))[after].sum()),
+                "valid before": share(valid, before & known),
+                "valid after": share(valid, after & known),
+                "told": float(told[after & (of < began + 5)].any()),
+                "moved": moved[key],
+                "shown": shown,
+            }
+        )
     return rows
 
 
 def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Path, str, str, int, float]]:
-    """Logs of all cars in FOLDER/<scenario>_<road>/car<k>; the jobs that are to be estimated."""
+    """Write logs of all cars into FOLDER/<scenario>_<road>/car<k>; return the
+    estimation jobs."""
     jobs = []
     for n, scenario in enumerate(EVENTS):
         for m, road in enumerate(ON):
@@ -141,8 +156,14 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
                         jobs.append((folder, road, scenario, k, float(event["time"])))
                 continue
             print(f"driving: {scenario}, {road}", file=sys.stderr)
-            made = make_logs(road, minutes, cars=make_cars(cars, first), seed=1000 * first + 100 + 10 * n + m, scenario=scenario,
-                             event_time=20 * minutes)  # fmt: skip
+            made = make_logs(
+                road,
+                minutes,
+                cars=make_cars(cars, first),
+                seed=1000 * first + 100 + 10 * n + m,
+                scenario=scenario,
+                event_time=20 * minutes,
+            )
             for k, log in enumerate(made):
                 log.write(folder / f"{scenario}_{road}" / f"car{k}", road)
                 event = log.truth["log"]["event"]
@@ -152,7 +173,7 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
 
 
 def table(found: pd.DataFrame) -> list[str]:
-    """A line per scenario."""
+    """Return a line for each scenario."""
     wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
     heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong,
              "the same at no slip", "reported within 5 s [%]",
@@ -203,13 +224,14 @@ def main(arguments: list[str]) -> int:
         ]
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
 
-`python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after
-`python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`: {cars} cars with 14 degrees of freedom on
-{" and ".join(ON)}, the event at a third of each drive or as soon as the car is calm. Front longitudinal / front cornering / rear
-cornering, as secants at the slip of each row, and at no slip.
-*reported*: a change or sliding has more than half of the probability. *Shows after*: the same filter, started at the
-change with an sd of {CHANGE_SD:g} of each stiffness, knows one so well that by the true change, median of the minute, it is
-not that of before, with 95 %; {AFTER:g} s: it never does.
+`python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}`
+after `python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`:
+{cars} cars with 14 degrees of freedom on {" and ".join(ON)}, the event at a third of each drive or
+as soon as the car is calm. Front longitudinal / front cornering / rear cornering, as secants at the
+slip of each row, and at no slip. *reported*: a change or sliding has more than half of the
+probability. *Shows after*: the same filter, started at the change with an sd of {CHANGE_SD:g} of
+each stiffness, knows one so well that by the true change, median of the minute, it is not that of
+before, with 95 %; {AFTER:g} s: it never does.
 
 """
     given.out.write_text(head + "\n".join(table(pd.DataFrame(found))) + "\n", encoding="utf-8")

@@ -1,8 +1,9 @@
-"""Float and fixed point beside double, on the same calibrated cars (README.md).
+"""Compare float and fixed point with double, on the same calibrated cars (README.md).
 
     python -m tests.cars.formats --keep DIR --first SEED [--cars N] [--out FILE]
 
-DIR: that of `python -m tests.cars.study --keep DIR`. Each build reads the same logs with the same settings.
+DIR: that of `python -m tests.cars.study --keep DIR`. Each build reads the same logs with
+the same settings.
 """
 
 import sys
@@ -23,7 +24,7 @@ REALS = ("double", "float", "fixed")
 
 
 def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str, Any]]:
-    """Return a row per build: its score on a drive, and how far its estimates are from those in double, in sd of these."""
+    """Return a row for each build: its score, and its difference from double in sd."""
     log, _, truth = driven(car / "test", road)
     rows, first = [], None
     for real, lib in builds.items():
@@ -38,7 +39,7 @@ def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str,
 
 
 def table(runs: pd.DataFrame) -> list[str]:
-    """A line per build."""
+    """Return a line for each build."""
 
     def three(values: list[float], digits: int) -> str:
         return " / ".join(f"{v:.{digits}f}" for v in values)
@@ -50,7 +51,10 @@ def table(runs: pd.DataFrame) -> list[str]:
             shares(g, what, of, 1) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         rows.append([*cells, three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3)])
-    head = "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|from double, rms [sd of the estimate]"
+    head = (
+        "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
+        "from double, rms [sd of the estimate]"
+    )
     return markdown_table(head.split("|"), rows, 6)
 
 
@@ -65,10 +69,11 @@ def main(arguments: list[str]) -> int:
     )
     head = f"""# Float and fixed point beside double, on cars
 
-`python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: {len(jobs)} drives of
-{given.cars} calibrated cars with 14 degrees of freedom; each build reads the same logs with the same settings. Front
-longitudinal / front cornering / rear cornering; median error, *valid*, *off*, *holds* as in [cars](cars-fresh.md).
+`python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after `python -m
+tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: {len(jobs)} drives of
+{given.cars} calibrated cars with 14 degrees of freedom; each build reads the same logs with the
+same settings. Front longitudinal / front cornering / rear cornering; median error, *valid*, *off*,
+*holds* as in [cars](cars-fresh.md).
 
 """
     given.out.write_text(head + "\n".join(table(runs)) + "\n", encoding="utf-8")

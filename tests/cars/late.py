@@ -1,9 +1,9 @@
-"""Rows that come late: are stiffnesses biased by them, and do their intervals hold?
+"""Measure bias and coverage of stiffnesses when rows come late.
 
     python -m tests.cars.late --calibrated DIR [--seed SEED] [--out FILE]
 
-Mountain drives of the cars that `tests.cars.study --keep DIR` has calibrated, of whose rows a share comes 0.12 s after the one
-before instead of 0.02 s, or all come 0.1 s apart with 2 % jitter.
+Mountain drives of the cars of `tests.cars.study --keep DIR`. Some rows come 0.12 s after
+the one before instead of 0.02 s, or all rows come every 0.1 s with 2 % jitter.
 """
 
 import argparse
@@ -27,7 +27,8 @@ TENTH, JITTER = 0.1, 0.02  # s between rows; its relative sd
 
 
 def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> np.ndarray:
-    """Return the indices of rows that come: at 50 Hz, a share of them late; None: at 10 Hz with jitter."""
+    """Return the indices of the rows that come: 50 Hz with late ones, or None: 10 Hz,
+    jitter."""
     step = float(np.median(np.diff(time)))
     keep, at = [0], 0.0
     while True:
@@ -45,7 +46,7 @@ def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> 
 
 
 def late(folder: Path, share: float | None, rng: np.random.Generator, scratch: Path) -> list[dict[str, Any]]:
-    """Return the bias of a car's cornering stiffness when rows come late."""
+    """Return the bias of a car's cornering stiffness with late rows."""
     table = pd.read_csv(folder / "test" / "log_mountain.csv")
     reference = pd.read_csv(folder / "test" / "reference_mountain.csv")
     truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
@@ -59,14 +60,20 @@ def late(folder: Path, share: float | None, rng: np.random.Generator, scratch: P
         counts = np.isfinite(true) & (log.time > SETTLED) & (out["vel_x"] > SLOW)
         error = (out[key] * nominal / true - 1)[counts]
         interval = (1.96 * out[f"{key}_sd"] * nominal / true)[counts]
-        found.append({"rows": "10 Hz, 2 % jitter" if share is None else f"50 Hz, {100 * share:.0f} % late", "stiffness": key,
-                      "bias": float(np.median(error)), "valid": float((out[f"{key}_valid"][counts] == 0).mean()),
-                      "held": float((np.abs(error) < interval).mean())})  # fmt: skip
+        found.append(
+            {
+                "rows": "10 Hz, 2 % jitter" if share is None else f"50 Hz, {100 * share:.0f} % late",
+                "stiffness": key,
+                "bias": float(np.median(error)),
+                "valid": float((out[f"{key}_valid"][counts] == 0).mean()),
+                "held": float((np.abs(error) < interval).mean()),
+            }
+        )
     return found
 
 
 def late_table(found: pd.DataFrame) -> list[str]:
-    """Return a line per pattern of rows; front / rear, medians of the cars."""
+    """Return a line for each pattern of rows: medians over the cars, front / rear."""
     lines = []
     base = found[found["rows"] == found["rows"].iloc[0]].set_index(["car", "stiffness"])["bias"]
     for name, group in found.groupby("rows", sort=False):
@@ -76,8 +83,11 @@ def late_table(found: pd.DataFrame) -> list[str]:
             for key in ("cy_front", "cy_rear"):
                 rows = group[group["stiffness"] == key]
                 x = rows[what] - [base[car, key] if what == "bias" else 0.0 for car in rows["car"]]
-                values.append(f"{100 * float(x.iloc[np.argmax(np.abs(x))] if what == 'bias' else x.mean()):+.1f}"
-                              if what == "bias" else f"{100 * float(x.mean()):.0f}")  # fmt: skip
+                values.append(
+                    f"{100 * float(x.iloc[np.argmax(np.abs(x))] if what == 'bias' else x.mean()):+.1f}"
+                    if what == "bias"
+                    else f"{100 * float(x.mean()):.0f}"
+                )
             cells.append(" / ".join(values))
         lines.append(cells)
     return markdown_table(
@@ -104,8 +114,9 @@ def main(arguments: list[str]) -> int:
     scratch.unlink()
     text = f"""# Rows that come late
 
-`python -m tests.cars.late --calibrated DIR --seed {given.seed}` after `python -m tests.cars.study --keep DIR`:
-{len(cars)} calibrated cars on a mountain road. Front / rear cornering stiffness; bias: the largest of the cars.
+`python -m tests.cars.late --calibrated DIR --seed {given.seed}` after `python -m tests.cars.study
+--keep DIR`: {len(cars)} calibrated cars on a mountain road. Front / rear cornering stiffness; bias:
+the largest of the cars.
 
 """
     given.out.write_text(text + "\n".join(late_table(pd.DataFrame(delays))) + "\n", encoding="utf-8")

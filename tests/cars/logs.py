@@ -1,4 +1,4 @@
-"""Cars, roads, drivers and sensors together: logs with their truth, as arrays or as files."""
+"""Make logs with their truth from cars, roads, drivers and sensors."""
 
 import json
 from dataclasses import dataclass, replace
@@ -14,24 +14,55 @@ from .road import ROADS, SCENARIOS, Road, Surface, draw_roads
 from .sensors import FINE, ROW, SLOPES, STATES, Motion, log_of, pedals_of
 
 SETTLE = 2.0  # s driven before the log begins
-BATCH = 20  # cars side by side: more are no faster per car, and take memory
+BATCH = 20  # cars side by side: more are not faster by car, and take memory
 COLUMNS = ("time", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
-PEDALS = ("brake", "wheel_torque_front", "wheel_torque_rear")  # what a log has besides, when it is asked for
-# Of the reference file, at the times of the rows without any latency. Columns that a log's reader would draw have no place in
-# the log.
+PEDALS = ("brake", "wheel_torque_front", "wheel_torque_rear")  # optional columns of a log
+# Of the reference file, at the times of the rows without any latency. Columns that a
+# log's reader would draw have no place in the log.
 REFERENCE = (
-    "time", "vel_x", "vel_y", "yaw_rate", "roll", "pitch", "steering_wheel", "road_wheel", "grade", "bank", "place", "beside",
-    "slip_front", "slip_rear", "alpha_front", "alpha_rear", "fx_front", "fx_rear", "fy_front", "fy_rear",
-    "cx_front", "cx_rear", "cy_front", "cy_rear", "cx_front_tyre", "cy_front_tyre", "cy_rear_tyre", "cy_front_steered",
-    "cy_rear_axle", "radius_front", "radius_rear", *PEDALS, "road_friction", "road_stiffness",
-)  # fmt: skip
-BRAKES = 50.0  # N, of all wheels, from which the brake switch is on
-LEAST_SLIP, LEAST_ANGLE, LEAST_SPEED = 5e-4, 2e-3, 2.0  # 1, rad, m/s: no secant below
+    "time",
+    "vel_x",
+    "vel_y",
+    "yaw_rate",
+    "roll",
+    "pitch",
+    "steering_wheel",
+    "road_wheel",
+    "grade",
+    "bank",
+    "place",
+    "beside",
+    "slip_front",
+    "slip_rear",
+    "alpha_front",
+    "alpha_rear",
+    "fx_front",
+    "fx_rear",
+    "fy_front",
+    "fy_rear",
+    "cx_front",
+    "cx_rear",
+    "cy_front",
+    "cy_rear",
+    "cx_front_tyre",
+    "cy_front_tyre",
+    "cy_rear_tyre",
+    "cy_front_steered",
+    "cy_rear_axle",
+    "radius_front",
+    "radius_rear",
+    *PEDALS,
+    "road_friction",
+    "road_stiffness",
+)
+BRAKES = 50.0  # N, brake force of all wheels at which the switch is on
+MIN_SLIP, MIN_ANGLE, MIN_SPEED = 5e-4, 2e-3, 2.0  # 1, rad, m/s: no secant below
 
 
 @dataclass
 class CarLog:
-    """A car on a road: its log (COLUMNS) and reference (REFERENCE) by column, and the truth as in truth.json."""
+    """A car on a road: log (COLUMNS) and reference (REFERENCE) by column, truth of
+    truth.json."""
 
     car: Car
     log: dict[str, np.ndarray]
@@ -44,7 +75,8 @@ class CarLog:
         return self.car.vehicle
 
     def write(self, folder: Path, road: str) -> None:
-        """car.toml, log_<road>.csv, reference_<road>.csv, and this road's part of truth.json."""
+        """Write car.toml, log_<road>.csv, reference_<road>.csv, and this road's
+        truth.json."""
         folder.mkdir(parents=True, exist_ok=True)
         lines = [f"{key} = {json.dumps(value)}" for key, value in self.vehicle.items()]
         (folder / "car.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -60,14 +92,14 @@ class CarLog:
 
 
 def _write_csv(path: Path, columns: dict[str, np.ndarray]) -> None:
-    """Nine digits; cells that are not a number are empty."""
+    """Write columns with nine digits; NaN as an empty cell."""
     form = ",".join(["%.9g"] * len(columns))
     text = "\n".join([form % row for row in zip(*(c.tolist() for c in columns.values()), strict=True)])
     path.write_text(",".join(columns) + "\n" + text.replace("nan", "") + "\n", encoding="utf-8")
 
 
 def _stream(seed: int, car: int, what: str) -> np.random.Generator:
-    """A stream of random numbers of its own, so that a car is the same whatever else is drawn."""
+    """Return a random stream of its own: a car stays the same whatever else is drawn."""
     return np.random.default_rng([seed, car, *what.encode()])
 
 
@@ -79,7 +111,7 @@ def make_cars(
     tell_inertia: bool = False,
     clean: bool = False,
 ) -> list[Car]:
-    """Cars 0 .. cars - 1 of a seed. See draw_car(); clean: sensors without noise, bias and steps."""
+    """Draw cars 0 .. cars - 1 of a seed, as draw_car(). clean: sensors without errors."""
     drawn = [
         draw_car(_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}")
         for i in range(cars)
@@ -104,11 +136,26 @@ def make_logs(
     clean: bool = False,
     pedals: bool = False,
 ) -> list[CarLog]:
-    """Drive so many cars of a seed, or these cars, on a road: ROADS, each its own; scenario: SCENARIOS.
+    """Drive cars on a road.
 
-    hills: whether there are slopes, crossfall and superelevation; grade_rms: rad, None: drawn per car; even: no unevenness;
-    event_time: s, from when on the scenario may begin; pedals: the logs have PEDALS, too; the rest: make_cars(). A car of a seed is
-    the same car on every road, for any number of cars, and drives the same road in every scenario.
+    Parameters
+    ----------
+    hills
+        The road has slopes, crossfall and superelevation.
+    grade_rms
+        rad; None: drawn by car.
+    even
+        No unevenness.
+    scenario, event_time
+        One of SCENARIOS, and the time, s, from which it may begin.
+    pedals
+        The logs have PEDALS, too.
+
+    Notes
+    -----
+    Other parameters are those of make_cars(). Each car has its own road of ROADS. A car
+    of a seed is the same car on every road, for any number of cars, and drives the same
+    road in every scenario.
     """
     if road not in ROADS or scenario not in SCENARIOS:
         raise ValueError(
@@ -151,15 +198,23 @@ def make_logs(
 
 @dataclass
 class Record:
-    """What was recorded of a batch: (times, names, cars) every FINE and every CONTROL; time 0 is the beginning of the log."""
+    """Recording of a batch: (times, names, cars) every FINE and every CONTROL; log
+    starts at 0."""
 
     state: np.ndarray
     slope: np.ndarray
     reference: np.ndarray
 
 
-RECORDED = (*REFERENCE[1:20], "cx_front_tyre", "cx_rear_tyre", "cy_front_tyre", "cy_rear_tyre", "angle_steered",
-            *REFERENCE[-7:])  # fmt: skip
+RECORDED = (
+    *REFERENCE[1:20],
+    "cx_front_tyre",
+    "cx_rear_tyre",
+    "cy_front_tyre",
+    "cy_rear_tyre",
+    "angle_steered",
+    *REFERENCE[-7:],
+)
 
 
 def drive(
@@ -204,7 +259,7 @@ def drive(
 
 
 def _state(f: Fleet) -> np.ndarray:
-    """STATES, now."""
+    """Return the present STATES."""
     out = np.empty((len(STATES), f.n))
     out[:9] = f.vx, f.vy, f.r, f.roll, f.droll, f.pitch, f.dpitch, f.dheave, f.steering_wheel
     out[9:] = f.spin.reshape(4, f.n)
@@ -214,7 +269,8 @@ def _state(f: Fleet) -> np.ndarray:
 def _note(
     out: np.ndarray, f: Fleet, d: Drivers, surface: Surface, grade: np.ndarray, bank: np.ndarray
 ) -> None:
-    """RECORDED, now. Slips and forces are those of the single track: see cars.py."""
+    """Return the present RECORDED; slips and forces are those of the single track
+    (cars.py)."""
     p = f.p
     cos, sin = np.cos(f.steer), np.sin(f.steer)
     lateral = f.vy + p.lf * f.r
@@ -242,7 +298,7 @@ def _note(
 
 
 def _secant(force: np.ndarray, slip: np.ndarray, least: float, ok: np.ndarray) -> np.ndarray:
-    """Force over slip where that can be said."""
+    """Return force over slip where the slip is large enough."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(ok & (np.abs(slip) >= least), force / slip, np.nan)
 
@@ -260,15 +316,15 @@ def _finish(
     log, latency = log_of(car, Motion(time, state), rows, rng)
 
     seen = {name: record.reference[settle:, k, i].astype(float) for k, name in enumerate(RECORDED)}
-    ok = seen["vel_x"] > LEAST_SPEED
+    ok = seen["vel_x"] > MIN_SPEED
     taken = {name: seen[name] for name in RECORDED if name.endswith("_tyre")}
     found = {"time": rows, **{name: x for name, x in seen.items() if name not in taken}}
-    for axis, slip, least in (("x", "slip", LEAST_SLIP), ("y", "alpha", LEAST_ANGLE)):
+    for axis, slip, least in (("x", "slip", MIN_SLIP), ("y", "alpha", MIN_ANGLE)):
         for axle in ("front", "rear"):
             name, force = f"c{axis}_{axle}", seen[f"f{axis}_{axle}"]
             found[name] = _secant(force, seen[f"{slip}_{axle}"], least, ok)
             found[f"{name}_tyre"] = _secant(force, taken[f"{name}_tyre"], least, ok)
-    found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], LEAST_ANGLE, ok)
+    found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], MIN_ANGLE, ok)
     found["cy_rear_axle"] = 1 / (1 / found["cy_rear_tyre"] + car.parameters["compliance_rear"])
     began = float(surface.time[i])
     event = (

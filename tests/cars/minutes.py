@@ -1,6 +1,7 @@
-"""What more minutes of calibration bring: the same cars, calibrated on the first minutes of their drives (README.md).
+"""Calibrate the same cars on the first minutes of their drives (README.md).
 
-    python -m tests.cars.minutes --keep DIR --first SEED [--cars N] [--minutes M ...] [--out FILE]
+    python -m tests.cars.minutes --keep DIR --first SEED [--cars N] [--minutes M ...]
+        [--out FILE]
 
 DIR: that of `python -m tests.cars.study --keep DIR`.
 """
@@ -18,7 +19,7 @@ from tse.calibration import output, workflow
 
 
 def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
-    """Return the logs of FIT that end after so many minutes, written to INTO; none where all are shorter."""
+    """Write the logs of FIT, cut to some minutes, to INTO; empty: all are shorter."""
     into.mkdir(exist_ok=True)
     paths, cut = [], False
     for path in sorted(fit.glob("log_*.csv")):
@@ -31,7 +32,8 @@ def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
 
 
 def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
-    """Return a row per road: estimates of the drives in CAR/test, calibrated on so many minutes of each in CAR/fit."""
+    """Return a row for each road: estimates of CAR/test, calibrated on minutes of
+    CAR/fit."""
     folder = car / f"fit-{minutes:g}"
     logs, vehicle = shortened(car / "fit", minutes, folder), folder / "calibrated.toml"
     if logs:
@@ -63,11 +65,11 @@ def main(arguments: list[str]) -> int:
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
     head = f"""# Minutes of calibration
 
-`python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars} cars with
-14 degrees of freedom, calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on
-another of each. Front longitudinal / front cornering / rear cornering; rows
-after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
+`python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after `python -m
+tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars}
+cars with 14 degrees of freedom, calibrated on the first minutes of a drive on each of
+{", ".join(ROADS)}, and estimated on another of each. Front longitudinal / front cornering / rear
+cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars-fresh.md).
 
 """
     text = (

@@ -1,19 +1,23 @@
-"""A car of 14 degrees of freedom, many at once: body 6, vertical travel of the wheels 4, spin of the wheels 4.
+"""Simulate cars of 14 degrees of freedom: body 6, wheel travel 4, wheel spin 4.
 
-Axes of ISO 8855: x forward, y left, z up; yaw, roll (right side down), pitch (nose down) positive about them. Arrays end in
-the cars: (cars,), per axle (2, cars), per wheel (2 axles, 2 sides, cars) with front, rear and left, right.
+Axes of ISO 8855: x forward, y left, z up; yaw, roll (right side down) and pitch (nose
+down) are positive about them. The last axis of an array is the car: (cars,), by axle
+(2, cars), by wheel (2 axles, 2 sides, cars) with front, rear and left, right.
 
-The road's plane carries the car: vx, vy, yaw rate are those of a frame in it, above whose origin the centre of gravity stands
-at rest. The body heaves, pitches and rolls on it, its angles small; wheels travel vertically. Forces pass to the body through
-springs, dampers, anti-roll bars, and through links, which meet at a roll centre per axle and a pitch centre. Tyres: magic
-formula in normalised slip (Radt & Milliken's similarity, Pacejka ch. 4.2), whose two directions share one curve; see
-README.md for the equations.
+vx, vy and the yaw rate are those of a frame in the plane of the road; at rest the centre
+of gravity is above its origin. The body heaves, pitches and rolls by small angles, and
+wheels travel vertically. Forces reach the body through springs, dampers, anti-roll bars,
+and through links, which meet at a roll centre for each axle and a pitch centre. Tyres:
+magic formula in normalised slip (Radt & Milliken's similarity, Pacejka ch. 4.2), with one
+curve for both directions; see README.md for the equations.
 
-A step costs what calling numpy some 150 times costs, for one car as for twenty. Hence operands of one shape throughout (body
-states are spread over the wheels once a step), constants folded beforehand, and workspace that stays.
+A step costs about 150 calls of numpy, for one car as for twenty. So operands have one
+shape (body states are spread over the wheels once a step), constants are computed
+beforehand, and workspace is kept.
 
-The step is semi-implicit: velocities first, then positions with them, slips of the carcasses implicitly, because their rate
-grows with speed to beyond 1/step; brakes and rolling resistance as friction that can hold a wheel and never turns it back.
+The step is semi-implicit: first velocities, then positions with them. Slips of the
+carcasses are implicit, because their rate grows with speed beyond 1/step. Brakes and
+rolling resistance act as friction that can hold a wheel and never turns it back.
 """
 
 from types import SimpleNamespace
@@ -23,54 +27,57 @@ import numpy as np
 from .cars import AIR, GRAVITY, Car, roll_arm, sprung
 
 STEP = 0.00125  # s
-LOW_SPEED = 2.5  # m/s below which the carcass is damped: the rolling that damps it at speed is not there
-CARCASS_DAMPING = 0.5  # of the critical damping of a quarter of the car on the carcass of its tyre
-MOST_SLIP = 0.6  # of a carcass; on the flat of the curve, so that letting go does not take long
-LEAST_LOAD = 10.0  # N, so that a wheel in the air divides nothing by zero
+LOW_SPEED = 2.5  # m/s: below, the carcass is damped, as rolling does at speed
+CARCASS_DAMPING = 0.5  # share of the critical damping of a quarter car on its carcass
+MAX_CARCASS_SLIP = 0.6  # of a carcass: on the flat of the curve, so that it recovers soon
+MIN_WHEEL_LOAD = 10.0  # N, avoids a division by 0 for a wheel in the air
 STATES = 9  # of the body: vx, vy, r, and heave, roll, pitch, each followed by its rate
-SUMS = 7  # over the wheels: force along, across, yaw moment, springs, their roll and pitch moments, moment about kingpins
+# sums over the wheels: force along, across, yaw moment, springs, their roll and pitch
+# moments, moment about kingpins
+SUMS = 7
 
 
 def _wheels(front: np.ndarray, rear: np.ndarray) -> np.ndarray:
-    """(2, 2, cars) of values per axle."""
+    """Spread values by axle over the wheels: (2, 2, cars)."""
     return np.array([[front, front], [rear, rear]])
 
 
 class Fleet:
-    """Cars side by side: parameters, states, and advance(). States are attributes; see __init__ for their units."""
+    """Cars side by side: parameters, states, and advance(). Units of the states:
+    __init__."""
 
     def __init__(self, cars: list[Car], speed: np.ndarray) -> None:
-        """Cars in straight steady motion at a speed, m/s (cars,)."""
+        """Start cars straight and steady at a speed, m/s (cars,)."""
         p = SimpleNamespace(**{k: np.array([c.parameters[k] for c in cars]) for k in cars[0].parameters})
         self.p, self.n = p, len(cars)
         self._derive([c.parameters for c in cars])
         n = self.n
         self.state = np.zeros((STATES, n))
         self.vx, self.vy, self.r = self.state[:3]  # m/s, m/s, rad/s
-        self.heave, self.dheave, self.roll, self.droll, self.pitch, self.dpitch = self.state[
-            3:
-        ]  # m, rad, 1/s: away from rest
+        # m, rad, 1/s: away from rest
+        self.heave, self.dheave, self.roll, self.droll, self.pitch, self.dpitch = self.state[3:]
         self.vx[:] = speed
         self.travel = np.zeros((2, 2, 2, n))  # m, m/s: of the wheels' centres and its rate
         self.spin = speed / (self.radius + p.radius_by_speed * speed**2)  # rad/s
         self.slip = np.zeros((2, 2, 2, n))  # along, across: slip that the carcasses have taken up, 1
         self.steer, self.dsteer = np.zeros(n), np.zeros(n)  # rad, rad/s: mean angle of the road wheels
         self.steering_wheel = np.zeros(n)  # rad
-        # of the last step, for reference and the driver: forces along and across the wheels, load, N; rolling radius, m
+        # of the last step, for reference and the driver: forces along and across the
+        # wheels, load, N; rolling radius, m
         self.force, self.load = np.zeros((2, 2, 2, n)), self.static.copy()
         self.rolling_radius = self.radius.copy()
-        self.moment, self.side_rear = (
-            np.zeros(n),
-            np.zeros(n),
-        )  # N m, of the front tyres about their kingpins; N, of the rear axle
+        # N m, of the front tyres about their kingpins; N, of the rear axle
+        self.moment, self.side_rear = (np.zeros(n), np.zeros(n))
         self._spread = np.empty((STATES, 2, 2, n))
         self._sums = np.empty((SUMS, 2, 2, n))
         self._sliding, self._rolled = np.empty((2, 2, 2, n)), np.empty((2, 2, 2, n))
-        # the road: friction, stiffness along and across, rolling radius, relative to what they are on a dry road
+        # the road: friction, stiffness along and across, rolling radius, relative to what
+        # they are on a dry road
         self.set_road(*(np.ones((2, 2, n)) for _ in range(4)))
 
     def _full(self, values: np.ndarray | float) -> np.ndarray:
-        """Values per car, or per axle or side and car, in the shape of the wheels, (2, 2, cars)."""
+        """Spread values by car, or by axle or side and car, over the wheels: (2, 2,
+        cars)."""
         return np.array(np.broadcast_to(values, (2, 2, self.n)))
 
     def _derive(self, cars: list[dict[str, float]]) -> None:
@@ -81,7 +88,8 @@ class Fleet:
         self.static = 0.5 * p.mass * GRAVITY / wheelbase * _wheels(p.lr, p.lf)
         self.radius = _wheels(p.radius_front, p.radius_rear)
 
-        # body: it swings on its roll axis, and its inertia force is part of what the side forces accelerate
+        # body: it swings on its roll axis, and its inertia force is part of what the side
+        # forces accelerate
         mass, height, ahead = np.array([sprung(c) for c in cars]).T
         roll, pitch = np.array([roll_arm(c) for c in cars]), height - p.pitch_centre
         self.body_mass, self.body_roll, self.body_pitch = mass, mass * roll, mass * pitch
@@ -98,15 +106,14 @@ class Fleet:
             [_wheels(p.spring_front, p.spring_rear), _wheels(p.damper_front, p.damper_rear)]
         )
         track = np.array([p.track_front, p.track_rear])
-        self.bar = full(
-            (np.array([p.bar_front, p.bar_rear]) / track**2)[:, None]
-        )  # N per m between both sides
+        # N per m between both sides
+        self.bar = full((np.array([p.bar_front, p.bar_rear]) / track**2)[:, None])
         unsprung = _wheels(p.unsprung_front, p.unsprung_rear)
         self.h_unsprung, self.h_static = h / unsprung, h * self.static / unsprung
         self.tyre_spring = full(p.tyre_spring)
 
-        # what links and the wheels' own inertia move from left to right and from front to rear, per N of the axle's, the
-        # car's force
+        # what links and the wheels' own inertia move from left to right and from front to
+        # rear, per N of the axle's, the car's force
         radius = np.array([p.radius_front, p.radius_rear])
         own = 2 * np.array([p.unsprung_front, p.unsprung_rear]) / (2 * self.static[:, 0] / GRAVITY)
         self.link_roll = (
@@ -123,9 +130,8 @@ class Fleet:
         self.brake_share = 0.5 * _wheels(p.brake_front, 1 - p.brake_front)
         self.resistance = p.rolling_resistance * self.static * self.radius
         self.roll_steer = _wheels(-p.roll_steer_front, p.roll_steer_rear)
-        self.toe = np.array(
-            [[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]]
-        )  # inwards: the left wheel to the right
+        # inwards: the left wheel to the right
+        self.toe = np.array([[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]])
         self.ackermann = p.ackermann * p.track_front / (2 * wheelbase)
         self.by_wheel = 1 / p.steering_ratio
         self.keep_dsteer = 1 - 2 * h * p.steering_damping * p.steering_frequency
@@ -142,10 +148,11 @@ class Fleet:
         carcass = stiffness / np.array([p.relaxation_x, p.relaxation_y])[:, None, None]  # N/m
         damping = 2 * CARCASS_DAMPING * np.sqrt(carcass * p.mass / 4)
         self.slip_by_damping = damping / stiffness  # s/m: as slip, per m/s of the contact patch
-        self.spin_damping = h * self.radius**2 * damping[0]  # kg m2: what makes that implicit for the spin
+        self.spin_damping = h * self.radius**2 * damping[0]  # kg m2: makes the damping implicit for the spin
         self.deflection = full(p.radius_by_deflection / p.tyre_spring)  # m/N
         self.by_peak_load = full(1 / p.cornering_peak_load)
-        # cornering stiffness 2 c u/(1 + u^2), u = load/peak load, through its value at static load; along, per load
+        # cornering stiffness 2 c u/(1 + u^2), u = load/peak load, through its value at
+        # static load; along, per load
         self.cornering_per_load = (
             _wheels(p.cornering_front, p.cornering_rear)
             * (1 + (self.static * self.by_peak_load) ** 2)
@@ -160,10 +167,11 @@ class Fleet:
     def set_road(
         self, friction: np.ndarray, along: np.ndarray, across: np.ndarray, radius: np.ndarray
     ) -> None:
-        """What the road and the pressure make of friction, stiffness along and across, rolling radius: factors, (2, 2,
-        cars)."""
+        """Set the factors of road and pressure: friction, both stiffnesses, radius (2,
+        2, cars)."""
         p = self.p
-        # stiffness along over load is linear in load, so is friction; what is normalised by friction is folded in
+        # stiffness along over load is linear in load, so is friction; what is normalised
+        # by friction is folded in
         self.stiff_x0 = along * self.slip_per_load * (1 - p.slip_stiffness_by_load) / p.mu_x_ratio
         self.stiff_x1 = along * self.slip_per_load * p.slip_stiffness_by_load / self.static / p.mu_x_ratio
         self.stiff_y = across * self.cornering_per_load
@@ -180,9 +188,20 @@ class Fleet:
         gravity: np.ndarray,
         uneven: np.ndarray | None,
     ) -> None:
-        """So many steps of STEP. steering_wheel: rad, reached in equal parts at the end of them; drive: N m per wheel, (2, 2,
-        cars); brake: N m per wheel, positive; gravity: (3, cars), m/s2, along x, y of the road's plane and into it, with what
-        crests and dips add; uneven: height of the road under each wheel at each step, m, (steps, 2, 2, cars)."""
+        """Advance by steps of STEP.
+
+        Parameters
+        ----------
+        steering_wheel
+            rad, reached linearly at the end.
+        drive, brake
+            N m a wheel, (2, 2, cars); brake > 0.
+        gravity
+            (3, cars), m/s2, along x, y of the road's plane and into it, with crests and
+            dips.
+        uneven
+            Height of the road under each wheel at each step, m, (steps, 2, 2, cars).
+        """
         p, h, n = self.p, STEP, self.n
         state, spread, sums, sliding, rolled = (
             self.state,
@@ -215,7 +234,7 @@ class Fleet:
             self.steer = self.steer + h * self.dsteer
             angle = self.roll_steer * u_roll
             angle += self.toe
-            outer = self.ackermann * self.steer * self.steer  # the inner wheel turns more, whichever it is
+            outer = self.ackermann * self.steer * self.steer  # the inner wheel turns more
             angle[0, 0] += self.steer + outer
             angle[0, 1] += self.steer - outer
             angle[1] -= p.compliance_rear * self.side_rear
@@ -225,7 +244,7 @@ class Fleet:
             u, v = u_vx - self.y * u_r, u_vy + self.x * u_r
             along = u * cos + v * sin
             load = np.maximum(
-                (ground if uneven is None else ground[k]) - self.tyre_spring * travel, LEAST_LOAD
+                (ground if uneven is None else ground[k]) - self.tyre_spring * travel, MIN_WHEEL_LOAD
             )
             radius = free_radius - self.deflection * load
             # -- slips: first-order relaxation over the distance rolled
@@ -233,7 +252,7 @@ class Fleet:
             np.subtract(u * sin, v * cos, out=sliding[1])
             np.copyto(rolled, np.abs(along))
             slip = (self.slip + self.relax * sliding) / (self.relax * rolled + 1.0)
-            slip = np.minimum(np.maximum(slip, -MOST_SLIP), MOST_SLIP)
+            slip = np.minimum(np.maximum(slip, -MAX_CARCASS_SLIP), MAX_CARCASS_SLIP)
             self.slip = slip
             if slow:
                 fade = np.maximum(1 - rolled[0] / LOW_SPEED, 0)
@@ -291,7 +310,8 @@ class Fleet:
             state[3::2] += h * state[4::2]
             dtravel += self.h_unsprung * (load - springs - links) - held_back
             travel += h * dtravel
-            # -- spin: free of brakes first, then as far towards standing still as they can
+            # -- spin: free of brakes first, then as far towards standing still as they
+            # can
             if slow:
                 h_spin = h / (self.inertia + fade * self.spin_damping)
                 held = h_spin * friction

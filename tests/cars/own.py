@@ -1,9 +1,11 @@
-"""An uncalibrated car, estimated with and without a calibration on the log itself (tse/calibration/own.py): cars of a study,
-and real logs. The manoeuvres of the simulator (uncalibrated.py) are too short or too straight for one.
+"""Estimate an uncalibrated car with and without a calibration on the log itself.
 
     python -m tests.cars.own --keep DIR --first SEED [--cars N] [--out FILE]
 
-DIR is what `python -m tests.cars.study --keep DIR` has driven and calibrated. The vehicle file of `cars.py` is all that is known.
+The calibration is that of tse/calibration/own.py, on cars of a study and on real logs.
+The manoeuvres of the simulator (uncalibrated.py) are too short or too straight for it.
+DIR: that of `python -m tests.cars.study --keep DIR`. Only the vehicle file of `cars.py`
+is known.
 """
 
 import sys
@@ -29,21 +31,19 @@ from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
-SHARES = (
-    0.5,
-    0.7,
-    np.inf,
-)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
+# of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
+SHARES = (0.5, 0.7, np.inf)
 AXLES = ("cy_front", "cy_rear")
 
 
 def calibrated(vehicle: Vehicle, log: CheckedLog) -> Vehicle:
-    """Return the car as `tselab estimate` takes it: calibrated on the log, or of its class."""
+    """Return the car of `tselab estimate`: calibrated on the log, or of its class."""
     return own.calibrate_once(vehicle, [log]).apply_to(vehicle)
 
 
 def with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
-    """Return settings whose prior of the stiffness has so much of the posterior sd, at most that of the class."""
+    """Return settings with a share of the posterior sd as prior, up to that of the
+    class."""
     config, _ = make_config(vehicle, log)
     ordinary = make_filter_values(Vehicle(None, "", dict(vehicle.values), dict(vehicle.facts)))
     for key in AXLES:
@@ -53,12 +53,12 @@ def with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
 
 
 def named(share: float) -> str:
-    """What a share of the posterior sd is called."""
+    """Return the name of a share of the posterior sd."""
     return "... with the sd of the class" if share == np.inf else f"... with {share:g} of its sd"
 
 
 def of_cars(folder: Path, count: int) -> pd.DataFrame:
-    """A row per drive and way of calibration."""
+    """Return a row for each drive and way of calibration."""
     rows: list[dict[str, Any]] = []
     others = sum((folder / f"car{k}" / "calibrated.toml").exists() for k in range(count))
     for k, road in tqdm([(k, r) for k in range(count) for r in ROADS], unit="log", file=sys.stderr):
@@ -83,7 +83,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
 
 
 def of_real(scratch: Path) -> list[str]:
-    """The real logs as Markdown, before and after."""
+    """Return the real logs as Markdown, before and after."""
     lines = []
     for name in sorted(p.parent.name for p in DATA.glob("*/data.csv")):
         path = DATA / name / "vehicle.toml"
@@ -104,7 +104,10 @@ def of_real(scratch: Path) -> list[str]:
                 said = made.found["why"]
             keys = ("cy_front", "cy_front valid", "cy_rear", "cy_rear valid", "changes", "sideslip")
             lines.append([name, who, *(r[key] for key in keys), said])
-    head = "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|sideslip off by, rms [deg]"
+    head = (
+        "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|"
+        "sideslip off by, rms [deg]"
+    )
     return markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
 
 
@@ -121,17 +124,18 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`:
 what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
-- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the posterior is the
-  prior of the cornering stiffness. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
-  a drive of each road, to compare with; of the first cars.
-- A narrower prior than the posterior keeps what all rows show together, and is surer than they are; a wider one lets the filter
-  learn the stiffness anew, with its own errors.
+- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the posterior
+  is the prior of the cornering stiffness. The lines below it: other shares, and the sd of the
+  class. *{OTHERS}*: `tselab calibrate` on a drive of each road, to compare with; of the first cars.
+- A narrower prior than the posterior keeps what all rows show together, and is surer than they are;
+  a wider one lets the filter learn the stiffness anew, with its own errors.
 
 ## Cars with 14 degrees of freedom
 
-{given.cars} cars, a drive of each of {", ".join(ROADS)}; the calibration was used in {used} of {given.cars * len(ROADS)}. Front
-longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s; *off*: share of the valid ones that are more than
-{100 * OFF:.0f} % from the secant; *holds*: of all rows with a truth.
+{given.cars} cars, a drive of each of {", ".join(ROADS)}; the calibration was used in {used} of
+{given.cars * len(ROADS)}. Front longitudinal / front cornering / rear cornering; rows after
+{SETTLED:g} s; *off*: share of the valid ones that are more than {100 * OFF:.0f} % from the secant;
+*holds*: of all rows with a truth.
 
 """
     text += "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
@@ -139,8 +143,9 @@ longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s; *off*
 
 ## Real logs
 
-Columns as in [real logs](real.md); *valid*: of the rows in whose last 20 s the lateral acceleration exceeded 1 m/s2. The 250 LM by
-regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
+Columns as in [real logs](real.md); *valid*: of the rows in whose last 20 s the lateral acceleration
+exceeded 1 m/s2. The 250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114
+162] kN/rad.
 
 """
     text += "\n".join(real)

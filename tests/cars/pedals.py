@@ -1,10 +1,11 @@
-"""Longitudinal stiffness with and without a brake switch and wheel torques, on driven cars (tests.cars.study).
+"""Estimate longitudinal stiffness with and without brake switch and wheel torques.
 
     python -m tests.cars.pedals --drives DIR [--out FILE]
 
-The switch is on from 50 N of braking. Torques are off by a scale - 7 % of a model of the engine, 10 % of each axle's brakes, sd -
-by 5 .. 20 N m of noise, and late by up to 60 ms. *Not said*: the vehicle file does not say which axle is driven, as of a car whose
-other axle is driven on demand.
+DIR: driven cars (tests.cars.study). The switch is on from 50 N of brake force. Torques
+have a scale error (sd 7 % for a model of the engine, 10 % for the brakes of each axle),
+5 .. 20 N m of noise, and up to 60 ms of latency. *Not said*: the vehicle file has no
+driven axle, as for a car whose other axle is driven on demand.
 """
 
 import argparse
@@ -27,7 +28,8 @@ KEY = "cx_front"
 
 
 def runs(car: Path) -> list[dict[str, Any]]:
-    """Return the scores of a calibrated car on its test drives, a line for each road and way."""
+    """Return the scores of a calibrated car on its test drives, a line for each road
+    and way."""
     truth, found = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")), []
     for n, road in enumerate(ROADS):
         log, table, true = driven(car / "test", road)
@@ -64,7 +66,10 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     cars = sorted(p for p in given.drives.glob("car*") if (p / "found.json").is_file())
     table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in runs(car)])
-    head = "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|95 % interval holds [%]|changes"
+    head = (
+        "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|"
+        "95 % interval holds [%]|changes"
+    )
     rows = [
         line(list(key), group)
         for parts in (table.assign(road="all"), table)
@@ -74,12 +79,14 @@ def main(arguments: list[str]) -> int:
     who = read_vehicle(cars[0] / "fit" / "car.toml").name
     text = f"""# Longitudinal stiffness with brake switch and wheel torques
 
-`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: {len(cars)} calibrated cars of tests/cars from
-{who} on; front longitudinal stiffness against the secant of the row, rows after 20 s and above 3 m/s. The switch is
-on from 50 N of braking; torques are off by a scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise,
-and late by up to 60 ms. *Not said*: the file of a car with one driven axle does not say which, as of one whose other axle is
-driven on demand. *both*: driven axles share the torque as they share the load, within a tenth. The front tyres of a rear-driven
-car show a stiffness only while it brakes, that is with more load than at rest.
+`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: {len(cars)}
+calibrated cars of tests/cars from {who} on; front longitudinal stiffness against the secant of the
+row, rows after 20 s and above 3 m/s. The switch is on from 50 N of braking; torques are off by a
+scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise, and late by up to 60
+ms. *Not said*: the file of a car with one driven axle does not say which, as of one whose other
+axle is driven on demand. *both*: driven axles share the torque as they share the load, within a
+tenth. The front tyres of a rear-driven car show a stiffness only while it brakes, that is with more
+load than at rest.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")

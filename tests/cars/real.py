@@ -1,10 +1,11 @@
-"""Calibration and estimator on the real logs that stand beside the checkout (../shared/data); nothing where they do not.
+"""Calibrate and estimate the real logs in ../shared/data, if they are there.
 
     python -m tests.cars.real [--data DIR] [--keep DIR] [--out FILE]
 
-Each log is calibrated whole, and its first and its second half alone; then all of it is estimated with each of these, with the
-vehicle file as it was, and, where two logs are of one car, with the other's calibration. Nobody knows these tyres: what can be
-compared is the lateral velocity, where it was measured, and one answer with the other.
+Each log is calibrated whole, and by its first and its second half. Then it is estimated
+with each of these, with the vehicle file as it was, and with the calibration of the other
+log of the same car, if there is one. The truth of these tyres is unknown: the comparison
+is with the measured lateral velocity, if there is one, and between the estimates.
 """
 
 import argparse
@@ -26,16 +27,14 @@ from tse.library.core import NOMINAL, Config
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SAME_CAR = (("genesis_cpg_fast", "genesis_rfs"),)
-ALIGNED = (
-    *SAME_CAR[0],
-    "stanford_250lm_a",
-)  # whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
+# whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
+ALIGNED = (*SAME_CAR[0], "stanford_250lm_a")
 SETTLED, FAST = 20.0, 8.0  # s, m/s: rows that count
 CORNERING = ("cy_front", "cy_rear")
 
 
 def halves(path: Path, folder: Path) -> dict[str, Path]:
-    """The log, and both halves of it as logs of their own."""
+    """Return the log, and both halves of it as logs."""
     table = pd.read_csv(path)
     parts = {"whole": path}
     for name, rows in (
@@ -48,7 +47,8 @@ def halves(path: Path, folder: Path) -> dict[str, Path]:
 
 
 def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
-    """A log, or half of it: the calibrated vehicle file, and whether the search converged."""
+    """Return the calibrated vehicle file of a log or half, and whether the search
+    converged."""
     name, log, part, folder = job
     result = workflow.run([log], DATA / name / "vehicle.toml", [], 1, lambda _: None)
     path = folder / f"{name}_{part.replace(' ', '_')}.toml"
@@ -57,8 +57,11 @@ def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
 
 
 def posterior(vehicle: Path) -> tuple[str, str]:
-    """The sd that a calibration leaves of both cornering stiffnesses, %, and what it would leave were all else of the car known:
-    conditional on it. Shorter logs and a model that fits worse leave more."""
+    """Return the posterior sd of both cornering stiffnesses, %, and the conditional one.
+
+    The conditional sd is that with all other unknowns known. Both are larger for shorter
+    logs and a worse fit of the model.
+    """
     known = read_vehicle(vehicle).calibration
     if not known:
         return "-", "-"
@@ -72,21 +75,24 @@ def posterior(vehicle: Path) -> tuple[str, str]:
 
 
 def formula(config: Config, out: np.ndarray) -> np.ndarray:
-    """Return the sideslip of doing nothing, rad: l_r r/v - F_r/C_r with the vehicle file's stiffness and F_r of a steady turn."""
+    """Return the sideslip of a steady turn without a filter, rad: l_r r/v - F_r/C_r.
+
+    With the stiffness of the vehicle file.
+    """
     v, r = np.maximum(out["vel_x"], 1.0), out["yaw_rate"]
     share = config.mass * config.lf / (config.lf + config.lr) / config.cornering_stiffness_rear
     return config.lr * r / v - share * v * r
 
 
 def lively(time: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Return the rows in whose last 20 s the lateral acceleration exceeded 1 m/s2."""
+    """Return the rows with a lateral acceleration above 1 m/s2 within their last 20 s."""
     across = np.abs(out["vel_x"] * out["yaw_rate"]) > 1.0
     last = np.maximum.accumulate(np.where(across, time, -np.inf))
     return time - last < SETTLED
 
 
 def row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
-    """What is estimated of a log with a vehicle file."""
+    """Return the estimates of a log with a vehicle file, as a row."""
     log = read_log(DATA / name / "data.csv")
     out, config = estimated(vehicle, log)
     handbook, _ = make_config(read_vehicle(DATA / name / "vehicle.toml"), log)
@@ -161,15 +167,16 @@ def main(arguments: list[str]) -> int:
     lines += ["| " + " | ".join(r[key] for key in heads) + " |" for r in rows]
     text = f"""# Real logs
 
-`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an ordinary car of its class), and
-with calibrations of the whole log, of its halves and of another log of the same car. *Sd of the calibration*: its posterior
-of front and rear cornering stiffness, with the mass as in the file; *were the rest known*: latencies, steering ratio, inertia
-and all else that it finds beside them. Stiffness at no slip with its 95 % interval: medians of the last third, above
-{FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the
-lateral acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the stiffness of the
-vehicle file, or that of the class. The reference of vel_y is as good as its alignment to the car, which was fitted: 0.3 deg of
-sideslip are a heading that is 0.3 deg off. The 250 LM by regression with the sideslip known: front 82 [78 92], rear
-121 [114 162] kN/rad.
+`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an
+ordinary car of its class), and with calibrations of the whole log, of its halves and of another log
+of the same car. *Sd of the calibration*: its posterior of front and rear cornering stiffness, with
+the mass as in the file; *were the rest known*: latencies, steering ratio, inertia and all else that
+it finds beside them. Stiffness at no slip with its 95 % interval: medians of the last third, above
+{FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the lateral
+acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the
+stiffness of the vehicle file, or that of the class. The reference of vel_y is as good as its
+alignment to the car, which was fitted: 0.3 deg of sideslip are a heading that is 0.3 deg off. The
+250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")

@@ -1,7 +1,8 @@
-"""Roads drawn at random, and what happens on them: curvature, wanted speed, lanes, slopes, unevenness; ice, water, a flat tyre.
+"""Draw roads at random: curvature, speed, lanes, slopes, unevenness, events.
 
-Roads are given over their length on a grid of 1 m; arrays are (points, cars). Curvature positive to the left; grade positive
-uphill; bank positive where the left side is higher (it turns the car about +x).
+Events are ice, water and a flat tyre. Roads are given over their length on a grid of 1 m;
+arrays are (points, cars). Curvature is positive to the left, grade uphill, and bank with
+the left side higher (it turns the car about +x).
 """
 
 import math
@@ -16,31 +17,36 @@ KMH = 1 / 3.6
 ROADS = ("highway", "mountain", "city")
 LANE = 3.6  # m
 TABLE = 40_000  # points of the unevenness, 0.1 m each; the road repeats itself after 4 km
-GRADE_RMS = {
-    "highway": (0.0, 0.02),
-    "mountain": (0.01, 0.04),
-    "city": (0.0, 0.02),
-}  # drawn in here unless it is asked for
+# drawn in here unless it is asked for
+GRADE_RMS = {"highway": (0.0, 0.02), "mountain": (0.01, 0.04), "city": (0.0, 0.02)}
 SCENARIOS = {
     "dry": "nothing happens",
     "ice": "friction 0.25 .. 0.4 of the dry road's, stiffness 0.4 .. 0.65, from a place on",
     "split": "the same on one side of the car only",
-    "aquaplaning": "for 3 s front tyres at 0.1 .. 0.25 of friction, 0.15 .. 0.4 of stiffness, rear ones in their wake 0.4 .. 0.7",
+    "aquaplaning": (
+        "for 3 s front tyres at 0.1 .. 0.25 of friction, 0.15 .. 0.4 of stiffness, rear ones "
+        "in their wake 0.4 .. 0.7"
+    ),
     "low_limit": "friction 0.45 .. 0.6, the same stiffness, from a place on",
     "snow": "friction 0.4 .. 0.55 of the dry road's, stiffness 0.55 .. 0.75, from a place on",
     "wet": "friction 0.7 .. 0.85 of the dry road's, stiffness 0.75 .. 0.85, from a place on",
     "front_axle": "tyres of the front axle lose 20 % of stiffness within 20 s",
     "rear_axle": "tyres of the rear axle lose 20 % of stiffness within 20 s",
-    "pressure": "one tyre loses pressure over 1 .. 3 min: stiffness across 0.6 .. 0.8, along 1.0 .. 1.1, radius -0.5 .. -1 %",
-}  # fmt: skip
+    "pressure": (
+        "one tyre loses pressure over 1 .. 3 min: stiffness across 0.6 .. 0.8, along 1.0 .. "
+        "1.1, radius -0.5 .. -1 %"
+    ),
+}
 
 LASTS = {"aquaplaning": 3.0}  # s; all others stay
 
 
 @dataclass
 class Road:
-    """Roads of all cars, (points, cars); stops: where and for how long, m, s, (stops, cars), infinite where there are no
-    more."""
+    """Roads of all cars, (points, cars).
+
+    stops: place and duration, m and s, (stops, cars); infinite: no further stop.
+    """
 
     curvature: np.ndarray
     speed: np.ndarray
@@ -50,10 +56,10 @@ class Road:
     stop_at: np.ndarray
     stop_for: np.ndarray
     roughness: np.ndarray  # 1 per car: of the unevenness, relative to class A of ISO 8608
-    starts_at: np.ndarray  # places in the table of unevenness, per car, points
+    starts_at: np.ndarray  # points: places in the table of unevenness, by car
 
     def at(self, profile: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """A profile at places, m, (cars,), linear between points."""
+        """Interpolate a profile at places, m, (cars,)."""
         x = np.minimum(np.maximum(place, 0.0), len(profile) - 2.0)
         i = x.astype(np.intp)
         here = profile[i, self._cars]
@@ -64,8 +70,11 @@ class Road:
         self._table = _unevenness()
 
     def uneven(self, place: np.ndarray) -> np.ndarray:
-        """Height of the road, m, under left and right wheels at places of axles, m: (steps, 2 axles, cars) -> (steps, 2, 2,
-        cars)."""
+        """Return the height of the road, m, under left and right wheels at places of
+        axles, m.
+
+        (steps, 2 axles, cars) -> (steps, 2, 2, cars).
+        """
         x = place * 10 + self.starts_at
         i = np.floor(x)
         part = (x - i)[..., None]
@@ -75,9 +84,12 @@ class Road:
 
 
 def _unevenness() -> np.ndarray:
-    """Left and right track of class A (ISO 8608: 16e-6 m3 at 0.1 1/m, falling with the square), (TABLE, 2), m. The same for
-    everybody, each begins elsewhere. Waves longer than 3 m are common to both tracks, and the tyre's footprint swallows those
-    below 0.3 m."""
+    """Draw left and right track of class A, (TABLE, 2), m.
+
+    ISO 8608: 16e-6 m3 at 0.1 1/m, falling with the square. One table serves all roads,
+    with different starts. Waves longer than 3 m are common to both tracks, and the
+    footprint of the tyre removes those below 0.3 m.
+    """
     rng = np.random.default_rng(8608)
     n = np.fft.rfftfreq(TABLE, 0.1)
     density = np.where(n > 0.015, 16e-6 * (0.1 / np.maximum(n, 1e-9)) ** 2, 0) / (1 + (n / 3.0) ** 4)
@@ -95,16 +107,25 @@ def _unevenness() -> np.ndarray:
 
 
 def _smooth(x: np.ndarray, over: float) -> np.ndarray:
-    """Running mean over so many metres, twice: arcs get transitions whose curvature changes smoothly."""
+    """Apply a running mean twice: the curvature then changes smoothly between arcs."""
     k = max(round(over / 2), 1)
     kernel = np.convolve(np.ones(k), np.ones(k))
     padded = np.pad(x, len(kernel) // 2, mode="edge")
     return np.convolve(padded, kernel / kernel.sum(), mode="valid")[: len(x)]
 
 
-def _arcs(rng: np.random.Generator, n: int, straight: tuple[float, float], radius: tuple[float, float], turn: tuple[float, float],
-          transition: float) -> np.ndarray:  # fmt: skip
-    """Curvature of straights and arcs in turn: lengths of straights in m, radii in m, angles of arcs in degrees."""
+def _arcs(
+    rng: np.random.Generator,
+    n: int,
+    straight: tuple[float, float],
+    radius: tuple[float, float],
+    turn: tuple[float, float],
+    transition: float,
+) -> np.ndarray:
+    """Draw the curvature of straights and arcs in turn.
+
+    Lengths of straights in m, radii in m, angles of arcs in degrees.
+    """
     curvature, at = np.zeros(n), 60.0
     side = rng.choice([-1.0, 1.0])
     while at < n:
@@ -185,17 +206,14 @@ def _city(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
 
 DRAW = {"highway": _highway, "mountain": _mountain, "city": _city}
 COMFORT = {"highway": (1.5, 2.5), "mountain": (2.3, 4.2), "city": (1.8, 3.2)}  # m/s2, lateral, in curves
-BRAKING = {
-    "highway": (0.8, 1.6),
-    "mountain": (1.5, 2.8),
-    "city": (1.3, 2.3),
-}  # m/s2, where the road asks for less speed
+# m/s2, where the road asks for less speed
+BRAKING = {"highway": (0.8, 1.6), "mountain": (1.5, 2.8), "city": (1.3, 2.3)}
 FASTEST = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
 SLOWEST = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
 
 
 def _waves(rng: np.random.Generator, n: int, rms: float, lengths: tuple[float, float]) -> np.ndarray:
-    """Eight sines over the length, of that rms together."""
+    """Return eight sines over the length with this rms together."""
     s, x = np.arange(n), np.zeros(n)
     for _ in range(8):
         wave = np.exp(rng.uniform(*np.log(lengths)))
@@ -211,8 +229,17 @@ def draw_roads(
     grade_rms: float | None,
     even: bool,
 ) -> Road:
-    """A road for each car from its own stream, long enough for a duration in s. hills: slopes and crossfall at all;
-    grade_rms: rad, None: drawn; even: no unevenness."""
+    """Draw a road for each car from its own stream, long enough for a duration in s.
+
+    Parameters
+    ----------
+    hills
+        The road has slopes and crossfall.
+    grade_rms
+        rad; None: drawn.
+    even
+        No unevenness.
+    """
     n = int(FASTEST[name] * duration) + 400
     columns = []
     for rng in streams:
@@ -263,8 +290,11 @@ def draw_roads(
 
 
 class Surface:
-    """What a scenario makes of the road under each wheel. It begins at a time of its own per car, as soon after it as the car
-    is doing nothing that the new road would not bear: ice in the middle of a hairpin is an accident, not a drive."""
+    """The surface under each wheel in a scenario.
+
+    It begins at a time of its own for each car, as soon as the new road can bear the
+    present motion: ice in the middle of a hairpin would be an accident.
+    """
 
     # m/s2, lateral acceleration below which it may begin
     CALM: ClassVar[dict[str, float]] = {
@@ -281,7 +311,11 @@ class Surface:
         event_time: float | None,
         x: np.ndarray,
     ) -> None:
-        """event_time: s, None: drawn from the middle of the log; x: places of the wheels, m, (2, 2, cars)."""
+        """Start without an event.
+
+        event_time: s; None: drawn from the middle of the log. x: places of the wheels, m,
+        (2, 2, cars).
+        """
         n = len(streams)
         self.scenario, self.x = scenario, x
         self.time = np.full(n, np.inf)  # s, when it began
@@ -323,8 +357,10 @@ class Surface:
             self.takes[i] = min(u(60, 180), 0.35 * duration)
 
     def follow(self, time: float, place: np.ndarray, lateral: np.ndarray) -> bool:
-        """What is under the wheels at a time, s, and place, m; lateral: m/s2, what the car does and the driver is about to
-        ask for. Whether it has changed."""
+        """Update the surface at a time, s, and place, m; return whether it has changed.
+
+        lateral: m/s2, of the car now and of the driver's next demand.
+        """
         if self.scenario == "dry":
             return False
         begin = (time >= self.wanted) & np.isinf(self.time) & (lateral < self.CALM[self.scenario])

@@ -1,10 +1,11 @@
-"""What a production car logs of its motion: steering angle, wheel speeds, IMU through a bus, at 100 Hz.
+"""Log the motion as a production car: steering angle, wheel speeds, IMU by a bus, 100 Hz.
 
-Every channel is sampled at instants of its own: the time of the row less the channel's latency, with jitter; wheel speeds
-perhaps at every second row only; a message that is not there yet leaves the last one standing. The latency in truth.json is
-what came of it: the mean age of what a row holds, the delay of the IMU's filter and of the wheels' pulses included. Only
-differences between channels show in a log: an age below the delay of its own filter means that the log's clock is that much
-ahead, and is allowed.
+Every channel is sampled at its own times: the time of the row less the latency of the
+channel, with jitter. Wheel speeds may come in every second row only. If a message is
+missing, the last one is held. The latency in truth.json is the resulting mean age of the
+value of a row, with the delay of the IMU's filter and of the wheel pulses. Only
+differences between channels show in a log: an age below the delay of its own filter means
+that the clock of the log is ahead by this time, and is allowed.
 """
 
 from dataclasses import dataclass
@@ -17,21 +18,34 @@ from .cars import CHANNELS, Car, roll_arm, sprung
 
 FINE = 0.005  # s between records of the motion
 ROW = 0.01  # s between rows of the log
-STATES = ("vx", "vy", "r", "roll", "droll", "pitch", "dpitch", "dheave", "steering_wheel", "spin_fl", "spin_fr", "spin_rl",
-          "spin_rr")  # fmt: skip
+STATES = (
+    "vx",
+    "vy",
+    "r",
+    "roll",
+    "droll",
+    "pitch",
+    "dpitch",
+    "dheave",
+    "steering_wheel",
+    "spin_fl",
+    "spin_fr",
+    "spin_rl",
+    "spin_rr",
+)
 SLOPES = ("gx", "gy", "gz")  # m/s2, gravity along x, y of the road and into it
 
 
 @dataclass
 class Motion:
-    """One car's motion: time, s, every FINE; STATES and SLOPES by name."""
+    """Motion of one car: time, s, every FINE; STATES and SLOPES by name."""
 
     time: np.ndarray
     state: dict[str, np.ndarray]
 
 
 def _mount(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Matrix that gives a vector's components in axes turned by these angles (yaw first), rad."""
+    """Return the matrix that turns vectors into axes at these angles (yaw first), rad."""
     cr, sr, cp, sp, cy, sy = (
         np.cos(roll),
         np.sin(roll),
@@ -50,9 +64,12 @@ def _mount(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def imu(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Specific force along x, y and turn rate about z of a perfect IMU where it is mounted: times, s, and (3, times).
+    """Return times, s, and specific force along x, y and yaw rate of a perfect IMU, (3,
+    times).
 
-    Accelerations are differences of velocities over FINE, that is their means between two records; times are the middles."""
+    It is at its place in the car. Accelerations are differences of velocities over FINE,
+    i.e. means between two records; times are the middles.
+    """
     p, q, m = car.parameters, car.sensors, motion.state
 
     def rate(name: str) -> np.ndarray:
@@ -88,7 +105,10 @@ def _quantised(x: np.ndarray, step: float) -> np.ndarray:
 def _instants(
     rows: np.ndarray, latency: float, period: float, sensors: dict[str, Any], rng: np.random.Generator
 ) -> np.ndarray:
-    """When what each row holds was sampled, s; a row that holds an older sample has its instant. Mean age: the latency."""
+    """Return the sample time, s, of the value of each row, and the mean age: the latency.
+
+    A row that holds an older sample has the time of that sample.
+    """
     every = round(period / ROW)
     jitter = rng.uniform(-1, 1, len(rows)) * sensors["jitter"]
     index = np.arange(len(rows))
@@ -100,7 +120,7 @@ def _instants(
 
 
 def _per_sample(instants: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Noise that stays as long as the sample does."""
+    """Return noise that stays constant as long as its sample."""
     changed = np.diff(instants, prepend=-np.inf) != 0
     return noise[np.maximum.accumulate(np.where(changed, np.arange(len(noise)), 0))]
 
@@ -108,8 +128,12 @@ def _per_sample(instants: np.ndarray, noise: np.ndarray) -> np.ndarray:
 def _pulses(
     time: np.ndarray, spin: np.ndarray, at: np.ndarray, teeth: int, window: float, pitch: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Speed of a wheel, rad/s, from the pulses that its toothed ring gave within a window before each instant, and how old
-    that is on average, s. pitch: what each tooth is misplaced by, in teeth. None in 0.3 s: standing still."""
+    """Return the speed of a wheel, rad/s, from pulses within a window, and its mean age,
+    s.
+
+    pitch: misplacement of each tooth, in teeth. Without a pulse in 0.3 s the wheel
+    stands.
+    """
     step = 2 * np.pi / teeth
     turned = (
         np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1])) * FINE])) / step
@@ -123,9 +147,8 @@ def _pulses(
     first = np.minimum(np.searchsorted(when, at - window, side="right") - 1, last - 1)
     ok = (first >= 0) & (last >= 1)
     first, last = np.maximum(first, 0), np.maximum(last, 1)
-    took = np.maximum(
-        when[last] - when[first], at - when[last]
-    )  # it cannot be faster than the pulse that is missing
+    # it cannot be faster than the pulse that is missing
+    took = np.maximum(when[last] - when[first], at - when[last])
     speed = np.where(ok & (at - when[last] < 0.3), step * (last - first) / np.maximum(took, 1e-6), 0.0)
     fast = ok & (speed > 15.0)
     age = float(np.mean((at - 0.5 * (when[last] + when[first]))[fast])) if fast.any() else 0.5 * window
@@ -135,7 +158,8 @@ def _pulses(
 def log_of(
     car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """The log at times of rows, s, (begins at 0), and the latency of each channel, s, as it came out."""
+    """Return the log at times of rows, s, (from 0), and the resulting latency by
+    channel, s."""
     q, m, nominal = car.sensors, motion.state, car.vehicle
     log = {"time": rows - rows[0]}
     latency: dict[str, float] = {}
@@ -187,8 +211,11 @@ def log_of(
 def pedals_of(
     q: dict[str, Any], reference: dict[str, np.ndarray], rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Return brake switch and wheel torques as sensors q log them: by a model of the engine and the brakes' pressure, each with a
-    scale that is off, all late."""
+    """Return brake switch and wheel torques as sensors q log them.
+
+    Torques are those of a model of the engine and of the brake pressure, with a scale
+    error and a latency.
+    """
     time, n = reference["time"], len(reference["time"])
 
     def late(name: str) -> np.ndarray:

@@ -1,10 +1,11 @@
-"""The build with TSE_SMALL beside the full filter and the constant of the calibration, on the same calibrated cars (README.md)
-and on real logs.
+"""Compare the build with TSE_SMALL with the full filter and with a constant (README.md).
 
-    python -m tests.cars.small --keep DIR --first SEED [--cars N] [--real DIR] [--out FILE]
+    python -m tests.cars.small --keep DIR --first SEED [--cars N] [--real DIR]
+        [--out FILE]
 
-DIR: that of `python -m tests.cars.study --keep DIR`; with --real that of `python -m tests.cars.real --keep DIR`: two drives of
-one car, each with the calibration of the other.
+DIR: that of `python -m tests.cars.study --keep DIR`, with the same calibrated cars; with
+--real that of `python -m tests.cars.real --keep DIR`: two drives of one car, each with
+the calibration of the other.
 """
 
 import json
@@ -39,7 +40,10 @@ FULL, LITTLE, FIXED = "full", "small", "small, fixed point"
 
 
 def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[dict[str, Any]]:
-    """Return a row per build and one of the constant: score and squared errors beside the secants without relaxation."""
+    """Return a row for each build and the constant: score and squared errors.
+
+    Errors are against the secants without relaxation.
+    """
     log, reference, _ = driven(car / "test", road)
     truth = relaxed(reference, json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")))
     time = log.time - log.time[0]
@@ -58,8 +62,10 @@ def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[di
 
 
 def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None]) -> list[list[str]]:
-    """Return lines of a real log with the calibration of another of the same car: nobody knows these tyres, the speed across is
-    measured."""
+    """Return lines of a real log with the calibration of another log of the same car.
+
+    The tyres are unknown; the lateral velocity is measured.
+    """
     log = read_log(DATA / name / "data.csv")
     time, lines = log.time - log.time[0], []
     for who, lib in builds.items():
@@ -82,7 +88,8 @@ def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None])
 
 
 def table(runs: pd.DataFrame) -> list[str]:
-    """A line per road and build; no longitudinal stiffness in the small one."""
+    """Return a line for each road and build; the small one has no longitudinal
+    stiffness."""
 
     def rms(group: pd.DataFrame) -> str:
         return " / ".join(
@@ -125,10 +132,11 @@ def main(arguments: list[str]) -> int:
     head = f"""# A smaller state
 
 `python -m tests.cars.small --keep DIR --first {given.first} --cars {given.cars} --real DIR` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`: {len(jobs)} drives of
-{given.cars} calibrated cars with 14 degrees of freedom, by the full filter, by the build with `TSE_SMALL` and by the constant of
-the calibration. Front / rear cornering; median error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant
-without relaxation; *rms error*: of all rows with a truth.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR`:
+{len(jobs)} drives of {given.cars} calibrated cars with 14 degrees of freedom, by the full filter,
+by the build with `TSE_SMALL` and by the constant of the calibration. Front / rear cornering; median
+error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant without relaxation;
+*rms error*: of all rows with a truth.
 
 """
     text = (
@@ -139,12 +147,15 @@ without relaxation; *rms error*: of all rows with a truth.
         for name, other in (SAME_CAR[0], SAME_CAR[0][::-1]):
             lines += of_log(name, other, given.real, builds)
         text += """
-Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep DIR`): stiffness at no slip with
-its 95 % interval, median of the last third; valid of lively rows, as in [real logs](real.md). Nobody knows these tyres; the
-speed across is measured.
+Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep
+DIR`): stiffness at no slip with its 95 % interval, median of the last third; valid of lively rows,
+as in [real logs](real.md). Nobody knows these tyres; the speed across is measured.
 
 """
-        columns = "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|95 % interval of vel_y holds [%]"
+        columns = (
+            "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
+            "95 % interval of vel_y holds [%]"
+        )
         text += "\n".join(markdown_table(columns.split("|"), lines, 5)) + "\n"
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {len(jobs)} drives")

@@ -1,9 +1,11 @@
-"""What is said of each stretch of road, against the truth, on the calibrated cars of the other studies (README.md).
+"""Compare the answer for each stretch of road with the truth (README.md).
 
-    python -m tests.cars.stretches --calibrated DIR [--cars N] [--first SEED] [--out FILE]
+    python -m tests.cars.stretches --calibrated DIR [--cars N] [--first SEED]
+        [--out FILE]
 
-DIR: what `tests.cars.study --keep DIR` has left, and `tests.cars.events --calibrated DIR`, if it was run. Truth of a stretch:
-median of the secants of its rows (study.truth_of); the stretch is that which the filter reports, right or not.
+DIR: that of `tests.cars.study --keep DIR`, and of `tests.cars.events --calibrated DIR`,
+if it was run. Truth of a stretch: median of the secants of its rows (study.truth_of). The
+stretch is the one that the filter reports, right or not.
 """
 
 import argparse
@@ -22,7 +24,7 @@ from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, driven
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate, estimate
+from tse.estimation.estimate import Estimates, estimate
 from tse.estimation.verdict import findings
 from tse.library.core import STIFFNESS, Config
 from tse.report.tables import markdown_table
@@ -39,7 +41,7 @@ LAST, MEAN, SHOWN, SMOOTHED = (
 Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
 
 
-def answers(est: Estimate, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
+def answers(est: Estimates, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
     """Yield the answers by estimator, of each stretch and stiffness."""
     table, changes = est.table, regimes.changes(est.table)
     found = findings(table, config, changes, uncertainty_sd=est.uncertainty_sd)
@@ -59,7 +61,7 @@ def answers(est: Estimate, config: Config) -> Iterator[tuple[regimes.Stretch, st
 
 
 def one(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
-    """Score a drive: a row per stretch, stiffness and estimator."""
+    """Score a drive: a row for each stretch, stiffness and estimator."""
     log, _, truth = driven(folder, road)
     config, _ = make_config(read_vehicle(car), log)
     est = estimate(log, config)
@@ -73,16 +75,32 @@ def one(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
         is_true = float(np.median(true))
         for who, (value, band, valid) in by.items():
             error = value / is_true - 1
-            scores.append({"stiffness": key, "who": who, "error": abs(error), "held": abs(value - is_true) < band,
-                           "sd": band / 1.96 / value, "valid": valid, "off": valid and abs(error) > OFF,
-                           "any": MEAN in by})  # fmt: skip
+            scores.append(
+                {
+                    "stiffness": key,
+                    "who": who,
+                    "error": abs(error),
+                    "held": abs(value - is_true) < band,
+                    "sd": band / 1.96 / value,
+                    "valid": valid,
+                    "off": valid and abs(error) > OFF,
+                    "any": MEAN in by,
+                }
+            )
     return scores
 
 
 def table(found: pd.DataFrame) -> list[str]:
-    """Return a line per estimator."""
-    columns = ("stretches", "median error [%]", "rms error [%]", "95 % interval holds [%]", "median sd [%]", "valid [%]",
-               "valid and off [%]")  # fmt: skip
+    """Return a line for each estimator."""
+    columns = (
+        "stretches",
+        "median error [%]",
+        "rms error [%]",
+        "95 % interval holds [%]",
+        "median sd [%]",
+        "valid [%]",
+        "valid and off [%]",
+    )
     lines = []
     for who in (CONSTANT, LAST, MEAN, SHOWN, SMOOTHED):
         by = [found[(found["who"] == who) & (found["stiffness"] == key)] for key in STIFFNESS]
@@ -125,12 +143,12 @@ def main(arguments: list[str]) -> int:
 
 `python -m tests.cars.stretches --calibrated DIR --cars {given.cars} --first {given.first}` after
 `python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR` and
-`python -m tests.cars.events --calibrated DIR --first {given.first}`: cars with 14 degrees of freedom; front longitudinal / front
-cornering / rear cornering.
-Truth: median of the secants of a stretch's rows. The stretches are those between the changes that the filter reports: one that
-it misses makes two roads one stretch, of which one value is true of neither. *{CONSTANT}*: no filter; of cars that are not
-calibrated the stiffness of their class. *{MEAN}*: of the stretches that have some. *off*: more than {100 * OFF:.0f} %; shares
-are of all stretches of the line.
+`python -m tests.cars.events --calibrated DIR --first {given.first}`: cars with 14 degrees of
+freedom; front longitudinal / front cornering / rear cornering. Truth: median of the secants of a
+stretch's rows. The stretches are those between the changes that the filter reports: one that it
+misses makes two roads one stretch, of which one value is true of neither. *{CONSTANT}*: no filter;
+of cars that are not calibrated the stiffness of their class. *{MEAN}*: of the stretches that have
+some. *off*: more than {100 * OFF:.0f} %; shares are of all stretches of the line.
 """
     given.out.write_text(head + "\n".join(text) + "\n", encoding="utf-8")
     print(f"{given.out}: {len(drives)} drives")

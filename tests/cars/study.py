@@ -1,8 +1,10 @@
-"""Calibration and estimator on ordinary cars (README.md): each car is calibrated on drives of its own, and estimated on others.
+"""Calibrate ordinary cars, and estimate them on other drives (README.md).
 
-    python -m tests.cars.study [--cars N] [--first SEED] [--minutes M] [--jobs J] [--keep DIR] [--out FILE]
+    python -m tests.cars.study [--cars N] [--first SEED] [--minutes M] [--jobs J]
+        [--keep DIR] [--out FILE]
 
-The vehicle file of `cars.py` is all that is known. Truth: axle force over slip of the row, median over two seconds.
+Only the vehicle file of `cars.py` is known. Truth: axle force over slip of the row,
+median over two seconds.
 """
 
 import argparse
@@ -21,7 +23,7 @@ from tqdm import tqdm
 
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
-from tests.cars.logs import LEAST_ANGLE
+from tests.cars.logs import MIN_ANGLE
 from tse.calibration import output, workflow
 from tse.calibration.result import CalibrationResult
 from tse.car.config import make_config
@@ -45,21 +47,29 @@ RELAXED = "calibrated, beside the secant without relaxation"
 SEEN = 0.1  # share of the rows of SMOOTH that must have a truth
 
 
-# What a calibration finds, and what that is in truth.json; sensors' scales and places stand there, too.
+# What a calibration finds, and what that is in truth.json; sensors' scales and places
+# stand there, too.
 PHYSICAL = {
-    "yaw_inertia": "yaw_inertia", "relaxation_length": "relaxation_y", "wheel_radius_front": "radius_front",
-    "wheel_radius_rear": "radius_rear", "imu_lever_arm_x": "imu_x", "imu_lever_arm_y": "imu_y", "imu_misalignment_angle": "imu_yaw",
-    "imu_scale_ax_error": "accel_x_scale", "imu_scale_ay_error": "accel_y_scale", "gyro_scale_error": "yaw_rate_scale",
-}  # fmt: skip
+    "yaw_inertia": "yaw_inertia",
+    "relaxation_length": "relaxation_y",
+    "wheel_radius_front": "radius_front",
+    "wheel_radius_rear": "radius_rear",
+    "imu_lever_arm_x": "imu_x",
+    "imu_lever_arm_y": "imu_y",
+    "imu_misalignment_angle": "imu_yaw",
+    "imu_scale_ax_error": "accel_x_scale",
+    "imu_scale_ay_error": "accel_y_scale",
+    "gyro_scale_error": "yaw_rate_scale",
+}
 RELATIVE = ("yaw_inertia", "relaxation_length", "wheel_radius_front", "wheel_radius_rear")
-STIFF = {  # of an axle, with what steering and suspension give in: linear_stiffness of truth.json
+STIFF = {  # of an axle with steering and suspension: linear_stiffness of truth.json
     "longitudinal_stiffness_front": "cx_front", "longitudinal_stiffness_rear": "cx_rear",
     "cornering_stiffness_front": "cy_front_effective", "cornering_stiffness_rear": "cy_rear_effective",
 }  # fmt: skip
 
 
 def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str, np.ndarray]:
-    """Secant stiffness of each row, median over so many; NaN where the axle has no slip to speak of."""
+    """Return the secant stiffness of each row, a running median; NaN: no slip."""
     least = round(SEEN * smooth)
     return {
         key: pd.Series(reference[column]).rolling(smooth, center=True, min_periods=least).median().to_numpy()
@@ -68,22 +78,25 @@ def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str
 
 
 def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Secants as truth_of() has them, over the slip angle that the tyres have relaxed to: over that of the wheels, force is late
-    by relaxation length over speed, which in a corner of a town is a tenth of a second and no stiffness.
+    """Return the secants of truth_of() over the relaxed slip angle of the tyres.
 
-    truth: truth.json of the drive"""
+    Over the slip angle of the wheels, the force is late by relaxation length over speed.
+    In a corner of a town this is a tenth of a second, and no stiffness.
+
+    truth: truth.json of the drive
+    """
     made = {column: reference[column].to_numpy(float) for column in TRUTH.values()}
     time, speed = reference["time"].to_numpy(float), np.maximum(reference["vel_x"].to_numpy(float), SLOWEST)
     for axle, column in (("front", TRUTH["cy_front"]), ("rear", TRUTH["cy_rear"])):
         force, known = reference[f"fy_{axle}"].to_numpy(float), np.isfinite(made[column])
         angle = np.interp(time, time[known], force[known] / made[column][known])
-        stiff = truth["linear_stiffness"]  # what gives in beside the tyre does so at once
+        stiff = truth["linear_stiffness"]  # compliance beside the tyre acts at once
         length = truth["parameters"]["relaxation_y"] * stiff[f"cy_{axle}_effective"] / stiff[f"cy_{axle}"]
         share = -np.expm1(-np.diff(time, prepend=time[0]) * speed / length)
         late = np.zeros(len(angle))
         for k in range(1, len(angle)):
             late[k] = late[k - 1] + share[k] * (angle[k] - late[k - 1])
-        large = known & (np.abs(late) > LEAST_ANGLE)
+        large = known & (np.abs(late) > MIN_ANGLE)
         made[column] = np.where(large, force / np.where(large, late, 1.0), np.nan)
     return truth_of(made)
 
@@ -91,7 +104,7 @@ def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndar
 def driven(
     folder: Path, road: str, smooth: int = SMOOTH
 ) -> tuple[CheckedLog, pd.DataFrame, dict[str, np.ndarray]]:
-    """Return a kept drive: its log, its reference, and the secants of it that truth_of() has."""
+    """Return a kept drive: log, reference, and secants of truth_of()."""
     reference = pd.read_csv(folder / f"reference_{road}.csv")
     truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, smooth)
     return read_log(folder / f"log_{road}.csv"), reference, truth
@@ -104,9 +117,11 @@ def estimated(
     options: dict[str, float] | None = None,
     lib: Library | None = None,
 ) -> tuple[np.ndarray, Config]:
-    """Return what the filter makes of a log, a row each, and its settings, as `tselab estimate` has them.
+    """Return the estimates of a log by row, and the settings, as `tselab estimate` has
+    them.
 
-    columns: optional ones, in place of the log's own; lib: another build."""
+    columns: optional ones, in place of the log's own; lib: another build.
+    """
     if columns is not None:
         log = replace(log, extra=pd.DataFrame(columns))
     config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
@@ -116,7 +131,10 @@ def estimated(
 
 
 def constant(vehicle_path: Path, log: CheckedLog) -> tuple[np.ndarray, Config]:
-    """Return the same of doing nothing: the stiffness of the vehicle file in every row, always valid, with the sd of its prior."""
+    """Return estimates that are the stiffness of the vehicle file in every row.
+
+    They are always valid, with the sd of the prior.
+    """
     out, config = estimated(vehicle_path, log)
     for key in STIFFNESS:
         out[key] = out[f"{key}_secant"] = 1.0
@@ -127,8 +145,11 @@ def constant(vehicle_path: Path, log: CheckedLog) -> tuple[np.ndarray, Config]:
 
 
 def best(vehicle_path: Path, log: CheckedLog, stiffness: dict[str, float]) -> tuple[np.ndarray, Config]:
-    """Return what no constant can beat: the median of the car's true secants in every row, without an interval. What is off here
-    is how far the secant itself moves with slip, load and the lag of the steering."""
+    """Return the best constant: the median of the car's true secants, without an
+    interval.
+
+    Its error is the change of the secant with slip, load and the lag of the steering.
+    """
     out, config = constant(vehicle_path, log)
     for key, true in stiffness.items():
         out[key] = out[f"{key}_secant"] = true / getattr(config, NOMINAL[key])
@@ -137,7 +158,7 @@ def best(vehicle_path: Path, log: CheckedLog, stiffness: dict[str, float]) -> tu
 
 
 def changes(out: np.ndarray, counts: np.ndarray) -> int:
-    """Return how many changes of road or axle were reported."""
+    """Return the number of reported changes of road or axle."""
     age = out["change_age"][counts]  # 0 before the first
     return int(((age[1:] > 0) & ((age[:-1] == 0) | (age[1:] < age[:-1]))).sum())
 
@@ -145,9 +166,13 @@ def changes(out: np.ndarray, counts: np.ndarray) -> int:
 def score(
     out: np.ndarray, config: Config, log: CheckedLog, truth: dict[str, np.ndarray], of: str = "_secant"
 ) -> dict[str, float]:
-    """Return, per stiffness, rows with a truth, valid, valid and off, inside their interval; changes, rows at fault.
+    """Score estimates by stiffness.
 
-    of: "_secant" of a truth that is a secant, "" of one that is the stiffness at no slip"""
+    Counts of rows: with a truth, valid, valid and wrong, inside their interval. Also
+    changes and rows at fault.
+
+    of: "_secant" for a truth that is a secant, "" for the stiffness at no slip
+    """
     time = log.time - log.time[0]
     counts = (time > SETTLED) & (out["vel_x"] > SLOW)
     found: dict[str, float] = {
@@ -174,7 +199,8 @@ def score(
 
 
 def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
-    """Logs of all cars, side by side: FOLDER/car<k>/fit and test, one of every road each."""
+    """Write logs of all cars, side by side: FOLDER/car<k>/fit and test, one for each
+    road."""
     for n, road in enumerate(ROADS):
         for what, seed in (("fit", 2 * n), ("test", 2 * n + 1)):
             print(f"driving: {road}, {what}", file=sys.stderr)
@@ -183,7 +209,7 @@ def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
 
 
 def physical(car: str, result: CalibrationResult, truth: dict[str, Any]) -> list[dict[str, Any]]:
-    """What was found of the car itself, less what is true; in units of the truth where that is RELATIVE."""
+    """Return found less true numbers of the car, in units of the truth where RELATIVE."""
     rows, true = [], truth["parameters"] | truth["sensors"]
     for f in (f for f in result.findings if f.name in PHYSICAL):
         by = true[PHYSICAL[f.name]] if f.name in RELATIVE else 1.0
@@ -210,7 +236,8 @@ def physical(car: str, result: CalibrationResult, truth: dict[str, Any]) -> list
 
 
 def calibrate(folder: Path) -> dict[str, Any]:
-    """A car calibrated on its drives in FOLDER/fit: calibrated.toml, and what was found beside what is true in found.json."""
+    """Calibrate a car on FOLDER/fit; write calibrated.toml, and found and true in
+    found.json."""
     logs = sorted((folder / "fit").glob("log_*.csv"))
     result = workflow.run(logs, folder / "fit" / "car.toml", [], 1, lambda _: None)
     output.write(folder / "calibrated.toml", result, [p.name for p in logs])
@@ -240,7 +267,8 @@ def calibrate(folder: Path) -> dict[str, Any]:
 
 
 def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
-    """A car: calibrated, or as an earlier run has calibrated it, and estimated on its drives in FOLDER/test."""
+    """Calibrate a car, or take an earlier calibration, and estimate its drives in
+    FOLDER/test."""
     folder, again = job
     before = folder / "found.json"
     found = json.loads(before.read_text(encoding="utf-8")) if again and before.exists() else calibrate(folder)
@@ -275,7 +303,7 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
 
 
 def table(runs: pd.DataFrame) -> list[str]:
-    """Runs as Markdown, a line per road and estimator."""
+    """Return runs as Markdown, a line for each road and estimator."""
 
     lines = []
     for (road, who), group in runs.groupby(["road", "who"], sort=False):
@@ -291,18 +319,22 @@ def table(runs: pd.DataFrame) -> list[str]:
                 f"{100 * group['fault'].mean():.1f}",
             ]
         )
-    head = "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour|rows at fault [%]"
+    head = (
+        "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
+        "changes an hour|rows at fault [%]"
+    )
     return markdown_table(head.split("|"), lines, 6)
 
 
 def shares(group: pd.DataFrame, what: str, of: str, digits: int = 0, keys: Sequence[str] = STIFFNESS) -> str:
-    """Per cent of the rows `of` that are `what`, of each stiffness; a dash where there is none."""
+    """Return the percentage of the rows `of` that are `what`, by stiffness; a dash: no
+    rows."""
     parts = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in keys]
     return " / ".join(f"{100 * a / b:.{digits}f}" if b and np.isfinite(a) else "-" for a, b in parts)
 
 
 def latency_table(found: pd.DataFrame) -> list[str]:
-    """How well latencies are found, a line per channel."""
+    """Return the errors of latencies, a line for each channel."""
     rows = []
     for channel, group in found.groupby("channel", sort=False):
         shown = group[group["shown"]]
@@ -318,7 +350,7 @@ def latency_table(found: pd.DataFrame) -> list[str]:
 
 
 def physical_table(found: pd.DataFrame) -> list[str]:
-    """How well the car itself is found, a line per number."""
+    """Return the errors of the car, a line for each number."""
     rows = []
     for name, group in found.groupby("name", sort=False):
         percent = name in RELATIVE or name in STIFF
@@ -328,12 +360,16 @@ def physical_table(found: pd.DataFrame) -> list[str]:
             cells.append(f"{off.median():.2g}, {off.max():.2g}")
         holds = (group["off"].abs() < 1.96 * group["sd"])[group["sd"].notna()]
         rows.append([*cells, f"{100 * float(holds.mean()):.0f}" if len(holds) else "-"])
-    head = "number|shown in|off by, before: median, largest|off by, found: median, largest|95 % interval holds [%]"
+    head = (
+        "number|shown in|off by, before: median, largest|off by, found: median, largest|"
+        "95 % interval holds [%]"
+    )
     return markdown_table(head.split("|"), rows)
 
 
 def parser_of_kept(about: str | None, table_file: str) -> argparse.ArgumentParser:
-    """Return the arguments of a study of cars that this one has kept. about: its docstring; table_file: where its table goes."""
+    """Return the parser of a study on kept cars. about: docstring; table_file: default
+    output."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
     parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
@@ -376,25 +412,27 @@ def main(arguments: list[str]) -> int:
     converged = int(runs.groupby("car")["converged"].first().sum())
     head = f"""# Ordinary cars with 14 degrees of freedom, calibrated
 
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`: {given.cars} cars, each
-calibrated on one drive of {given.minutes:g} minutes on each of {", ".join(ROADS)} ({converged} of {given.cars} searches
-converged) and estimated on another of each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear
-cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s. *Valid*: share of the rows that have a truth; *off*: share
-of the valid ones whose secant is more than {100 * OFF:.0f} % from the true one; *95 % interval holds*: share of all rows with
-a truth; *median error*: of the rows of a log, median over the cars. *{CONSTANT}*: the calibrated file's own stiffness in
-every row, no filter. *{BEST}*: the median of the car's true secants in every row; no constant is nearer, what is off
-there is how far the secant itself moves. *{TYRES}*: the same estimates
-beside the rear tyres without the suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*:
-the output of the stiffness at no slip beside that of the axle with static load and no slip. *{RELAXED}*: the true
-force over the slip angle that the tyres have relaxed to.
-Nothing happens on these drives: every change and fault is a false one. Latencies are those behind the gyro.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`:
+{given.cars} cars, each calibrated on one drive of {given.minutes:g} minutes on each of
+{", ".join(ROADS)} ({converged} of {given.cars} searches converged) and estimated on another of
+each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear cornering;
+rows after {SETTLED:g} s and above {SLOW:g} m/s. *Valid*: share of the rows that have a truth;
+*off*: share of the valid ones whose secant is more than {100 * OFF:.0f} % from the true one; *95 %
+interval holds*: share of all rows with a truth; *median error*: of the rows of a log, median over
+the cars. *{CONSTANT}*: the calibrated file's own stiffness in every row, no filter. *{BEST}*: the
+median of the car's true secants in every row; no constant is nearer, what is off there is how far
+the secant itself moves. *{TYRES}*: the same estimates beside the rear tyres without the
+suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*: the
+output of the stiffness at no slip beside that of the axle with static load and no slip.
+*{RELAXED}*: the true force over the slip angle that the tyres have relaxed to. Nothing happens on
+these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """
     text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
     text += "\n\nLatencies:\n\n" + "\n".join(latency_table(late))
     text += (
-        "\n\nThe car itself, found less true (before: vehicle file, class of cars; largest: of all cars; stiffness of both tyres"
-        "\nof an axle at rest, which slip and load make smaller on the road):\n\n"
+        "\n\nThe car itself, found less true (before: vehicle file, class of cars; largest: of all cars; "
+        "stiffness of both tyres\nof an axle at rest, which slip and load make smaller on the road):\n\n"
     )
     given.out.write_text(text + "\n".join(physical_table(pd.DataFrame(cars_found))) + "\n", encoding="utf-8")
     print(f"{given.out}: {given.cars} cars")

@@ -1,4 +1,4 @@
-"""The generator of ordinary cars against physics worked out another way, and its logs against their truth."""
+"""The generator of ordinary cars against independent physics."""
 
 import json
 from dataclasses import replace
@@ -17,7 +17,8 @@ LEVEL = (0.0, 0.0, GRAVITY)
 
 
 class Rig:
-    """Cars on a road without bumps, steered and driven as told; speed is held by drive torque when asked to."""
+    """Cars on a smooth road with given steering and brakes; drive torque may hold the
+    speed."""
 
     def __init__(self, speed, cars=None, n=4, seed=5, gravity=LEVEL):
         self.cars = cars or make_cars(n, seed, clean=True)
@@ -28,7 +29,8 @@ class Rig:
         self.kept = []
 
     def run(self, seconds, wheel=0.0, hold=True, brake=0.0, keep=False):
-        """wheel: rad, mean angle of the road wheels that a stiff steering would give; brake: N m on each wheel."""
+        """Run. wheel: rad, mean angle of the road wheels with stiff steering; brake: N
+        m a wheel."""
         f, p, none = self.f, self.f.p, np.zeros((2, 2, self.n))
         for _ in range(round(seconds / FINE)):
             force = (
@@ -61,7 +63,7 @@ class Rig:
 
 @pytest.fixture(scope="module")
 def turning():
-    """A gentle steady left turn at 10, 20, 30, 40 m/s: 0.25 m/s2."""
+    """Drive a steady left turn of 0.25 m/s2 at 10, 20, 30, 40 m/s."""
     rig = Rig([10, 20, 30, 40])
     c = [car.parameters for car in rig.cars]
     wheelbase = np.array([p["lf"] + p["lr"] for p in c])
@@ -184,9 +186,8 @@ def test_half_the_step_is_the_same_drive(monkeypatch):
     coarse = drive()
     monkeypatch.setattr(model, "STEP", model.STEP / 2)
     fine = drive()
-    for a, b, most in zip(
-        coarse.state[:3], fine.state[:3], (0.01, 0.003, 0.003), strict=True
-    ):  # in transients half a step apart
+    # in transients half a step apart
+    for a, b, most in zip(coarse.state[:3], fine.state[:3], (0.01, 0.003, 0.003), strict=True):
         np.testing.assert_allclose(a, b, atol=most)
 
 
@@ -222,12 +223,10 @@ def test_standing_on_a_grade_the_accelerometer_reads_gravity():
     rig.run(0.2, hold=False, brake=800.0, keep=True)
     for i, car in enumerate(rig.cars):
         _, found = imu(car, rig.motion(i))
-        assert found[0].mean() == pytest.approx(
-            GRAVITY * np.sin(grade - rig.f.pitch[i]), abs=0.01
-        )  # uphill: forward
-        assert found[1].mean() == pytest.approx(
-            GRAVITY * np.sin(bank + rig.f.roll[i]), abs=0.01
-        )  # left side up: left
+        # uphill: forward
+        assert found[0].mean() == pytest.approx(GRAVITY * np.sin(grade - rig.f.pitch[i]), abs=0.01)
+        # left side up: left
+        assert found[1].mean() == pytest.approx(GRAVITY * np.sin(bank + rig.f.roll[i]), abs=0.01)
         assert found[0].mean() == pytest.approx(GRAVITY * np.sin(grade), rel=0.12)  # the body leans, too
         assert abs(found[2].mean()) < 1e-4
 
@@ -287,12 +286,15 @@ def test_logs_are_whole(logs):
 
 
 def delay_of(channel: np.ndarray, truth: np.ndarray) -> float:
-    """How late a channel is, s, by least squares over delays: scale and offset free. Rows of 0.01 s."""
+    """Return the latency of a channel, s, by least squares over delays, scale and offset
+    free.
+
+    Rows of 0.01 s.
+    """
     rows = np.arange(len(truth)) * 0.01
     inner = slice(40, -40)
-    bell = (
-        np.hanning(33) / np.hanning(33).sum()
-    )  # what the road shakes is too fast for rows, and would ask for delays of half a row
+    # what the road shakes is too fast for rows, and would ask for delays of half a row
+    bell = np.hanning(33) / np.hanning(33).sum()
     channel, truth = (np.convolve(x, bell, mode="same") for x in (channel, truth))
 
     def misfit(delay: float) -> float:
@@ -320,10 +322,8 @@ def test_channels_are_as_late_as_the_truth_says(logs):
                 told[f"wheel_speed_{axle}"], abs=0.002
             )
         p = x.car.parameters
-        above = (
-            p["cg_height"] - sprung(p)[1] + roll_arm(p),
-            p["cg_height"] - p["pitch_centre"],
-        )  # of the IMU over the axes
+        # of the IMU over the axes
+        above = (p["cg_height"] - sprung(p)[1] + roll_arm(p), p["cg_height"] - p["pitch_centre"])
         ddroll, ddpitch = (np.gradient(np.gradient(r[k], 0.01), 0.01) for k in ("roll", "pitch"))
         side = (
             np.gradient(r["vel_y"], 0.01)
@@ -529,7 +529,7 @@ def test_no_sensor_tells_rear_tyres_from_a_suspension_that_gives_in_with_their_f
     (car,) = make_cars(1, 3, clean=True)
     own, tyres = car.parameters, 2 * car.parameters["cornering_rear"]
     stiffer = 1.1 * tyres
-    soft = 1 / tyres - 1 / stiffer  # rad/N: what a suspension gives in, so that the axle is as before
+    soft = 1 / tyres - 1 / stiffer  # rad/N: compliance of a suspension that keeps the axle unchanged
     others = (
         {"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft},
         {"cornering_rear": stiffer / 2},

@@ -1,4 +1,4 @@
-"""The build with TSE_SMALL on a drive: fixed point as double, and beside the full filter."""
+"""The build with TSE_SMALL on a drive, against double and the full filter."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,8 @@ CORNERING = STIFFNESS[1:]
 
 @pytest.fixture(scope="module")
 def estimates(tmp_path_factory):
-    """Estimates of a minute in the mountains, a row each: of both builds in double, of the small one in fixed point."""
+    """Estimate a minute in the mountains by both builds in double and the small one in
+    fixed point."""
     folder = tmp_path_factory.mktemp("drive")
     make_logs("mountain", minutes=1, cars=1, seed=5, hills=False)[0].write(folder, "mountain")
     log = read_log(folder / "log_mountain.csv")

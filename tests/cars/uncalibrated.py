@@ -1,10 +1,11 @@
-"""A car that nobody has calibrated, in the simulator's manoeuvres: is what is called valid right, and does the interval hold?
+"""Estimate an uncalibrated car in the simulator's manoeuvres: errors and intervals.
 
     python -m tests.cars.uncalibrated [--seeds N] [--first SEED] [--jobs J] [--out FILE]
 
-The car is one of its class (tse_config_default) with the relaxation and roll of the table, and each axle's stiffness is not
-its class's; or it is the car of the default settings, whose yaw inertia is not its class's, either. Truth: stiffness at no slip,
-which the simulator is told.
+The car is one of its class (tse_config_default) with relaxation and roll of the table,
+and a stiffness of each axle that differs from that of the class. Or it is the car of the
+default settings, whose yaw inertia differs, too. Truth: stiffness at no slip of the
+simulator.
 """
 
 import argparse
@@ -44,7 +45,8 @@ FACTS = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 
 
 def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
-    """Simulate a manoeuvre, and return what the filter made of it: rows with an estimate, valid, off, outside their interval."""
+    """Simulate a manoeuvre; count rows with an estimate, valid, wrong, outside the
+    interval."""
     maneuver, relaxation, roll, seed, which = job
     effects, rng = (
         {"relaxation_length": relaxation, "body_roll_gain": roll},
@@ -82,7 +84,7 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
 
 
 def table(runs: pd.DataFrame, by: str) -> list[str]:
-    """Return Markdown, a line per value of `by`."""
+    """Return Markdown, a line for each value of `by`."""
     pairs = (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows"))
     rows = [[str(v), *(shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)]
     return markdown_table(
@@ -108,11 +110,12 @@ def main(arguments: list[str]) -> int:
     lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
 
-`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator,
-{len(maneuvers.MANEUVERS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds, of two
-cars: *{CARS[0]}*, its stiffness is off the class's by a factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*,
-whose yaw inertia is off the class's, too. The filter knows mass, axles, radii and driven axle, and the class.
-Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
+`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of
+the simulator, {len(maneuvers.MANEUVERS)} manoeuvres x relaxation of {lengths} m x roll of {rolls}
+rad per m/s2 x {given.seeds} seeds, of two cars: *{CARS[0]}*, its stiffness is off the class's by a
+factor of its own for each, sd of its logarithm {SPREAD:g}; *{CARS[1]}*, whose yaw inertia is off
+the class's, too. The filter knows mass, axles, radii and driven axle, and the class. Front
+longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
 *Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
 """
     text = head

@@ -1,10 +1,11 @@
-"""The estimator with and without a measured velocity: real logs whose velocity is known, and driven cars (tests.cars.study).
+"""Estimate with and without a measured velocity: real logs, and driven cars.
 
     python -m tests.cars.velocity [--data DIR] [--drives DIR] [--out FILE]
 
-Of a real log the INS's own velocity is given, or a GNSS speed and course that are made of it; what the sideslip is compared with
-is then the same INS: its noise and its mounting are in both. Of a driven car the truth is known. A GNSS comes ten times a second,
-0.1 s late behind the gyro, with noise of 0.1 m/s and 0.5 deg; an INS in every row with noise of 0.03 m/s.
+A real log has the velocity of its INS, or GNSS speed and course derived from it. The
+sideslip is compared with the same INS, so its noise and mounting are in both. The truth
+of a driven car (tests.cars.study) is known. A GNSS comes ten times a second, 0.1 s behind
+the gyro, with noise of 0.1 m/s and 0.5 deg; an INS in every row with noise of 0.03 m/s.
 """
 
 import argparse
@@ -33,7 +34,10 @@ FAST = {"real": 8.0, "car": 3.0}  # m/s: rows that count
 def measured(
     way: str, log: CheckedLog, vx: np.ndarray, vy: np.ndarray, rate: np.ndarray, clock: float, seed: int
 ) -> dict[str, np.ndarray]:
-    """Return the columns of a way to measure the velocity. vx, vy, rate: true, (rows,); clock: how late the gyro is, s."""
+    """Return the columns of a velocity sensor.
+
+    vx, vy, rate: true, (rows,). clock: latency of the gyro, s.
+    """
     t, random = log.time - log.time[0], np.random.default_rng(seed)
     if way == "none":
         return {}
@@ -58,14 +62,15 @@ def measured(
 
 
 def late(columns: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return the settings that go with these columns."""
+    """Return the settings for these columns."""
     return {"velocity_latency": LATE} if "gnss_course" in columns else {}
 
 
 def sideslip(
     out: np.ndarray, log: CheckedLog, vx: np.ndarray, vy: np.ndarray, least: float
 ) -> dict[str, float]:
-    """Return how far the sideslip is off, rms in deg, and how often the 95 % interval of vel_y holds."""
+    """Return the rms error of the sideslip, deg, and the coverage of the interval of
+    vel_y."""
     t = log.time - log.time[0]
     x, y = (np.interp(t - out["estimate_age"], t, v) for v in (vx, vy))
     counts = (t > SETTLED) & (out["vel_x"] > least) & np.isfinite(x) & np.isfinite(y)
@@ -77,7 +82,10 @@ def sideslip(
 
 
 def real_rows(data: Path) -> list[str]:
-    head = "log|velocity|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|interval of vel_y holds [%]"
+    head = (
+        "log|velocity|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
+        "interval of vel_y holds [%]"
+    )
     lines = []
     for name in (n for n in REAL if (data / n / "data.csv").is_file()):
         log = read_log(data / name / "data.csv")
@@ -89,7 +97,8 @@ def real_rows(data: Path) -> list[str]:
         )
         t = log.time - log.time[0]
         for way in WAYS:
-            # the gyro is what the heading is made of; its bias is in both, and so in neither
+            # the gyro is what the heading is made of; its bias is in both, and so in
+            # neither
             columns = measured(way, log, vx, vy, rate, 0.0, 1)
             out, config = estimated(data / name / "vehicle.toml", log, columns, late(columns))
             end = (t > t[-1] * 2 / 3) & (out["vel_x"] > FAST["real"])
@@ -111,7 +120,10 @@ def real_rows(data: Path) -> list[str]:
 
 
 def car_rows(drives: Path) -> list[str]:
-    head = "road|vehicle file|velocity|sideslip off by, rms [deg]|interval of vel_y holds [%]|median error, front / rear [%]"
+    head = (
+        "road|vehicle file|velocity|sideslip off by, rms [deg]|interval of vel_y holds [%]|"
+        "median error, front / rear [%]"
+    )
     found: list[dict[str, Any]] = []
     for car in sorted(p for p in drives.glob("car*") if (p / "calibrated.toml").is_file()):
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
@@ -158,12 +170,14 @@ def main(arguments: list[str]) -> int:
     parts = [real_rows(given.data), car_rows(given.drives) if given.drives else []]
     text = """# With and without a measured velocity
 
-`python -m tests.cars.velocity --drives DIR`: an ordinary car of its class unless it is said to be calibrated. GNSS: ten times a
-second, 0.1 s late, 0.1 m/s, 0.5 deg; INS: every row, 0.03 m/s. Real logs: made of the INS's own velocity, which the sideslip is
-compared with, too; stiffness at no slip with its 95 % interval, medians of the last third. The 250 LM by regression with the
-sideslip known: at no slip, by a brush curve, front 82 [78 92], rear 121 [114 162] kN/rad; linear, below 4 m/s2, 68 [64 73], 105
-[99 113]. An extended Kalman filter of 40 lines, brush tyres, friction 1: 75, 125 kN/rad and 0.66 deg; with a GNSS course 86, 151
-and 0.35. Where both wheel speeds are one signal, as on the real logs, speed along the car is not used.
+`python -m tests.cars.velocity --drives DIR`: an ordinary car of its class unless it is said to be
+calibrated. GNSS: ten times a second, 0.1 s late, 0.1 m/s, 0.5 deg; INS: every row, 0.03 m/s. Real
+logs: made of the INS's own velocity, which the sideslip is compared with, too; stiffness at no slip
+with its 95 % interval, medians of the last third. The 250 LM by regression with the sideslip known:
+at no slip, by a brush curve, front 82 [78 92], rear 121 [114 162] kN/rad; linear, below 4 m/s2, 68
+[64 73], 105 [99 113]. An extended Kalman filter of 40 lines, brush tyres, friction 1: 75, 125
+kN/rad and 0.66 deg; with a GNSS course 86, 151 and 0.35. Where both wheel speeds are one signal, as
+on the real logs, speed along the car is not used.
 
 """
     given.out.write_text(text + "\n\n".join("\n".join(p) for p in parts if p) + "\n", encoding="utf-8")

@@ -5,7 +5,7 @@
 
 import numpy as np
 import pandas as pd
-from docsite.pictures import small
+from docsite.pictures import shrink_picture
 from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, unit
 
 from tse.estimation.verdict import NAMES
@@ -57,7 +57,7 @@ def main() -> None:
     est, truth, log = study()
     picture = ROOT / "scripts" / "results" / "fmu.png"
     demo_picture(picture, est, truth, log)
-    small(picture)
+    shrink_picture(picture)
     time, rows = est["time"], []
     for s in STIFFNESS:
         error = est[s] / truth[f"true_{s}"] - 1

@@ -1,6 +1,7 @@
 """The system that connects both FMUs: its description, and that an importer of systems gets out of it what two FMUs stepped by hand
 give."""
 
+import re
 import zipfile
 from pathlib import Path
 
@@ -74,7 +75,7 @@ def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
     from tse.library.core import Config
 
     parameters = parameters_of(ssp.with_name("TireStiffnessEstimator.fmu"))
-    text = parameter_set(parameters, Config.exact(), "the car of the paper's study")
+    text = parameter_set(parameters, Config.exact().as_dict(), "the car of the paper's study")
     assert (ROOT / "fmu" / "vehicle.ssv").read_text(encoding="utf-8") == text
 
 
@@ -120,6 +121,17 @@ def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp):
         assert np.array_equal(result[name], by_hand[name]), name
     # the connection carries something
     assert len(set(result["estimator.estimate.cy_front"])) > STEPS / 2
+
+
+def test_the_example_of_the_guide_comes_to_the_truth_and_says_why_it_restarts(ssp, monkeypatch, capfd):
+    text = (ROOT / "docs" / "pages" / "use" / "fmu.md").read_text(encoding="utf-8")
+    body = re.search(r"### FMPy, both connected.*?```python\n(.*?)```", text, re.S)[1]
+    monkeypatch.chdir(ssp.parent)
+    exec(compile(body, "fmu.md", "exec"), {})
+    said = capfd.readouterr()
+    numbers = [float(x) / 1000 for x in said.out.splitlines()[-1].split()]
+    assert "{:.0f} and {:.0f} kN/rad".format(*numbers) in body
+    assert "sensors that jump" in said.out + said.err
 
 
 def stepped_by_hand() -> np.ndarray:

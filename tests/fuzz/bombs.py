@@ -1,8 +1,8 @@
 """Files that are made to fill a machine, through the commands: python -m tests.fuzz.bombs [--write] [--only TEXT].
 
 Each is under 10 MB and unpacks to far more: constant signals and times that count up, which compress to nearly nothing. Of each
-format one with twenty million rows, and one with as many as any log may have (LEAST_ROWS), which is read; of text, which is not
-compressed, what 10 MB hold. What a command takes is
+format one with twenty million rows, and one with as many as any log may have (ALWAYS_ALLOWED_ROWS),
+which is read; of text, which is not compressed, what 10 MB hold. What a command takes is
 that of its process: the memory that was resident, seconds of its processors, and what lay in its folder for temporary files.
 """
 

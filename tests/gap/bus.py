@@ -1,10 +1,13 @@
-"""The same drives as a clean CSV and as a bus has them: are the names the same, and is there none on a car that hides nothing?
+"""Compare the names that gap finds in clean CSV logs and in the same logs of a bus.
 
-    python -m tests.gap.bus [--clean N] [--hidden N] [--first SEED] [--jobs N] [--out FILE]     from the root of the repository
+    python -m tests.gap.bus [--clean N] [--hidden N] [--first SEED] [--jobs N]
+        [--out FILE]
 
-Cars of the generator. The bus is an MF4 with a group per message: the IMU at 100 Hz, wheels at 50, the steering at 33 Hz; each is
-later than in the clean log, and comes in steps. What is late is not in signals.toml: the workflow has to find it. Some minutes; the
-table goes to scripts/results/gap-bus.md.
+From the root of the repository; some minutes. Cars of the generator, with and without a
+hidden effect. The bus is an MF4 with a group for each message: IMU at 100 Hz, wheels at
+50 Hz, steering at 33 Hz. Each is later than in the clean log, and is quantised.
+signals.toml has no latencies: the workflow has to find them. The table goes to
+scripts/results/gap-bus.md.
 """
 
 import argparse
@@ -26,15 +29,32 @@ MESSAGES = {  # rows per entry, s, columns
     "wheels": (2, 0.02, ("wheel_speed_front", "wheel_speed_rear")),
     "imu": (1, 0.005, ("accel_x", "accel_y", "yaw_rate")),
 }
-# rad, rad/s, m/s2, rad/s: 0.1 deg of a steering wheel of ratio 16; 0.03 km/h of a wheel of 0.33 m; 0.01 m/s2; 0.01 deg/s
-STEP = {"steer_angle": 1.1e-4, "wheel_speed_front": 0.025, "wheel_speed_rear": 0.025, "accel_x": 0.01, "accel_y": 0.01,
-        "yaw_rate": 1.75e-4}  # fmt: skip
-SHOWN = ("body_roll", "relaxation", "steering_ratio", "cg_shift", "gyro_scale", "imu_scale_ay", "lateral_load_transfer",
-         "tyre_saturation", "imu_lever_arm", "rear_roll_steer")  # fmt: skip
+# rad, rad/s, m/s2, rad/s: 0.1 deg of a steering wheel of ratio 16; 0.03 km/h of a wheel
+# of 0.33 m; 0.01 m/s2; 0.01 deg/s
+STEP = {
+    "steer_angle": 1.1e-4,
+    "wheel_speed_front": 0.025,
+    "wheel_speed_rear": 0.025,
+    "accel_x": 0.01,
+    "accel_y": 0.01,
+    "yaw_rate": 1.75e-4,
+}
+SHOWN = (
+    "body_roll",
+    "relaxation",
+    "steering_ratio",
+    "cg_shift",
+    "gyro_scale",
+    "imu_scale_ay",
+    "lateral_load_transfer",
+    "tyre_saturation",
+    "imu_lever_arm",
+    "rear_roll_steer",
+)
 
 
 def mf4(csv: Path, path: Path) -> None:
-    """The log as a bus has it."""
+    """Write a log as a bus has it."""
     from asammdf import MDF, Signal
 
     clean = pd.read_csv(csv)
@@ -50,7 +70,7 @@ def mf4(csv: Path, path: Path) -> None:
 
 
 def run(asked: tuple[int, str]) -> dict:
-    """One car, both ways: names of the car, and of sensors."""
+    """Run a car both ways; return the names of the car and of the sensors."""
     from tests.gap.generator import Spec, make_cases
     from tse.gaps.run.workflow import run as gap
 
@@ -75,13 +95,13 @@ def run(asked: tuple[int, str]) -> dict:
 
 
 def same(case: dict) -> bool:
-    """Are the names of the car the same, or look-alikes that either admits?"""
+    """Return whether the names of the car are the same, or admitted look-alikes."""
     a, b = case["csv"], case["mf4"]
     return set(a["names"]) <= {*b["names"], *b["alike"]} and set(b["names"]) <= {*a["names"], *a["alike"]}
 
 
 def table(cases: list[dict]) -> str:
-    """Results of cases -> Markdown."""
+    """Return the results of cases as Markdown."""
     lines = [
         "| hidden | seed | clean CSV | bus: of the car | bus: of the sensors |",
         "|---|---:|---|---|---|",
@@ -94,9 +114,10 @@ def table(cases: list[dict]) -> str:
     found = sum(c["hidden"] in c["mf4"]["names"] for c in hidden)
     more = sum(len(set(c["mf4"]["names"]) - {c["hidden"]}) for c in hidden)
     lines.append(
-        f"\nNo effect of the car on {quiet} of {len(clean)} cars on a bus that hide nothing (95 %: {interval(quiet, len(clean))}); "
-        f"the same names as from the clean log in {alike} of {len(cases)} ({interval(alike, len(cases))}); "
-        f"on a bus {found} of {len(hidden)} hidden effects are named, and {more} more names."
+        f"\nNo effect of the car on {quiet} of {len(clean)} cars on a bus that hide nothing (95 %: "
+        f"{interval(quiet, len(clean))}); the same names as from the clean log in {alike} of {len(cases)} "
+        f"({interval(alike, len(cases))}); on a bus {found} of {len(hidden)} hidden effects are named, "
+        f"and {more} more names."
     )
     return "\n".join(lines) + "\n"
 

@@ -1,13 +1,17 @@
-"""Whether the loop closes: the workflow on the fitted logs of a case, then the estimator over its other logs, which took no part in
-names or sizes, with the vehicle file as it was and as improved. And whether calibrate says the same of the same logs.
+"""Close the loop: gap on fitted logs, then the estimator on other logs with its result.
 
-    python -m tests.gap.loop [--seed N] [--only PART ...] [--jobs N]     from the root of the repository; some minutes
+    python -m tests.gap.loop [--seed N] [--only PART ...] [--jobs N]
 
-The cars are those of the generator, of a seed that no other study has. Error: rms over all rows and both axles of ln of estimated
-over true stiffness. In the file: whether the 95 % interval of a stiffness holds the true one; whether what calibrate finds of it,
-and of what gap names, lies in gap's interval and the other way round. Cars of the generator have
-what is hidden alone; calibrate takes drag, rolling resistance and the curve of tyres for granted, and without them finds a
-longitudinal stiffness that is too high. The table goes to scripts/results/gap-loop.md.
+From the root of the repository; some minutes. The other logs took no part in names or
+sizes. They are estimated with the vehicle file as it was and as improved. `calibrate` is
+compared on the same logs.
+
+The cars are those of the generator, of a seed that no other study has. Error: rms over
+all rows and both axles of ln of estimated over true stiffness. In the file: whether the
+95 % interval of a stiffness holds the true one, and whether the results of calibrate and
+gap lie in each other's interval. Cars of the generator have only the hidden effect.
+calibrate assumes drag, rolling resistance and the curve of tyres, and without them finds
+a longitudinal stiffness that is too high. The table goes to scripts/results/gap-loop.md.
 """
 
 import argparse
@@ -24,17 +28,32 @@ ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "scripts" / "results" / "gap-loop.md"
 SEED = 7001
 CASES = (
-    (), ("body_roll",), ("relaxation",), ("steering_ratio",), ("tyre_saturation",), ("imu_scale_ay",), ("cg_shift",),
-    ("steering_lag", "body_roll"), ("lateral_load_transfer", "relaxation"), ("imu_delay", "gyro_scale"),
-    ("gyro_scale",), ("imu_lever_arm",), ("rear_roll_steer",), ("pitch_leak",), ("yaw_inertia",), ("steering_offset",),
-    ("longitudinal_load_transfer",), ("imu_scale_ax", "steering_ratio"), ("body_roll", "cg_shift"),
+    (),
+    ("body_roll",),
+    ("relaxation",),
+    ("steering_ratio",),
+    ("tyre_saturation",),
+    ("imu_scale_ay",),
+    ("cg_shift",),
+    ("steering_lag", "body_roll"),
+    ("lateral_load_transfer", "relaxation"),
+    ("imu_delay", "gyro_scale"),
+    ("gyro_scale",),
+    ("imu_lever_arm",),
+    ("rear_roll_steer",),
+    ("pitch_leak",),
+    ("yaw_inertia",),
+    ("steering_offset",),
+    ("longitudinal_load_transfer",),
+    ("imu_scale_ax", "steering_ratio"),
+    ("body_roll", "cg_shift"),
     ("relaxation", "tyre_saturation", "gyro_scale"),
-)  # fmt: skip
+)
 SIDEWAYS, ALONG = ("cy_front", "cy_rear"), ("cx_front",)
 
 
 def run(asked: tuple[int, tuple[str, ...]]) -> dict:
-    """One case."""
+    """Run one case."""
     from tests.gap.generator import Spec, make_cases
     from tse.calibration import output
     from tse.calibration.workflow import calibrate_logs
@@ -77,7 +96,10 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
 
 
 def _judged(drives: list, true: dict[str, float]) -> dict:
-    """Error, share of valid rows, and share of these within the 95 % interval: both cornering stiffnesses, and the longitudinal."""
+    """Return error, share of valid rows, and their share within the 95 % interval.
+
+    For both cornering stiffnesses, and for the longitudinal one.
+    """
     from tse.estimation.estimate import estimate
     from tse.library.core import NOMINAL
 
@@ -103,10 +125,10 @@ def _judged(drives: list, true: dict[str, float]) -> dict:
 
 
 def table(cases: list[dict]) -> str:
-    """Results of cases -> Markdown."""
+    """Return the results of cases as Markdown."""
     lines = [
-        "| hidden | named | cornering: error, % | over before | valid, % | of these in 95 % interval | longitudinal: error, % "
-        "| file's intervals hold | sizes as calibrate |",
+        "| hidden | named | cornering: error, % | over before | valid, % | of these in 95 % interval | "
+        "longitudinal: error, % | file's intervals hold | sizes as calibrate |",
         "|---|---|---|---:|---|---:|---|---:|---:|",
     ]
     ratios = []
@@ -117,18 +139,18 @@ def table(cases: list[dict]) -> str:
         along = " -> ".join(f"{100 * x['along']['error']:.1f}" for x in (before, after))
         inside = f"{100 * kept:.0f} %" if np.isfinite(kept) else "-"
         lines.append(
-            f"| {c['name']} | {', '.join(c['named']) or '-'} | {100 * e0:.1f} -> {100 * e1:.1f} | {ratios[-1]:.2f} | "
-            f"{100 * v0:.0f} -> {100 * v1:.0f} | {inside} | {along} | {sum(c['held'])} of {len(c['held'])} "
-            f"| {sum(c['agree'])} of {len(c['agree'])} |"
+            f"| {c['name']} | {', '.join(c['named']) or '-'} | {100 * e0:.1f} -> {100 * e1:.1f} | "
+            f"{ratios[-1]:.2f} | {100 * v0:.0f} -> {100 * v1:.0f} | {inside} | {along} | {sum(c['held'])} of "
+            f"{len(c['held'])} | {sum(c['agree'])} of {len(c['agree'])} |"
         )
     held, agree = (np.mean([x for c in cases for x in c[key]]) for key in ("held", "agree"))
     alike = sum(all(c["agree"]) for c in cases)
     low, least = sum(r <= 0.7 for r in ratios), np.mean([c["after"]["sideways"]["valid"] for c in cases])
     lines.append(
-        f"\nError of the cornering stiffness at most 0.7 of that before in {low} of {len(cases)}, above it in "
-        f"{sum(r > 1 for r in ratios)}; valid in {100 * least:.0f} % of the rows. The file's intervals hold in {100 * held:.0f} %. "
-        f"gap and calibrate agree in all sizes of {alike} of {len(cases)} cars, in {100 * agree:.0f} % of the sizes. "
-        f"Seed {SEED} and on, one run a case."
+        f"\nError of the cornering stiffness at most 0.7 of that before in {low} of {len(cases)}, above it "
+        f"in {sum(r > 1 for r in ratios)}; valid in {100 * least:.0f} % of the rows. The file's intervals "
+        f"hold in {100 * held:.0f} %. gap and calibrate agree in all sizes of {alike} of {len(cases)} cars, "
+        f"in {100 * agree:.0f} % of the sizes. Seed {SEED} and on, one run a case."
     )
     return "\n".join(lines) + "\n"
 

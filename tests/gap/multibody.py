@@ -1,17 +1,22 @@
-"""The gap workflow on a multi-body car that shares no code with tse: which effects it names, how far their sizes are from the
-car's, how far the gap falls on manoeuvres that were held out.
+"""Run the gap workflow on a multi-body car that shares no code with tse.
 
-    python -m tests.gap.multibody [--cars 1 2 3] [--jobs N]     from the root of the repository; some minutes a car
+    python -m tests.gap.multibody [--cars 1 2 3] [--jobs N]
 
-`commonroad-vehicle-models` 3.0.2 (BSD), 29 states, three cars, of which car 1 was looked at while the workflow was made, 2 and 3
-were not. Cars that are done are kept in build/multibody; --again starts anew. The table goes to scripts/results/gap-multibody.md.
+From the root of the repository; some minutes a car. The table has the named effects, the
+errors of their sizes, and the reduction of the gap on held-out manoeuvres.
 
-`write` makes four logs to fit (log_*.csv), two of other manoeuvres (hold_out_*.csv), the car as its engineer knows it (car.toml),
-and what of src/tables/effects.toml it has beyond the model (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS
-tyre for all.
+`commonroad-vehicle-models` 3.0.2 (BSD), 29 states, three cars. Car 1 was used while the
+workflow was made, 2 and 3 were not. Finished cars are kept in build/multibody; --again
+starts anew. The table goes to scripts/results/gap-multibody.md.
 
-The package's axes are those of SAE (z down, y right: a left wheel runs faster for yaw rate > 0, gravity adds to z'), tse's of
-ISO 8855 (z up, y left). Here all is SAE until `sensors` turns it round; a `Program` is what a driver wants, so it is ISO.
+`write` makes four logs to fit (log_*.csv), two of other manoeuvres (hold_out_*.csv), the
+car as its engineer knows it (car.toml), and its effects of src/tables/effects.toml beyond
+the model (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS tyre for
+all.
+
+The package has axes of SAE (z down, y right: a left wheel runs faster for yaw rate > 0,
+gravity adds to z'), tse those of ISO 8855 (z up, y left). Here all is SAE until `sensors`
+converts it. A `Program`, the driver's demand, is ISO.
 """
 
 import argparse
@@ -42,8 +47,8 @@ STEP = 0.001  # s, of the integration
 SAMPLE = 0.01  # s, of the logs
 SETTLE = 3.0  # s driven straight before a log begins
 DURATION = 45.0  # s of a log
-SPEED_GAIN = 0.5  # 1/s: acceleration that the driver adds per speed that is missing
-STEER_GAIN = 30.0  # 1/s: how fast the steering goes where it should be
+SPEED_GAIN = 0.5  # 1/s: acceleration of the driver over the error of the speed
+STEER_GAIN = 30.0  # 1/s: rate of the steering over its error
 STEER_RATE = 0.36  # rad/s of the road wheels; the package turns them by 0.4 at most
 NAMES = {1: "Ford Escort", 2: "BMW 320i", 3: "VW Vanagon"}
 
@@ -65,11 +70,13 @@ Input = Callable[[int, list[float]], tuple[float, float]]
 
 
 def parameters(number: int) -> VehicleParameters:
-    """The package's parameter set, whose tyres do as real ones where the package's do not.
+    """Return the package's parameters, with tyres changed to behave as real ones.
 
-    No shift of side force by the sign of camber, which makes it jump at 0; a wheel that leans to a side pushes to that side (the
-    package takes camber of ISO's axes for SAE's); side force by slip cancels from left to right; p_vx1 load, which the package
-    has within the sine of the magic formula, is left out."""
+    No shift of side force by the sign of camber, which makes it jump at 0. A leaning
+    wheel pushes to the side it leans to (the package takes camber of ISO's axes for
+    SAE's). Side force by slip cancels from left to right. p_vx1 load, which the package
+    has within the sine of the magic formula, is left out.
+    """
     p = copy.deepcopy(setup_vehicle_parameters(number))
     p.tire.p_hy1 = p.tire.p_vy1 = 0.0
     p.tire.p_hy3, p.tire.p_vy3 = -p.tire.p_hy3, -p.tire.p_vy3
@@ -78,15 +85,17 @@ def parameters(number: int) -> VehicleParameters:
 
 
 def static_load(p: VehicleParameters) -> np.ndarray:
-    """(2,) N: load of the front and of the rear axle at rest. Not m g b/L, for the axles' own mass is on them."""
+    """Return the load of both axles at rest, N, (2,), with the axles' own mass."""
     length = p.a + p.b
     return GRAVITY * np.array([p.m_s * p.b / length + p.m_uf, p.m_s * p.a / length + p.m_ur])
 
 
 def at_rest(p: VehicleParameters, speed: float) -> list[float]:
-    """(29,) state, driving straight at `speed` in m/s: springs at the length at which they carry the body.
+    """Return the state of a straight drive at `speed`, m/s, (29,), in equilibrium.
 
-    `init_mb` leaves body height and pitch at 0 with the tyres pressed in, which is no equilibrium: the body would drop."""
+    `init_mb` leaves body height and pitch at 0 with compressed tyres, so the body would
+    drop.
+    """
     x = init_mb([0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0], p)
     front, rear = (x[i] for i in HEIGHT_U)
     x[PITCH] = (rear - front) / (p.a + p.b)
@@ -97,9 +106,11 @@ def at_rest(p: VehicleParameters, speed: float) -> list[float]:
 def tyre_force(
     p: VehicleParameters, slip: float, angle: float, camber: float, load: float
 ) -> tuple[float, float]:
-    """Force of one tyre in N, forwards and to the right in the wheel's axes, by the package's formulas.
+    """Return the force of one tyre, N, forwards and to the right in the wheel's axes.
 
-    slip: (R omega - v)/v, > 0: drives; angle: rad, > 0: slides to the right; camber: rad; load: N."""
+    slip: (R omega - v)/v, > 0: drives. angle: rad, > 0: slides to the right. camber: rad.
+    load: N.
+    """
     along = tyre.formula_longitudinal(-slip, camber, load, p.tire)
     aside, mu = tyre.formula_lateral(angle, camber, load, p.tire)
     along = tyre.formula_longitudinal_comb(-slip, angle, along, p.tire)
@@ -108,7 +119,8 @@ def tyre_force(
 
 @dataclass(frozen=True)
 class Wheels:
-    """What the wheels do, each (4,): front left, front right, rear left, rear right; SAE."""
+    """Motion and forces of the wheels, each (4,): front left, right, rear left, right;
+    SAE."""
 
     angle: np.ndarray  # rad, slip angle
     slip: np.ndarray  # 1, > 0: drives
@@ -118,14 +130,15 @@ class Wheels:
     aside: np.ndarray  # N, in the wheel's axes
 
     def body(self, steer: float) -> tuple[np.ndarray, np.ndarray]:
-        """Force of front and rear axle in the car's axes: forwards (2,) and to the right (2,), N."""
+        """Return the force of both axles in the car's axes: forwards (2,), to the
+        right (2,), N."""
         x, y = (v.reshape(2, 2).sum(1) for v in (self.along, self.aside))
         c, s = np.array([np.cos(steer), 1.0]), np.array([np.sin(steer), 0.0])
         return c * x - s * y, c * y + s * x
 
 
 def wheels(p: VehicleParameters, x: list[float]) -> Wheels:
-    """The package computes this on its way to the rates and keeps it to itself; `check` holds the two together."""
+    """Compute the wheels as the package does internally; `check` compares both."""
     found = []
     for axle, (arm, track, d, e) in enumerate(((p.a, p.T_f, p.D_f, p.E_f), (-p.b, p.T_r, p.D_r, p.E_r))):
         roll_u, height_u, roll_rate_u = x[ROLL_U[axle]], x[HEIGHT_U[axle]], x[ROLL_RATE_U[axle]]
@@ -145,7 +158,8 @@ def wheels(p: VehicleParameters, x: list[float]) -> Wheels:
 
 
 def check(p: VehicleParameters, x: list[float]) -> float:
-    """m/s2: how far the acceleration by `wheels` is from that of the package's rates; nothing but rounding."""
+    """Return the difference of the acceleration by `wheels` from the package's rates,
+    m/s2."""
     f = rates(list(x), [0.0, 0.0], p)
     along, aside = (v.sum() for v in wheels(p, x).body(x[STEER]))
     turning = x[YAW_RATE] * x[VX]
@@ -154,21 +168,24 @@ def check(p: VehicleParameters, x: list[float]) -> float:
 
 
 def slopes(p: VehicleParameters) -> dict[str, float]:
-    """N/rad, N: stiffness of the axles at static load, straight, freely rolling, no camber: tse's nominal values."""
+    """Return the stiffness of the axles at static load, straight, free rolling: N/rad, N.
+
+    Without camber: tse's nominal values.
+    """
     step, found = 1e-6, {}
     for axle, load in zip(("front", "rear"), 0.5 * static_load(p), strict=True):
         free = free_slip(p, load)
         by_angle = [tyre_force(p, free, s * step, 0.0, load)[1] for s in (-1, 1)]
         by_slip = [tyre_force(p, free + s * step, 0.0, 0.0, load)[0] for s in (-1, 1)]
-        found[f"cornering_stiffness_{axle}"] = (
-            float(by_angle[0] - by_angle[1]) / step
-        )  # two wheels, two steps
+        # two wheels, two steps
+        found[f"cornering_stiffness_{axle}"] = float(by_angle[0] - by_angle[1]) / step
         found[f"longitudinal_stiffness_{axle}"] = float(by_slip[1] - by_slip[0]) / step
     return found
 
 
 def free_slip(p: VehicleParameters, load: float) -> float:
-    """Slip of a tyre without longitudinal force: not 0, because the magic formula is shifted."""
+    """Return the slip without longitudinal force: not 0, as the magic formula is
+    shifted."""
     slip = 0.0
     for _ in range(30):  # secant of known slope
         slip -= tyre_force(p, slip, 0.0, 0.0, load)[0] / (p.tire.p_kx1 * load)
@@ -176,15 +193,23 @@ def free_slip(p: VehicleParameters, load: float) -> float:
 
 
 def vehicle(p: VehicleParameters) -> dict[str, float]:
-    """The car as its engineer knows it: keys of src/tables/vehicle.toml, SI."""
+    """Return the car as its engineer knows it: keys of src/tables/vehicle.toml, SI."""
     return {
-        "mass": p.m, "yaw_inertia": p.I_z, "lf": p.a, "lr": p.b, "track_front": p.T_f, "track_rear": p.T_r, "cg_height": p.h_cg,
-        "wheel_radius_front": p.R_w, "wheel_radius_rear": p.R_w, **slopes(p),
-    }  # fmt: skip
+        "mass": p.m,
+        "yaw_inertia": p.I_z,
+        "lf": p.a,
+        "lr": p.b,
+        "track_front": p.T_f,
+        "track_rear": p.T_r,
+        "cg_height": p.h_cg,
+        "wheel_radius_front": p.R_w,
+        "wheel_radius_rear": p.R_w,
+        **slopes(p),
+    }
 
 
 def vehicle_toml(p: VehicleParameters, number: int) -> str:
-    """The vehicle file: nominal values and the sensors' noise, nothing of what truth.json says."""
+    """Return the vehicle file: nominal values and sensor noise, without the truth."""
     known = {"wheelbase": p.a + p.b, **vehicle(p)}
     sensors = {f"{k}_sd": NOISE[k] for k in ("accel_x", "accel_y", "yaw_rate")}
     sensors["wheel_noise_sd"] = NOISE["wheel_speed_front"]
@@ -200,9 +225,11 @@ def _keys(values: dict[str, float]) -> list[str]:
 
 
 def drive(p: VehicleParameters, x: list[float], wanted: Input, steps: int, every: int) -> np.ndarray:
-    """RK4 from state x. Returns (steps//every + 1, 2, 29): state and its rate at every `every`-th step.
+    """Integrate from state x by RK4; return state and rate at every `every`-th step.
 
-    `wanted` is asked at half steps 0 .. 2 steps. Fixed steps: the wheels' spin is the fastest (1/(2 ms) at 10 m/s)."""
+    (steps//every + 1, 2, 29). `wanted` is called at half steps 0 .. 2 steps. Steps are
+    fixed: the spin of the wheels is the fastest (1/(2 ms) at 10 m/s).
+    """
 
     def after(x: list[float], k: list[float], h: float) -> list[float]:
         return [a + h * b for a, b in zip(x, k, strict=True)]
@@ -226,7 +253,8 @@ def drive(p: VehicleParameters, x: list[float], wanted: Input, steps: int, every
 
 @dataclass
 class Program:
-    """What the driver wants at every half step from SETTLE before the log, each (n,); ISO."""
+    """Demand of the driver at every half step from SETTLE before the log, each (n,);
+    ISO."""
 
     steer: np.ndarray  # rad, road wheels, > 0: left
     speed: np.ndarray  # m/s
@@ -234,7 +262,7 @@ class Program:
 
 
 def driver(program: Program) -> Input:
-    """Steers as the program says, and drives or brakes for its acceleration and speed."""
+    """Steer as the program, and drive or brake for its acceleration and speed."""
     steer_rate = np.gradient(program.steer, 0.5 * STEP)
     signals = list(
         zip(*(v.tolist() for v in (program.steer, steer_rate, program.speed, program.accel)), strict=True)
@@ -257,7 +285,7 @@ class Track:
         self.v0 = 20.0  # m/s at the start
 
     def ramp(self, start: float, length: float) -> np.ndarray:
-        """0 before `start`, 1 after `start + length` (s), smooth between."""
+        """Return 0 before `start`, 1 after `start + length` (s), smooth between."""
         return 0.5 - 0.5 * np.cos(np.pi * np.clip((self.t - start) / length, 0, 1))
 
     def pulse(self, start: float, end: float, rise: float) -> np.ndarray:
@@ -268,19 +296,20 @@ class Track:
         return self.v0 + np.concatenate([[0.0], np.cumsum(self.accel[1:] + self.accel[:-1]) * step])
 
     def angle(self, ay: float, v: float | np.ndarray | None = None) -> float | np.ndarray:
-        """rad: steady road-wheel angle for a lateral acceleration in m/s2, of a car that is neutral, as these nearly are."""
+        """Return the steady road-wheel angle, rad, of a neutral car for a lateral
+        acceleration."""
         v = self.v0 if v is None else v
         return ay * self.wheelbase / v**2
 
     def change(self, start: float, period: float, size: float) -> None:
-        """A double lane change: two sines of steering, one to each side; size: rad."""
+        """Add a double lane change: a sine of steering to each side; size: rad."""
         for at, side in ((start, 1.0), (start + 1.5 * period, -1.0)):
             t = np.clip((self.t - at) / period, 0, 1)
             self.steer += side * size * np.sin(2 * np.pi * t) * np.sin(np.pi * t) ** 0.5
 
 
 def _sweep(v0: float) -> Callable[[Track], None]:
-    """0.2 .. 3 Hz, 2.2 .. 2.8 m/s2 as long as the steering can follow."""
+    """Sweep 0.2 .. 3 Hz at 2.2 .. 2.8 m/s2, as long as the steering can follow."""
 
     def sweep(k: Track) -> None:
         k.v0 = v0
@@ -295,7 +324,8 @@ def _sweep(v0: float) -> Callable[[Track], None]:
 
 
 def _steps(k: Track) -> None:
-    """A slow ramp to 5 .. 5.6 m/s2 to each side, then steps of 2 m/s2 to that in no order; 20 m/s."""
+    """Ramp to 5 .. 5.6 m/s2 to each side, then steps of 2 m/s2 in random order, at 20
+    m/s."""
     side = k.rng.choice([-1.0, 1.0])
     most = k.rng.uniform(5.0, 5.6)
     for start, sign in ((1.0, side), (8.0, -side)):
@@ -303,7 +333,9 @@ def _steps(k: Track) -> None:
         k.steer += sign * k.angle(most) * rise
     start, length = 15.5, (DURATION - 16.0) / 6
     levels = np.linspace(2.0, most, 6)
-    for i, ay in enumerate(k.rng.permutation(levels)):  # in no order: severity must not look like time
+    for i, ay in enumerate(
+        k.rng.permutation(levels)
+    ):  # in random order: severity must not correlate with time
         k.steer += (
             side * (-1) ** i * k.angle(ay) * k.pulse(start, start + 0.65 * length, k.rng.uniform(0.25, 0.6))
         )
@@ -311,7 +343,7 @@ def _steps(k: Track) -> None:
 
 
 def _brake_throttle(k: Track) -> None:
-    """Steps of throttle and brakes from 16 m/s, every other one in a turn."""
+    """Step throttle and brakes from 16 m/s, every other time in a turn."""
     k.v0 = 16.0
     side = k.rng.choice([-1.0, 1.0])
     for i, start in enumerate(np.arange(1.0, DURATION - 5.5, 6.2)):
@@ -327,7 +359,7 @@ def _brake_throttle(k: Track) -> None:
 
 
 def _slalom(k: Track) -> None:
-    """Slalom at a speed that rises and falls, then braking in two turns."""
+    """Drive a slalom with changing speed, then brake in two turns."""
     k.v0 = 16.0
     k.accel += 0.9 * np.sin(2 * np.pi * np.clip(k.t - 1.0, 0, 24.0) / 12.0)
     k.accel += 1.4 * k.pulse(25.0, 29.5, 0.3)
@@ -342,7 +374,7 @@ def _slalom(k: Track) -> None:
 
 
 def _double_lane_change(k: Track) -> None:
-    """Three double lane changes at 16 m/s, three at 24 m/s."""
+    """Make three double lane changes at 16 m/s, three at 24 m/s."""
     k.v0 = 16.0
     k.accel += 1.6 * k.pulse(20.0, 25.2, 0.2)
     for start, v in ((1.5, 16.0), (8.0, 16.0), (14.5, 16.0), (26.5, 24.0), (32.5, 24.0), (38.5, 24.0)):
@@ -358,19 +390,19 @@ HELD_OUT: dict[str, Callable[[Track], None]] = {"slalom": _slalom, "double_lane_
 
 
 def stream(seed: int, what: str) -> np.random.Generator:
-    """Random numbers that depend on the seed and on what they are for, not on what else is drawn."""
+    """Return a random stream by seed and purpose, independent of other draws."""
     return np.random.default_rng([seed, *what.encode()])
 
 
 def program_of(p: VehicleParameters, name: str, seed: int) -> Program:
-    """A manoeuvre of FITTED or HELD_OUT, drawn by seed."""
+    """Return a manoeuvre of FITTED or HELD_OUT, drawn by seed."""
     track = Track(p, stream(seed, name))
     {**FITTED, **HELD_OUT}[name](track)
     return Program(track.steer, track.speed(), track.accel)
 
 
 def motion(p: VehicleParameters, program: Program) -> np.ndarray:
-    """(samples, 2, 29): state and rate every SAMPLE from the start of the log."""
+    """Return state and rate every SAMPLE from the start of the log, (samples, 2, 29)."""
     steps, every = round((DURATION + SETTLE) / STEP), round(SAMPLE / STEP)
     return drive(p, at_rest(p, float(program.speed[0])), driver(program), steps, every)[
         round(SETTLE / SAMPLE) :
@@ -381,12 +413,17 @@ def motion(p: VehicleParameters, program: Program) -> np.ndarray:
 
 
 def imu(x: np.ndarray, f: np.ndarray, level: float) -> np.ndarray:
-    """(n, 3) accel_x, accel_y in m/s2, yaw_rate in rad/s, ISO, of an IMU fixed to the body at the body's centre of gravity.
+    """Return accel_x, accel_y, m/s2, and yaw_rate, rad/s, of a body-fixed IMU, ISO, (n,
+    3).
 
-    x, f: (n, 29) states and rates, SAE. `level`: rad, pitch at rest, taken out as a workshop levels an IMU.
-    An accelerometer reads the force on the body less its weight. In the road's axes that is speed' plus what turning adds, and
-    z'' - g, which is minus what springs and joints carry; turned into the body by pitch, then roll. Sideways this is the force
-    of the joints over the body's mass to the last bit. Forwards the package moves body and axles as one: no swing by pitch."""
+    It is at the body's centre of gravity. x, f: (n, 29) states and rates, SAE. `level`:
+    rad, pitch at rest, removed as a workshop levels an IMU. An accelerometer measures the
+    force on the body less its weight. In the road's axes this is speed' plus the terms of
+    the turn, and z'' - g, the negative force of springs and joints. It is rotated into
+    the body by pitch, then roll. Laterally it is exactly the force of the joints over the
+    body's mass. Longitudinally the package moves body and axles together, without a swing
+    by pitch.
+    """
     r, roll, pitch = x[:, YAW_RATE], x[:, ROLL], x[:, PITCH] - level
     ahead = f[:, VX] - r * x[:, VY]
     right = f[:, VY] + r * x[:, VX]
@@ -398,7 +435,7 @@ def imu(x: np.ndarray, f: np.ndarray, level: float) -> np.ndarray:
 
 
 def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Columns of a log, each (n,), ISO, SI."""
+    """Return the columns of a log, each (n,), ISO, SI."""
     x, f = kept[:, 0], kept[:, 1]
     omega = x[:, OMEGA]
     measured = imu(x, f, at_rest(p, 20.0)[PITCH])
@@ -419,7 +456,10 @@ def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) ->
 
 
 def held(p: VehicleParameters, speed: float, steer: float, seconds: float = 6.0) -> list[float]:
-    """(29,) state after turning the wheels to `steer` (rad, SAE) within 1 s and holding angle and speed (m/s)."""
+    """Return the state after steering to `steer` (rad, SAE) in 1 s and holding it, (29,).
+
+    The speed (m/s) is held, too.
+    """
     steps = round(seconds / STEP)
 
     def wanted(i: int, x: list[float]) -> tuple[float, float]:
@@ -433,16 +473,19 @@ OUTPUTS = ("roll", "pitch", "force_x", "force_y", "load_front", "load_rear")
 
 
 def outputs(p: VehicleParameters, x: list[float]) -> np.ndarray:
-    """(6,) OUTPUTS: rad; all tyres' force over mass in m/s2; N. SAE."""
+    """Return OUTPUTS, (6,): rad; force of all tyres over mass in m/s2; N. SAE."""
     w = wheels(p, x)
     along, aside = w.body(x[STEER])
     return np.array([x[ROLL], x[PITCH], along.sum() / p.m, aside.sum() / p.m, *w.load.reshape(2, 2).sum(1)])
 
 
 def response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> dict[str, np.ndarray]:
-    """OUTPUTS -> (len(hertz),) complex: response to steering (by = "steer"), throttle ("drive") or brakes ("brake").
+    """Return the complex response of OUTPUTS to steering, throttle or brakes,
+    (len(hertz),).
 
-    Linearised about driving straight at `speed`, by central differences of the package's rates."""
+    by = "steer", "drive" or "brake". Linearised about driving straight at `speed`, by
+    central differences of the package's rates.
+    """
     x = held(p, speed, 0.0, 3.0)
     n, step = len(x), 1e-6
 
@@ -466,7 +509,7 @@ def response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> 
 
 
 def gain(hertz: np.ndarray, wanted: np.ndarray) -> float:
-    """Gain of the gain w^2/(s^2 + 2 z w s + w^2) nearest to a response (complex)."""
+    """Return the gain of gain w^2/(s^2 + 2 z w s + w^2) nearest to a complex response."""
     s = 2j * np.pi * hertz
 
     def off(q: np.ndarray) -> np.ndarray:
@@ -481,19 +524,22 @@ ROLLING = np.linspace(0.1, 3.0, 59)  # Hz, where the modes are fitted
 
 
 def roll_gain(p: VehicleParameters) -> float:
-    """rad s2/m: of body_roll, linearised at 20 m/s, steering, 0.1 .. 3 Hz: roll over the tyres' force by a mode."""
+    """Return the gain of body_roll, rad s2/m: roll over the tyres' force by a mode.
+
+    Linearised at 20 m/s, by steering, 0.1 .. 3 Hz.
+    """
     y = response(p, 20.0, "steer", ROLLING)
-    return gain(
-        ROLLING, -y["roll"] / y["force_y"]
-    )  # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
+    # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
+    return gain(ROLLING, -y["roll"] / y["force_y"])
 
 
 def pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
-    """Gains of pitch_leak (nose up > 0) and longitudinal_load_transfer, linearised at 20 m/s; means of brakes and
-    throttle, and of axles.
+    """Return the gains of pitch_leak (nose up > 0) and longitudinal_load_transfer.
 
-    Stiffness is in proportion to load: its relative change per acceleration by the tyres, at 0.1 Hz; in the package it comes with
-    the pitch mode, not at once."""
+    Linearised at 20 m/s; means of brakes and throttle, and of axles. Stiffness is
+    proportional to load: its relative change over the acceleration by the tyres, at 0.1
+    Hz. In the package it comes with the pitch mode, not at once.
+    """
     pitch, transfer, load = [], [], static_load(p)
     for by in ("brake", "drive"):
         y = response(p, 20.0, by, ROLLING)
@@ -504,10 +550,13 @@ def pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
 
 
 def rear_camber_steer(p: VehicleParameters) -> float:
-    """1: slip angle into the turn that the rear axle's side force by camber amounts to, per roll angle.
+    """Return the slip angle into the turn of the rear axle's camber force, over roll
+    angle.
 
-    In a steady turn of 2 m/s2: the axle's force less that without camber, over its stiffness, over roll. In the package a
-    wheel that leans out pushes in; the front axle has its own, for which the catalogue has no effect."""
+    In a steady turn of 2 m/s2: force of the axle less that without camber, over its
+    stiffness, over roll. In the package a wheel that leans out pushes in. The front axle
+    has the same, for which the catalogue has no effect.
+    """
     x = held(p, 20.0, -2.0 * (p.a + p.b) / 400)
     w = wheels(p, x)
     rear = zip(w.slip[2:], w.angle[2:], w.load[2:], strict=True)
@@ -516,8 +565,11 @@ def rear_camber_steer(p: VehicleParameters) -> float:
 
 
 def inverse_friction(p: VehicleParameters) -> float:
-    """1: load of an axle as tse has it, m g lr/L and m g lf/L, over the most side force of its tyres without
-    camber; mean of the axles."""
+    """Return tse's load of an axle over the maximum side force of its tyres, mean of
+    both.
+
+    Loads m g lr/L and m g lf/L; tyres without camber.
+    """
     found, angle = [], np.linspace(0, 0.3, 1201)
     for load, carried in zip(p.m * GRAVITY / (p.a + p.b) * np.array([p.b, p.a]), static_load(p), strict=True):
         free = free_slip(p, carried / 2)
@@ -526,21 +578,27 @@ def inverse_friction(p: VehicleParameters) -> float:
 
 
 def combined(p: VehicleParameters) -> float:
-    """k of 1/sqrt(1 + k slip^2) nearest to the tyre's weight of side force by slip up to 3.5 %, of both signs.
+    """Return k of 1/sqrt(1 + k slip^2) nearest to the tyre's weight of side force by
+    slip.
 
-    Mean of -20 and 20 mrad, at the front's static load, without the side force that slip makes by itself."""
+    Slip up to 3.5 %, both signs. Mean of -20 and 20 mrad, at the front's static load,
+    without the side force by slip alone.
+    """
     load, slip = 0.5 * static_load(p)[0], np.linspace(-0.035, 0.035, 71)
     fy = np.array([[tyre_force(p, s, a, 0.0, load)[1] for s in slip] for a in (-0.02, 0.02)])
-    weight = (fy / fy[:, 35:36]).mean(0)  # the package's tyre is not quite the same to both sides
+    weight = (fy / fy[:, 35:36]).mean(0)  # the package's tyre is not quite symmetric
     return float(
         least_squares(lambda k: 1 / np.sqrt(1 + k * slip**2) - weight, [50.0], bounds=(0, np.inf)).x[0]
     )
 
 
 def lateral_transfer(p: VehicleParameters) -> float:
-    """s4/m2: k of C (1 - k ay^2), mean of the axles: none, the tyre is linear in load.
+    """Return k of C (1 - k ay^2), s4/m2, mean of the axles: 0, the tyre is linear in
+    load.
 
-    Side force of an axle whose wheels carry what they do at 5 m/s2, no camber, at a small angle, over that of equal loads."""
+    Side force of an axle with the wheel loads of 5 m/s2, without camber, at a small
+    angle, over that with equal loads.
+    """
     loads, found = wheels(p, held(p, 20.0, -5.0 * (p.a + p.b) / 400)).load.reshape(2, 2), []
     for pair in loads:
         uneven = sum(tyre_force(p, 0.0, 1e-4, 0.0, z)[1] for z in pair)
@@ -549,20 +607,39 @@ def lateral_transfer(p: VehicleParameters) -> float:
     return 0.5 * sum(found)
 
 
-# Effects that the car has none of, and the parameter of each. What is steered is the state that is logged; the package turns
-# the whole car by I_z and the tyres' moment, at arms a and b; its road is level, and the IMU levelled at rest.
+# Effects that the car has none of, and the parameter of each. What is steered is the
+# state that is logged; the package turns the whole car by I_z and the tyres' moment, at
+# arms a and b; its road is level, and the IMU levelled at rest.
 NONE = {
-    "mass": "change", "yaw_inertia": "change", "cg_shift": "distance", "steering_ratio": "change", "steering_offset": "angle",
-    "steering_delay": "time", "steering_lag": "time", "steering_compliance": "angle_per_moment", "relaxation": "length",
-    "longitudinal_relaxation": "length", "stiffness_drift": "change", "aero_drag": "coefficient",
-    "rolling_resistance": "coefficient", "grade": "angle", "bank": "angle", "crosswind": "speed", "conicity": "front",
-    "aligning_moment": "trail", "imu_misalignment": "angle", "imu_scale_ax": "error", "imu_scale_ay": "error",
-    "gyro_scale": "error", "imu_delay": "time",
-}  # fmt: skip
+    "mass": "change",
+    "yaw_inertia": "change",
+    "cg_shift": "distance",
+    "steering_ratio": "change",
+    "steering_offset": "angle",
+    "steering_delay": "time",
+    "steering_lag": "time",
+    "steering_compliance": "angle_per_moment",
+    "relaxation": "length",
+    "longitudinal_relaxation": "length",
+    "stiffness_drift": "change",
+    "aero_drag": "coefficient",
+    "rolling_resistance": "coefficient",
+    "grade": "angle",
+    "bank": "angle",
+    "crosswind": "speed",
+    "conicity": "front",
+    "aligning_moment": "trail",
+    "imu_misalignment": "angle",
+    "imu_scale_ax": "error",
+    "imu_scale_ay": "error",
+    "gyro_scale": "error",
+    "imu_delay": "time",
+}
 
 
 def truth(p: VehicleParameters) -> dict:
-    """What truth.json says: every effect that may be missing, its first parameter and that one's value."""
+    """Return truth.json: every effect that may be missing, its first parameter and
+    value."""
     pitch, transfer = pitch_and_load(p)
     has = {
         # without force a tyre slips at static load: the magic formula is shifted by p_hx1
@@ -572,7 +649,8 @@ def truth(p: VehicleParameters) -> dict:
         "tyre_saturation": ("inverse_friction", inverse_friction(p)),
         "longitudinal_load_transfer": ("gain", transfer),
         "lateral_load_transfer": ("gain", lateral_transfer(p)),
-        # the IMU is at the body's centre of gravity, that of the whole car is behind it, where who weighs the axles finds it
+        # the IMU is at the body's centre of gravity, that of the whole car is behind it,
+        # where who weighs the axles finds it
         "imu_lever_arm": ("x", (p.m_ur * p.b - p.m_uf * p.a) / p.m),
         "body_roll": ("gain", roll_gain(p)),
         "pitch_leak": ("gain", pitch),
@@ -582,7 +660,8 @@ def truth(p: VehicleParameters) -> dict:
 
 
 def write(folder: Path, number: int, seed: int = 1) -> None:
-    """Write the logs of a car, its vehicle file and, last, its truth. seed: of noise and of sizes of the manoeuvres."""
+    """Write the logs of a car, its vehicle file and its truth. seed: of noise and
+    manoeuvres."""
     p = parameters(number)
     folder.mkdir(parents=True, exist_ok=True)
     for name in (*FITTED, *HELD_OUT):
@@ -604,7 +683,7 @@ def write(folder: Path, number: int, seed: int = 1) -> None:
 
 
 def run(car: int) -> dict:
-    """One car: its logs, the workflow, what counts."""
+    """Run one car: logs, workflow, results."""
     folder = FOLDER / f"car{car}"
     done = folder / "result.json"
     if not done.exists():
@@ -621,14 +700,15 @@ def run(car: int) -> dict:
 
 
 def true_size(truth: dict, effect: str) -> tuple[str, float] | None:
-    """Parameter and size of the effect in the car, None: it is not there, or has no one size."""
+    """Return parameter and size of the effect in the car; None: absent, or without one
+    size."""
     found = next((e for e in truth["effects"] if e["id"] == effect), {})
     value = found.get("value")
     return (found["parameter"], float(value)) if isinstance(value, (int, float)) and value else None
 
 
 def table(results: dict[int, tuple[dict, dict]]) -> str:
-    """By car: result and truth -> Markdown."""
+    """Return results and truth by car as Markdown."""
     lines = [
         "| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |",
         "|---|---|---|---:|---:|---:|",

@@ -1,9 +1,10 @@
-"""What the gap workflow says of the real logs that stand beside the checkout (../shared/data); nothing where they do not.
+"""Run the gap workflow on the real logs in ../shared/data, if they are there.
 
-    python -m tests.gap.real [--data DIR] [--out FILE] [--only LOG ...]     from the root of the repository; some minutes a log
+    python -m tests.gap.real [--data DIR] [--out FILE] [--only LOG ...]
 
-The first two thirds of each log are fitted, the last third is held out. Nobody knows what these cars have: what can be judged is
-the sentence, and whether the gap of the held-out third shrinks. Written to scripts/results/gap-real.md.
+From the root of the repository; some minutes a log. The first two thirds of each log are
+fitted, the last third is held out. The effects of these cars are unknown: only the text,
+and the gap of the held-out third can be judged. Written to scripts/results/gap-real.md.
 """
 
 import argparse
@@ -25,7 +26,8 @@ JOBS = 2
 
 
 def row(folder: Path) -> str:
-    """One log: verdict and words, rms over noise of the held-out third before and after."""
+    """Return verdict and text of a log, and rms over noise of its last third, before
+    and after."""
     from tse.gaps.run.output import write_all
     from tse.gaps.run.workflow import run
 
@@ -63,7 +65,10 @@ def main() -> int:
     if not folders:
         print(f"no logs in {options.data}")
         return 0
-    head = "| log | verdict, exit code | what it says | held-out third, rms over noise (95 % of the change) | time, of processors |"
+    head = (
+        "| log | verdict, exit code | what it says | held-out third, rms over noise (95 % of the change) "
+        "| time, of processors |"
+    )
     lines = [head, "|---|---|---|---|---:|"]
     for k, folder in enumerate(folders, 1):
         print(f"{k} of {len(folders)}: {folder.name}", flush=True)

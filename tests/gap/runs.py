@@ -1,4 +1,4 @@
-"""What studies and tests share: a constant of tse that is another for a while, and many runs in processes of their own.
+"""Helpers of studies and tests: a changed constant of tse, and runs in processes.
 
 with changed("identify.fit.MODEL_TIME", 4.0):
     run(...)
@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 @contextmanager
 def changed(name: str, value: Any) -> Iterator[None]:
-    """Set one constant in its module and in every module that imports it, in this process and in those forked from within."""
+    """Set a constant in its module and all importing modules, here and in later forks."""
     module, _, key = name.rpartition(".")
     before = getattr(importlib.import_module(f"tse.{module}"), key)
     mine = [m for n, m in sys.modules.items() if n.startswith("tse.") and vars(m).get(key) is before]
@@ -31,9 +31,12 @@ def changed(name: str, value: Any) -> Iterator[None]:
 
 
 def in_processes(job: Callable[[Any], Any], asked: Sequence[Any], jobs: int, unit: str) -> list[Any] | None:
-    """The results in the order of what was asked, or None after Ctrl-C. New processes that import anew: what a run has changed
-    (constants, caches) reaches no other tree of processes, and the machine's threads none of them: one thread each in the BLAS, as
-    tselab has it, since those of several processes wait for each other (a case took four times as long)."""
+    """Run in new processes; return the results in order, or None after Ctrl-C.
+
+    New processes import anew, so constants and caches that a run changes stay in its
+    process. Each has one thread in the BLAS, as tselab: threads of several processes wait
+    for each other (a case took four times as long).
+    """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         try:

@@ -1,10 +1,12 @@
-"""How long `tselab gap run` takes, and how much memory, on many minutes of log.
+"""Measure time and memory of `tselab gap run` on many minutes of log.
 
-    python -m tests.gap.scale [--duration SECONDS] [--only CASE ...] [--jobs N] [--out FILE]     from the root of the repository
+    python -m tests.gap.scale [--duration SECONDS] [--only CASE ...] [--jobs N]
+        [--out FILE]
 
-Logs of the generator, of a car that rolls and whose tyres relax: the six of a case as half an hour, with its two that are held out
-as ten minutes; and twenty of 90 s, two of every manoeuvre. The table goes to scripts/results/gap-scale.md; that of other
-durations, or of one case, is printed and not written, unless --out says where.
+From the root of the repository. Logs of the generator, of a car with roll and relaxation:
+the six of a case as half an hour, with its two held-out ones as ten minutes; and twenty
+of 90 s, two of every manoeuvre. The table goes to scripts/results/gap-scale.md. That of
+other durations, or of one case, is only printed, unless --out is given.
 """
 
 import argparse
@@ -29,7 +31,7 @@ VERDICTS = (0, 10, 11, 20)  # exit codes
 
 @dataclass
 class Row:
-    """What was measured of one case."""
+    """Measurements of one case."""
 
     case: str
     logs: str
@@ -41,14 +43,14 @@ class Row:
 
 
 def long_logs(folder: Path, duration: float) -> None:
-    """The case as the study has it, longer."""
+    """Write the logs of the study's case, longer."""
     from tests.gap.generator import Spec, make_cases
 
     next(make_cases([Spec("scale", HIDDEN, SEED, duration=duration)])).write(folder)
 
 
 def many_logs(folder: Path, duration: float) -> None:
-    """Every manoeuvre twice: a seed drives each once, so that it is driven for twice as long and cut."""
+    """Write every manoeuvre twice: driven for twice as long, and cut."""
     import pandas as pd
 
     from tests.gap.generator import MANOEUVRES, Spec, make_cases
@@ -70,7 +72,8 @@ def run(case: str, duration: float, jobs: int) -> Row:
     """Make the logs of a case and run the command on them."""
     with tempfile.TemporaryDirectory() as name:
         folder, out = Path(name) / "logs", Path(name) / "out"
-        # in a process of its own: what this one has in memory when it starts the command counts as the command's
+        # in a process of its own: what this one has in memory when it starts the command
+        # counts as the command's
         maker = multiprocessing.get_context("spawn").Process(target=CASES[case], args=(folder, duration))
         maker.start()
         maker.join()
@@ -97,7 +100,7 @@ def run(case: str, duration: float, jobs: int) -> Row:
 
 
 def minutes(path: Path) -> float:
-    """Of a log, from the first and the last time in it."""
+    """Return the minutes of a log, by its first and last time."""
     lines = path.read_text(encoding="utf-8").splitlines()
     column = lines[0].split(",").index("time")
     first, last = (float(lines[k].split(",")[column]) for k in (1, -1))
@@ -105,9 +108,10 @@ def minutes(path: Path) -> float:
 
 
 def table(rows: Sequence[Row], jobs: int) -> str:
-    """Markdown."""
+    """Return the rows as Markdown."""
     lines = [
-        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}`, {cores()} cores; hidden: {' and '.join(HIDDEN)}.",
+        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}`, {cores()} cores; "
+        f"hidden: {' and '.join(HIDDEN)}.",
         "",
         "| case | logs | minutes of log | held out | seconds | GB | verdict |",
         "|---|---|---:|---:|---:|---:|---|",
@@ -115,13 +119,14 @@ def table(rows: Sequence[Row], jobs: int) -> str:
     for r in rows:
         held_out = f"{r.held_out:.1f}" if r.held_out else "-"
         lines.append(
-            f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} | {r.verdict} |"
+            f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} "
+            f"| {r.verdict} |"
         )
     return "\n".join(lines) + "\n"
 
 
 def cores() -> int:
-    """That this process may use."""
+    """Return the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

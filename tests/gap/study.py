@@ -1,11 +1,13 @@
-"""The study of the gap workflow on logs in which the effect is hidden: every case of generator/case.py, judged against its truth.
+"""Study the gap workflow on logs with hidden effects: every case of generator/case.py.
 
-    python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N] [--out DIR]     from the root of the repository
+    python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N]
+        [--out DIR]
 
-Cases that are done are kept in build/gap-study/*.json, so that it can be interrupted and goes on; what the code of the
-workflow has become since is not looked at: --again starts anew. Without options it is one seed of every case at typical size, a
-quarter of an hour of two processors, whose table goes to scripts/results/gap.md; the whole study is --seeds 3 --sizes 3. The table
-of a part (--only) is printed and not written, unless --out says where.
+From the root of the repository. Finished cases are kept in build/gap-study/*.json, so
+that an interrupted study continues. Changes of the code are not detected: --again starts
+anew. Without options it is one seed of every case at typical size, a quarter of an hour
+of two processors, and its table goes to scripts/results/gap.md. The whole study is
+--seeds 3 --sizes 3. The table of a part (--only) is only printed, unless --out is given.
 """
 
 import argparse
@@ -29,13 +31,14 @@ FOLDER = ROOT / "build" / "gap-study"
 RESULTS = ROOT / "scripts" / "results"
 # Aliases by physics (effects.md, section 3): either name is right.
 CLASSES = [{"mass", "yaw_inertia"}, {"imu_scale_ax", "pitch_leak"}, {"conicity", "steering_offset"}]
-# Not expected: what a log cannot show without speed or torque, what a stiffness or a bias takes up. Listed with the result.
+# Not expected: what a log cannot show without speed or torque, what a stiffness or a bias
+# takes up. Listed with the result.
 INVISIBLE = {"aero_drag", "rolling_resistance", "steering_compliance", "aligning_moment", "conicity"}
 SEEDS, SIZES = 1, 0  # seeds of each case at typical size, at half and double: of the table that is published
 
 
 def run(spec_json: str) -> dict:
-    """One case: generate, run the workflow, keep what counts."""
+    """Run one case: generate, run the workflow, keep the results."""
     from tests.gap.generator import Spec, make_cases
     from tse.gaps.run.workflow import run as gap
 
@@ -49,13 +52,22 @@ def run(spec_json: str) -> dict:
         seconds = time.perf_counter() - start
     verdict = result.as_json()
     return {
-        "name": spec.name, "seed": spec.seed, "size": spec.size,
-        "truth": case.truth["effects"], "outside": case.truth["outside"],
-        "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"],
-        "sensors": [s["id"] for s in verdict["sensors"]], "possible": verdict["possible"], "closed": verdict["closed"],
+        "name": spec.name,
+        "seed": spec.seed,
+        "size": spec.size,
+        "truth": case.truth["effects"],
+        "outside": case.truth["outside"],
+        "verdict": verdict["verdict"],
+        "exit": result.exit_code,
+        "named": verdict["effects"],
+        "sensors": [s["id"] for s in verdict["sensors"]],
+        "possible": verdict["possible"],
+        "closed": verdict["closed"],
         "formula": (verdict["formula"] or {}).get("proposed"),
-        "gap": verdict["gap"], "undetectable": [d["id"] for d in verdict["undetectable"]], "seconds": seconds,
-    }  # fmt: skip
+        "gap": verdict["gap"],
+        "undetectable": [d["id"] for d in verdict["undetectable"]],
+        "seconds": seconds,
+    }
 
 
 # ---- judging
@@ -70,7 +82,11 @@ def same(a: str, b: str) -> bool:
 
 
 def grade(case: dict) -> str:
-    """right, look-alike (an admitted set holds the truth), extra (right and more), wrong, missed, outside."""
+    """Return right, look-alike (an admitted set holds the truth), extra, wrong, missed,
+    outside.
+
+    extra: right, and more names.
+    """
     truth, named = truth_ids(case), [n["id"] for n in case["named"]]
     if case["verdict"] != "named":
         return "outside" if case["verdict"] == "not_in_catalogue" else "none"
@@ -95,8 +111,11 @@ def group(case: dict) -> str:
 
 
 def size_of(case: dict) -> tuple[float, float, float, float] | None:
-    """Strength of the first hidden effect, as found, ends of its 95 % interval, and the generator's; None if it was not named by
-    its own id. Sizes, not signs: those of a steering or a bank are conventions."""
+    """Return size, 95 % interval and true size of the first hidden effect; None: not
+    named.
+
+    Absolute values: signs of a steering or a bank are conventions.
+    """
     if not case["truth"]:
         return None
     e = case["truth"][0]
@@ -119,13 +138,13 @@ def size_of(case: dict) -> tuple[float, float, float, float] | None:
 
 
 def size_error(case: dict) -> float:
-    """Relative error of that; nan where there is none."""
+    """Return the relative error of the size; NaN: none."""
     size = size_of(case)
     return math.nan if size is None else size[0] / size[3] - 1.0
 
 
 def interval(k: int, n: int) -> str:
-    """Exact, 95 %."""
+    """Return the exact 95 % interval."""
     low, high = clopper_pearson(k, n)
     return f"{100 * low:.0f} .. {100 * high:.0f} %"
 
@@ -135,7 +154,10 @@ def worst_held_out(case: dict) -> float:
 
 
 def closed_held_out(case: dict) -> float:
-    """Share of the energy above the noise, of all channels of the held-out logs, that what was named or proposed closes."""
+    """Return the share of the energy above noise in held-out logs that the result closes.
+
+    Over all channels, with named or proposed effects.
+    """
     before, after = (
         sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after")
     )
@@ -146,7 +168,8 @@ BINS = (0.1, 0.5, 0.9, 0.99, 1.0)  # of stated probabilities
 
 
 def reliability(cases: list[dict]) -> list[str]:
-    """Rows of a table: probability that was stated of an effect, named or possible, and how often it was there."""
+    """Return rows of a table: stated probability of an effect, and frequency of its
+    presence."""
     stated: list[tuple[float, bool]] = []
     for c in cases:
         truth = truth_ids(c)
@@ -166,11 +189,11 @@ def reliability(cases: list[dict]) -> list[str]:
 
 
 def tables(cases: list[dict]) -> dict[str, str]:
-    """Name of the file -> Markdown."""
+    """Return the tables as Markdown, by file name."""
     columns = ("right", "extra", "look-alike", "wrong", "outside", "none")
     head = (
-        "| hidden | cases | right | right and more | in an admitted set | wrong | not in the catalogue | none "
-        "| size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"
+        "| hidden | cases | right | right and more | in an admitted set | wrong | not in the catalogue | "
+        "none | size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"
     )
     lines = []
     for name in sorted({group(c) for c in cases}):
@@ -188,9 +211,10 @@ def tables(cases: list[dict]) -> dict[str, str]:
         held = sum(grade(c) in ("right", "extra", "look-alike") for c in visible)
         lines.append("")
         lines.append(
-            f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of which these logs show "
-            f"next to nothing: right id in {100 * top / len(visible):.0f} % (95 %: {interval(top, len(visible))}), right or in an "
-            f"admitted set in {100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
+            f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of "
+            f"which these logs show next to nothing: right id in {100 * top / len(visible):.0f} % (95 %: "
+            f"{interval(top, len(visible))}), right or in an admitted set in "
+            f"{100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
         )
     clean = [c for c in cases if group(c) == "nothing hidden"]
     if clean:
@@ -203,16 +227,16 @@ def tables(cases: list[dict]) -> dict[str, str]:
         proposed = [c for c in outside if c.get("formula")]
         half = sum(closed_held_out(c) > 0.5 for c in proposed)
         lines.append(
-            f"\nOf {len(outside)} outside effects {len(proposed)} get a formula; with it more than half of the gap on held-out "
-            f"logs is closed in {half}."
+            f"\nOf {len(outside)} outside effects {len(proposed)} get a formula; with it more than half of "
+            f"the gap on held-out logs is closed in {half}."
         )
     sizes = [size for c in cases if not c["outside"] and (size := size_of(c)) is not None]
     if sizes:
         k = sum(low <= true <= high for _, low, high, true in sizes)
         near = sum(abs(value / true - 1.0) < 0.25 for value, _, _, true in sizes)
         lines.append(
-            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} ({interval(k, len(sizes))}); {near} are within "
-            f"25 % of it. Its forms are others than the catalogue's."
+            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} ({interval(k, len(sizes))}); {near} "
+            f"are within 25 % of it. Its forms are others than the catalogue's."
         )
     lines += ["", *reliability([c for c in cases if not c["outside"]])]
     each = [
@@ -235,15 +259,17 @@ def tables(cases: list[dict]) -> dict[str, str]:
         fit = c["gap"]["fit"]
         change = f"{max(fit['before'].values()):.2f} -> {max(fit['after'].values()):.2f}"
         each.append(
-            f"| {c['name']} | {c['verdict']}: {named} | {'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} | "
-            f"{worst_held_out(c):.2f} |"
+            f"| {c['name']} | {c['verdict']}: {named} | "
+            f"{'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} | {worst_held_out(c):.2f} |"
         )
     return {"gap.md": head + "\n".join([*lines, "", *each]) + "\n"}
 
 
 def chosen(seeds: int, only: list[str], sizes: int) -> list:
-    """The cases of the study with at most so many seeds each, whose name holds one of the parts; `sizes`: most seeds of half and
-    double size, which come last."""
+    """Return the cases of the study by name, with at most this many seeds each.
+
+    `sizes`: at most so many seeds of half and double size, which come last.
+    """
     from tests.gap.generator import study
 
     most = {"clean": 7 * seeds}
@@ -259,7 +285,7 @@ def chosen(seeds: int, only: list[str], sizes: int) -> list:
 
 
 def write(found: dict[str, str], whole: bool, out: Path | None) -> list[Path]:
-    """Write the tables where they were asked for; else, if they are no part of what is published, to RESULTS."""
+    """Write the tables to the given folder; or to RESULTS, unless they are a part."""
     folder = out or (RESULTS if whole else None)
     if folder is None:
         return []

@@ -1,10 +1,12 @@
-"""What other values of the constants that matter do to names: a few cases of the generator, one constant at a time.
+"""Change one constant at a time, and compare the names in a few cases of the generator.
 
-    python -m tests.gap.sweep [--only CONSTANT ...] [--jobs N] [--again]     from the root of the repository; two hours on two cores
+    python -m tests.gap.sweep [--only CONSTANT ...] [--jobs N] [--again]
 
-Names are those of the search (infer/naming.py), before formulas compete with them, so that a case that is in no catalogue (a patch
-of low grip) shows what a constant does to names that are not there. What is done is kept in build/gap-sweep; the table goes to
-scripts/results/gap-sweep.md when all constants were asked, also of a run that was interrupted.
+From the root of the repository; two hours on two cores. Names are those of the search
+(infer/naming.py), before formulas compete with them. So a case outside the catalogue (a
+patch of low grip) shows how a constant changes false names. Finished runs are kept in
+build/gap-sweep. The table goes to scripts/results/gap-sweep.md when all constants are
+done.
 """
 
 import argparse
@@ -39,12 +41,13 @@ VALUES: dict[str, tuple[float, float]] = {
     "identify.fit.MODEL_TIME": (1.0, 4.0),
     "gaps.infer.space.LASTING": (0.33, 1.3),
     "gaps.infer.space.ABSENT": (0.25, 1.0),
-    "gaps.infer.excerpt.MOST_SECONDS": (45.0, 180.0),
+    "gaps.infer.excerpt.MAX_SECONDS": (45.0, 180.0),
 }
 
 
 def run(asked: tuple[str, str, float | None]) -> None:
-    """One case with one constant changed (None: none): the names, and how probable what is there is."""
+    """Run one case with one constant changed (None: none): names, and probability of
+    the truth."""
     from tests.gap.generator import make_cases, study
     from tse.car.vehicle import read_vehicle
     from tse.gaps.catalogue import catalogue

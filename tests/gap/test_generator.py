@@ -1,5 +1,8 @@
-"""The generator of hidden effects against physics worked out another way: closed forms, conserved quantities, the single track
-as a frequency response, and a fit of the baseline model to clean logs."""
+"""The generator of hidden effects against independent physics.
+
+Closed forms, conserved quantities, the single track as a frequency response, and a fit of
+the baseline model to clean logs.
+"""
 
 import json
 import subprocess
@@ -40,7 +43,7 @@ SD = np.array([SENSORS["accel_x_sd"], SENSORS["accel_y_sd"], SENSORS["yaw_rate_s
 
 
 class Run:
-    """One car's motion from the start of the log: `fast` and `fine` at every step, `slow` every 10 ms."""
+    """Motion of one car: `fast` and `fine` at every step, `slow` every 10 ms."""
 
     def __init__(self, car, drive, motion, i):
         start = round(SETTLE / STEP)
@@ -51,7 +54,8 @@ class Run:
         self.imu = imu(car, motion.fast[:, :, i])[start:]
 
     def axle_stiffness(self):
-        """Front and rear side force over slip angle, from the motion alone (small angles)."""
+        """Return front and rear side force over slip angle, from the motion (small
+        angles)."""
         c, s = self.car, self.slow
         wheelbase = c["lf"] + c["lr"]
         fy, yaw_acc = c["mass"] * self.fast["fy"][::10], self.fast["yaw_acc"][::10]
@@ -71,7 +75,7 @@ T = np.arange(10_001) * STEP  # every rig drives 10 s
 
 
 def program(steer, speed=20.0, accel=None, coast=None):
-    """Steer, accelerate, coast over the time of the log; straight on before."""
+    """Return a program over the log: straight, then steer, accelerate, coast."""
     lead = np.zeros(round(SETTLE / STEP))
     accel, coast = (np.r_[lead, 0 * steer if x is None else x] for x in (accel, coast))
     return Program(np.r_[lead, steer], speed + np.cumsum(accel) * STEP, accel, coast)
@@ -86,26 +90,50 @@ def sine(f):
 
 
 def hidden(key, seed=3, size=1.0):
-    """The baseline car with an effect, and the effect's parameters."""
+    """Return the baseline car with an effect, and the effect's parameters."""
     car = baseline()
     return car, hide(car, {key: 1.0}, np.random.default_rng(seed), size)[0]["parameters"]
 
 
 FREQUENCY, SPEED = 1.5, 20.0
 LINEAR = (
-    "relaxation", "steering_ratio", "steering_lag", "steering_delay", "steering_compliance", "wheel_radius", "imu_lever_arm",
-    "imu_scale_ay", "gyro_scale", "imu_misalignment", "imu_delay", "mass", "yaw_inertia", "cg_shift", "rear_roll_steer",
-    "aligning_moment", "body_roll",
-)  # fmt: skip
-TURNS = ("tyre_saturation", "combined_slip", "lateral_load_transfer", "longitudinal_load_transfer", "stiffness_drift",
-         "pitch_leak", "imu_scale_ax", "low_grip_patch", "imu_misalignment", "imu_lever_arm")  # fmt: skip
+    "relaxation",
+    "steering_ratio",
+    "steering_lag",
+    "steering_delay",
+    "steering_compliance",
+    "wheel_radius",
+    "imu_lever_arm",
+    "imu_scale_ay",
+    "gyro_scale",
+    "imu_misalignment",
+    "imu_delay",
+    "mass",
+    "yaw_inertia",
+    "cg_shift",
+    "rear_roll_steer",
+    "aligning_moment",
+    "body_roll",
+)
+TURNS = (
+    "tyre_saturation",
+    "combined_slip",
+    "lateral_load_transfer",
+    "longitudinal_load_transfer",
+    "stiffness_drift",
+    "pitch_leak",
+    "imu_scale_ax",
+    "low_grip_patch",
+    "imu_misalignment",
+    "imu_lever_arm",
+)
 OFFSETS = ("steering_offset", "conicity", "crosswind")
 LOSSES = ("aero_drag", "rolling_resistance")
 OTHERS = ("steering_play", "gust_train", "axle_resonance", "speed_dependent_ratio", "active_front_steering")
 
 
 def rigs():
-    """(group, name) -> car, parameters of what is hidden in it, program."""
+    """Return car, parameters of the hidden effect, and program by (group, name)."""
     step, slide = 0.03 * ramp(0.5, 0.5), 0.2 * ramp(0.5, 3.0)
     brake = -5.0 * (ramp(1.0, 0.2) - ramp(3.0, 0.2))
     swing = np.sin(2 * np.pi * (0.5 + 0.2 * T) * T) * ramp(0, 0.5)
@@ -150,7 +178,7 @@ def rigs():
 
 @pytest.fixture(scope="module")
 def runs():
-    """All of them in one simulation, which takes little longer than one."""
+    """Run all rigs in one simulation, which takes little longer than one."""
     table = rigs()
     drives = [drive_of(car, p, np.random.default_rng(5)) for car, _, p in table.values()]
     motion = simulate(drives, every=1)
@@ -185,13 +213,11 @@ def test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(plain):
 def test_wheels_that_hardly_slip_roll_on_circles_about_one_point(plain):
     s, c = plain["agile"].slow, baseline()
     delta, wheelbase = 0.18, c["lf"] + c["lr"]
-    assert s["vy"][-1] / s["r"][-1] == pytest.approx(
-        c["lr"], rel=0.02
-    )  # that point is abeam of the rear axle
+    # that point is abeam of the rear axle
+    assert s["vy"][-1] / s["r"][-1] == pytest.approx(c["lr"], rel=0.02)
     assert s["r"][-1] / s["vx"][-1] == pytest.approx(np.tan(delta) / wheelbase, rel=0.02)
-    assert s["wf"][-1] / s["wr"][-1] == pytest.approx(
-        1 / np.cos(delta), rel=2e-3
-    )  # the front axle goes the longer way
+    # the front axle goes the longer way
+    assert s["wf"][-1] / s["wr"][-1] == pytest.approx(1 / np.cos(delta), rel=2e-3)
     assert s["wf"][-1] / s["wr"][-1] > 1.012
 
 
@@ -216,9 +242,8 @@ def test_energy_is_lost_to_the_tyres_at_the_rate_of_force_times_slip_speed(plain
     run, c = plain["coast"], baseline()
     s = run.slow
     spin = c["wheel_inertia"] * (c["track_front"] ** 2 + c["track_rear"] ** 2) / 2 / 0.325**2
-    wheels = (
-        c["wheel_inertia"] * (s["wf"] ** 2 + s["wr"] ** 2) + 0.5 * spin * s["r"] ** 2
-    )  # mean and difference of left and right
+    # mean and difference of left and right
+    wheels = c["wheel_inertia"] * (s["wf"] ** 2 + s["wr"] ** 2) + 0.5 * spin * s["r"] ** 2
     energy = (
         0.5 * c["mass"] * (s["vx"] ** 2 + s["vy"] ** 2)
         + 0.5 * (c["yaw_inertia"] - spin) * s["r"] ** 2
@@ -238,9 +263,8 @@ def test_energy_is_lost_to_the_tyres_at_the_rate_of_force_times_slip_speed(plain
 def test_brakes_share_torque_and_slip_as_they_are_built(plain):
     s, c = plain["brake"].slow, baseline()
     i = 200
-    assert s["tf"][i] / (s["tf"][i] + s["tr"][i]) == pytest.approx(
-        c["brake_front"], abs=0.02
-    )  # the engine drags in front, too
+    # the engine drags in front, too
+    assert s["tf"][i] / (s["tf"][i] + s["tr"][i]) == pytest.approx(c["brake_front"], abs=0.02)
     slip = {a: (0.325 * s[f"w{a}"][i] - s["vx"][i]) / s["vx"][i] for a in "fr"}
     force = {a: (s[f"t{a}"][i] + 2 * c["wheel_inertia"] * 5.0 / 0.325) / 0.325 for a in "fr"}
     assert slip["f"] == pytest.approx(force["f"] / c["longitudinal_stiffness_front"], rel=0.02)
@@ -249,7 +273,10 @@ def test_brakes_share_torque_and_slip_as_they_are_built(plain):
 
 @pytest.mark.parametrize("name", ["step", "coast", "hill", "bank", "lively"])
 def test_specific_force_is_inertial_acceleration_less_gravity_in_the_axes_of_the_body(plain, name):
-    """From velocity over ground alone: rotate into the world, differentiate, add the slopes of the road, tilt with the body."""
+    """Derive it from velocity over ground.
+
+    Rotate into the world, differentiate, add the slopes of the road, tilt with the body.
+    """
     run, s = plain[name], plain[name].slow
     c, ground = run.car, np.exp(1j * s["psi"]) * (s["vx"] + 1j * s["vy"])  # of the roll and pitch axes
     lean, nod = c["roll_gain"] * run.fast["roll"][::10], -c["pitch_gain"] * run.fast["pitch"][::10]
@@ -287,7 +314,7 @@ def test_a_hill_is_an_offset_of_accel_x_and_a_bank_of_accel_y(plain):
 def test_the_bodys_mode_as_accelerometers_see_it_has_the_frequency_and_damping_told(
     runs, effect, force, angle
 ):
-    """Least squares of u'' = w^2 (f - u) - 2 z w u' on the motion."""
+    """Fit u'' = w^2 (f - u) - 2 z w u' to the motion by least squares."""
     run, told = runs["swing", effect]
     u, f = run.fast[angle], run.fast[force]
     du = np.gradient(u, STEP)
@@ -350,7 +377,7 @@ def test_filters_do_what_they_are_called():
 
 
 def sine_response(effect, p, car):
-    """accel_y and yaw_rate per steering angle, by the catalogue's formula with the parameters told."""
+    """Return accel_y and yaw_rate over steering angle, by the catalogue's formula."""
     c, s, v = NOMINAL, 2j * np.pi * FREQUENCY, SPEED
 
     def get(name, key):
@@ -367,9 +394,8 @@ def sine_response(effect, p, car):
     if effect == "steering_lag":
         n = s * car["steer_lag"] / (2 * car["steer_lag_z"])
         steer = 1 / (n**2 + 2 * car["steer_lag_z"] * n + 1)
-        assert abs(steer - 1 / (1 + s * p["tau"])) < 0.12 * abs(
-            steer - 1
-        )  # the first-order lag told comes near
+        # the first-order lag told comes near
+        assert abs(steer - 1 / (1 + s * p["tau"])) < 0.12 * abs(steer - 1)
     w = 2 * np.pi * car["f_roll"]
     mode = (s / w) ** 2 + 2 * car["z_roll"] * s / w + 1
     k, coupling, tp = get("rear_roll_steer", "k_per_mps2"), car["roll_coupling"], get("aligning_moment", "tp")
@@ -390,7 +416,7 @@ def sine_response(effect, p, car):
 
 
 def projection(x, t, f=FREQUENCY):
-    """Complex amplitude at a frequency over whole periods at the end."""
+    """Return the complex amplitude at a frequency over whole periods at the end."""
     n = round(3 / f / STEP)
     return 2j * np.mean((x[-n:] - x[-n:].mean()) * np.exp(-2j * np.pi * f * t[-n:]))
 
@@ -402,7 +428,8 @@ def test_linear_effects_move_gain_and_phase_by_their_parameters(runs, name):
     expected = np.array(sine_response(name, p, run.car))
     found = np.array([projection(run.imu[:, k], T) for k in (1, 2)]) / 0.008
     bare = np.array([projection(clean.imu[:, k], T) for k in (1, 2)]) / 0.008
-    # 0.4 %: the wheel forces' share of ay; 6 % of the change: lags of other order, ratio that curves
+    # 0.4 %: the wheel forces' share of ay; 6 % of the change: lags of other order, ratio
+    # that curves
     tolerance = 0.004 * np.abs(bare) + 0.06 * np.abs(expected - bare)
     assert (np.abs(found - expected) < tolerance).all(), (found, expected, bare)
     if name not in ("clean", "wheel_radius", "imu_misalignment"):
@@ -410,7 +437,7 @@ def test_linear_effects_move_gain_and_phase_by_their_parameters(runs, name):
 
 
 def test_a_sensor_off_the_centre_of_gravity_feels_the_acceleration_of_its_own_place(runs):
-    """From the velocity of that place over ground."""
+    """Compare with the velocity of that place over ground."""
     run, p = runs["turn", "imu_lever_arm"]
     s, place = run.slow, p["lx"] + 1j * p["ly"]
     ground = np.exp(1j * s["psi"]) * (s["vx"] + 1j * s["vy"] + 1j * s["r"] * place)
@@ -435,31 +462,35 @@ def test_a_sensor_turned_to_the_left_reads_side_force_as_push(runs):
 def test_a_wrong_radius_is_a_wrong_speed(runs):
     run, p = runs["sine", "wheel_radius"]
     clean = runs["sine", "clean"][0].slow
-    assert run.slow["wf"][-1] / clean["wf"][-1] == pytest.approx(
-        1 / (1 + p["eps"]), rel=1e-3
-    )  # the driver keeps the speed
+    # the driver keeps the speed
+    assert run.slow["wf"][-1] / clean["wf"][-1] == pytest.approx(1 / (1 + p["eps"]), rel=1e-3)
     assert abs(p["eps"]) > 0.009
 
 
 # ---- the others: axle stiffness in turns, offsets, losses
 
 
-STEADY, BRAKING, THRUST = (
-    slice(420, 480),
-    slice(560, 615),
-    slice(780, 880),
-)  # samples: 5 m/s2 lateral; -3.5, 2 m/s2 in it
+# samples: 5 m/s2 lateral; -3.5, 2 m/s2 in it
+STEADY, BRAKING, THRUST = (slice(420, 480), slice(560, 615), slice(780, 880))
 
 
 def ratios(runs, name, when):
-    """Axle stiffness over nominal, front and rear, and the mean accelerations felt."""
+    """Return axle stiffness over nominal, front and rear, and the mean accelerations."""
     run, p = runs["turn", name]
     front, rear = run.axle_stiffness()
     c = NOMINAL
     return (
-        np.array([front[when].mean() / c["cornering_stiffness_front"], rear[when].mean() / c["cornering_stiffness_rear"]]),
-        run.fast["fx"][::10][when].mean(), run.fast["fy"][::10][when].mean(), run, p,
-    )  # fmt: skip
+        np.array(
+            [
+                front[when].mean() / c["cornering_stiffness_front"],
+                rear[when].mean() / c["cornering_stiffness_rear"],
+            ]
+        ),
+        run.fast["fx"][::10][when].mean(),
+        run.fast["fy"][::10][when].mean(),
+        run,
+        p,
+    )
 
 
 def test_axle_stiffness_of_the_clean_car_is_constant(runs):
@@ -475,7 +506,8 @@ def test_saturation_softens_the_axles_as_the_brush_of_its_parameter_does(runs):
     z = NOMINAL["cornering_stiffness_front"] * angle * p["inv_mu"] / (3 * load)
     assert fy > 3.8
     assert found[0] < 0.93
-    # the brush fitted to the whole curve starts stiffer than the magic formula, its stiffness being free
+    # the brush fitted to the whole curve starts stiffer than the magic formula, its
+    # stiffness being free
     assert 1.0 < found[0] / (1 - z + z**2 / 3) < 1.1
     x = NOMINAL["cornering_stiffness_front"] * p["inv_mu_peak"] / (1.35 * load) * angle
     curve = np.sin(1.35 * np.arctan(x + 0.4 * (x - np.arctan(x)))) / (1.35 * x)
@@ -559,7 +591,8 @@ def test_offsets_and_side_winds_turn_the_car_as_steady_forces_do(runs):
             force = 2.8 * p["w"] * np.hypot(v, p["w"])
             moment = force * p["arm"]
         vy, r = np.linalg.solve(balance, [force, moment])
-        # the wind: its force differs from the catalogue's with heading and with the car's own drift
+        # the wind: its force differs from the catalogue's with heading and with the car's
+        # own drift
         tolerance = 0.12 if name == "crosswind" else 0.015
         assert run.slow["r"][250] == pytest.approx(r, rel=tolerance), name
         assert run.slow["vy"][250] == pytest.approx(vy, rel=tolerance, abs=0.003), name
@@ -595,7 +628,8 @@ def test_play_gusts_and_resonance_show_where_they_should(runs):
     assert np.fft.rfftfreq(len(more), STEP)[np.argmax(power)] == pytest.approx(
         shaken.car["f_resonance"], abs=0.6
     )
-    # shaken by white noise alone: 3 m/s2 sqrt(w step/(4 damping)) = 1.0 of the gain; the turns add some
+    # shaken by white noise alone: 3 m/s2 sqrt(w step/(4 damping)) = 1.0 of the gain; the
+    # turns add some
     assert 0.9 < more.std() / told["gain"] < 1.7
 
 
@@ -633,7 +667,10 @@ def test_a_sticking_sensor_logs_stairs_while_the_wheels_turn(cases):
 
 
 def single_track(logs, scale, parts=2):
-    """accel_x, accel_y, yaw_rate of the baseline model, driven by logged steering and wheel speeds: (rows, 3, logs)."""
+    """Return accel_x, accel_y, yaw_rate of the baseline model, (rows, 3, logs).
+
+    Logged steering and wheel speeds drive it.
+    """
     c, h = NOMINAL, 0.01 / parts
     cxf, cxr = c["longitudinal_stiffness_front"] * scale[0], c["longitudinal_stiffness_rear"] * scale[0]
     cyf, cyr = c["cornering_stiffness_front"] * scale[1], c["cornering_stiffness_rear"] * scale[2]
@@ -666,7 +703,10 @@ def single_track(logs, scale, parts=2):
 
 
 def fit(logs, rounds=3):
-    """Three stiffnesses over nominal and a bias per channel and log; the residual in units of the sensors' sd (rows, 3, logs)."""
+    """Fit three stiffnesses over nominal, and a bias for each channel and log.
+
+    Residuals are in units of the sensors' sd, (rows, 3, logs).
+    """
     measured = np.stack([[g["accel_x"], g["accel_y"], g["yaw_rate"]] for g in logs], -1).transpose(1, 0, 2)
     n, scale = len(logs), np.ones(3)
 
@@ -683,7 +723,8 @@ def fit(logs, rounds=3):
 
 
 def low_pass(x, cut=5.0):
-    """Without phase: the noise of wheel speeds and steering goes, what a driver does stays."""
+    """Filter without phase: removes noise of wheel speeds and steering, keeps the
+    driver."""
     ends = 2 * x[0] - x[:0:-1], 2 * x[-1] - x[-2::-1]
     f = np.fft.rfft(np.r_[ends[0], x, ends[1]])
     f *= 1 / (1 + (np.fft.rfftfreq(3 * len(x) - 2, 0.01) / cut) ** 8)
@@ -711,7 +752,8 @@ def test_without_noise_the_baseline_model_explains_every_clean_log(cases):
     true = [clean_case.car[k] / NOMINAL[k] for k in axes]
     assert scale == pytest.approx(true, rel=0.003)
     rms = np.sqrt((residual**2).mean(0))
-    # 5 % of the noise adds 0.1 % to the residual: no detector sees that in a log of 3000 rows
+    # 5 % of the noise adds 0.1 % to the residual: no detector sees that in a log of 3000
+    # rows
     assert rms.max() < 0.05, dict(zip(clean_case.logs, rms.T.round(3), strict=True))
 
 
@@ -723,8 +765,9 @@ def test_with_noise_the_residual_of_clean_logs_is_the_sensors_noise(cases):
     ]
     _, residual = fit(logs)
     rms = np.sqrt((residual**2).mean((0, 2)))
-    # 1200 rows, three logs: the RMS of white noise scatters by 1/sqrt(2 x 3600) = 1 %; what the smoothing leaves of the
-    # wheel speeds' noise (0.02 rad/s, slip times Cx/m) adds 1 .. 3 % to accel_x
+    # 1200 rows, three logs: the RMS of white noise scatters by 1/sqrt(2 x 3600) = 1 %;
+    # what the smoothing leaves of the wheel speeds' noise (0.02 rad/s, slip times Cx/m)
+    # adds 1 .. 3 % to accel_x
     assert rms.max() < 1.05
     assert rms.min() > 0.96
 
@@ -775,7 +818,7 @@ def test_the_vehicle_file_tells_nothing_of_what_is_hidden():
 
 
 def test_logs_depend_on_the_seed_only_not_on_what_else_is_in_the_batch():
-    """The other car has everything that is left out of the computation where no car has it."""
+    """The other car has all effects that a batch skips if no car has them."""
     one, two = (
         Spec(str(s), {}, s, manoeuvres=("slalom",), hold_out=(), duration=2.0, noise=0.0) for s in (1, 2)
     )
@@ -783,7 +826,8 @@ def test_logs_depend_on_the_seed_only_not_on_what_else_is_in_the_batch():
     together = [c.logs["slalom"] for c in make_cases([everything, one])]
     (alone,) = (c.logs["slalom"] for c in make_cases([one]))
     for k, x in alone.items():
-        # 1e-5: a tyre of friction 1000 is a magic formula beside one that saturates, and a line alone
+        # 1e-5: a tyre of friction 1000 is a magic formula beside one that saturates, and
+        # a line alone
         assert together[1][k] == pytest.approx(x, rel=1e-5, abs=1e-5 if "torque" not in k else 1e-2), k
     assert np.abs(alone["accel_y"]).max() > 0.8
     assert np.abs(alone["accel_y"] - together[0]["accel_y"]).max() > 0.1
@@ -815,7 +859,8 @@ def test_the_same_drive_with_and_without_an_effect_differs_by_the_effect_alone(c
 @pytest.mark.parametrize("key", list(CATALOGUE))
 @pytest.mark.parametrize("size", [0.5, 1.0, 2.0])
 def test_what_is_told_of_an_effect_is_what_was_asked_for(key, size):
-    """The parameter measured from the model's own components is the value asked for, at every size of the study."""
+    """The parameter measured from the model's own components is the given one, at
+    every size."""
     e = EFFECTS[key]
     for seed in (1, 2):
         car = baseline()
@@ -843,8 +888,17 @@ def test_nothing_of_tse_or_tselab_is_used():
         imports = [
             line.split()[1] for line in path.read_text().splitlines() if line.startswith(("import ", "from "))
         ]
-        assert {i.split(".")[0] for i in imports} <= {"", "__future__", "argparse", "collections", "dataclasses", "json", "numpy",
-                                                      "pathlib", "types"}  # fmt: skip
+        assert {i.split(".")[0] for i in imports} <= {
+            "",
+            "__future__",
+            "argparse",
+            "collections",
+            "dataclasses",
+            "json",
+            "numpy",
+            "pathlib",
+            "types",
+        }
 
 
 def test_the_command_writes_a_case(tmp_path):

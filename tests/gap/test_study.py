@@ -1,5 +1,8 @@
-"""A seeded part of the study: the whole workflow on logs of the independent generator, and how the study judges; its long logs,
-whose runs take minutes (scale.py itself); its multi-body car, which drives as its own equations say."""
+"""A seeded part of the study: the whole workflow on logs of the independent generator.
+
+Also how the study judges, its long logs (whose runs take minutes, scale.py), and its
+multi-body car against its own equations.
+"""
 
 import importlib
 import json
@@ -29,8 +32,11 @@ def found(
     manoeuvres: tuple[str, ...],
     hold_out: tuple[str, ...] = HELD_OUT,
 ) -> tuple[dict, dict, int]:
-    """Of 20 s of each manoeuvre. What is hidden is found in few; that nothing is found which is not there is harder in many. With
-    held-out logs the search runs twice."""
+    """Run the workflow on 20 s of each manoeuvre.
+
+    Few logs find the hidden effect. Many logs are the harder case for finding nothing
+    else. With held-out logs the search runs twice.
+    """
     case = next(
         make_cases([Spec("case", effects, seed, manoeuvres=manoeuvres, hold_out=hold_out, duration=20)])
     )
@@ -45,9 +51,8 @@ def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
     verdict, _, code = found(tmp_path, {}, 101, MANOEUVRES)
     assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
     assert max(verdict["gap"]["fit"]["after"].values()) < 1.2
-    assert {"aero_drag", "rolling_resistance"} <= {
-        d["id"] for d in verdict["undetectable"]
-    }  # no speed, no torque in the log
+    # no speed, no torque in the log
+    assert {"aero_drag", "rolling_resistance"} <= {d["id"] for d in verdict["undetectable"]}
 
 
 # 15 %: the forms of the generator differ from the catalogue's
@@ -84,7 +89,7 @@ def test_a_part_of_the_study_does_not_take_the_place_of_all(
 
 
 def test_an_interval_holds_a_size_or_does_not() -> None:
-    """By hand: a size, its interval and the truth, either sign."""
+    """By hand: size, interval and truth, either sign."""
     case = {
         "truth": [{"id": "body_roll", "parameters": {"gain": 0.008}}],
         "named": [{"id": "body_roll", "parameters": {"gain": {"value": 0.009, "ci95": [0.0085, 0.0095]}}}],
@@ -114,7 +119,10 @@ def test_logs_are_as_many_and_as_long_as_the_table_says(tmp_path: Path) -> None:
 
 
 def test_memory_is_that_of_one_process() -> None:
-    """Not the largest of those before it. Asked in a small process: one that starts another gives it its own size as the least."""
+    """Not the maximum of earlier ones.
+
+    Measured in a small process: a process that starts another gives it its own size.
+    """
     code = (
         "import sys; from measured import measure_command\n"
         "for mb in (400, 1):\n"
@@ -147,14 +155,14 @@ def multibody() -> ModuleType:
 
 
 def test_our_wheel_forces_are_those_of_the_package(multibody):
-    """check(): largest difference between its rates and forces summed here, relative; rounding only."""
+    """check(): the relative difference between both is rounding only."""
     car = multibody.parameters(2)
     x = multibody.held(car, 20.0, 0.03, 2.0)
     assert multibody.check(car, x) < 1e-9
 
 
 def test_a_steady_turn_rolls_by_the_gain_of_the_truth(multibody):
-    """Roll angle over lateral acceleration, driven against linearised: 5 %, for the turn is of 3 m/s2."""
+    """Roll over lateral acceleration, driven against linearised: 5 %, at 3 m/s2."""
     car = multibody.parameters(2)
     roll, _, _, force = multibody.outputs(car, multibody.held(car, 20.0, 0.02, 6.0))[:4]
     assert 1.0 < abs(force) < 5.0
@@ -162,7 +170,7 @@ def test_a_steady_turn_rolls_by_the_gain_of_the_truth(multibody):
 
 
 def test_the_truth_has_every_effect_that_may_be_missing_and_no_other(multibody):
-    """Exact kinematics is the model: a table that expects its name would call a right verdict wrong."""
+    """Exact kinematics is the model: a table that expects its name would be wrong."""
     car = multibody.parameters(2)
     ids = [e["id"] for e in multibody.truth(car)["effects"]]
     assert sorted(ids) == sorted(catalogue())

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.channels.agree import check_units, late_across
+from tse.channels.agree import check_lateral_delay, check_units
 from tse.channels.log import read_frame
 from tse.library.core import Config
 
@@ -123,13 +123,13 @@ def test_an_accel_y_that_is_late_against_the_yaw_rate_is_reported(
     y = pd.Series(np.interp(time - late, time, y))
     table["accel_y"] = y.ewm(alpha=0.02 / (0.02 + 1 / (2 * np.pi))).mean() if filtered else y
     log = read_frame(table)
-    said = late_across(log, STREET)
+    said = check_lateral_delay(log, STREET)
     assert bool(said) == bool(wrong)
     if wrong:
         assert f" ms {wrong} than the car turns" in said[0] and "Stiffness is wrong by it" in said[0]
     if late or ahead:
         stated = Config({**STREET.as_dict(), "accel_y_latency": max(late, 0.0), "imu_lever_arm_x": ahead})
-        assert late < 0 or late_across(log, stated) == []
+        assert late < 0 or check_lateral_delay(log, stated) == []
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])

@@ -191,7 +191,7 @@ def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, fra
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: f.drop(columns="accel_y"), "accel_y is not in the log: what only it shows is not known"),
+        (lambda f: f.drop(columns="accel_y"), "accel_y is not in the log: quantities that only it shows stay unknown"),
         (lambda f: f.drop(columns="wheel_speed_rear"), "wheel_speed_front stands in for it"),
         (lambda f: f.assign(steer_angle=f["steer_angle"].where(f.index != 7, 2.5)),
          "steer_angle: 1 values outside -1.2 .. 1.2 rad are treated as missing (first in row 7)"),

@@ -60,7 +60,7 @@ REPAIRED: dict[str, tuple[Change, list[str]]] = {
     "a row twice": (cell(12, "time", "0.09"), ["time: 1 entries have the time of the next one", "0.090 s"]),
     "a row without time": (cell(5, "time", ""), ["time: 1 entries without a time are left out"]),
     "a clock set back": (lambda t: t.assign(time=[*t.time[:50], *(t.time[50:].astype(float) - 0.4).astype(str)]),
-                         ["time: the clock goes back 1 time (first by 0.39 s at 0.490 s)", "bridged"]),
+                         ["time: the clock goes back 1 time (first by 0.39 s at 0.490 s)", "the rest continues"]),
     "a clock set ahead": (lambda t: t.assign(time=[*t.time[:50], *(t.time[50:].astype(float) + 5000).astype(str)]),
                           ["time: the clock jumps ahead by 5000 s at 0.490 s: bridged", "1 gap longer than"]),
     "no accel_x": (lambda t: t.drop(columns="accel_x"), ["accel_x is not in the log"]),
@@ -118,7 +118,7 @@ HEADER = b"time,steer_angle,wheel_speed_front,wheel_speed_rear,accel_x,accel_y,y
 FILES: dict[str, tuple[bytes, list[str]]] = {
     "empty": (b"", ["is empty"]),
     "only header": (HEADER + b"\n", ["has a header but no rows"]),
-    "binary": (bytes(range(256)) * 40, ["binary file of no format", "MF4"]),
+    "binary": (bytes(range(256)) * 40, ["binary file of an unknown format", "MF4"]),
     "zero bytes": (b"time\0,a\n" * 5, ["binary"]),
     "latin-1": ("time,steer_angle,°\n0,0,é\n".encode("latin-1"), ["signals.toml"]),
     "semicolons": (b"time;steer_angle;accel_x\n0;0;0\n", ["of tse's names it has steer_angle, accel_x, not "

@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 
 from conftest import tselab, tselab_here
+from tse import tables
 from tse.channels.log import read_log
 from tse.library.core import Config
-from tse.report import tables
 from tse.simulation.maneuvers import MANEUVERS
 from tselab import cli
 

@@ -1,4 +1,8 @@
-"""The catalogue of effects in Python: read from the library, in vehicle files, in the replay of a log."""
+"""The catalogue of effects in Python: read from the library, in vehicle files, in the
+replay of a log.
+"""
+
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,6 +12,8 @@ from test_consider import DT, ROWS, late, logged
 
 from conftest import RAN, simulated, tselab_here
 from tse.car.vehicle import is_set, read_vehicle
+from tse.gaps.catalogue import signed_delays
+from tse.identify.knots import PROFILES
 from tse.library.core import (
     REPLAY_LOG,
     STIFFNESS,
@@ -20,7 +26,9 @@ from tse.library.core import (
     library,
 )
 from tse.library.errors import UserError
+from tse.library.files import read_toml
 
+ROOT = Path(__file__).resolve().parents[2]
 BARE = """mass = 1900.0
 lf = 1.25
 lr = 1.5
@@ -48,7 +56,7 @@ def straight(rows=300, speed=20.0, **more):
 def test_every_effect_has_strengths_that_are_settings_and_off_but_the_kinematics():
     config = Config.exact()
     catalogue = library().effects
-    assert len(catalogue) == 33
+    assert list(catalogue) == list(read_toml(ROOT / "src" / "tables" / "effects.toml"))
     for effect in catalogue.values():
         assert effect.strengths
         for p in effect.parameters:
@@ -66,6 +74,18 @@ def test_look_alikes_are_effects_or_are_known_otherwise():
             assert alike in library().effects or alike in others, (effect.id, alike)
             if alike in library().effects:
                 assert effect.id in library().effects[alike].look_alikes, (alike, effect.id)
+
+
+def test_roads_with_a_profile_are_those_of_the_catalogue():
+    assert {e.id for e in library().effects.values() if e.occurrence == "ROAD"} == set(PROFILES)
+    known = {"SENSOR", "EVERY_CAR", "SOME_CARS", "ROAD", "ABSORBED", "IN_MODEL"}
+    assert {e.occurrence for e in library().effects.values()} == known
+
+
+def test_effects_that_are_early_below_a_size_have_a_title_for_it():
+    early = {e.id: e.early_below for e in library().effects.values() if e.early}
+    assert early == {"steering_delay": 0.0, "steering_lag": 0.02, "imu_delay": 0.0}
+    assert signed_delays() == {"steering_delay_time", "imu_delay_time"}
 
 
 def test_effects_of_a_vehicle_file_are_settings(tmp_path):
@@ -125,7 +145,8 @@ def test_simulate_and_estimate_take_effects_from_the_vehicle_file(tmp_path):
         done = tselab_here("estimate", log, "--vehicle", name, "--out", out)
         assert done.code in RAN, done.err
         stiffness[name.stem] = pd.read_csv(out)["cy_front"].iloc[-1]
-    assert stiffness["plain"] > 1.05 * stiffness["car"]  # 10 % more steering looks like a stiffer front axle
+    # 10 % more steering looks like a stiffer front axle
+    assert stiffness["plain"] > 1.05 * stiffness["car"]
 
 
 def test_replay_reads_what_the_simulator_simulates():
@@ -189,27 +210,33 @@ UNLIKE = {"tyre_saturation_inverse_friction": (1 / 1.0 + 1 / 1.3) / 2, "tyre_sat
 
 @pytest.fixture(scope="module")
 def at_the_limit() -> np.ndarray:
-    """Rows of the simulator without noise: 25 s of slalom at 0.2 Hz, growing until the front slides."""
+    """Rows of the simulator without noise: 25 s of slalom at 0.2 Hz, growing until the
+    front slides.
+    """
     t = DT * np.arange(2500)
     quiet = {"noise": 0, "spread_cx_front": 0, "spread_cy_front": 0, "spread_cy_rear": 0, "speed": 25.0}
     return simulated(UNLIKE, quiet, DT, steer_angle=0.008 * t * np.sin(2 * np.pi * 0.2 * t))
 
 
 def brush(angle: np.ndarray, stiffness: float, end: float) -> np.ndarray:
-    """Return the force of a brush tyre with parabolic pressure (Pacejka 2012, 3.1), at most `end`."""
+    """Return the force of a brush tyre with parabolic pressure (Pacejka 2012, 3.1), at
+    most `end`.
+    """
     z = np.minimum(stiffness * np.abs(angle) / (3 * end), 1)
     return np.sign(angle) * end * (1 - (1 - z) ** 3)
 
 
 def test_friction_of_each_axle_is_found_again_by_least_squares(at_the_limit):
-    """Forces of the axles by the balances of force and moment, slip angles by kinematics, a brush
-    tyre for each axle. Its four numbers come out within 0.2 %: the yaw acceleration is a difference
-    over two rows."""
+    """Forces of the axles by the balances of force and moment, slip angles by kinematics,
+    a brush tyre for each axle. Its four numbers come out within 0.2 %: the yaw
+    acceleration is a difference over two rows.
+    """
     rows, car = at_the_limit, Config.exact(UNLIKE)
     vx, vy, r, steer = (rows[name] for name in ("true_vel_x", "true_vel_y", "true_yaw_rate", "steer_angle"))
     side, turn = car.mass * rows["accel_y"], car.yaw_inertia * np.gradient(r, DT)
     base = car.lf + car.lr
-    front_force = (car.lr * side + turn) / base / np.cos(steer)  # nothing drives or brakes
+    # nothing drives or brakes
+    front_force = (car.lr * side + turn) / base / np.cos(steer)
     rear_force = (car.lf * side - turn) / base
     front = steer - np.arctan2(vy + car.lf * r, vx)
     rear = -np.arctan2(vy - car.lr * r, vx)
@@ -232,9 +259,10 @@ def test_friction_of_each_axle_is_found_again_by_least_squares(at_the_limit):
 
 
 def test_replay_finds_friction_and_balance_of_a_log_with_noise(at_the_limit):
-    """Fit both numbers of the model in the library, driven by the log, to noise of 0.1 m/s2 and
-    0.005 rad/s: within four sds. The fit ends before the front axle slides: beyond, a model with less
-    friction behind spins."""
+    """Fit both numbers of the model in the library, driven by the log, to noise of 0.1
+    m/s2 and 0.005 rad/s: within four sds. The fit ends before the front axle slides:
+    beyond, a model with less friction behind spins.
+    """
     rows, random = at_the_limit[:800], np.random.default_rng(7)
     sd = {"accel_y": 0.1, "yaw_rate": 0.005}
     log = {name: rows[name] + s * random.standard_normal(len(rows)) for name, s in sd.items()}
@@ -250,13 +278,17 @@ def test_replay_finds_friction_and_balance_of_a_log_with_noise(at_the_limit):
     assert np.all(np.abs(fit.x - list(UNLIKE.values())) < 4 * spread), (fit.x, spread)
     assert spread[1] < 0.1 * UNLIKE["tyre_saturation_balance"]
     even = least_squares(lambda u: misfit(np.array([u[0], 0.0])), [0.8], x_scale=0.1, diff_step=1e-4)
-    assert 2 * fit.cost == pytest.approx(2 * len(rows), rel=0.15)  # chi square of as many values
+    # chi square of as many values
+    assert 2 * fit.cost == pytest.approx(2 * len(rows), rel=0.15)
     assert even.cost > 2 * fit.cost  # what one friction for both axles leaves
 
 
 def test_the_filter_with_the_balance_keeps_the_stiffness_of_a_car_at_the_limit(at_the_limit):
-    """Its grip is that of both axles. Without the balance the end of an axle is taken for another
-    stiffness. Both wheel speeds are one signal here, which shows no slip."""
+    """Its grip is that of both axles.
+
+    Without the balance the end of an axle is taken for another stiffness. Both wheel
+    speeds are one signal here, which shows no slip.
+    """
     settings = {"grip": 1 / UNLIKE["tyre_saturation_inverse_friction"], "driven_axle": 1.0}
     told = estimated(at_the_limit, tyre_saturation_balance=UNLIKE["tyre_saturation_balance"], **settings)
     untold = estimated(at_the_limit, **settings)
@@ -272,7 +304,9 @@ IMU = ("accel_x", "accel_y", "yaw_rate")
 
 @pytest.fixture(scope="module")
 def driven() -> np.ndarray:
-    """Rows of the simulator: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s, nothing late."""
+    """Rows of the simulator: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s,
+    nothing late.
+    """
     t = DT * np.arange(ROWS)
     steer, torque = (
         0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t)),
@@ -288,7 +322,8 @@ def estimated(rows: np.ndarray, **settings: float) -> np.void:
     return out[-1]
 
 
-# What acts, and what is found: the steering column early by 20 ms acts 20 ms late; an IMU that is late makes all else early.
+# What acts, and what is found: the steering column early by 20 ms acts 20 ms late; an IMU
+# that is late makes all else early.
 CASES = {
     "nothing": ({}, 0.0),
     "steering acts late": ({"steer_angle": -0.02}, 0.02),
@@ -299,8 +334,10 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_lag_is_found_and_costs_no_stiffness(driven, case):
-    """3 ms: 1.3 that tyres take to relax where the car's do at once, 1 of the row in one substep, 0.7 for three times the sd.
-    How late the IMU is behind the wheels is in the longitudinal stiffness."""
+    """3 ms: 1.3 that tyres take to relax where the car's do at once, 1 of the row in one
+    substep, 0.7 for three times the sd. How late the IMU is behind the wheels is in
+    the longitudinal stiffness.
+    """
     by, steer = CASES[case]
     last = estimated(logged(driven, {name: late(x) for name, x in by.items()}))
     assert last["lag_steer"] == pytest.approx(steer, abs=0.003)

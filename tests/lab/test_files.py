@@ -377,8 +377,8 @@ def usual(seed: int, rows: int = 500) -> dict:
 def test_what_is_usual_is_written_without_arrow_and_as_arrow_writes_it(monkeypatch, rows):
     tables = [usual(seed, rows) for seed in range(5)]
     tables = [t | {"time": np.where(t["time"] < 1e-5, 0.0, t["time"])} for t in tables]
-    expected = [estimate._rows_of_arrow(t) for t in tables]
-    monkeypatch.delattr(estimate, "_rows_of_arrow")
+    expected = [estimate._write_rows_by_arrow(t) for t in tables]
+    monkeypatch.delattr(estimate, "_write_rows_by_arrow")
     assert [csv_rows(t) for t in tables] == expected
     assert [csv_rows(pd.DataFrame(t)) for t in tables] == expected
 
@@ -389,7 +389,7 @@ def test_what_is_usual_is_written_without_arrow_and_as_arrow_writes_it(monkeypat
 def test_what_orjson_writes_otherwise_is_written_by_arrow(odd):
     kind = np.float32 if isinstance(odd, np.float32) else None
     table = usual(3, 4) | {"odd": np.array([odd, odd, odd, odd if isinstance(odd, str | bool) else 2], kind)}
-    assert csv_rows(table) == estimate._rows_of_arrow(table)
+    assert csv_rows(table) == estimate._write_rows_by_arrow(table)
 
 
 def test_missing_cells_are_empty():

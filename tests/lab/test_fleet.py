@@ -376,7 +376,7 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
     def fail(_: object) -> None:
         raise ZeroDivisionError("of ours")
 
-    monkeypatch.setattr(module, "_work", fail)
+    monkeypatch.setattr(module, "_run_task", fail)
     assert "internal error: ZeroDivisionError: of ours" in module.work(task(tmp_path / "a")).error
     with pytest.raises(UserError, match="install the same on all"):
         module.work(replace(task(tmp_path / "a"), code=("0", "0")))

@@ -23,7 +23,7 @@ from tse.gaps.fit import fit
 from tse.gaps.infer import excerpt as ex
 from tse.gaps.infer.hypotheses import NAME_AT
 from tse.gaps.infer.naming import Named, name
-from tse.gaps.parallel import apart, is_copy
+from tse.gaps.parallel import is_copy, run_in_processes
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
 from tse.identify.data import BURN_IN, prepare, prepare_all, simulate, smooth_values
@@ -115,19 +115,21 @@ LINUX = pytest.mark.skipif(sys.platform != "linux", reason="processes are not co
 @pytest.mark.parametrize("jobs", [1, 2, 5])
 def test_what_comes_back_is_in_order_and_of_closures(jobs: int) -> None:
     by = 3
-    assert apart(jobs, lambda x: by * x, [4, 1, 2]) == [12, 3, 6]
-    assert apart(jobs, lambda x: by * x, []) == [] and not is_copy()
+    assert run_in_processes(jobs, lambda x: by * x, [4, 1, 2]) == [12, 3, 6]
+    assert run_in_processes(jobs, lambda x: by * x, []) == [] and not is_copy()
 
 
 @LINUX
 def test_each_is_done_in_another_process_which_makes_no_more() -> None:
-    found = apart(2, lambda _: (os.getpid(), is_copy(), apart(2, lambda _: os.getpid(), [0, 0])), [0, 0, 0])
+    found = run_in_processes(
+        2, lambda _: (os.getpid(), is_copy(), run_in_processes(2, lambda _: os.getpid(), [0, 0])), [0, 0, 0]
+    )
     assert all(pid != os.getpid() and copy and inner == [pid, pid] for pid, copy, inner in found)
 
 
 @LINUX
 def test_only_what_is_light_is_sent() -> None:
-    assert apart(2, lambda x: (x, lambda: None), [1, 2], lambda pair: pair[0]) == [
+    assert run_in_processes(2, lambda x: (x, lambda: None), [1, 2], lambda pair: pair[0]) == [
         1,
         2,
     ]  # a function cannot be sent
@@ -138,7 +140,7 @@ def test_an_error_of_a_user_stays_one() -> None:
         raise UserError(f"{x} is too much")
 
     with pytest.raises(UserError, match="is too much"):
-        apart(2, wrong, [7, 8])
+        run_in_processes(2, wrong, [7, 8])
 
 
 def test_pieces_are_chosen_about_as_well_as_by_trying_all():
@@ -184,7 +186,7 @@ def long_log(tmp_path_factory):
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     baseline = fit(problem, STIFFNESS, {})
-    with changed("gaps.infer.excerpt.MOST_SECONDS", 60.0):
+    with changed("gaps.infer.excerpt.MAX_SECONDS", 60.0):
         assert ex.is_long(problem)
         few = ex.excerpt(problem, baseline)
     log = few.logs[0]
@@ -198,7 +200,7 @@ def test_the_part_with_the_bends_is_chosen(long_log):
 
 def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
-    with changed("gaps.infer.excerpt.MOST_SECONDS", 200.0):
+    with changed("gaps.infer.excerpt.MAX_SECONDS", 200.0):
         assert not ex.is_long(problem)
         assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
 
@@ -210,7 +212,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
         for k, d in enumerate(("sweep", "brakes"))
     ]
-    with changed("gaps.infer.excerpt.MOST_SECONDS", 20.0):
+    with changed("gaps.infer.excerpt.MAX_SECONDS", 20.0):
         result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]

@@ -404,8 +404,8 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
     assert "gyro_scale" not in why and set(why.values()) <= {"below 90 %"}
     less = naming.without(problem, found, frozenset(), "a reason")
     assert {p["id"]: p["why"] for p in less.possible} == {"body_roll": "a reason"} | why
-    assert naming.LEAST_CLOSED < found.named[0].alone <= 1.0
-    monkeypatch.setattr(naming, "LEAST_CLOSED", 1.1)
+    assert naming.MIN_CLOSED < found.named[0].alone <= 1.0
+    monkeypatch.setattr(naming, "MIN_CLOSED", 1.1)
     idle = naming.name(problem, asked)
     assert (
         not idle.named

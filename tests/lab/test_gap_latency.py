@@ -11,7 +11,6 @@ import pytest
 from conftest import tselab
 from gap_logs import car, write_log
 from tse.car.vehicle import read_vehicle
-from tse.gaps.infer.hypotheses import SENSORS
 from tse.gaps.run import workflow
 from tse.identify.data import prepare, remove_latencies
 
@@ -75,7 +74,9 @@ def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str
     verdict = results["not told"].as_json()
     assert verdict["sensors"] or "imu_delay" in named["not told"] or "steering_delay" in named["not told"]
     physics = {
-        n.effect.id for n in results["not told"].naming.named if n.effect.id not in SENSORS and not n.message
+        n.effect.id
+        for n in results["not told"].naming.named
+        if n.effect.occurrence != "SENSOR" and not n.message
     }
     assert physics <= {"body_roll"}, results["not told"].words
 

@@ -175,7 +175,7 @@ def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tup
         if t["name"] in ("ref_vel_y", "estimate")
     }
     assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"].to_numpy())
-    spoken = regimes.spoken_of(est)
+    spoken = regimes.estimate_times(est)
     assert spoken == pytest.approx(table["time"].to_numpy() - 0.04, abs=1e-6)
     for figure in figures_of(page):
         for trace in figure["data"]:
@@ -190,8 +190,8 @@ def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tup
 
 def test_where_nothing_is_late_nothing_is_drawn_otherwise(driven: np.ndarray) -> None:
     table = pd.DataFrame({"time": [0.0, 0.01], "estimate_age": [0.0, np.nan]})  # NaN: a row that was refused
-    assert np.array_equal(regimes.spoken_of(table), table["time"])
-    assert np.array_equal(regimes.spoken_of(table[["time"]]), table["time"])
+    assert np.array_equal(regimes.estimate_times(table), table["time"])
+    assert np.array_equal(regimes.estimate_times(table[["time"]]), table["time"])
     assert "estimate_age" in plots.OPTIONAL
 
 

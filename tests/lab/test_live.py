@@ -1,6 +1,7 @@
 """The filter on a bus while driving: the rows and estimates of the file of the same drive, and a sentence for what goes wrong."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pandas as pd
 import pytest
 
 import tse
+import tse.estimation.answer
 from conftest import RAN, tselab, tselab_here
 from log_formats import RADIUS, RATIO, TRACK, make_drive
 from trade_files import DBC, encode_frames
@@ -24,11 +26,12 @@ from tse.channels.log import read_log
 from tse.channels.signals import read_signals
 from tse.library.errors import UserError
 from tse.log.rows import Reading
-from tse.streaming.drive import Live, bus_opener
+from tse.streaming.drive import LiveDrive, bus_opener
 from tse.streaming.page import Page
 
 can = pytest.importorskip("can")
 
+ROOT = Path(__file__).resolve().parents[2]
 EPOCH = 1_700_000_000.0
 SIGNALS = f"""
 [signals.steer_angle]
@@ -108,7 +111,9 @@ def a_live(folder, channel, out=None, signals=True, say=lambda _: None, **more):
     car = read_vehicle(folder / "car.toml")
     mapped = read_signals(folder / "signals.toml") if signals is True else signals
     opened = more.pop("opened", None) or opener(channel)
-    return Live(opened, [folder / "car.dbc"], car, make_config(car, None)[0], mapped, out, say=say, **more)
+    return LiveDrive(
+        opened, [folder / "car.dbc"], car, make_config(car, None)[0], mapped, out, say=say, **more
+    )
 
 
 def driven(live, sender, patience=1.0):
@@ -449,6 +454,52 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
     finally:
         page.close()
         live.close()
+
+
+def test_the_page_in_a_browser(folder, trip):
+    """Answers and plots at two widths, in the light and in the dark; nothing but its own machine is asked."""
+    sys.path.append(str(ROOT / "scripts"))
+    import page as built
+
+    chromium = next(
+        (found for n in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(n))), None
+    )
+    if chromium is None or not shutil.which("node") or not shutil.which("npm"):
+        pytest.skip("no browser, no node or no npm is installed")
+    try:
+        modules = built.modules()
+    except built.Failed as error:
+        pytest.skip(str(error)[:200])
+    live = a_live(folder, "browser")
+    page = Page(live, car="not calibrated")
+    try:
+        sender = Sender("browser", trip)
+        sender.start()
+        end = time.monotonic() + 2
+        while sender.is_alive() or time.monotonic() < end:
+            page.add(*live.work(0.05))
+        how = [
+            "node",
+            ROOT / "tests" / "page" / "live.mjs",
+            modules,
+            chromium,
+            page.url,
+            ROOT / "build" / "site" / "shots",
+        ]
+        done = subprocess.run([str(x) for x in how], capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        seen = json.loads(done.stdout)
+        answer = [line.strip() for line in tse.estimation.answer.answer(live.now(), live.config)]
+    finally:
+        page.close()
+        live.close()
+    assert seen["errors"] == [] and all(r.startswith((page.url, "data:")) for r in seen["requests"])
+    for name in ("live-light", "live-phone"):
+        of = seen[name]
+        assert "   ".join(of["answer"]).split() == " ".join(answer).split()
+        assert of["car"] == "not calibrated" and " rows, " in of["state"]
+        assert of["overflow"] <= 0 and not of["cut"]
+        assert of["behind"][3] == 0, of["behind"]
 
 
 def test_a_disk_that_is_full_is_a_sentence_and_it_goes_on(folder, trip, tmp_path, monkeypatch):

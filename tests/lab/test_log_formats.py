@@ -128,7 +128,7 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     by_hand = read_signals(tmp_path / "signals.toml")
     (tmp_path / "signals.toml").unlink()
     done = tselab_here("estimate", "--verbose", path, "--vehicle", car, "--out", tmp_path / "e.csv")
-    assert done.code == 2 and "tselab signals fahrt.csv --write signals.toml" in done.err
+    assert done.code == 2 and f"tselab signals {path} --write signals.toml" in done.err
     done = tselab_here("signals", path, "--vehicle", car, "--write", tmp_path / "signals.toml")
     assert done.code == 0, done.err
     proposed = read_signals(tmp_path / "signals.toml")
@@ -369,7 +369,7 @@ def test_buses_and_kinds_of_identifiers_are_kept_apart(name, tmp_path):
         for c in [log.channels[n]]
     } == {"M.speed#2": True, "M.speed": True, "E.angle": True}
     assert len(log.channels) == 3 and any(
-        "message M is there more than once" in n and "M.speed#2" in n for n in log.notes
+        "message M appears more than once" in n and "M.speed#2" in n for n in log.notes
     )
 
 
@@ -470,7 +470,7 @@ def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_p
     packed = zlib.compress(struct.pack("<II", 14, (1 << 32) - 8) + bytes(1 << 20))
     (tmp_path / "bomb.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
     done = tselab_here("signals", tmp_path / "bomb.mat")
-    assert done.code == 2 and "a variable has 4.0 GB, it says" in done.err and "-v7.3" in done.err
+    assert done.code == 2 and "states a variable of 4.0 GB" in done.err and "-v7.3" in done.err
 
     pa = pytest.importorskip("pyarrow")
     import pyarrow.parquet as pq
@@ -483,8 +483,7 @@ def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_p
         done = tselab_here("signals", tmp_path / "t.parquet")
     assert size < 1e5
     assert (
-        done.code == 2
-        and "the table has 50,000 rows; of a file of its size up to 49,999 are read" in done.err
+        done.code == 2 and "the table has 50,000 rows; a file of its size may have up to 49,999" in done.err
     )
     assert "cut it into drives" in done.err
 

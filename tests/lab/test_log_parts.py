@@ -179,7 +179,7 @@ def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_a
     log = read_log(drive.log)
     config = Config.exact(read_vehicle(drive.vehicle).values)
     whole = estimate.estimate_to(None, log, config)
-    monkeypatch.setattr(estimate, "MOST_KEPT", 700)
+    monkeypatch.setattr(estimate, "MAX_SUMMARY", 700)
     part = estimate.estimate_to(None, log, config)
     assert len(part) == len(whole) == len(log) == 2001 and not part.interrupted
     assert part.statuses == whole.statuses and sum(part.statuses.values()) == 2001

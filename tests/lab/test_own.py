@@ -182,7 +182,7 @@ def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_pa
         "p.csv",
         cwd=tmp_path,
     )
-    assert "calibrated on the log" not in plain.out
+    assert f"\n{own.NOT_ASKED}\n" in f"\n{plain.out}"
     assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "log.est.csv").read_bytes()
 
 
@@ -303,7 +303,8 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     stat = made.stat().st_mtime_ns
     assert tselab_here(*command, cwd=tmp_path).out == done.out and made.stat().st_mtime_ns == stat
     plain = tselab_here(*command[:-1], "--no-calibrate", "--restart", "--json", cwd=tmp_path)
-    assert not any("calibrated on" in n for log in json.loads(plain.out)["logs"] for n in log["notes"])
+    notes = [n for log in json.loads(plain.out)["logs"] for n in log["notes"]]
+    assert own.NOT_ASKED in notes and not any("minutes of it" in n for n in notes)
 
 
 def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):

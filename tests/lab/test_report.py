@@ -12,7 +12,7 @@ from test_what_happened import table_of as table_of_events
 
 from conftest import tselab_here
 from tse.car.vehicle import make_default_vehicle
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.regimes import REGIMES, changes, spells
 from tse.estimation.verdict import late_steering, others, remarks, verdicts
 from tse.gaps.run.pictures import overlay
@@ -256,12 +256,12 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
     """Of a filter that doubts in its last rows."""
     log, table = made_up(6000)
     told = table_of_events(CALM)
-    table = pd.concat([table.drop(columns=[c for c in table if c in told]), told], axis=1)
+    table = pd.concat([table.drop(list_columns=[c for c in table if c in told]), told], axis=1)
     table.loc[table.index[-20:], ["cy_front", "cy_front_sd"]] = [100e3, 30e3]
     sd = {"model_sd": np.full(3, 0.009)}
     write_report(
         tmp_path / "r.html",
-        Estimate(table, False, uncertainty_sd=sd),
+        Estimates(table, False, uncertainty_sd=sd),
         log,
         make_default_vehicle(),
         Config.exact(),
@@ -287,7 +287,7 @@ def test_every_peak_survives_in_its_place(n, stride):
     y = np.random.default_rng(n).standard_normal(n)
     y[n // 2] = 50.0
     y[n // 3] = -50.0
-    thinned, at = plots.thin(y, stride), plots.picks(n, stride)
+    thinned, at = plots.thin(y, stride), plots.pick_rows(n, stride)
     assert len(thinned) == len(at) == 2 * -(-n // stride)
     assert np.all(np.diff(at) >= 0) and at[0] == 0 and at[-1] < n
     for i, value in enumerate(thinned):
@@ -305,12 +305,10 @@ def test_what_is_missing_leaves_a_gap_only_where_nothing_is_left():
 
 def test_what_a_screen_can_show_is_not_thinned():
     y = np.arange(7.0)
-    assert plots.thin(y, plots.stride_of(plots.MOST_POINTS)) is y
-    for n in (plots.MOST_POINTS + 1, 10**5, 360_000, 8 * 10**6):
+    assert plots.thin(y, plots.stride_of(plots.MAX_POINTS)) is y
+    for n in (plots.MAX_POINTS + 1, 10**5, 360_000, 8 * 10**6):
         stride = plots.stride_of(n)
-        assert (
-            stride & (stride - 1) == 0 and plots.MOST_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MOST_POINTS
-        )
+        assert stride & (stride - 1) == 0 and plots.MAX_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MAX_POINTS
 
 
 @pytest.mark.parametrize("n", [1, 500, 20001])
@@ -393,7 +391,7 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
 
 
 def drive(told, seconds: float = 200.0):
-    """Log and estimates with all columns that the report draws."""
+    """CheckedLog and estimates with all list_columns that the report draws."""
     table = table_of_events(told, seconds)
     log, other = made_up(len(table))
     rest = other[[c for c in other if c not in table]]
@@ -439,7 +437,9 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
     log, table = drive(
         [(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))]
     )
-    write_report(tmp_path / "r.html", Estimate(table, False), log, make_default_vehicle(), Config.exact(), [])
+    write_report(
+        tmp_path / "r.html", Estimates(table, False), log, make_default_vehicle(), Config.exact(), []
+    )
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
                  "From 36.0 .. 119.9 s", "From 119.9 .. 200.0 s", "<td>front axle changed</td>"):  # fmt: skip
@@ -448,7 +448,7 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
     calm = drive(CALM)[1]
     write_report(
         tmp_path / "calm.html",
-        Estimate(calm, False),
+        Estimates(calm, False),
         log,
         make_default_vehicle(),
         Config.exact({"grip_sd": 0.2}),

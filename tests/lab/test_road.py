@@ -188,7 +188,7 @@ def test_a_refused_road_leaves_the_file_as_it_was(tmp_path):
 
 def test_a_place_lies_between_its_neighbours(tmp_path):
     road = read_road(written(tmp_path))
-    np.testing.assert_allclose(road.at("bank", [-1.0, 0.0, 2.5, 15.0, 20.0, 21.0, np.nan]),
+    np.testing.assert_allclose(road.interpolate("bank", [-1.0, 0.0, 2.5, 15.0, 20.0, 21.0, np.nan]),
                                [np.nan, 0.02, 0.025, 0.005, -0.03, np.nan, np.nan])  # fmt: skip
 
 
@@ -196,14 +196,16 @@ def test_a_circuit_begins_again():
     road = Road(
         [0, 10, 20, 30], [0.0, 0.1, 0.2, 0.0], *np.full((3, 4), np.nan), curvature=np.zeros(4), is_closed=True
     )
-    np.testing.assert_allclose(road.at("bank", [5.0, 35.0, 25.0, 85.0, -5.0]), [0.05, 0.05, 0.1, 0.1, 0.1])
+    np.testing.assert_allclose(
+        road.interpolate("bank", [5.0, 35.0, 25.0, 85.0, -5.0]), [0.05, 0.05, 0.1, 0.1, 0.1]
+    )
 
 
 def test_knots_become_the_profile_of_a_path():
     s = np.arange(0.0, 101.0, 5.0)
     road = plain(s, 0 * s).with_profile(np.array([20.0, 60.0]), bank=np.array([0.0, 0.04]))
-    assert road.at("bank", [40.0])[0] == pytest.approx(0.02)
-    assert np.isnan(road.at("bank", [10.0, 70.0])).all() and np.isnan(road.grade).all()
+    assert road.interpolate("bank", [40.0])[0] == pytest.approx(0.02)
+    assert np.isnan(road.interpolate("bank", [10.0, 70.0])).all() and np.isnan(road.grade).all()
 
 
 def test_the_curvature_of_a_circle_is_one_over_its_radius():

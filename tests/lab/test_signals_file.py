@@ -272,7 +272,11 @@ BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, word
     "Excel": ("x.xlsx", b"PK\3\4".ljust(60, b"\0"), ["save the sheet as CSV"]),
     "zip": ("x.zip", b"PK\3\4".ljust(60, b"\0"), ["unpack it first"]),
     "database for a log": ("x.dbc", b'VERSION ""\n', ["this is the database", "--database"]),
-    "a picture": ("x.png", b"\x89PNG\r\n\x1a\n\0\0".ljust(60, b"\0"), ["binary file of no format", "MF4"]),
+    "a picture": (
+        "x.png",
+        b"\x89PNG\r\n\x1a\n\0\0".ljust(60, b"\0"),
+        ["binary file of an unknown format", "MF4"],
+    ),
     "no time": (
         "x.csv",
         b"lrw;vl\n1,5;2\n1,4;3\n1,3;3\n1,5;4\n",
@@ -330,6 +334,20 @@ def test_a_file_that_is_written_is_read_again_and_none_is_overwritten(tmp_path):
 
 
 # ---- dates
+
+
+def test_a_proposal_with_a_bare_name_stands_beside_the_log_where_it_is_looked_for(tmp_path):
+    (tmp_path / "logs").mkdir()
+    log = tmp_path / "logs" / "log.csv"
+    t = np.arange(0, 20, 0.02)
+    speed, lean = 20 + np.sin(0.3 * t), 0.2 * np.sin(t)
+    pd.DataFrame({"t [s]": t, "Lenkwinkel [deg]": 30 * lean, "v_VL [km/h]": 3.6 * speed, "v_HL [km/h]": 3.6 * speed,
+                  "Gierrate [deg/s]": np.rad2deg(lean), "ay [m/s2]": speed * lean, "ax [m/s2]": 0.3 * np.cos(0.3 * t)}).to_csv(
+        log, index=False)  # fmt: skip
+    done = tselab_here("signals", "logs/log.csv", "--write", "signals.toml", cwd=tmp_path)
+    assert done.code in (0, 3), done.err
+    assert (log.parent / "signals.toml").is_file() and not (tmp_path / "signals.toml").exists()
+    assert f"Written to {Path('logs') / 'signals.toml'}" in done.out
 
 
 @pytest.mark.parametrize("form", ["%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%d %H:%M:%S.%f", "%H:%M:%S.%f"])

@@ -193,6 +193,16 @@ def test_a_database_is_read_without_its_odd_line_which_is_named(odd, trip, tmp_p
     assert len(said) == (0 if "point" in odd or "behind" in odd else 1), log.notes
 
 
+def test_a_database_that_is_named_and_stands_in_signals_toml_is_read_once(trip, car, tmp_path):
+    odd = next(k for k in ODD_LINES if "point" not in k and "behind" not in k)
+    path = write_candump(tmp_path / "drive.log", encode_frames(trip), DBC + ODD_LINES[odd] + "\n")
+    database, made = tmp_path / "car.dbc", tmp_path / "signals.toml"
+    assert tselab_here("signals", path, "--database", database, "--vehicle", car, "--write", made).code == 0
+    assert "databases" in made.read_text()
+    notes = read_log(path, reading=Reading(car=read_vehicle(car), databases=(database,))).notes
+    assert len([n for n in notes if n.startswith("car.dbc: line 2")]) == 1, notes
+
+
 def test_of_a_database_that_is_none_the_name_is_said(trip, tmp_path):
     path = write_candump(tmp_path / "drive.log", encode_frames(trip[:20]), "this is no database")
     with pytest.raises(UserError, match=r"car\.dbc: is no database of a bus"):

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from tse.car.config import NOT_IN_FILTER, make_config
+from tse.car.config import make_config
 from tse.car.vehicle import (
     REQUIRED,
     fill_sensors,
@@ -92,13 +92,19 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
     assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
     slips = BARE + "[effects.combined_slip]\nfactor = 100.0\n"
     assert "effects.combined_slip" in make_config(read(tmp_path, slips), None)[1][0]
-    # found by a calibration
-    found = '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n'
+    found = '[calibration]\nnames = ["combined_slip_factor"]\nmean = [100.0]\ncovariance = [[25.0]]\n'
     assert make_config(read(tmp_path, slips + "[uncertainty]\nmodel_sd = 0.03\n" + found), None)[1] == []
-    assert set(NOT_IN_FILTER) <= set(library().effects)
+    grip = BARE + "[effects.tyre_saturation]\ninverse_friction = 1.25\n"
+    (note,) = make_config(read(tmp_path, grip), None)[1]
+    assert note == (
+        "effects.tyre_saturation.inverse_friction = 1.25: not used while grip = 1; with grip = 0 it is"
+    )
+    assert make_config(read(tmp_path, grip), None, options={"grip": 0.0})[1] == []
     text = (Path(__file__).resolve().parents[2] / "src" / "EQUATIONS.md").read_text()
     listed = text.split("Not applied: ")[1].split("Simulator and replay")[0]
-    assert {i for i in library().effects if f"`{i}`" in listed} == set(NOT_IN_FILTER)
+    effects = library().effects.values()
+    unused = {e.id for e in effects if e.filter == "none"} - {"exact_kinematics"}  # that is always there
+    assert {e.id for e in effects if f"`{e.id}`" in listed} == unused
 
 
 def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
@@ -141,6 +147,15 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
         class_of("tyre_saturation_shape"),
         class_of("grip"),
     ]
+
+
+@pytest.mark.parametrize(("friction", "notes"), [(0.0, 0), (1.25, 1)])
+def test_a_friction_of_a_car_that_nobody_has_calibrated_is_said_not_to_be_used(tmp_path, friction, notes):
+    car = read(tmp_path, f"{BARE}[effects.tyre_saturation]\ninverse_friction = {friction}\n")
+    _, said = make_config(car, None)
+    named = [s for s in said if "effects.tyre_saturation.inverse_friction" in s]
+    assert named == [s for s in said if "not used while grip = 1; with grip = 0 it is" in s]
+    assert len(named) == notes
 
 
 @pytest.mark.parametrize(("friction", "notes"), [(1.25, 0), (0.95, 1)])

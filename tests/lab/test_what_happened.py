@@ -9,7 +9,7 @@ from scipy.interpolate import make_smoothing_spline
 
 import tse
 from conftest import tselab_here
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.regimes import REGIMES, Change, changes, percent, spells, stretches, words
 from tse.estimation.smooth import backward, fixed, smooth
 from tse.estimation.verdict import findings
@@ -223,7 +223,7 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(ROAD), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(table_of(ROAD), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     lines = done.out.splitlines()
@@ -232,7 +232,7 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert lines[at + 2].startswith("  Front cornering stiffness: 120 kN/rad ± 2 (95 %)")
     assert lines[at + 4] == "From 36.0 .. 60.0 s:" and "84 kN/rad ± 2 (95 %)" in lines[at + 6]
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
-    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(every_5_s, 200), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(table_of(every_5_s, 200), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
@@ -243,7 +243,7 @@ def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path
     for told, seconds in ((CALM, 60), (ROAD, 60), (every_5_s, 200)):
         table = table_of(told, seconds)
         table["noise_accel_x"] = 3.0  # a note
-        monkeypatch.setattr(single, "estimate_to", lambda *_, table=table, **__: Estimate(table, False))
+        monkeypatch.setattr(single, "estimate_to", lambda *_, table=table, **__: Estimates(table, False))
         done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
         lines = [*done.out.splitlines(), *done.err.splitlines()]
         assert len(lines) <= 12 and max(map(len, lines)) <= 100, lines
@@ -382,7 +382,7 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
                 and v.smoothed_reason == "valid"
             )
     assert one.lines()[2].endswith("; smoothed over the stretch 119 ± 8, valid")
-    rows = results.rows("log", Estimate(table, False), [one, two], found, ())
+    rows = results.rows("log", Estimates(table, False), [one, two], found, ())
     assert [r["change_probability"] for r in rows[3:]] == pytest.approx([0.97] * 3)
     assert rows[3]["start"] == pytest.approx(36.03)
     assert rows[1]["smoothed_low"] < 1.2e5 < rows[1]["smoothed_high"] and rows[0]["change"] is None

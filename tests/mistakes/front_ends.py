@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in ("scripts", "tests/fmu"):
+for folder in ("scripts", "scripts/dev", "tests/fmu"):
     if str(ROOT / folder) not in sys.path:
         sys.path.insert(0, str(ROOT / folder))
 
@@ -224,10 +224,14 @@ def run_page(drive: Drive, log: LogOf) -> Response:
     """Run a log through the scripts of the page and its WebAssembly, in node."""
     knows, wasm = _load_page()
     job = {
-        "scripts": str(page_maker.SOURCES), "page": knows, "wasm": wasm, "known": drive.known,
+        "scripts": str(page_maker.SOURCES),
+        "page": knows,
+        "wasm": wasm,
+        "known": drive.known,
         "car": {**drive.car, "driven_axle": AXLES[drive.driven]},
-        "time": log["time"].tolist(), "channels": {c: np.nan_to_num(log[c]).tolist() for c in CHANNELS},
-    }  # fmt: skip
+        "time": log["time"].tolist(),
+        "channels": {c: np.nan_to_num(log[c]).tolist() for c in CHANNELS},
+    }
     file = make_scratch_folder() / "job.json"
     file.write_text(json.dumps(job), encoding="utf-8")
     found = json.loads(_run("node", HERE / "page.mjs", file))

@@ -1,5 +1,7 @@
-// node browse.mjs NODE_MODULES BROWSER PAGE FOLDER LOGS.json - what a person does with the page, in a real browser without a
-// network; says what was seen as JSON. Pictures and what the page hands out are left in FOLDER. LOGS.json: {logs, cars}, the files to drop, by name.
+// browse.mjs - use the page as a person does, in a browser without a network:
+// node browse.mjs NODE_MODULES BROWSER PAGE FOLDER LOGS.json > SEEN.json
+// Screenshots and downloads are written to FOLDER. LOGS.json: {logs, cars, checks}, the files
+// to drop, by name.
 import { readFileSync, mkdirSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join, resolve } from "node:path";
@@ -51,7 +53,7 @@ async function finished(page) {
   await settle(page);
 }
 
-// Press a button that hands out a file; its text.
+// Press a button that downloads a file; return the text of the file.
 async function handed(page, id) {
   return page.evaluate(async (button) => {
     const real = URL.createObjectURL;
@@ -89,7 +91,7 @@ async function files(page) {
   };
 }
 
-// ---- the example, in the light
+// ---- the example, in light colours
 const page = await open("light", 1200, 900);
 seen.fatal = await text(page, "fatal");
 seen.foot = await text(page, "built");
@@ -103,7 +105,7 @@ seen.logs.example = {
   cards: await text(page, "cards"),
 };
 await shoot(page, "example-light");
-// a peak of one row is drawn, however far one looks from
+// a peak of one row is visible at any zoom
 seen.peak = await page.evaluate(() => {
   const c = document.createElement("div");
   c.style.width = "300px";
@@ -132,7 +134,7 @@ await settle(page);
 seen.zoomed = await page.evaluate(() => window.tse.log.chart.to - window.tse.log.chart.from);
 await page.keyboard.press("0");
 
-// ---- other logs: a log says no mass, and without one nothing is valid
+// ---- other logs: a log has no mass, and without a mass no stiffness is valid
 await drop(page, "plain");
 await page.click("#run");
 await finished(page);
@@ -182,7 +184,7 @@ for (const [name, file] of Object.entries(checks)) {
   };
   if (name === "yaw sign") await shoot(page, "against-light");
 }
-// a vehicle file that says nothing of the ratio leaves it as loose as it was guessed
+// a vehicle file without a steering ratio keeps the sd of the guessed one
 await (await page.$("#car-file")).uploadFile(cars.little);
 await page.waitForFunction("/little/.test(document.getElementById('state').textContent)");
 seen.looseAfterCar = await page.evaluate(() => window.tse.log.car().steer_ratio_sd);
@@ -190,7 +192,7 @@ if (logs.broken) {
   await drop(page, "broken");
   await shoot(page, "broken-light");
 }
-// what a screen reader is told: every control has a name
+// every control has a name for screen readers
 seen.nameless = await page.evaluate(() =>
   [...document.querySelectorAll("button, input, select, canvas, progress")]
     .filter((e) => !(e.labels?.length || e.getAttribute("aria-label") || e.textContent.trim()))
@@ -203,14 +205,15 @@ for (const name of Object.keys(cars)) {
   });
   await (await page.$("#car-file")).uploadFile(cars[name]);
   await page.waitForFunction(
-    "document.getElementById('state').textContent !== 'waiting' || document.getElementById('car-wrong').textContent",
+    "document.getElementById('state').textContent !== 'waiting' || " +
+      "document.getElementById('car-wrong').textContent",
   );
   seen.cars[name] = {
     wrong: await text(page, "car-wrong"),
     settings: await page.evaluate(() => window.tse.log.car()),
   };
 }
-// a log that is opened after its vehicle file keeps what the file said
+// a log opened after its vehicle file keeps the settings of the file
 await (await page.$("#car-file")).uploadFile(cars.little);
 await page.waitForFunction("/little/.test(document.getElementById('state').textContent)");
 await drop(page, "plain");
@@ -231,7 +234,8 @@ seen.refused = await page.evaluate(() => ({
 }));
 await page.close();
 
-// ---- a drive, in the dark: the weaving driver on a dry road, then on snow; time is made by the page's own steps
+// ---- a drive with dark colours: the weaving driver on a dry road, then on a wet one; the test
+// advances the time
 const dark = await open("dark", 1200, 900);
 await dark.click("#tab-drive");
 seen.drive = await dark.evaluate(() => {
@@ -262,7 +266,7 @@ await dark.evaluate(() => {
 });
 await settle(dark);
 await shoot(dark, "drive-dark");
-// the road and the noise by their keys, which are not the driver's
+// sliders of road and noise by arrow keys, which then do not steer
 seen.sliders = {};
 for (const id of ["level", "noise"]) {
   const before = await dark.$eval(`#${id}`, (e) => Number(e.value));
@@ -271,7 +275,7 @@ for (const id of ["level", "noise"]) {
   seen.sliders[id] = before - (await dark.$eval(`#${id}`, (e) => Number(e.value)));
 }
 seen.sliders.auto = await dark.$eval("#auto", (e) => e.checked);
-// by hand: keys steer
+// keys steer
 await dark.click("#go");
 await dark.keyboard.down("ArrowLeft");
 await new Promise((go) => setTimeout(go, 500));

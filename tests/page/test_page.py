@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(ROOT / "scripts" / "dev"))
 import page  # noqa: E402
 
 from tse.car.vehicle import make_filter_values, read_vehicle  # noqa: E402
@@ -49,6 +49,11 @@ def built():
         pytest.skip(f"the page cannot be built here: {str(error)[:200]}")
     page.build(page.PAGE)
     return page.PAGE
+
+
+def test_the_page_that_git_holds_is_of_these_sources():
+    """No compiler is needed to see it. After a change of the library or of docs/page: scripts/dev/page.py --ship."""
+    assert page.shipped_digest() == page.digest(), "scripts/dev/page.py --ship"
 
 
 @pytest.fixture(scope="module")
@@ -177,9 +182,8 @@ def checks(slow, tmp_path_factory):
     """Return logs with mistakes, and one without units, in km/h, deg/s and g."""
     folder = tmp_path_factory.mktemp("checks")
     files = {}
-    gentle = slow.assign(
-        **{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")}
-    )  # so that deg/s are inside the range, too
+    # so that deg/s are inside the range, too
+    gentle = slow.assign(**{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")})
     for i, (name, change) in enumerate(list_mistakes().items()):
         files[name] = str(folder / f"{i}.csv")
         write_table(change(gentle), files[name])

@@ -39,8 +39,7 @@ float sqrtf(float x)
   return x;
 }
 
-/* any number that an operation may give: `+` is native, and says nothing when it
- * overflows */
+/* any number that an operation may give: `+` is native, and says nothing when it overflows */
 #if defined(TSE_REAL_FIXED)
 #include "number/real_ops.h"
 static void any_numbers(void *at, size_t bytes)

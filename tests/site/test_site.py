@@ -361,7 +361,7 @@ BLOCKS = sorted(
 def test_a_table_that_is_written_in_is_current(block):
     """`.venv/bin/python -m docsite.fill` writes them anew."""
     kind, what = block
-    now = fill.made(kind, what)
+    now = fill.make_block(kind, what)
     for path in FILES:
         for m in fill.PAGE_BLOCK.finditer(path.read_text(encoding="utf-8")):
             if (m[1], m[2]) == block:
@@ -392,6 +392,7 @@ WHERE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "src/", "include/", "fm
 KINDS = {".md", ".py", ".c", ".h", ".js", ".html", ".j2", ".toml", ".sh", ".yml"}
 NOT = (
     "docs/assets/",
+    "docs/try.html",
     "scripts/lock",
     "scripts/results/",
 )  # others' code; tables are as their command wrote them
@@ -421,3 +422,19 @@ def test_files_are_in_the_words_of_the_field():
 )  # fmt: skip
 def test_the_words_are_found(line, bad):
     assert bool(house_words(line)) is bad
+
+
+def test_a_picture_that_is_made_small_keeps_the_colour_of_its_large_areas(tmp_path):
+    pytest.importorskip("matplotlib", reason=ABSENT)
+    np = pytest.importorskip("numpy")
+    image = pytest.importorskip("PIL.Image")
+    from docsite import pictures
+
+    pixels = np.full((200, 300, 3), 255, np.uint8)
+    pixels[20:180, 20:120] = (236, 237, 239)  # where nothing is valid
+    for i in range(200):  # lines with many shades
+        pixels[i, 150:] = (i, 255 - i, 128 + i // 2)
+    image.fromarray(pixels).save(tmp_path / "it.png")
+    pictures.small(tmp_path / "it.png")
+    small = image.open(tmp_path / "it.png").convert("RGB")
+    assert small.getpixel((60, 100)) == (236, 237, 239) and small.getpixel((5, 5)) == (255, 255, 255)

@@ -65,7 +65,7 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
 
-    def sd(*weights: tuple[str, float]) -> float:
+    def compute_sd(*weights: tuple[str, float]) -> float:
         w = np.zeros(len(names))
         for name, weight in weights:
             w[names.index(name)] = weight
@@ -76,11 +76,11 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
     found |= {
         "model_sd": max(own_sd, estimate_model_sd(result.problem, result.fit.level, found["model_sd"])),
         **{
-            key: sd((name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else []))
+            key: compute_sd((name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else []))
             for key, name in UNCERTAIN_SETTINGS.items()
         },
-        "yaw_inertia_sd": sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
-        "wheel_radius_sd": sd(
+        "yaw_inertia_sd": compute_sd(("yaw_inertia", 1.0 / at["yaw_inertia"])),
+        "wheel_radius_sd": compute_sd(
             *((f"wheel_radius_{a}", k / at[f"wheel_radius_{a}"]) for a, k in (("rear", 1.0), ("front", -1.0)))
         ),
         "lean_sd": float(np.std(_list_superelevations(result) or [0.0])),
@@ -155,6 +155,7 @@ def _collect_start(
 
 
 def _format_band(f: NumberFinding) -> str:
+    """Format the interval of a number as the end of a comment."""
     if not f.shown:
         return ", not shown by these logs"
     return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"

@@ -38,6 +38,10 @@ MAX_SHOWN_SD = 0.175  # ln: with a larger sd on both axles, the log shows no cor
 MAX_SEARCH_SECONDS = 300.0  # s, run time of the search
 STOPPED = "it was stopped by Ctrl-C"
 TOO_LONG = f"the search took longer than {MAX_SEARCH_SECONDS:g} s"
+NOT_ASKED = (
+    "not calibrated on the log itself, as asked: the car is taken as an ordinary one of its class, "
+    "as by C, FMU and page"
+)
 
 
 class _TooLong(Exception):
@@ -136,6 +140,7 @@ def _make_cache_path(name: str) -> Path | None:
 
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
+    """Return the part of a log with the most motion."""
     return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 

@@ -41,6 +41,7 @@ def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
 
 
 def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
+    """Return the facts of the page: name and text."""
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(
         ("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}")

@@ -67,6 +67,7 @@ class NumberFinding:
     shape: bool = False  # shape of an effect, without meaning where the effect is off
 
     def as_json(self) -> dict[str, Any]:
+        """Return the fields as a dictionary."""
         return asdict(self)
 
 
@@ -122,6 +123,7 @@ def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
 
 
 def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
+    """Return a number with its interval as a line for the user."""
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
         if not shown:

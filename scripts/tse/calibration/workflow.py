@@ -41,9 +41,9 @@ MIN_STEPS = 10  # differences between values: with fewer, no quantisation is fou
 
 
 def run(
-    logs: Sequence[Path],
-    vehicle_path: Path,
-    held_out: Sequence[Path],
+    logs: Sequence[Path | CheckedLog],
+    vehicle: Path | Vehicle,
+    held_out: Sequence[Path | CheckedLog],
     jobs: int,
     say: Say,
     max_steps: int | None = None,
@@ -56,8 +56,8 @@ def run(
     ----------
     logs, held_out
         Files that are fitted, and files that only prove the result.
-    vehicle_path
-        Vehicle file.
+    vehicle
+        The car, or its file.
     jobs
         Number of threads.
     say
@@ -69,7 +69,8 @@ def run(
     road
         Known road of all logs.
     """
-    vehicle = read_vehicle(vehicle_path)
+    if isinstance(vehicle, Path):
+        vehicle = read_vehicle(vehicle)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
     read = place_on_known(road, read_agreeing(logs, notes, reading), vehicle)

@@ -1,4 +1,6 @@
-"""The settings of a run: defaults, then the vehicle file, then the log's sampling, then --config, then options."""
+"""Settings of a run: defaults, then the vehicle file, the sampling of the log, --config
+and the options.
+"""
 
 import re
 from collections.abc import Collection, Mapping
@@ -8,28 +10,34 @@ from typing import Any
 import numpy as np
 
 from tse.car.vehicle import Vehicle, make_filter_values
-from tse.library.core import CONFIG, Config, SettingError, library
+from tse.library.core import Config, SettingError, library
 from tse.library.errors import UserError
 from tse.library.files import read_toml
 from tse.log.rows import ROAD_COLUMNS, TORQUE_COLUMNS, VELOCITY_COLUMNS, CheckedLog
 
-GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
-ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
-# Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
-NOT_IN_FILTER = ("longitudinal_relaxation", "combined_slip", "stiffness_drift", "crosswind")
-FOUND = (
-    "longitudinal_relaxation",
-    "combined_slip",
-)  # of these what a calibration finds (identify/unknowns.py)
-OF_FORM = re.compile(r"form ([01])$")  # how the text of a setting of one filter ends
+GAP_IN_SAMPLES = 5  # min max_gap, in sample times
+# Both wheel speeds are one signal if their ratio in at least MANY rows, above ROLLING
+# rad/s, differs by less than SAME_RATIO from row to row.
+ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3
 ONE_SPEED = (
-    "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; longitudinal stiffness is not "
-    "estimated"
+    "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; "
+    "longitudinal stiffness is not estimated"
 )
+# by the setting `form`: values of the column `filter` of src/tables
+FILTERS = ("default", "paper")
+# tables of src/tables whose settings are of a filter, and of no car
+TUNING = ("filter", "sensors")
+FORMS = {"default": "form default", "paper": "form robust or paper"}
 
 
 def read_filter_file(path: Path) -> dict[str, float]:
-    """A FILTER.toml: any setting, flat or under [filter]."""
+    """Read a FILTER.toml: any setting, flat or under [filter].
+
+    Raises
+    ------
+    UserError
+        A key appears twice, there is no such setting, or a value is outside its range.
+    """
     data = read_toml(path)
     nested = data.pop("filter", {})
     if not isinstance(nested, dict):
@@ -55,7 +63,29 @@ def make_config(
     options: Mapping[str, Any] | None = None,
     form: str = "default",
 ) -> tuple[Config, list[str]]:
-    """The settings of a run, and notes on what the log made of them."""
+    """Return the settings of a run and notes: what follows from the log, and which
+    settings are not used.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        A vehicle file, as read.
+    log : CheckedLog or None
+        The log of the run. It gives the sample time and shows whether both wheel speeds
+        are one signal.
+    filter_file : Path or None
+        A file of further settings, --config.
+    options : Mapping or None
+        Further settings by name. None as a value: not given.
+    form : str
+        default, paper or robust.
+
+    Raises
+    ------
+    UserError
+        A setting is outside its range, or an optional channel or a setting about one
+        would have no effect.
+    """
     values = make_filter_values(vehicle) if form == "default" else vehicle.values
     config = Config({**Config.settings_of(form), **values})
     notes: list[str] = []
@@ -64,56 +94,85 @@ def make_config(
     if log is not None and wheels_are_one(log):
         config.wheel_signals = 1
         notes.append(ONE_SPEED)
-    if form == "default" and (unused := not_in_filter(config, vehicle)):
-        notes.append(
-            f"{', '.join(unused)}: not in the filter's model, not used (tselab simulate, calibrate and gap use it)"
-        )
-    if form != "default":
-        notes.append(
-            f"form {form} is the paper's filter, a reference for its model: on an ordinary car values and intervals are wrong"
-        )
+    stated = {p: vehicle.values[p] for p in effect_settings() if p in vehicle.values}
     if filter_file is not None:
         for key, value in read_filter_file(filter_file).items():
             config.set(key, value)
+            stated[key] = value
     for key, value in (options or {}).items():
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
+            stated[key] = value
+    found = vehicle.calibration.get("names", ())
+    notes += unused_notes(
+        config, {k: x for k, x in stated.items() if k not in found}, vehicle.formula is not None
+    )
+    if form != "default":
+        notes.append(
+            f"form {form} is the paper's filter, a reference for its model: "
+            "on an ordinary car values and intervals are wrong"
+        )
     asked = {key for key, x in config.as_dict().items() if x != values.get(key)}
     _check_optional(config, log, asked)
     return config.complete(), notes
 
 
+def filter_of(config: Config) -> str:
+    """Return the filter of some settings: default or paper."""
+    return FILTERS[int(config.form)]
+
+
+def is_used(name: str, config: Config) -> bool:
+    """Return whether the filter of these settings uses a setting."""
+    use = library().settings[name]
+    replaced = bool(use.replaced_by) and getattr(config, use.replaced_by) != 0
+    return use.filter in ("both", filter_of(config)) and not replaced
+
+
 def check_effect(names: Collection[str], config: Config) -> None:
-    """SettingError: one of them is not its default, and the other filter's: it would do nothing."""
-    for name in config.changed().keys() & set(names):
-        of = OF_FORM.search(config.fields[name].text)
-        if of and int(of[1]) != int(config.form):
-            forms = ("default", "robust or paper")
-            raise SettingError(
-                f"{name} has no effect with this form: it is a setting of form {forms[int(of[1])]}"
-            )
+    """Refuse settings of the other filter, which would have no effect.
+
+    Settings of the car are accepted, since a vehicle file serves both filters:
+    unused_notes() lists them.
+
+    Parameters
+    ----------
+    names : Collection of str
+        Settings that the run asks for. One at its default is accepted.
+    config : Config
+        All settings of the run.
+
+    Raises
+    ------
+    SettingError
+        A setting is of the other filter.
+    """
+    for name in config.changed():
+        use = library().settings[name]
+        if name in names and use.table in TUNING and use.filter not in ("both", filter_of(config)):
+            raise SettingError(f"{name} has no effect with this form: it is a setting of {FORMS[use.filter]}")
 
 
 def optional_settings() -> dict[tuple[str, ...], list[str]]:
-    """Return the settings about optional channels, rows of src/tables/sensors.toml, by the channels."""
-    names = [f.name for f in library().fields(CONFIG)]
-    first, last = names.index("ins_velocity_sd"), names.index("velocity_scale_sd")
-    return {
-        VELOCITY_COLUMNS: names[first : last + 1],
-        TORQUE_COLUMNS: ["wheel_torque_least"],
-        ROAD_COLUMNS: ["road_sd"],
-    }
+    """Return the settings about optional channels, rows of src/tables/sensors.toml, by
+    the channels.
+    """
+    tables = {VELOCITY_COLUMNS: "velocity", TORQUE_COLUMNS: "pedals", ROAD_COLUMNS: "road"}
+    return {channels: list(library().settings_in(table)) for channels, table in tables.items()}
 
 
 def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[str]) -> None:
-    """Raise UserError where an optional channel, or a setting about one, would be without
-    effect. `asked`: what this run asks for. A vehicle file is of all logs of its car, with an
-    INS or without."""
+    """Refuse an optional channel, or a setting about one, that has no effect.
+
+    `asked` are the settings of this run alone: a vehicle file is for all logs of its car,
+    with an INS or without.
+    """
     if log is None:
         return
     if log.optional and config.form != 0:
         raise UserError(
-            f"{log.path}: column {', '.join(log.optional)}: only the default filter uses it; leave the column out, or the form"
+            f"{log.path}: column {', '.join(log.optional)}: only the default filter uses it; "
+            "leave the column out, or the form"
         )
     for channels, settings in optional_settings().items():
         given = [
@@ -126,22 +185,59 @@ def _check_optional(config: Config, log: CheckedLog | None, asked: Collection[st
             )
 
 
-def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:
-    """Return what the vehicle file says of the car and the filter does not apply."""
-    effects = library().effects
-    found = (
-        FOUND if vehicle.calibration else ()
-    )  # that the filter has not what a calibration found is no news of this run
-    on = [
-        i
-        for i in NOT_IN_FILTER
-        if i not in found and any(getattr(config, p.setting) != 0 for p in effects[i].strengths)
+def effect_settings() -> tuple[str, ...]:
+    """Return the settings of all effects."""
+    return library().settings_in("effects")
+
+
+def unused_notes(config: Config, stated: Mapping[str, float], formula: bool = False) -> list[str]:
+    """Return notes on stated settings that the filter does not use.
+
+    Parameters
+    ----------
+    config : Config
+        All settings of the run.
+    stated : Mapping
+        Settings that the user has stated, by name. One at its default gets no note.
+    formula : bool
+        Whether the user has stated a formula.
+    """
+    lib = library()
+    unused: list[str] = []
+    for effect in lib.effects.values():
+        if effect.filter not in ("both", filter_of(config)) and any(
+            stated.get(p.setting, p.default) != p.default for p in effect.strengths
+        ):
+            unused.append(f"effects.{effect.id}")
+    if formula:
+        unused.append("formula")
+    changed, others = config.changed(), lib.settings_in("effects", "formula")
+    unused += [
+        name for name in stated if name in changed and name not in others and not is_used(name, config)
     ]
-    return [*(f"effects.{i}" for i in on), *(["formula"] if vehicle.formula is not None else [])]
+    notes = []
+    if unused:
+        notes.append(
+            f"{', '.join(unused)}: not in the filter's model, not used "
+            "(tselab simulate, calibrate and gap use it)"
+        )
+    for effect in lib.effects.values():
+        on = any(getattr(config, p.setting) != p.default for p in effect.strengths)
+        for p in effect.parameters if on and effect.filter in ("both", filter_of(config)) else ():
+            if stated.get(p.setting, p.default) != p.default and not is_used(p.setting, config):
+                other = lib.settings[p.setting].replaced_by
+                notes.append(
+                    f"effects.{effect.id}.{p.name} = {stated[p.setting]:g}: not used while {other} = "
+                    f"{getattr(config, other):g}; with {other} = 0 it is"
+                )
+    return notes
 
 
 def wheels_are_one(log: CheckedLog) -> bool:
-    """Return whether the wheel speeds of both axles have the same ratio in all rows that move: one signal, logged twice."""
+    """Return whether the wheel speeds of both axles are one signal, logged twice.
+
+    They are where both have the same ratio in all rows that move.
+    """
     front, rear = (log.data[f"wheel_speed_{axle}"].to_numpy(float) for axle in ("front", "rear"))
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = (front / rear)[np.abs(rear) > ROLLING]
@@ -150,7 +246,9 @@ def wheels_are_one(log: CheckedLog) -> bool:
 
 
 def set_sampling(config: Config, sample_time: float) -> list[str]:
-    """Settings for rows that are usually `sample_time` s apart; notes on what that means."""
+    """Set sample_time and max_gap for rows that are usually `sample_time` s apart; return
+    notes.
+    """
     f = config.fields["sample_time"]
     used = min(max(sample_time, f.low), f.high)
     config.sample_time = used
@@ -162,14 +260,17 @@ def set_sampling(config: Config, sample_time: float) -> list[str]:
 
 
 def filter_text(config: Config) -> str:
-    """The form of the filter and its size, in a few words."""
+    """Return the filter in a few words: its kind, and the size of the paper's."""
     if not config.form:
         return "the car's Kalman filter"
     return f"{config.particles} particles, forgetting {config.forgetting:g}, seed {config.seed}"
 
 
 def c_settings(vehicle: Vehicle) -> str:
-    """Return the settings of a vehicle file, and of its class what it leaves out, as a function in C99 for any number format."""
+    """Return the settings of a vehicle file as a function in C99, for any number format.
+
+    Settings that the file leaves out are those of the class of the car.
+    """
     config, _ = make_config(vehicle, None)
     stated = {*vehicle.values, *config.changed()}
     title = re.sub(r"[^\w .,-]", "?", vehicle.name or "a car", flags=re.ASCII)
@@ -177,7 +278,8 @@ def c_settings(vehicle: Vehicle) -> str:
         f"/* {title}. Written by tselab, not by hand. */",
         "#ifndef TSE_CAR_H",
         "#define TSE_CAR_H",
-        "#ifndef TSE_VERSION /* the header of the library was not included before, in whatever layout it is */",
+        "#ifndef TSE_VERSION /* the header of the library was not included before, "
+        "in whatever layout it is */",
         "#if defined __has_include",
         '#if !__has_include("tse/tse.h")',
         "#define TSE_IS_FLAT /* tse.h and tse.c in a folder of include files themselves */",

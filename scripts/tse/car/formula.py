@@ -26,11 +26,6 @@ from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml, write_atomically
 from tse.log.units import load_units
 
-# Limits of src/model/formula.h. Each NUMBER operation has a slot: formula_a ..
-MAX_OPERATIONS = 33
-MAX_STACK = 8
-MAX_MEMORIES = 3
-MAX_LATE_CALLS = 1
 MAX_FORMULA_VALUE = 1e6  # a larger result, or NaN, counts as 0
 PER_CODE = 3  # operations in one formula_code_<k>, a byte each, lowest byte first
 # Limits of the text. They protect Python's parser and the recursion here.
@@ -63,6 +58,11 @@ class FormulaError(UserError):
 
     parse() and read_formula() put the file before it.
     """
+
+
+def _get_limit(name: str) -> int:
+    """Return a limit of a formula, [limit] of src/tables/formula.toml."""
+    return library().formula_limits[name]
 
 
 @dataclass(frozen=True)
@@ -134,6 +134,7 @@ class Formula:
 
     @property
     def _program(self) -> _Program:
+        """Compiled program of the text."""
         return _compile_program(
             self.text,
             library().formula_places[self.place].unit,
@@ -142,6 +143,7 @@ class Formula:
 
     @property
     def _values(self) -> dict[str, float]:
+        """Value of each number, by name."""
         return {n.name: n.value for n in self.numbers}
 
     @property
@@ -172,7 +174,7 @@ class Formula:
         }
         for i, letter in enumerate(_list_letters()):
             settings[f"formula_{letter}"] = float(slots[i]) if i < len(slots) else 0.0
-        for k in range(MAX_OPERATIONS // PER_CODE):
+        for k in range(_get_limit("FORMULA_OPS") // PER_CODE):
             codes = self.operations[PER_CODE * k : PER_CODE * (k + 1)]
             settings[f"formula_code_{k + 1}"] = float(int.from_bytes(bytes(codes), "little"))
         return settings
@@ -473,19 +475,23 @@ class _Compiler:
             for s in self.steps
             if s not in self.units and s in self.table and self.table[s].kind == "MEMORY"
         ]
-        if len(self.steps) > MAX_OPERATIONS:
+        if len(self.steps) > _get_limit("FORMULA_OPS"):
             raise self.make_error(
-                node, f"is beyond the {MAX_OPERATIONS} operations that are allowed (powers count as products)"
+                node,
+                f"is beyond the {_get_limit('FORMULA_OPS')} operations that are allowed (powers count as products)",
             )
-        if self.depth > MAX_STACK:
+        if self.depth > _get_limit("FORMULA_STACK"):
             raise self.make_error(
-                node, f"needs more than the {MAX_STACK} values in hand that are allowed: put long terms first"
+                node,
+                f"needs more than the {_get_limit('FORMULA_STACK')} values in hand that are allowed: put long terms first",
             )
-        if len(memories) > MAX_MEMORIES:
+        if len(memories) > _get_limit("FORMULA_MEMORIES"):
             listed = ", ".join(op.name for op in self.table.values() if op.kind == "MEMORY")
-            raise self.make_error(node, f"is beyond the {MAX_MEMORIES} that are allowed of {listed} together")
-        if memories.count("late") > MAX_LATE_CALLS:
-            raise self.make_error(node, f"is beyond the {MAX_LATE_CALLS} 'late' that is allowed")
+            raise self.make_error(
+                node, f"is beyond the {_get_limit('FORMULA_MEMORIES')} that are allowed of {listed} together"
+            )
+        if memories.count("late") > _get_limit("FORMULA_LATE"):
+            raise self.make_error(node, f"is beyond the {_get_limit('FORMULA_LATE')} 'late' that is allowed")
 
     def visit(self, node: ast.expr, level: int) -> Any:
         """Append the operations of a part of the text, and return its dimension."""
@@ -520,6 +526,7 @@ class _Compiler:
         raise self.make_error(node, f"is not allowed; {_describe_allowed()}")
 
     def visit_literal(self, node: ast.Constant) -> Any:
+        """Append a literal, and return its dimension: 1."""
         if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
             raise self.make_error(node, f"is not allowed; {_describe_allowed()}")
         try:
@@ -532,6 +539,7 @@ class _Compiler:
         return _parse_dimension("1")
 
     def visit_name(self, node: ast.Name) -> Any:
+        """Append a number or a signal, and return its dimension."""
         if node.id in self.units:
             self.emit(node, node.id)
             return self.units[node.id]
@@ -547,6 +555,7 @@ class _Compiler:
         )
 
     def visit_power(self, node: ast.BinOp, level: int) -> Any:
+        """Append a whole power as products, and return its dimension."""
         times = node.right.value if isinstance(node.right, ast.Constant) else None
         if type(times) is not int or not 1 <= times <= MAX_POWER:
             raise self.make_error(node.right, f"is not a whole power; allowed: 1 .. {MAX_POWER}")
@@ -558,6 +567,7 @@ class _Compiler:
         return result
 
     def visit_operation(self, node: ast.expr, op: str, operands: list[ast.expr], level: int) -> Any:
+        """Append operands and operation, check their units, and return the dimension."""
         units = [self.visit(operand, level + 1) for operand in operands]
         self.emit(node, op, len(operands))
         rule, first = self.table[op].unit, units[0]
@@ -636,14 +646,17 @@ def _format_unit(dimension: Any) -> str:
 
 
 def _list_letters() -> list[str]:
+    """Return the letters of the slots."""
     return [op.name for op in library().formula_ops.values() if op.kind == "NUMBER"]
 
 
 def _list_signals() -> list[str]:
+    """Return the names of the signals."""
     return [op.name for op in library().formula_ops.values() if op.kind == "SIGNAL"]
 
 
 def _list_functions() -> list[str]:
+    """Return the operations that a text calls by name."""
     return [
         op.name
         for op in library().formula_ops.values()
@@ -652,6 +665,7 @@ def _list_functions() -> list[str]:
 
 
 def _describe_allowed() -> str:
+    """Return the allowed contents of a formula, for messages."""
     return (
         f"allowed: + - * /, -x, x**1 .. x**{MAX_POWER}, ( ), numbers, names of [numbers], "
         f"signals ({', '.join(_list_signals())}), operations ({', '.join(_list_functions())})"
@@ -666,6 +680,7 @@ def _advise_literal(*parts: ast.expr) -> str:
 
 
 def _count_indent(text: str) -> int:
+    """Return the number of spaces at the start of a text."""
     return len(text) - len(text.lstrip(" "))
 
 
@@ -676,6 +691,7 @@ def _suggest(name: str, known: Iterable[str]) -> str:
 
 
 def _check_range(what: str, setting: str, value: float) -> None:
+    """Refuse a value outside the range of its setting."""
     f = library().field(CONFIG, setting)
     if not math.isfinite(value) or not f.low <= value <= f.high:
         raise FormulaError(
@@ -684,6 +700,7 @@ def _check_range(what: str, setting: str, value: float) -> None:
 
 
 def _check_numbers(numbers: tuple[Number, ...]) -> None:
+    """Refuse numbers with a wrong, taken or repeated name, or a wrong sd."""
     table = library().formula_ops
     for n in numbers:
         key = f"key numbers.{n.name}"
@@ -704,6 +721,7 @@ def _check_numbers(numbers: tuple[Number, ...]) -> None:
 
 
 def _check_keys(data: Mapping[str, Any], known: tuple[str, ...], prefix: str) -> None:
+    """Refuse unknown keys."""
     for key in data:
         if key not in known:
             raise FormulaError(f"key {prefix}{key} is not known{_suggest(key, known)}")
@@ -750,6 +768,7 @@ def _convert_fact(value: Any, what: str, level: int = 0) -> Any:
 
 
 def _format_value(value: Any) -> str:
+    """Format a value in TOML."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
@@ -767,6 +786,7 @@ def _escape_comment(text: str) -> str:
 
 
 def _divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Divide; the result is 0 where the divisor is 0."""
     return np.divide(x, y, out=np.zeros(len(x)), where=y != 0)
 
 
@@ -831,6 +851,7 @@ def _apply_delay(h: np.ndarray, x: np.ndarray, delay: np.ndarray) -> np.ndarray:
 
 @_use_lists
 def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float]:
+    """Apply play: the output rests until the input moves it."""
     y = [x[0]]
     for i in range(1, len(x)):
         y.append(min(max(y[-1], x[i] - abs(half[i])), x[i] + abs(half[i])))
@@ -839,6 +860,7 @@ def _apply_play(h: list[float], x: list[float], half: list[float]) -> list[float
 
 @_use_lists
 def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[float]:
+    """Limit the rate of a signal."""
     y = [x[0]]
     for i in range(1, len(x)):
         step = abs(limit[i]) * h[i]
@@ -848,6 +870,7 @@ def _limit_rate(h: list[float], x: list[float], limit: list[float]) -> list[floa
 
 @_use_lists
 def _differentiate(h: list[float], x: list[float]) -> list[float]:
+    """Return the rate of a signal; it is held where the time step is 0."""
     y = [0.0]
     for i in range(1, len(x)):
         y.append((x[i] - x[i - 1]) / h[i] if h[i] > 0 else y[-1])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tse.car.formula import Formula, read_formula
-from tse.library.core import ALL_SETTINGS_HINT, CONFIG, NOMINAL, Config, EffectRow, SettingError, library
+from tse.library.core import ALL_SETTINGS_HINT, NOMINAL, Config, EffectRow, SettingError, library
 from tse.library.errors import UserError, suggest_names
 from tse.library.files import read_toml
 from tse.log.noise import compute_misfit, estimate_noise
@@ -199,8 +199,7 @@ def describe_stiffness(vehicle: Vehicle) -> str:
 
 def list_vehicle_settings() -> list[str]:
     """Return the settings at the top of a vehicle file."""
-    names = [f.name for f in library().fields(CONFIG)]
-    return names[: names.index(list_uncertainty_settings()[0])]
+    return list(library().settings_in("vehicle"))
 
 
 def list_uncertainty_settings() -> list[str]:
@@ -210,22 +209,17 @@ def list_uncertainty_settings() -> list[str]:
 
 def list_sensor_settings() -> list[str]:
     """Return the settings of the table [sensors]."""
-    names = [f.name for f in library().fields(CONFIG)]
-    # settings of other tables
-    others = {p.setting for e in library().effects.values() for p in e.parameters}
-    others |= set(list_latency_settings().values()) | set(list_formula_settings())
-    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
+    return list(library().settings_in("sensors", "velocity", "pedals", "road"))
 
 
 def list_latency_settings() -> dict[str, str]:
     """Return the settings of [latency] by channel, its keys: src/tables/sensors.toml."""
-    settings = {f"{c.name}_latency": c.name for c in library().channels}
-    return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
+    return {name.removesuffix("_latency"): name for name in library().settings_in("latency")}
 
 
 def list_formula_settings() -> list[str]:
     """Return the settings of a formula of the user: src/tables/formula.toml."""
-    return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
+    return list(library().settings_in("formula"))
 
 
 def make_default_vehicle() -> Vehicle:
@@ -359,8 +353,8 @@ def _list_conflicts(path: Path, vehicle: Vehicle, uncertainty: Mapping[str, Any]
     if mean is not None and FRICTION in values and abs(values[FRICTION] - mean) > 1e-3 * abs(mean):
         found.append(
             f"{path.name}: effects.tyre_saturation.inverse_friction is {values[FRICTION]:.3g} and not used: "
-            f"the filter's grip is that of [calibration], {mean:.3g}; without that table yours is used, and "
-            "the sds of an ordinary car"
+            f"the filter's grip is that of [calibration], 1/{mean:.3g}; "
+            f"--set grip={1 / max(values[FRICTION], MIN_INVERSE_FRICTION):.3g} states it"
         )
     return found
 
@@ -548,6 +542,7 @@ def is_set(config: Config, effect: EffectRow) -> bool:
 
 
 def _set(config: Config, key: str, value: Any, source: str) -> None:
+    """Set and check one setting. UserError: no number, or outside its range."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise UserError(f"{source}: {value!r} is not a number; allowed: {config.fields[key].range_text}")
     try:
@@ -562,6 +557,7 @@ def _set(config: Config, key: str, value: Any, source: str) -> None:
 
 
 def _check_facts(path: Path, vehicle: Vehicle) -> None:
+    """Check descriptive keys, and the wheelbase against lf + lr."""
     for key in ("wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height"):
         value = vehicle.facts.get(key)
         if value is not None and (

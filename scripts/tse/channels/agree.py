@@ -30,12 +30,14 @@ from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 # exactly known.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m; of its logarithm: passenger cars
-CAUSE_PRICE = 6.0  # squared sd that a cause must explain to be reported: most logs are right
+# squared sd that a cause must explain to be reported: most logs are right
+CAUSE_PRICE = 6.0
 SIGN_PRICE = 60.0  # squared sd of a wrong sign
 # Squared sd for a figure that is missing under one unit and present under another. At the
 # other speed, the car would not move in the rows that show the figure.
 LOST_FIGURE_PRICE = 30.0
-MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # min correlation (steering: share)
+# min correlation of a figure; of the steering angle: min share of its variance
+MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
 # A figure below MIN_FIT by less than this counts if another tried speed lifts it above
 # MIN_FIT. Without it, each speed counts figures of other rows: a real log with 0.898 of
 # accel_y at its own speed, and 0.913 at 0.85 of it, was reported as km/h.
@@ -43,8 +45,10 @@ FIT_SLACK = 0.05
 # Squared sd that a factor of no known unit must explain: CAUSE_PRICE, plus the choice of
 # a factor among all from 1/20 to 20 with the accuracy of FIGURE_SD
 FREE_FACTOR_PRICE = 12.0
-EXPLAINED = 0.10  # max logarithm of a figure after correction, for the cause to explain it
-MAX_UNEXPLAINED = 0.35  # max logarithm of a figure without a warning, if no cause explains it
+# max logarithm of a figure after correction, for the cause to explain it
+EXPLAINED = 0.10
+# max logarithm of a figure without a warning, if no cause explains it
+MAX_UNEXPLAINED = 0.35
 # Max logarithm of the figure of the steering angle that handling can cause. A car that
 # brakes in every bend may oversteer (0.48 for a neutral van). Up to here a warning is a
 # guess.
@@ -81,20 +85,23 @@ WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
 FIGURES = {
     "accel_y": "accel_y over speed x yaw_rate",
     "accel_x": "accel_x over the change of wheel speed x wheel radius",
-    "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, understeer taken out",
+    "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, without understeer",
     "speed": "wheel speed x radius over vehicle_speed",
     "track_front": "right less left front wheel over yaw_rate x track",
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
 MIN_FALSE_STOP = 0.5  # s: min duration of wheel speeds of 0
-MIN_FALSE_STEP = 10.0  # m/s: min sum of the steps to 0 and from 0; a stop from 5 m/s and a start to 5 m/s
-MAX_SPEED_RATIO = 1.25  # max ratio of a measured velocity to the speed of the wheels, and its inverse
+# m/s: min sum of the steps to 0 and from 0; a stop from 5 m/s and a start to 5 m/s
+MIN_FALSE_STEP = 10.0
+# max ratio of a measured velocity to the speed of the wheels, and its inverse
+MAX_SPEED_RATIO = 1.25
 MIN_VELOCITY = 5.0  # m/s: slower rows are not compared
 CHANGE_TIME = 0.5  # s over which changes of a velocity or a course are compared
 DRIVING_GAIN = 0.7  # m/s2: above it the car does not brake
 COASTING_LOSS = -2.0  # m/s2: below it the car brakes
-MAX_FORCE_RATIO = 1.6  # max ratio of the force of both axles' torques to mass x accel_x, and its inverse
+# max ratio of the force of both axles' torques to mass x accel_x, and its inverse
+MAX_FORCE_RATIO = 1.6
 MIN_TORQUE_CORR = 0.7  # min correlation of that force with accel_x
 MIN_AXLE_SHARE = 0.25  # min share of one axle in the force
 # Min share of the other axis in both accelerometers: sine of 12 degrees. Correct cars
@@ -104,9 +111,11 @@ MIN_IMU_TURN = 0.2
 # for an axle. The share is that of its variance, without slip.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
 MAX_LATE_ACROSS = 0.1  # s; cars and logs whose IMU is at its place have -0.06 .. 0.1
-SLOW_ROWS = 20  # rows over which accel_x is integrated, if rows are further apart than the raster
+# rows over which accel_x is integrated, if rows are further apart than the raster
+SLOW_ROWS = 20
 MAX_TIME_RATIO = 3.0  # max ratio of the change of speed to this integral, and its inverse
-MAX_ODD_SHARE = 0.2  # max share of the pieces of a log that contradict a mistake in the whole log
+# max share of the pieces of a log that contradict a mistake in the whole log
+MAX_ODD_SHARE = 0.2
 PIECE_TIME = 20.0  # s: long enough for bends and changes of speed that show a unit
 # Max rows from which noise and units are found: 87 minutes at 100 Hz. Of longer logs the
 # part with most motion is used.
@@ -187,7 +196,7 @@ def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
-def late_across(log: CheckedLog, config: Config) -> list[str]:
+def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
     """Return a warning if accel_y comes much later or earlier than the yaw rate, else [].
 
     Expected: accel_y = v r + the change of the lateral velocity, after the latency that
@@ -292,7 +301,8 @@ def check_units(
         if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
-            return pedals  # only in a part of the log, where the car slides: a unit does not change
+            # only in a part of the log, where the car slides: a unit does not change
+            return pedals
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is "

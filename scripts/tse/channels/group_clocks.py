@@ -21,12 +21,13 @@ MIN_SHIFT_CORR = 0.8  # min correlation at the shift
 MIN_CORR_GAIN = 0.15  # min gain of correlation over that without a shift
 MAX_CORRELATED_ROWS = 1 << 16  # of a signal: 1.8 h
 MIN_GROUP_SAMPLES = 100
-MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11  # s: longer or later signals are not correlated
+# s: longer or later signals are not correlated
+MAX_SIGNAL_SPAN, MAX_SIGNAL_TIME = 1e6, 1e11
 MAX_GROUPS = 64  # a file with more groups is not aligned
 
 
 @dataclass(frozen=True)
-class Group:
+class ClockGroup:
     """Channels that share a clock."""
 
     number: int  # place in the file, from 1
@@ -87,7 +88,7 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
             continue
         shift, corr = found
         off = f"{abs(shift):.2f} s off, {'ahead of' if shift > 0 else 'behind'} that of {base.describe()}"
-        how = f"correlation {corr:.2f}; it is taken off: key clock in signals.toml"
+        how = f"correlation {corr:.2f}; it is subtracted: key clock in signals.toml"
         overlap = f"does not overlap with that of {base.describe()}: {apart}. It " if apart else ""
         warnings.append(f"the clock of {g.describe()} {overlap}is {off}, found by {how}")
         shifts[g.number] = shift
@@ -104,16 +105,16 @@ def align_clocks(recording: Recording, warnings: list[str]) -> tuple[Recording, 
     return replace(recording, channels=channels), moved
 
 
-def _group_channels(recording: Recording) -> list[Group]:
+def _group_channels(recording: Recording) -> list[ClockGroup]:
     """Return the groups of channels that share their times."""
     found: dict[int, list[Channel]] = {}
     for c in recording:
         found.setdefault(id(c.time), []).append(c)
     large = [part for part in found.values() if np.isfinite(part[0].time).sum() >= MIN_GROUP_SAMPLES]
-    return [Group(i, part) for i, part in enumerate(large, 1)]
+    return [ClockGroup(i, part) for i, part in enumerate(large, 1)]
 
 
-def _describe_gap(a: Group, b: Group) -> str:
+def _describe_gap(a: ClockGroup, b: ClockGroup) -> str:
     """Return the spans of two groups in words if they hardly overlap, else ""."""
     (a0, a1), (b0, b1) = a.span, b.span
     shared = min(a1, b1) - max(a0, b0)
@@ -122,14 +123,14 @@ def _describe_gap(a: Group, b: Group) -> str:
     return f"{b0:.1f} .. {b1:.1f} s and {a0:.1f} .. {a1:.1f} s"
 
 
-def _find_best(role: str, g: Group) -> tuple[float, Channel | None]:
+def _find_best(role: str, g: ClockGroup) -> tuple[float, Channel | None]:
     """Return the channel whose name fits a role best, with its score."""
     rated = [(score_name(role, c.name), i) for i, c in enumerate(g.channels)]
     worth, i = max(rated)
     return (worth, g.channels[i]) if worth >= 1.0 else (0.0, None)
 
 
-def _find_motion(g: Group) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _find_motion(g: ClockGroup) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return signals of the motion of the car, each as time and value.
 
     "turn" is proportional to the yaw rate, "change" to the derivative of the speed,
@@ -177,7 +178,7 @@ def _resample_evenly(part: tuple[np.ndarray, np.ndarray], derive: bool) -> tuple
     return (float(at[0]) + n / CORRELATION_RATE, x) if len(x) > MIN_GROUP_SAMPLES and x.std() > 1e-9 else None
 
 
-def _find_shift(a: Group, b: Group) -> tuple[float, float] | None:
+def _find_shift(a: ClockGroup, b: ClockGroup) -> tuple[float, float] | None:
     """Return by how much the clock of b is ahead of that of a, s, and the correlation.
 
     None: the clocks agree, or no signals show a shift."""
@@ -226,7 +227,8 @@ def _correlate(one: tuple[float, np.ndarray], two: tuple[float, np.ndarray]) -> 
     bend = before - 2.0 * top + after
     # vertex of the parabola through the three values
     between = 0.5 * (before - after) / bend if bend < 0 and before > 0 and after > 0 else 0.0
-    lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0  # i of a at i + k of b
+    # entry i of a corresponds to entry i + k of b
+    lag = (float(steps[k]) + float(between)) / CORRELATION_RATE + b0 - a0
     zero = round((a0 - b0) * CORRELATION_RATE)
     at_zero = float(corr[zero % size]) if -size // 2 < zero < size // 2 else 0.0
     return lag, float(corr[k]), at_zero

@@ -8,14 +8,15 @@ import numpy as np
 from tse.channels import physics
 from tse.channels.look import MIN_NAME_SCORE, Guess, Look
 from tse.channels.physics import MOVING_SPEED, average
-from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, Scale, is_same_unit, measure_slopes
+from tse.channels.scales import UNIT_OPTIONS, USUAL_WHEELBASE, UnitScale, is_same_unit, measure_slopes
 from tse.channels.vocabulary import AXLES, find_place, score_name
 from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import unit_factor, unit_kind
 from tse.readers.table import find_unit_suffix
 
-BY_SIZE = "its size says so"
-MIN_MOUNTING = 0.12  # rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+BY_SIZE = "by its size"
+# rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+MIN_MOUNTING = 0.12
 # Prior of a steering angle of unknown unit, in a log without enough bends for a test. By
 # unit, and whether it is that of the steering wheel: its larger values (97 % quantile; sd
 # of the logarithm 1), and the share of logs.
@@ -25,7 +26,8 @@ STEERING_SIZES = {
     ("rad", True): (0.8, 0.1),
     ("deg", False): (3.0, 0.05),
 }
-RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12  # of cars; of its logarithm: 12 .. 20 within 2 sd
+# of cars; of its logarithm: 12 .. 20 within 2 sd
+RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12
 
 
 def make_guesses(
@@ -33,7 +35,7 @@ def make_guesses(
     wheels: Mapping[str, str],
     chosen: Mapping[str, str],
     worth: Mapping[str, Mapping[str, float]],
-    scale: Scale,
+    scale: UnitScale,
     car: Any | None,
     warnings: list[str],
 ) -> list[Guess]:
@@ -49,7 +51,7 @@ def make_guesses(
         Role and name of the other signals.
     worth : mapping of str to mapping of str to float
         By role: scores by name ("said") and by physics ("shown").
-    scale : Scale
+    scale : UnitScale
         Units.
     car : Vehicle or None
         Radii of the wheels, wheelbase and steering ratio.
@@ -61,18 +63,7 @@ def make_guesses(
     facts = measure_slopes(look, wheels, chosen, v)
     if v is not None:
         v = v * scale.per["wheel"]
-    # The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
-    # other signs follow from the yaw rate.
-    by_wheels = facts.get("track_corr", 0.0)
-    turn = by_wheels if abs(by_wheels) > 0.7 else facts.get("course_corr", 0.0)
-    is_sided = abs(turn) > 0.7
-    sign = {"yaw_rate": float(np.sign(turn)) if is_sided else 1.0}
-    sign["accel_y"] = sign["yaw_rate"] * (
-        float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
-    )
-    sign["accel_x"] = (
-        float(np.sign(facts["accel_x_corr"])) if abs(facts.get("accel_x_corr", 0.0)) > 0.5 else 1.0
-    )
+    sign, is_sided = _find_signs(facts)
     for role in ("yaw_rate", "accel_y", "accel_x"):
         if role in chosen:
             found[role] = _guess_motion(
@@ -96,28 +87,49 @@ def make_guesses(
     find_latencies(look, found, wheels, scale, sign, warnings)
     _check_offsets(look, found, chosen, scale, sign, v, warnings)
     _check_turned_imu(look, found, scale, sign, v, warnings)
-    if (
-        all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle"))
-        and abs(by_wheels) > 0.7
-    ):
-        warnings.append(
-            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
-            "and right wheels are exchanged; the wheels are believed"
-        )
-        for c in ("yaw_rate", "accel_y", "steer_angle"):
-            found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
-            found[c].unsure.append("its sign, or which wheels are left")
+    if abs(facts.get("track_corr", 0.0)) > 0.7:
+        _check_inverted_axes(found, warnings)
     order = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     return [found[c] for c in order if c in found]
+
+
+def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
+    """Return the signs of the motion, and whether that of the yaw rate was tested.
+
+    The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
+    sign of accel_y follows from the yaw rate."""
+    turn = facts.get("track_corr", 0.0)
+    if abs(turn) <= 0.7:
+        turn = facts.get("course_corr", 0.0)
+    is_sided = abs(turn) > 0.7
+    lateral, along = facts.get("accel_y_corr", 0.0), facts.get("accel_x_corr", 0.0)
+    sign = {"yaw_rate": float(np.sign(turn)) if is_sided else 1.0}
+    sign["accel_y"] = sign["yaw_rate"] * (float(np.sign(lateral)) if abs(lateral) > 0.7 else 1.0)
+    sign["accel_x"] = float(np.sign(along)) if abs(along) > 0.5 else 1.0
+    return sign, is_sided
+
+
+def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
+    """Warn if all lateral channels are positive to the right by the wheels."""
+    lateral = ("yaw_rate", "accel_y", "steer_angle")
+    if not all(c in found and found[c].sign < 0 for c in lateral):
+        return
+    warnings.append(
+        "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
+        "and right wheels are exchanged; the signs follow the wheels"
+    )
+    for c in lateral:
+        found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
+        found[c].unsure.append("its sign, or which wheels are left")
 
 
 def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
     """Return where a unit comes from: the log, the end of the name, or the size."""
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
-        return "the log says so"
+        return "by the log"
     end = find_unit_suffix(c.short)
-    return "the name ends so" if end and is_same_unit(end, unit, role) else BY_SIZE
+    return "by the end of the name" if end and is_same_unit(end, unit, role) else BY_SIZE
 
 
 def _rate_confidence(said: float, shown: float) -> str:
@@ -135,7 +147,7 @@ def _guess_motion(
     role: str,
     name: str,
     worth: Mapping[str, float],
-    scale: Scale,
+    scale: UnitScale,
     sign: float,
     facts: Mapping[str, float],
     is_sided: bool,
@@ -179,7 +191,7 @@ def _guess_motion(
 def _list_motion_figures(
     role: str,
     worth: Mapping[str, float],
-    scale: Scale,
+    scale: UnitScale,
     sign: float,
     facts: Mapping[str, float],
     is_sided: bool,
@@ -211,7 +223,7 @@ def _list_motion_figures(
                 f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
             )
         if not is_sided:
-            figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
+            figures.append("no wheel shows its sign: positive to the left is assumed (ISO 8855)")
     return figures
 
 
@@ -242,7 +254,8 @@ def _guess_steering(
         _set_untested_steering(guess, look.x[name], unit, given, why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
-    raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
+    # of the signal's unit per rad of the road wheels
+    raw = abs(found.per_curvature) / wheelbase
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     ratio = _choose_steering_unit(look, guess, raw, spread, unit, given, warnings)
     guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / RATIO_PRIOR)) else ratio
@@ -262,15 +275,14 @@ def _guess_steering(
         guess.figures.append("positive to the right in the log")
     offset = found.offset * float(unit_factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)
     if abs(offset) > 0.003:
-        guess.figures.append(f"straight on it shows {found.offset:.3g} {guess.unit}")
+        guess.figures.append(f"{found.offset:.3g} {guess.unit} when driving straight")
     return guess
 
 
 def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
-    """Set unit and ratio of the steering angle by its size, since the log does not show
-    them."""
+    """Set unit and ratio of a steering angle by its size, without a test."""
     guess.unit, wheel = _guess_by_size(x, unit)
-    guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
+    guess.unit_from = "by the log" if unit else f"a guess by its size: {why}"
     guess.ratio = (given or RATIO_PRIOR) if wheel else None
     guess.confidence = "unsure"
     guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
@@ -299,7 +311,7 @@ def _choose_steering_unit(
         q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
             warnings.append(
-                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
+                f"the log gives {unit} for {name!r}, but its size is that of {other}: {other} is proposed"
             )
             guess.unit, ratio, guess.unit_from = other, q, BY_SIZE
     return ratio
@@ -308,14 +320,13 @@ def _choose_steering_unit(
 def _set_steering_ratio(
     guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
 ) -> None:
-    """Set the steering ratio from the measured one and that of the vehicle file, or the
-    prior."""
+    """Set the steering ratio: that of the vehicle file, or measured ratio and prior."""
     if given is None:  # mean of measured ratio and prior, weighted by their variances
         weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
     guess.ratio = round(guess.ratio or ratio, 2)
     if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
-        guess.figures.append(f"the vehicle file says {given:g}, which is taken")
+        guess.figures.append(f"the ratio of the vehicle file, {given:g}, is used")
         guess.ratio = given
     elif given is None and spread > 0.12:
         guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
@@ -333,7 +344,9 @@ def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
     return unit or best[0], best[1]
 
 
-def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale) -> Guess:
+def _guess_wheels(
+    look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: UnitScale
+) -> Guess:
     """Return the guess of an axle's wheel speed, which is made of the signals `mine`."""
     unit = scale.unit["wheel"]
     figures = []
@@ -387,7 +400,7 @@ def _guess_wheels(look: Look, axle: str, mine: list[str], wheels: Mapping[str, s
 def _check_turned_imu(
     look: Look,
     found: Mapping[str, Guess],
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     v: np.ndarray | None,
     warnings: list[str],
@@ -433,7 +446,7 @@ def _check_offsets(
     look: Look,
     found: Mapping[str, Guess],
     chosen: Mapping[str, str],
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     v: np.ndarray | None,
     warnings: list[str],
@@ -493,7 +506,7 @@ def find_latencies(
     look: Look,
     found: dict[str, Guess],
     wheels: Mapping[str, str],
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     warnings: list[str],
 ) -> None:
@@ -524,9 +537,7 @@ def find_latencies(
         slope = physics.differentiate(r)
         # the lag of the body itself, (c0 + c2 v^2) r', is no latency
         late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
-        _set_latency(
-            look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out"
-        )
+        _set_latency(look, found["accel_y"], clock, late, sd, "a_y against v r, without the lag of the body")
 
 
 def _set_steering_latency(
@@ -559,7 +570,7 @@ def _find_accel_lag(
     v: np.ndarray,
     r: np.ndarray,
     slope: np.ndarray,
-    scale: Scale,
+    scale: UnitScale,
     sign: Mapping[str, float],
     keep: np.ndarray,
 ) -> tuple[float, float]:

@@ -17,7 +17,7 @@ import pandas as pd
 from tse.car.vehicle import Vehicle
 from tse.channels.mapping import Series, map_signals
 from tse.channels.raster import resample_channels
-from tse.channels.signals import MAX_RATE, MIN_RATE, Signal, Signals, find_signals, list_channels
+from tse.channels.signals import MAX_RATE, MIN_RATE, SignalsFile, SignalSource, find_signals, list_channels
 from tse.library.core import INPUT, library
 from tse.library.errors import NoFile, UserError
 from tse.log.rows import (
@@ -94,7 +94,7 @@ def adapt_to_car(log: CheckedLog, car: Vehicle) -> CheckedLog:
 def _is_plain(path: Path, reading: Reading) -> bool:
     """Return whether a file is a CSV with commas and the library's names.
 
-    Options or a signals.toml that names these list_columns make it a file of any format."""
+    Options or a signals.toml that names these columns make it a file of any format."""
     if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
@@ -109,7 +109,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
     if beside is not None and any(
         f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n
     ):
-        return False  # signals.toml names these list_columns
+        return False  # signals.toml names these columns
     first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
     if _CLOCK.search(first.get("time", "")):
         return False  # dates or times of day
@@ -155,12 +155,12 @@ def _read_plain(path: Path, spare: Collection[str]) -> CheckedLog:
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> CheckedLog:
-    """Check list_columns in memory: a data frame, or arrays by name.
+    """Check columns in memory: a data frame, or arrays by name.
 
     Parameters
     ----------
     frame : mapping of str to array, or DataFrame
-        The list_columns. Times may also be dates, times of day or time differences. They may
+        The columns. Times may also be dates, times of day or time differences. They may
         be the index of a data frame.
     name : str
         Name in messages. Rows are counted from 0.
@@ -181,9 +181,28 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     )
     if not all(labels[0].equals(x) for x in labels[1:]):
         raise UserError(
-            f"{name}: the list_columns are Series with different indices: which rows go together? Make a data "
+            f"{name}: the columns are Series with different indices: which rows go together? Make a data "
             "frame of them"
         )
+    needed = _check_frame_header(frame, name)
+    notes: list[str] = []
+    table = _convert_frame(frame, name, needed, notes)
+    rows = table["time"].shape[:1]
+    for column, values in table.items():
+        if values.shape != rows:
+            raise UserError(
+                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
+                f"row: {rows}"
+            )
+    if rows == (0,):
+        raise UserError(f"{name}: has no rows")
+    row = np.arange(rows[0])
+    time, keep = straighten_log_time(Path(name), table.pop("time"), row, notes, "row")
+    return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+
+
+def _check_frame_header(frame: Mapping[str, Any] | pd.DataFrame, name: str) -> list[str]:
+    """Return the needed columns; refuse a frame that lacks one or has one twice."""
     header = [str(c) for c in frame]
     sides = {
         axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)
@@ -201,9 +220,15 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
     twice = sorted({c for c in header if header.count(c) > 1})
     if twice:
         raise UserError(f"{name}: column {', '.join(twice)} appears more than once")
-    notes: list[str] = []
+    return needed
+
+
+def _convert_frame(
+    frame: Mapping[str, Any] | pd.DataFrame, name: str, needed: list[str], notes: list[str]
+) -> dict[str, np.ndarray]:
+    """Return the columns of a frame as numbers; add a note for each that is left out."""
     table: dict[str, np.ndarray] = {}
-    for column in header:
+    for column in map(str, frame):
         if column in needed or _is_spare(column):
             try:
                 table[column] = _convert_column(name, column, frame[column])
@@ -214,18 +239,7 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Ch
                         f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
                     ) from None
                 notes.append(f"column {column} is not numeric: not used")
-    rows = table["time"].shape[:1]
-    for column, values in table.items():
-        if values.shape != rows:
-            raise UserError(
-                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a "
-                f"row: {rows}"
-            )
-    if rows == (0,):
-        raise UserError(f"{name}: has no rows")
-    row = np.arange(rows[0])
-    time, keep = straighten_log_time(Path(name), table.pop("time"), row, notes, "row")
-    return check_log(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+    return table
 
 
 def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
@@ -246,7 +260,8 @@ def _convert_column(name: str, column: str, values: Any) -> np.ndarray:
         if isinstance(next(iter(series), None), str | datetime | timedelta):
             return convert_to_seconds(Path(name), Column(column, series.infer_objects()), [])
     elif kind in "mM":
-        raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
+        # as numbers they would be nanoseconds
+        raise TypeError("times where a measurement is needed")
     return (
         np.ma.filled(np.ma.asarray(values, float), np.nan)
         if np.ma.isMaskedArray(values)
@@ -291,12 +306,12 @@ def _read_head(path: Path) -> tuple[list[str], int | None]:
 
 
 def _describe_missing(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
-    """Return the message about missing list_columns, with a hint."""
+    """Return the message about missing columns, with a hint."""
     text = f"{path}: column {', '.join(missing)} is missing in the header (line 1)"
     if len(header) == 1 and any(s in header[0] for s in ";\t|"):
-        text += "; the list_columns must be separated by commas"
-    elif all(np.isfinite(_to_number(c)) for c in header):
-        text += "; the first line must name the list_columns"
+        text += "; the columns must be separated by commas"
+    elif all(np.isfinite(_convert_cell(c)) for c in header):
+        text += "; the first line must name the columns"
     else:
         lower = {c.lower(): c for c in header}
         if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
@@ -312,7 +327,7 @@ def _describe_missing(path: Path, header: list[str], missing: list[str], needed:
 def _read_numbers(
     path: Path, header: list[str], first: list[str], whole: int | None, needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Read the list_columns of a CSV as numbers.
+    """Read the columns of a CSV as numbers.
 
     A few cells that are not numeric become NaN, with a note. Many of them are an error,
     or, in a column that is not needed, exclude the column. Rows without any needed value
@@ -323,24 +338,24 @@ def _read_numbers(
     path : Path
         The file.
     header : list of str
-        Names of all list_columns.
+        Names of all columns.
     first : list of str
         The first line after the header, or empty.
     whole : int or None
         Number of rows to read. None: all.
     needed : list of str
-        Needed list_columns.
+        Needed columns.
     notes : list of str
         Extended.
 
     Returns
     -------
     dict of str to ndarray
-        The list_columns in the order of the file.
+        The columns in the order of the file.
     ndarray
         Line of each row in the file.
     list of str
-        Excluded list_columns.
+        Excluded columns.
     """
     _check_first_row(path, header, first)
     names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
@@ -365,11 +380,19 @@ def _read_numbers(
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
     line = table.index.to_numpy() + 2
-    list_columns: dict[str, np.ndarray] = {}
+    columns, skipped = _convert_cells(path, header, table, line, needed, notes)
+    return columns, line, skipped
+
+
+def _convert_cells(
+    path: Path, header: list[str], table: pd.DataFrame, line: np.ndarray, needed: list[str], notes: list[str]
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the columns of a CSV as numbers, and the names of those left out."""
+    columns: dict[str, np.ndarray] = {}
     skipped = []
     for name in (c for c in header if c in needed or _is_spare(c)):
         cells = table[name]
-        numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else to_numbers(cells)
+        numbers = pd.Series(np.nan, cells.index) if cells.dtype == bool else convert_to_numbers(cells)
         bad = (numbers.isna() & cells.notna()).to_numpy()
         if bad.any() and name not in needed:
             skipped.append(name)
@@ -384,8 +407,8 @@ def _read_numbers(
                 )
             said = f"{count} cells that are no numbers are" if count > 1 else "a cell that is no number is"
             notes.append(f"{name}: {said} treated as missing (first in line {at}: {wrong[:20]!r})")
-        list_columns[name] = numbers.to_numpy(float)
-    return list_columns, line, skipped
+        columns[name] = numbers.to_numpy(float)
+    return columns, skipped
 
 
 def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
@@ -396,21 +419,24 @@ def _check_first_row(path: Path, header: list[str], first: list[str]) -> None:
         return
     hint = ""
     if cells > 1.5 * len(header) and all(c.strip().lstrip("+-").isdigit() for c in row):
-        hint = "\n  hint: commas separate the list_columns and are in the numbers, too: write decimals with a point"
+        hint = (
+            "\n  hint: commas separate the columns and are in the numbers, too: write decimals with a point"
+        )
     raise UserError(
-        f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} list_columns{hint}"
+        f"{path}: line 2: {cells} cells, but the header (line 1) names {len(header)} columns{hint}"
     )
 
 
-def to_numbers(column: pd.Series) -> pd.Series:
+def convert_to_numbers(column: pd.Series) -> pd.Series:
     """Return cells as numbers, NaN where they are not numeric."""
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError:  # an integer beyond the range of a float, in a column with text
-        return pd.Series([_to_number(cell) for cell in column], column.index, float)
+        return pd.Series([_convert_cell(cell) for cell in column], column.index, float)
 
 
-def _to_number(cell: object) -> float:
+def _convert_cell(cell: object) -> float:
+    """Return a cell as a number, NaN if it is not numeric."""
     try:
         return float(str(cell))
     except ValueError:
@@ -420,7 +446,7 @@ def _to_number(cell: object) -> float:
 def _describe_range(name: str) -> str:
     """Return the allowed values of a column, for messages."""
     channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
-    return "convert_to_seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
+    return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
 
 
 # ---- any log: reader, mapping, raster, check
@@ -462,8 +488,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> CheckedLog
     guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
     if guessed:
         log.warnings.append(
-            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure "
-            "out"
+            f"guessed, not tested: {'; '.join(guessed)}: check {signals.path}, then delete the key unsure"
         )
         log.notes.insert(0, log.warnings[-1])
     log.slower = _join_slower(rows.native, rows.rate)
@@ -486,7 +511,7 @@ def _substitute_speed(path: Path, found: dict[str, Series], reading: Reading, no
     notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
 
 
-def map_own_names(recording: Recording) -> Signals | None:
+def map_own_names(recording: Recording) -> SignalsFile | None:
     """Return the signals of a log with the library's names; None: it has others."""
     names = [n for n in list_channels() if recording.has(n)]
     names += [c.name for c in recording if c.short.startswith("ref_") and c.name not in names]
@@ -495,9 +520,9 @@ def map_own_names(recording: Recording) -> Signals | None:
     )
     if not full:
         return None
-    whole = {n: Signal(n if n in list_channels() else recording.find(n, "").short, (n,)) for n in names}
+    whole = {n: SignalSource(n if n in list_channels() else recording.find(n, "").short, (n,)) for n in names}
     is_sided = {s for axle, pair in SIDES.items() if axle in names for s in pair}
-    return Signals(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
+    return SignalsFile(None, {s.channel: s for s in whole.values() if s.channel not in is_sided})
 
 
 def _join_slower(
@@ -518,10 +543,10 @@ def _describe_unnamed(path: Path, recording: Recording) -> str:
     own = [n for n in list_channels() if recording.has(n)]
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {list_names(own)}, not {list_names(missing)}" if own else ""
-    name = shlex.quote(path.name)
+    name = shlex.quote(str(path))
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
         f"({list_names(c.name for c in recording)}){has}\n"
-        f"  'tselab signals {name} --write signals.toml' proposes one; beside the log, or with --signals, "
-        "it is used"
+        f"  'tselab signals {name} --write signals.toml' proposes one, beside the log, "
+        "where it is used"
     )

@@ -1,5 +1,4 @@
-"""The log and the results while signals are assigned to channels: Look, Guess,
-Proposal."""
+"""Look: a log prepared for comparisons. Guess, Proposal: signals assigned to channels."""
 
 from __future__ import annotations
 
@@ -57,7 +56,8 @@ class Guess:
     above: float | None = None  # pressure above which the car brakes
     sign_bit: str | None = None
     add: str | None = None
-    valid: tuple[str, float] | None = None  # flag of its message, and the value that means valid
+    # flag of its message, and the value that means valid
+    valid: tuple[str, float] | None = None
     counter: tuple[str, int] | None = None  # counter of its message, and its modulo
     unsure: list[str] = field(default_factory=list)  # parts that were not tested
     confidence: str = "unsure"  # sure, likely, unsure
@@ -145,7 +145,8 @@ class Look:
     def __init__(self, recording: Recording):
         clocks = Clocks()
         raw: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # signals with two values: flags, switches
+        # signals with two values: flags, switches
+        bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         flags = find_flags(recording)
         for c in recording:
             time, value = clocks.straighten(c)
@@ -313,8 +314,8 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
             g.figures.append(f"{flag[0]} is {flag[1]:g} where it is valid: in nearly all rows")
         elif mark_no_value(mine.value).any():
             top = float(np.nanmax(np.abs(mine.value)))
-            g.figures.append(f"{top:g} stands for no value, and no flag says so: look at its extremes")
-            g.unsure.append("a number that stands for no value")
+            g.figures.append(f"{top:g} is a code for a missing value, without a flag: check its extremes")
+            g.unsure.append("a code for a missing value")
         counters = [(c.name, n) for c in beside if (n := _count_modulo(c))] if _get_message_name(mine) else []
         if len(counters) == 1:
             g.counter = counters[0]
@@ -362,8 +363,7 @@ def _count_modulo(c: Channel) -> int:
 
 
 def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
-    """Add the fine part of a coarse value to its guess: their sum is
-    smoother."""
+    """Add the fine part of a coarse value to its guess, if it makes the sum smoother."""
     x = mine.value
     step = _find_step(x)
     if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tse.channels.counters import find_modulo
-from tse.channels.signals import Counter, Flag, Signal, Signals, find_unit
+from tse.channels.signals import Counter, Flag, SignalsFile, SignalSource, find_unit
 from tse.library.errors import UserError
 from tse.log.clock import straighten_time
 from tse.log.rows import SIDES
@@ -60,7 +60,7 @@ class Clocks:
 
 
 def map_signals(
-    recording: Recording, signals: Signals, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
+    recording: Recording, signals: SignalsFile, car: Any | None, notes: list[str], most_lost: float = MAX_LOST
 ) -> dict[str, Series]:
     """Return all channels that signals.toml names; wheels separately.
 
@@ -68,7 +68,7 @@ def map_signals(
     ----------
     recording : Recording
         The log.
-    signals : Signals
+    signals : SignalsFile
         Contents of signals.toml.
     car : Vehicle or None
         Radii of the wheels.
@@ -105,10 +105,10 @@ def map_signals(
 
 def _map_part(
     recording: Recording,
-    signal: Signal,
+    signal: SignalSource,
     name: str,
     part: str,
-    signals: Signals,
+    signals: SignalsFile,
     clocks: Clocks,
     car: Any | None,
     notes: list[str],
@@ -150,7 +150,7 @@ def _map_part(
 
 
 def _find_factor(
-    signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
+    signal: SignalSource, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]
 ) -> float:
     """Return the factor from the unit of a signal to SI."""
     if part.startswith("ref_") or signal.above is not None:
@@ -159,7 +159,7 @@ def _find_factor(
     unit = signal.unit if signal.unit is not None else channel.unit
     if not unit:
         notes.append(
-            f"{part}: neither the log nor the file says the unit of {channel.name!r}: taken as {wanted}"
+            f"{part}: the unit of {channel.name!r} is in neither the log nor the file: {wanted} is assumed"
         )
         return 1.0
     radius = signal.radius
@@ -180,7 +180,7 @@ def _find_factor(
     return per
 
 
-def _interpolate_ratio(signal: Signal, value: np.ndarray, per: float) -> np.ndarray:
+def _interpolate_ratio(signal: SignalSource, value: np.ndarray, per: float) -> np.ndarray:
     """Return the steering ratio at each angle of the steering wheel.
 
     `value`: angles, rad. `per`: rad per unit of the table."""
@@ -235,8 +235,7 @@ def _drop_repeated(
     part: str,
     notes: list[str],
 ) -> None:
-    """Set the values to NaN whose message counter repeats; add a note about lost
-    messages."""
+    """Set values with a repeated message counter to NaN; note lost messages."""
     state = _hold_last(clocks, recording.find(counter.name, source.replace("] name", "] counter")), time)
     modulo = counter.modulo or find_modulo(state) or USUAL_MODULO
     step = np.mod(np.diff(state), modulo)
@@ -255,4 +254,4 @@ def _drop_repeated(
             "as missing"
         )
     if lost:
-        notes.append(f"{part}: {lost} messages are lost, its counter {counter.name} says")
+        notes.append(f"{part}: {lost} messages are lost, by its counter {counter.name}")

@@ -19,7 +19,7 @@ USUAL_TRACK_SD = 0.08  # of its logarithm
 
 
 @dataclass(frozen=True)
-class Fit:
+class LineFit:
     """Line through two channels: y = slope x + offset."""
 
     slope: float = 0.0
@@ -38,7 +38,7 @@ def smooth(x: np.ndarray) -> np.ndarray:
     return np.where(count > 0.5 * n, total / np.maximum(count, 1), np.nan)
 
 
-def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
+def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> LineFit:
     """Fit y = slope x + offset in the rows `keep`.
 
     Both channels have noise, so the slope is the geometric mean of both regressions."""
@@ -47,15 +47,15 @@ def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
         both &= keep
     n = int(both.sum())
     if n < MIN_ROWS:
-        return Fit(rows=n)
+        return LineFit(rows=n)
     a, b = x[both], y[both]
     a0, b0 = a.mean(), b.mean()
     sa, sb = a.std(), b.std()
     if sa < 1e-12 or sb < 1e-12:
-        return Fit(rows=n)
+        return LineFit(rows=n)
     corr = float(np.mean((a - a0) * (b - b0)) / (sa * sb))
     slope = float(np.sign(corr) * sb / sa)
-    return Fit(slope, float(b0 - slope * a0), corr, n)
+    return LineFit(slope, float(b0 - slope * a0), corr, n)
 
 
 def average(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -82,7 +82,8 @@ class Steering:
     share: float  # of the variance of the angle
 
 
-UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
+# s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
+UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012
 
 
 def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:

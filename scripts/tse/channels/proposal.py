@@ -123,8 +123,7 @@ def _warn_of_strange_units(recording: Recording, guesses: list[Guess]) -> list[s
             if is_unknown_unit(unit := recording.channels[n].unit):
                 found.setdefault((unit, g.unit), []).append(n)
     return [
-        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; look whether it is "
-        "right"
+        f"the unit {unit!r} of {list_names(names)} is not known: {own} is proposed, by size; check it"
         for (unit, own), names in found.items()
     ]
 

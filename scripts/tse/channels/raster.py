@@ -25,7 +25,8 @@ BURST_STEP = 0.25  # in usual steps: entries nearer than this are one, a burst o
 EVEN_STEP = 0.01  # in steps: max deviation of even times
 PASS_BAND = 0.45  # cut-off of the low pass over the new rate
 PASS_STEPS = 6  # half length of its kernel, in new steps
-DENSE_RATIO = 4.0  # above this ratio of rates a cubic through four entries replaces the spline
+# above this ratio of rates a cubic through four entries replaces the spline
+DENSE_RATIO = 4.0
 # Min share of rows with a value in each column of a table. Below it the column has
 # another rate.
 MIN_FILLED = 0.8
@@ -35,7 +36,7 @@ SPLINE_REACH = 600
 
 
 @dataclass
-class Rows:
+class RasterRows:
     """Channels on one raster."""
 
     time: np.ndarray  # s
@@ -70,7 +71,9 @@ def find_rate(time: np.ndarray) -> float:
     return 1.0 / float(np.median(step)) if len(step) else 0.0
 
 
-def resample_channels(found: Mapping[str, Series], rate: float | None, path: Path | None = None) -> Rows:
+def resample_channels(
+    found: Mapping[str, Series], rate: float | None, path: Path | None = None
+) -> RasterRows:
     """Return all channels on common rows.
 
     Parameters
@@ -100,7 +103,7 @@ def resample_channels(found: Mapping[str, Series], rate: float | None, path: Pat
     core = [n for n in found if is_core(n)]
     rate = choose_rate([rates[n] for n in core]) if rate is None else rate
     time = _make_times(own, rates, core, rate, path)
-    rows = Rows(time, {}, rate)
+    rows = RasterRows(time, {}, rate)
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
@@ -232,7 +235,8 @@ def _filter_low_pass(
     longer, found = np.concatenate([before, value, after]), np.empty(n)
     for begin in range(0, n, CHUNK_ROWS):
         part = longer[begin : begin + CHUNK_ROWS + 2 * half]
-        size = 1 << (len(part) - 1).bit_length()  # wrap-around falls in rows left out below
+        # wrap-around falls in rows left out below
+        size = 1 << (len(part) - 1).bit_length()
         if len(of_kernel) != size // 2 + 1:
             of_kernel = np.fft.rfft(kernel, size)
         both = np.fft.rfft(part, size) * of_kernel
@@ -268,7 +272,7 @@ def _find_axle(name: str) -> str:
     return next((axle for axle, pair in SIDES.items() if name in pair), name)
 
 
-def _keep_table(found: Mapping[str, Series], rate: float | None) -> Rows | None:
+def _keep_table(found: Mapping[str, Series], rate: float | None) -> RasterRows | None:
     """Return a table as it is, if it can be used so; else None.
 
     Its columns share one time, have no latency and few holes, and are not too fast."""
@@ -288,7 +292,7 @@ def _keep_table(found: Mapping[str, Series], rate: float | None) -> Rows | None:
         if np.isfinite(s.value).sum() > 1
     ):
         return None
-    return Rows(first.time, {n: s.value for n, s in found.items()}, own)
+    return RasterRows(first.time, {n: s.value for n, s in found.items()}, own)
 
 
 def _make_times(
@@ -338,7 +342,7 @@ def start_on_beat(
     return float(phase + np.ceil((first - phase) * rate - 1e-6) / rate)
 
 
-def _add_notes(rows: Rows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
+def _add_notes(rows: RasterRows, found: Mapping[str, Series], rates: Mapping[str, float]) -> None:
     """Add notes about the rates of the channels and their latencies."""
     parts: dict[int, list[str]] = {}
     for n, r in rates.items():

@@ -28,20 +28,23 @@ UNIT_OPTIONS = {
     "accel_x": ("m/s2", "g"),
     "steer_angle": ("deg", "rad"),
 }
-USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars without vehicle file
+# m; of its logarithm: passenger cars without vehicle file
+USUAL_RADIUS, USUAL_RADIUS_SD = 0.32, 0.06
 USUAL_WHEELBASE = 2.7  # m: passenger cars without vehicle file
 # costs of units, in squared sd
 LOG_UNIT_COST = 6.0  # a unit that contradicts the log
 NAME_UNIT_COST = 3.0  # a unit that contradicts the end of the name
 OTHER_UNIT_COST = 0.5  # a unit other than SI, if neither log nor name state one
 MAX_EQUATION_COST = 16.0  # of one kinematic relation
-FAR_COST = 0.1  # per sd, without limit: of two implausible sets of units the nearer one is better
+# per sd, without limit: of two implausible sets of units the nearer one is better
+FAR_COST = 0.1
 MOTION_COST = 25.0  # of a unit with which the car exceeds MAX_MOTION
-MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # road cars, SI; m/s
+# road cars, SI; m/s
+MAX_MOTION = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}
 
 
 @dataclass(frozen=True)
-class Scale:
+class UnitScale:
     """Units of all channels, and the figures from which they follow."""
 
     unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
@@ -58,7 +61,7 @@ def _get_radius(car: Any | None) -> float:
 
 def find_units(
     look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
-) -> Scale:
+) -> UnitScale:
     """Return the set of units that agrees best with physics, log and names."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     car_speed = ""
@@ -76,7 +79,7 @@ def find_units(
         for r, n in names.items()
         if np.isfinite(look.x[n]).any()
     }
-    best: tuple[float, Scale] | None = None
+    best: tuple[float, UnitScale] | None = None
     for picks in product(*options.values()):
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
         per = {role: _convert_unit(role, u, car) for role, u in unit.items()}
@@ -84,11 +87,11 @@ def find_units(
         cost += sum(
             MOTION_COST for role, top in tops.items() if role in per and top * per[role] > MAX_MOTION[role]
         )
-        this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
+        this = cost + sum(c for _, c in picks), UnitScale(unit, per, figures)
         if best is None or this[0] < best[0]:
             best = this
     if best is None:
-        return Scale({}, {}, {})
+        return UnitScale({}, {}, {})
     for role, u in best[1].unit.items():
         was = look.channels[names[role]].unit
         if (
@@ -97,7 +100,7 @@ def find_units(
             and not is_same_unit(u, was, role)
         ):
             warnings.append(
-                f"{names[role]!r} is in {was}, the log says, but its size is that of {u}: {u} is proposed"
+                f"the log gives {was} for {names[role]!r}, but its size is that of {u}: {u} is proposed"
             )
     return best[1]
 
@@ -133,7 +136,7 @@ def is_same_unit(a: str, b: str, role: str) -> bool:
 
 
 def _convert_unit(role: str, unit: str, car: Any | None) -> float:
-    """Return the unit_factor from a unit to SI; of wheels to m/s."""
+    """Return the factor from a unit to SI; of wheels to m/s."""
     if role == "wheel":
         return float(unit_factor(unit, "m/s") or (unit_factor(unit, "rad/s") or 1.0) * _get_radius(car))
     return float(unit_factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
@@ -182,10 +185,12 @@ def _correlate_course(look: Look, r: np.ndarray, v: np.ndarray) -> float:
     The course is clockwise from north, in degrees. > 0: the yaw rate is positive to the
     left. < 0: to the right. 0: there is no course."""
     named = [
-        n for n in look.raw
-        if score_name("heading", n) >= MIN_NAME_SCORE and unit_kind(look.find_unit(n)) in ("", "angle")
+        n
+        for n in look.raw
+        if score_name("heading", n) >= MIN_NAME_SCORE
+        and unit_kind(look.find_unit(n)) in ("", "angle")
         and (look.channels[n].text == RECEIVER_TEXT or re.search(r"gps|gnss", join_words(n)))
-    ]  # fmt: skip
+    ]
     if not named:
         return 0.0
     time, course = look.raw[named[0]]

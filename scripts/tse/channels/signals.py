@@ -22,12 +22,15 @@ SIGNAL_KEYS = (
     *("clock", "valid", "counter", "hold", "above", "unsure"),
 )
 NUMBER_RANGES = {  # by key: min, max, unit
-    "scale": (-1e9, 1e9, ""),  # unit_factor after the unit
+    "scale": (-1e9, 1e9, ""),  # factor after the unit
     "offset": (-1e6, 1e6, ""),  # subtracted, in the unit of the signal
     "radius": (0.05, 5.0, "m"),  # of the wheel, for speeds
-    "above": (-1e6, 1e6, ""),  # pressure above which the car brakes, in the unit of the signal
-    "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),  # from a measurement to its time in the log
-    "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),  # by which the clock of its group is ahead of the others
+    # pressure above which the car brakes, in the unit of the signal
+    "above": (-1e6, 1e6, ""),
+    # from a measurement to its time in the log
+    "latency": (-MAX_LATENCY, MAX_LATENCY, "s"),
+    # by which the clock of its group is ahead of the others
+    "clock": (-MAX_CLOCK, MAX_CLOCK, "s"),
 }
 MIN_RATIO, MAX_RATIO = 0.5, 100.0
 
@@ -49,7 +52,7 @@ class Counter:
 
 
 @dataclass(frozen=True)
-class Signal:
+class SignalSource:
     """The source of one channel. Two names: left and right wheel."""
 
     channel: str
@@ -68,16 +71,18 @@ class Signal:
     counter: Counter | None = None
     hold: bool = False  # sent only when it changes: a value stands until the next
     above: float | None = None  # 1 where the signal is above it, in its own unit, else 0
-    add: str | None = None  # a signal with the rest of the value, in the same unit: the fine part of an angle
-    unsure: str = ""  # guesses that were not tested; every run warns until the key is deleted
+    # signal with the fine part of the value, in the same unit
+    add: str | None = None
+    # guesses that were not tested; every run warns until the key is deleted
+    unsure: str = ""
 
 
 @dataclass(frozen=True)
-class Signals:
+class SignalsFile:
     """The contents of signals.toml."""
 
     path: Path | None
-    signals: Mapping[str, Signal]
+    signals: Mapping[str, SignalSource]
     how: ReadOptions = field(default_factory=ReadOptions)
     rate: float | None = None
 
@@ -96,7 +101,7 @@ class Signals:
 
 def find_signals(
     log: Path, file: Path | None, databases: Sequence[Path]
-) -> tuple[Signals | None, ReadOptions]:
+) -> tuple[SignalsFile | None, ReadOptions]:
     """Return the signals.toml of a log, and the settings for reading it.
 
     Parameters
@@ -111,7 +116,9 @@ def find_signals(
     file = file or find_signals_file(log)
     signals = read_signals(file) if file is not None else None
     how = signals.how if signals is not None else ReadOptions()
-    return signals, replace(how, databases=(*databases, *how.databases))
+    given = {p.resolve() for p in databases}
+    more = (p for p in how.databases if p.resolve() not in given)
+    return signals, replace(how, databases=(*databases, *more))
 
 
 def list_channels() -> list[str]:
@@ -131,7 +138,7 @@ def find_unit(channel: str) -> str:
     return next((f.unit for f in library().channels if f.name == axle), "")
 
 
-def read_signals(path: Path) -> Signals:
+def read_signals(path: Path) -> SignalsFile:
     """Read and check signals.toml.
 
     Raises
@@ -166,7 +173,7 @@ def read_signals(path: Path) -> Signals:
         )
     how, rate = _check_log(path, log, refuse)
     known = list_channels()
-    found: dict[str, Signal] = {}
+    found: dict[str, SignalSource] = {}
     for channel, table in signals.items():
         at = f"signals.{channel}"
         if channel not in known and not channel.startswith("ref_"):
@@ -180,6 +187,12 @@ def read_signals(path: Path) -> Signals:
             line = _find_line(text, "signals", channel)
             raise UserError(f'{path}: {line}{channel} must be a table: [{at}] with name = "..."')
         found[channel] = _check_signal(channel, at, table, refuse)
+    _check_sides(found, refuse)
+    return SignalsFile(path, found, how, rate)
+
+
+def _check_sides(found: Mapping[str, SignalSource], refuse: Any) -> None:
+    """Refuse an axle together with its wheels, and a single wheel."""
     for axle, pair in SIDES.items():
         if axle in found and any(s in found for s in pair):
             raise refuse(
@@ -195,7 +208,6 @@ def read_signals(path: Path) -> Signals:
                 "",
                 f"{missing} is needed, too; a car with one sensor on the axle has {axle}",
             )
-    return Signals(path, found, how, rate)
 
 
 def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOptions, float | None]:
@@ -237,7 +249,7 @@ def _check_log(path: Path, log: dict[str, Any], refuse: Any) -> tuple[ReadOption
     return how, rate
 
 
-def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal:
+def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> SignalSource:
     """Return the signal of a channel from its table. `at`: name of the table."""
     for key in table:
         if key not in SIGNAL_KEYS:
@@ -289,7 +301,7 @@ def _check_signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> 
         if not isinstance(table["hold"], bool):
             raise refuse(at, "hold", "must be true or false")
         values["hold"] = table["hold"]
-    return Signal(**values)
+    return SignalSource(**values)
 
 
 def _check_names(channel: str, at: str, name: Any, refuse: Any) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from tse.channels.raster import (
     select_entries,
     start_on_beat,
 )
-from tse.channels.signals import Signal, Signals
+from tse.channels.signals import SignalsFile, SignalSource
 from tse.library.core import library
 from tse.library.errors import UserError, suggest_names
 from tse.log.noise import find_new_values
@@ -41,9 +41,9 @@ KEPT_TIME, MIN_KEPT = 2.0, 64
 LISTEN_TIME = 1.0  # s of frames until the rates are known
 MAX_LISTEN_TIME = 3.0  # s, if an input of the model is late
 WAIT_STEPS, WAIT_TIME = 1.5, 0.02  # a row waits for a channel: usual steps, plus s
-SILENT_STEPS, MIN_SILENCE = 6.0, 0.25  # usual steps, and min s, until no row waits for a channel
-# entries before a row for its spline: the weight of earlier ones is below the smallest
-# number
+# usual steps, and min s, until no row waits for a channel
+SILENT_STEPS, MIN_SILENCE = 6.0, 0.25
+# entries before a row for its spline; earlier ones have a negligible weight: 0.27 ** 48
 SPLINE_ENTRIES = 48
 CHECK_INTERVAL = 1.0  # s between two checks of the rates and of held values
 LOW_PASS_RATIO = 1.2  # above this ratio to the rate of the rows, a channel is low-passed
@@ -86,7 +86,7 @@ class Stream:
     ----------
     databases : sequence of Path
         Databases of the bus.
-    signals : Signals
+    signals : SignalsFile
         Signal of each channel.
     car : Vehicle
         Radii of the wheels.
@@ -99,7 +99,7 @@ class Stream:
         A signal is in none of the databases, or needed channels are missing.
     """
 
-    def __init__(self, databases: Sequence[Path], signals: Signals, car: Any, rate: float | None = None):
+    def __init__(self, databases: Sequence[Path], signals: SignalsFile, car: Any, rate: float | None = None):
         self.notes: list[str] = []
         self._car, self._all = car, signals
         self._rate = rate or signals.rate
@@ -116,9 +116,9 @@ class Stream:
                 kept = self._kept.setdefault(f"{message.name}.{s.name}", _Signal(message, s))
                 self._of_key.setdefault(key, []).append(kept)
         self._resolve_names(databases)
-        self.unknown: dict[int, int] = {}  # identifiers that no database has, and how often they came
+        # number of frames by identifier, if it is in no database
+        self.unknown: dict[int, int] = {}
         self.known = 0  # frames of messages that the databases have
-        self._sets = 0  # how often the clock was set
         self._shift, self._last, self._first = 0.0, -math.inf, math.nan
         self._sent = 0  # rows
         self._start = math.nan
@@ -188,7 +188,7 @@ class Stream:
         """Rate of the rows, Hz; None: not known yet."""
         return self._rate if math.isfinite(self._start) else None
 
-    def channels(self) -> list[str]:
+    def list_columns(self) -> list[str]:
         """Return the columns of the rows, without time."""
         optional = [c for c in OPTIONAL_COLUMNS if c in self._all.signals]
         return [*DRIVES, *MEASURES, *optional]
@@ -220,7 +220,8 @@ class Stream:
                 continue
             self.known += 1
             if key in self._of_key:
-                self._first = time if math.isnan(self._first) else self._first  # first needed frame
+                # first needed frame
+                self._first = time if math.isnan(self._first) else self._first
                 times, data = groups.setdefault(key, ([], []))
                 times.append(time)
                 data.append(f.data)
@@ -258,9 +259,11 @@ class Stream:
         recording = Recording(Path("the bus"), "bus", channels)
         now = {c: s for c, s in self._all.signals.items() if all(n in channels for n in _list_names(s))}
         first = not self.last
-        found = map_signals(recording, Signals(self._all.path, now), self._car, notes := [], most_lost=1.0)
+        found = map_signals(
+            recording, SignalsFile(self._all.path, now), self._car, notes := [], most_lost=1.0
+        )
         if first:
-            self.notes += [n for n in notes if "neither the log nor the file says the unit" in n]
+            self.notes += [n for n in notes if "is in neither the log nor the file" in n]
         if "vehicle_speed" in found and not any(c.startswith("wheel_speed") for c in self._all.signals):
             speed = found["vehicle_speed"]
             radius = self._car.values["wheel_radius_front"]
@@ -269,7 +272,7 @@ class Stream:
             )
         return found
 
-    def rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def make_rows(self, now: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the rows that are complete at the time `now` of the bus, s.
 
         Returns
@@ -315,7 +318,8 @@ class Stream:
         """Return the values of all channels at the times of the rows."""
         rate = float(self._rate or 1.0)
         value: dict[str, np.ndarray] = {}
-        even: dict[int, list[str]] = {}  # channels that share their times, by the array of these
+        # channels with the same times, by the id of their array
+        even: dict[int, list[str]] = {}
         for n, s in heard.found.items():
             t, x = heard.own[n]
             if n in VELOCITY_COLUMNS:
@@ -362,7 +366,7 @@ class Stream:
 
     def _make_empty(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return no rows."""
-        return np.zeros(0), {c: np.zeros(0) for c in self.channels()}
+        return np.zeros(0), {c: np.zeros(0) for c in self.list_columns()}
 
     def _begin(self, heard: _Heard) -> bool:
         """Set rate and start of the rows; return False while there are too few frames."""
@@ -375,7 +379,8 @@ class Stream:
         whole = all(c in heard.core and heard.rates[c] > 0 for c in wanted)
         if not heard.core or heard.now < self._first + (LISTEN_TIME if whole else MAX_LISTEN_TIME):
             return False
-        if self._rate is None:  # the stamps of the computer jitter, but their mean rate is right
+        # the stamps of the computer jitter, but their mean rate is right
+        if self._rate is None:
             self._rate = choose_rate([find_mean_rate(heard.found[n]) for n in heard.core])
         drives = [n for n in heard.core if n not in MEASURES] or heard.core
         first = max(float(heard.own[n][0][0]) for n in drives)
@@ -440,7 +445,7 @@ class Stream:
         for axle, pair in SIDES.items():
             if axle not in value and any(s in value for s in pair):
                 value[axle] = self._average_axle(axle, *(value.get(s, nothing) for s in pair), yaw)
-        for c in self.channels():
+        for c in self.list_columns():
             x = value.get(c, nothing)
             columns[c] = _mask_outside(x, *OPTIONAL_COLUMNS[c][1:3]) if c in OPTIONAL_COLUMNS else x
         if self._stand_in:
@@ -475,13 +480,13 @@ def find_mean_rate(s: Series) -> float:
     return (int(find_new_values(s.value).sum()) - 1) / span if span > 0 else 0.0
 
 
-def _list_names(s: Signal) -> list[str]:
+def _list_names(s: SignalSource) -> list[str]:
     """Return the names of all signals of a channel."""
     needed = [*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name]
     return [n for n in needed if n]
 
 
-def _rename_sources(s: Signal, whole: Mapping[str, str]) -> Signal:
+def _rename_sources(s: SignalSource, whole: Mapping[str, str]) -> SignalSource:
     """Return a signal with whole names."""
     return replace(
         s,

@@ -22,7 +22,8 @@ VELOCITY_NAMES = {
 NO_VELOCITY_NAME = re.compile(
     r"acc\w*|target|soll|req\w*|limit|valid|qual\w*|status|std|sd\b|var\b|acc(uracy)?\b|wheel|whl|wind"
 )
-MIN_SIGN_SDS = 6.0  # min slope, in sd, of the derivative of the lateral velocity over accel_y - v r
+# min slope, in sd, of the derivative of the lateral velocity over accel_y - v r
+MIN_SIGN_SDS = 6.0
 MAX_ACROSS = 0.35  # max ratio of lateral velocity to speed, in 98 % of the rows
 
 
@@ -80,7 +81,7 @@ def _guess_velocity(
     moving = np.isfinite(x) & (v > MOVING_SPEED)
     if moving.sum() < physics.MIN_ROWS:
         return None
-    origin = "the log says so" if look.channels[name].unit else "the name ends so"
+    origin = "by the log" if look.channels[name].unit else "by the end of the name"
     guess = Guess(channel, (name,), unit, origin)
     if channel == "ins_vel_x":
         share = float(np.median(x[moving] / v[moving]))

@@ -1,7 +1,7 @@
 """Score how well the name of a signal describes a role.
 
-The split_words are those of manufacturers, ISO 8855, openpilot and ROS, in English, German,
-French, Spanish and Italian. Scores: 3 exact split_words, 2 likely, 1 possible; below 0: a
+The words are those of manufacturers, ISO 8855, openpilot and ROS, in English, German,
+French, Spanish and Italian. Scores: 3 exact words, 2 likely, 1 possible; below 0: a
 similar name of another quantity.
 """
 
@@ -11,7 +11,7 @@ import re
 from tse.readers.recording import last_part
 from tse.readers.table import split_words
 
-# By role: patterns over the split_words of a name, joined by blanks, each with its score. The
+# By role: patterns over the words of a name, joined by blanks, each with its score. The
 # best one counts.
 ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
     "yaw_rate": (
@@ -90,7 +90,7 @@ ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
         (r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),
     ),
 }
-# By role: split_words of another quantity with a similar name. Such a name loses 4.
+# By role: words of another quantity with a similar name. Such a name loses 4.
 NOT_ROLE_WORDS = {
     "yaw_rate": (
         r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|"
@@ -135,7 +135,7 @@ OTHER_WORDS = re.compile(
     r"wiper|door|fan|ignition|spark|camber|gradient|slope|azimuth)\b"
 )
 SPEED_WORDS = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
-# By place of a wheel or an axle: split_words, or the ends of split_words
+# By place of a wheel or an axle: words, or the ends of words
 PLACE_WORDS = {
     "front_left": (
         r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|"
@@ -172,7 +172,7 @@ NO_WHEEL_WORDS = re.compile(
 
 @functools.lru_cache(maxsize=4096)
 def join_words(name: str) -> str:
-    """Return the split_words of a whole name, with topic and message, joined by blanks."""
+    """Return the words of a whole name, with topic and message, joined by blanks."""
     return " ".join(split_words(name))
 
 
@@ -234,7 +234,7 @@ def _match_corner(joined: str) -> str:
 
 
 def _match_place(end: str, wheel: bool) -> tuple[str, float]:
-    """Return the place in the split_words of a name, and its score.
+    """Return the place in the words of a name, and its score.
 
     `wheel`: the name has a word for a wheel."""
     joined = end.replace(" ", "")

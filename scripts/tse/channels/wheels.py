@@ -1,5 +1,4 @@
-"""Find the wheels and their places, then the other channels by name, unit and
-kinematics."""
+"""Find wheels, motion and pedals among the signals: by name, unit and kinematics."""
 
 from __future__ import annotations
 
@@ -248,11 +247,11 @@ def find_roles(
     shown: dict[str, dict[str, float]] = {}
     turn = find_turn(look, wheels)
     top = float(np.nanquantile(np.abs(v), 0.98)) if v is not None and np.isfinite(v).any() else 0.0
-    usual = (
-        None if v is None else v * (25.0 / top if top else 1.0)
-    )  # as fast as cars drive: its unit is not known yet
+    # the unit is not known yet: scaled to a max of 25 m/s
+    usual = None if v is None else v * (25.0 / top if top else 1.0)
     change = None if v is None else physics.differentiate(v)
-    for role in MOTION_ROLES:  # only for candidates that physics can lift to MIN_NAME_SCORE
+    # only for candidates that physics can lift to MIN_NAME_SCORE
+    for role in MOTION_ROLES:
         shown[role] = {
             n: _score_by_physics(look, role, n, v, usual, change, turn, ref)
             if w + MAX_PHYSICS_SCORE >= MIN_NAME_SCORE
@@ -263,13 +262,12 @@ def find_roles(
     found: dict[str, str] = {}
     pairs = sorted(((w, role, n) for role in MOTION_ROLES for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best first; one signal has one role
+        # a unit without a name is not sufficient
         if (
             role not in found
             and n not in found.values()
             and w >= MIN_NAME_SCORE
-            and (
-                score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5
-            )  # a unit alone is no name
+            and (score_name(role, look.clean_name(n)) >= 0.8 or shown[role][n] >= 2.5)
             and not is_another_thing(role, look.clean_name(n))
         ):
             found[role] = n
@@ -377,7 +375,8 @@ AXLE_NAME = {
     "rear": re.compile(r"\b(rear|hinten|ha|arriere)\b"),
 }
 MIN_BRAKING_LOSS = 0.7  # m/s2: min additional deceleration while the brake is on
-PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995  # the car brakes above this share of this quantile
+# the car brakes above this share of this quantile
+PEDAL_SHARE, PEDAL_QUANTILE = 0.03, 0.995
 
 
 def find_pedals(recording: Recording, look: Look, v: np.ndarray | None) -> list[Guess]:
@@ -409,7 +408,7 @@ def _guess_brake(c: Channel, look: Look, v: np.ndarray | None) -> Guess | None:
         "brake",
         (c.name,),
         "1" if switch or not c.unit else c.unit,
-        "0 and 1" if switch else "the log says so",
+        "0 and 1" if switch else "by the log",
         above=above,
     )
     if above is not None:
@@ -446,7 +445,7 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
             TORQUE_NAME.search(name) and AXLE_NAME[axle].search(name) and not OTHER_TORQUE_NAME.search(name)
         )
         if named and unit_kind(c.unit) == "torque":
-            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "the log says so")
+            guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
             guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
             guess.unsure.append("the signal, by its name alone")
             return guess

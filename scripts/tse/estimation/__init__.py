@@ -1,1 +1,2 @@
-"""Run the filter over a log, and put its result into words: answer, verdict, events, smoother."""
+"""Run the filter over a log, and put its result into words: answer, verdict, events,
+smoother."""

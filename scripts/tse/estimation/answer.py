@@ -1,4 +1,4 @@
-"""The answer in three aligned lines: what each stiffness is, and whether to act on it."""
+"""The answer in three aligned lines: each stiffness, and whether to act on it."""
 
 from __future__ import annotations
 
@@ -33,23 +33,24 @@ WHY_NOT = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MOST_STRETCHES = 2  # of a road that changed: the last ones
+MAX_STRETCHES = 2  # of a road that changed: the last ones
 
 
 def answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last stretches of road, under its title where there are several.
+    """Return three lines for each of the last stretches of road, under its title if there
+    are several.
 
-    The value is what held through the stretch (smoothed), where that is known. Along the car
-    it is of the axle that drives, which shows it."""
+    The value is held() of the stretch. The longitudinal stiffness is that of the driven
+    axle, which shows it."""
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
     lines = []
-    left_out = len(found) - MOST_STRETCHES
+    left_out = len(found) - MAX_STRETCHES
     if left_out > 0:
         lines.append(
             f"{left_out} earlier stretch{'es' if left_out > 1 else ''} of road: --verbose, or the report"
         )
-    for finding in found[-MOST_STRETCHES:]:
+    for finding in found[-MAX_STRETCHES:]:
         if finding.title:
             lines.append(f"{finding.title}:")
         of_key = {v.key: v for v in finding.verdicts}
@@ -57,7 +58,7 @@ def answer(found: Sequence[Finding], config: Config) -> list[str]:
             along = of_key["cx_front"]
             values = {n: by * getattr(along, n) for n in ("value", "band", "smoothed", "smoothed_band")}
             of_key["cx_front"] = replace(along, **values)
-        rows = [_cells(of_key[key], rear) for key in WHERE if key in of_key]
+        rows = [_make_cells(of_key[key], rear) for key in WHERE if key in of_key]
         widths = [max(len(row[i]) for row in rows) for i in range(2)]
         indent = "  " if finding.title else ""
         lines += [f"{indent}{a:<{widths[0]}}   {b:<{widths[1]}}   {c}" for a, b, c in rows]
@@ -65,23 +66,24 @@ def answer(found: Sequence[Finding], config: Config) -> list[str]:
 
 
 def held(v: Verdict) -> tuple[float, float]:
-    """Return the stiffness that held through a stretch of road, and half of its 95 % interval.
+    """Return the stiffness of a stretch of road, and half of its 95 % interval.
 
-    It is the smoothed one. Where rows are valid and that is not, and of particles, it is that at
-    the end."""
+    The smoothed value; the value at the end for a particle filter, and if rows are valid
+    and the smoothed value is not."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
 
 def beside(v: Verdict) -> str:
-    """Return what is said beside held()."""
+    """Return the rest of the verdict, for the line beside held()."""
     if held(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"
 
 
-def _cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
-    """Return which stiffness, its value with its 95 % interval, and whether to act on it. rear: that axle drives."""
+def _make_cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
+    """Return place, value with 95 % interval, and whether to act on it. `rear`: the rear
+    axle drives."""
     where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
     value, band = held(v)
     if not np.isfinite(value):
@@ -93,5 +95,5 @@ def _cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
 
 
 def why_not(key: str, reason: str) -> str:
-    """Return in a few words why a stiffness is not usable."""
+    """Return the reason why a stiffness is not usable, in a few words."""
     return WHY_NOT.get(reason, LITTLE[key] if reason in ("", "uncertain", "not excited") else reason)

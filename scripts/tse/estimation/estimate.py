@@ -1,5 +1,5 @@
-"""Run the filter over a log: what it starts from (a learnt state, whose bytes are the library's, tse/learnt.h), the table that
-comes out, and how that is written."""
+"""Run the filter over a log: from a learnt state (bytes of the library, tse/learnt.h) to
+the table of estimates, and write it."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DAY = 86400.0  # s
-MOST = 1 << 16  # bytes; no learnt state is longer
+MAX_LEARNT = 1 << 16  # bytes; no learnt state is longer
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """A learnt state, read but not yet checked, and how old it is."""
+    """A learnt state, not yet checked, and its age."""
 
     path: Path
     data: bytes
     age: float  # s
-    given: bool  # the age; else it is that of the file
+    given: bool  # whether the age was given; else it is that of the file
 
     def load(self, filter_: NativeFilter) -> None:
-        """Let the filter start from it; the library says what is wrong with it."""
+        """Load it into the filter. UserError: the library refuses it."""
         try:
             filter_.load_learnt(self.data, self.age)
         except LearntError as error:
@@ -68,15 +68,16 @@ class Learnt:
         )
 
 
-def read_learnt(path: Path, age_days: float | None = None) -> Learnt:
-    """Read a file that `write_learnt` wrote; without a given age it is as old as the file."""
+def read_learnt(path: Path, age: float | None = None) -> Learnt:
+    """Read a file that write_learnt() wrote. `age`: s since that drive; None: the age of
+    the file."""
     try:
         with open(path, "rb") as file:
-            data = file.read(MOST)
-        age = time.time() - path.stat().st_mtime if age_days is None else age_days * DAY
+            data = file.read(MAX_LEARNT)
+        since = time.time() - path.stat().st_mtime if age is None else age
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    return Learnt(path, data, max(age, 0.0), age_days is not None)
+    return Learnt(path, data, max(since, 0.0), age is not None)
 
 
 def write_learnt(path: Path, data: bytes) -> None:
@@ -84,60 +85,72 @@ def write_learnt(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-# ---- Rows of a table as CSV: a long log is ten million cells, for which pandas takes eight seconds, Arrow one, orjson a quarter.
+# ---- Rows as CSV. For the ten million cells of a long log pandas needs 8 s, Arrow 1 s,
+# orjson 0.25 s.
 
 
-Columns = Mapping[str, Any] | pd.DataFrame  # the columns: arrays, Categoricals or Series
-ALIKE = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}  # sizes of real numbers that orjson and Arrow write alike
-WHOLE = 1 << 24  # from here on not every whole number is one in single precision
+Columns = Mapping[str, Any] | pd.DataFrame  # arrays, Categoricals or Series by name
+SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}  # sizes of numbers that orjson and Arrow write alike
+MAX_WHOLE = 1 << 24  # larger whole numbers may have no single-precision value
 
 
 def csv_header(table: Columns) -> bytes:
-    """The line of the column names."""
+    """Return the line of the column names."""
     return pd.DataFrame(columns=list(table)).to_csv(index=False, lineterminator="\n").encode()
 
 
 def csv_rows(table: Columns) -> bytes:
-    """The lines of the rows: of every number the shortest digits that give the same bits back; missing values are empty cells."""
+    """Return the lines of the rows. A number has the shortest digits that give the same
+    bits back; missing values are empty cells."""
     columns = [getattr(column, "array", column) for _, column in table.items()]
     columns = [c if isinstance(c, pd.Categorical) else np.asarray(c) for c in columns]
     if not columns or not len(columns[0]):
         return b""
     parts: list[Iterable[bytes]] = []
-    for (kind, same, plain), group in itertools.groupby(columns, _kind):
+    for (kind, same, plain), group in itertools.groupby(columns, _find_kind):
         among = [c[:1] if same else c for c in group]
-        found = _parts(among, kind, plain)
+        found = _join_cells(among, kind, plain)
         if found is None:
-            return _rows_of_arrow(table)
+            return _write_rows_by_arrow(table)
         parts.append(itertools.repeat(found[0], len(columns[0])) if same else found)
     return b"\n".join(map(b",".join, zip(*parts, strict=True))) + b"\n"
 
 
-def _kind(column: Any) -> tuple[str, bool, bool]:
-    """As what a column is written: words, f (small whole numbers, too), d or nothing of these; whether all its cells read the same,
-    as in most columns of a few rows; whether no number is missing or whole, which orjson writes otherwise than Arrow."""
+def _find_kind(column: Any) -> tuple[str, bool, bool]:
+    """Return how a column is written.
+
+    Returns
+    -------
+    kind : str
+        "words", "f" (also small whole numbers), "d"; empty: by Arrow only.
+    same : bool
+        All cells have the same text, as in most columns of a few rows.
+    plain : bool
+        No number is missing or whole: orjson writes those otherwise than Arrow."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
         return "", False, False
     missing = values != values
     same = bool((values == values[0]).all() or missing.all())
-    if same and values[0] == 0:  # -0.0 is another number
+    if same and values[0] == 0:  # -0.0 has another text
         same = bool(np.signbit(values).all() == np.signbit(values).any())
     plain = values.dtype.kind == "f" and not bool((missing | (np.floor(values) == values)).any())
     return "words" if words else "d" if values.dtype == np.float64 else "f", same, plain
 
 
-def _parts(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] | None:
-    """Of each row the cells of these columns, of which _kind() says what it says; None of what Arrow writes otherwise."""
+def _join_cells(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] | None:
+    """Return the cells of these columns row by row; None if only Arrow can write them."""
     if kind == "words":
-        return _words(columns)
-    if not kind or any(c.dtype.kind in "iu" and not -WHOLE < c.min() <= c.max() < WHOLE for c in columns):
+        return _encode_words(columns)
+    if not kind or any(
+        c.dtype.kind in "iu" and not -MAX_WHOLE < c.min() <= c.max() < MAX_WHOLE for c in columns
+    ):
         return None
     import orjson
 
     block = np.stack(columns, axis=1, dtype=kind, casting="unsafe")
-    size, (least, most) = np.abs(block), ALIKE[kind]
+    size, (least, most) = np.abs(block), SAME_TEXT[kind]
     if ((size >= most) | ((size < least) & (size > 0))).any():
         return None
     text = orjson.dumps(block, option=orjson.OPT_SERIALIZE_NUMPY)[2:-1]  # 1.5,null],[2.0,0.5]
@@ -146,7 +159,7 @@ def _parts(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] | None
     return text[:-1].split(b"],[")
 
 
-def _words(columns: Sequence[pd.Categorical]) -> list[bytes] | None:
+def _encode_words(columns: Sequence[pd.Categorical]) -> list[bytes] | None:
     found = []
     for column in columns:
         words = [*map(str, column.categories), ""]
@@ -156,12 +169,12 @@ def _words(columns: Sequence[pd.Categorical]) -> list[bytes] | None:
     return list(map(b",".join, zip(*found, strict=True)))
 
 
-def _rows_of_arrow(table: Columns) -> bytes:
-    """The same, of any numbers and words."""
+def _write_rows_by_arrow(table: Columns) -> bytes:
+    """Return the lines of the rows, of any numbers and words."""
     import pyarrow as pa
     from pyarrow.csv import WriteOptions, write_csv
 
-    columns = [_arrow(column) for _, column in table.items()]
+    columns = [_make_arrow(column) for _, column in table.items()]
     plain = [c.dictionary_decode() if pa.types.is_dictionary(c.type) else c for c in columns]
     if not plain:
         return b""
@@ -180,8 +193,8 @@ def _rows_of_arrow(table: Columns) -> bytes:
         return lines("needed")
 
 
-def _arrow(column: Any) -> pa.Array:
-    """A column for Arrow, the words of a Categorical once."""
+def _make_arrow(column: Any) -> pa.Array:
+    """Return a column as an array of Arrow; a Categorical as a dictionary."""
     import pyarrow as pa
 
     column = getattr(column, "array", column)
@@ -195,24 +208,28 @@ def _arrow(column: Any) -> pa.Array:
 
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
-BLOCK = 2048  # rows that are in memory with all their columns at a time
-MOST_KEPT = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs so many, spread evenly
-GROUP = 4 * BLOCK  # ... where they are written as Parquet: rows of a group
-DOUBLE = ("time", "log_evidence")  # columns of EST.csv whose differences from row to row count
+BLOCK = 2048  # rows that are in memory with all columns at a time
+MAX_SUMMARY = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs every n-th row
+GROUP = 4 * BLOCK  # rows of a group of a Parquet file
+DOUBLE = ("time", "log_evidence")  # columns whose differences from row to row need double precision
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
 REFUSED = "row refused"  # the reason of a row with a negative status
 
 
 @dataclass
-class Estimate:
-    """Estimates row by row, and how the run ended. The table has all columns of EST.csv, or those of SUMMARY, of a very long log
-    every so-manieth row."""
+class Estimates:
+    """Estimates row by row, and how the run ended.
+
+    The table has all columns of EST.csv, or those of SUMMARY and of long logs every n-th
+    row."""
 
     table: pd.DataFrame
     interrupted: bool
-    learnt: bytes | None = None  # what it taught, for Filter.load_learnt(); None without a row
-    uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)  # Filter.uncertainty_sd() at the end
-    statuses: dict[int, int] = field(default_factory=dict)  # rows with each status, all of them
+    learnt: bytes | None = None  # learnt state, for NativeFilter.load_learnt(); None without a row
+    uncertainty_sd: dict[str, np.ndarray] = field(
+        default_factory=dict
+    )  # NativeFilter.uncertainty_sd() at the end
+    statuses: dict[int, int] = field(default_factory=dict)  # number of rows with each status, of all rows
 
     def __post_init__(self) -> None:
         if not self.statuses:
@@ -223,11 +240,12 @@ class Estimate:
 
 
 def est_fields() -> list[Field]:
-    """Outputs of the library as EST.csv has them: what came later stands last, so that columns keep their places."""
-    return sorted(library().fields(OUTPUT), key=lambda f: _generation(f.name))
+    """Return the outputs of the library in the order of EST.csv: later additions last, so
+    that columns keep their places."""
+    return sorted(library().fields(OUTPUT), key=lambda f: _find_generation(f.name))
 
 
-def _generation(name: str) -> int:
+def _find_generation(name: str) -> int:
     if name.endswith("_secant") or name == "fault_factor":
         return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_", "nis_")) or name == "sideslip_sd":
@@ -242,10 +260,10 @@ def _generation(name: str) -> int:
 
 @functools.lru_cache(maxsize=1)
 def est_columns() -> list[str]:
-    """Columns of EST.csv, in order."""
+    """Return the columns of EST.csv, in order."""
     names = [f.name for f in est_fields()]
     reasons = [f"{s}_reason" for s in STIFFNESS]
-    of = {g: [n for n in names if _generation(n) == g] for g in range(5)}
+    of = {g: [n for n in names if _find_generation(n) == g] for g in range(5)}
     return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason", *of[4]]
 
 
@@ -255,14 +273,16 @@ def estimate(
     progress: bool = False,
     learnt: Learnt | None = None,
     contradicted: bool = False,
-) -> Estimate:
-    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept.
-    `contradicted`: its channels contradict each other, so no row is valid: what would be is implausible."""
-    tables = [pd.DataFrame(_head(config))]
+) -> Estimates:
+    """Run the filter over a log. Ctrl-C ends the run early; the rows done are kept.
+
+    `learnt`: state to start from. `contradicted`: the channels contradict each other, so
+    valid rows become implausible."""
+    tables = [pd.DataFrame(_make_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
     teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
+    return Estimates(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
 
 
 def estimate_to(
@@ -273,13 +293,14 @@ def estimate_to(
     learnt: Learnt | None = None,
     watch: Sequence[Callable[[Block], None]] = (),
     contradicted: bool = False,
-) -> Estimate:
-    """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
-    result has the columns of SUMMARY. `path`: None: they are not written. `watch`: shown every block of rows, for what else
-    becomes of them."""
-    head = _head(config)
+) -> Estimates:
+    """Run the filter over a log, and write EST.csv or .parquet on the way.
+
+    The result has the columns of SUMMARY, so memory does not grow with the file. `path`:
+    None: nothing is written. `watch`: called with every block of rows."""
+    head = _make_head(config)
     summary = Summary(head, len(log))
-    with _writing(path, head) as write:
+    with _open_writer(path, head) as write:
 
         def take(block: Block) -> None:
             write(block)
@@ -287,7 +308,7 @@ def estimate_to(
                 each(block)
 
         teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
-    return Estimate(
+    return Estimates(
         summary.table(),
         interrupted=summary.rows < len(log),
         learnt=teaches,
@@ -297,8 +318,9 @@ def estimate_to(
 
 
 @contextmanager
-def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
-    """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
+def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
+    """Give a function that writes blocks of rows: CSV, or Parquet by the name. `head`:
+    the table without rows."""
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
@@ -311,7 +333,8 @@ def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], objec
 
 
 def single(block: Columns) -> Block:
-    """Estimates as they are written, in single precision: more digits double size and time of the file and mean nothing."""
+    """Return estimates in single precision, as they are written: more digits mean
+    nothing, and double size and time of the file."""
     return {
         name: column.astype(np.float32) if column.dtype == np.float64 and name not in DOUBLE else column
         for name, column in block.items()
@@ -319,7 +342,7 @@ def single(block: Columns) -> Block:
 
 
 class _Parquet:
-    """Blocks of rows, several in one group of the file."""
+    """Writes blocks of rows, several in one group of the file."""
 
     def __init__(self, file: IO[bytes], head: Block):
         import pyarrow as pa
@@ -327,7 +350,7 @@ class _Parquet:
 
         self._pa = pa
         self._waiting: list[Any] = []
-        self._schema = pa.schema([(name, _arrow(column).type) for name, column in head.items()])
+        self._schema = pa.schema([(name, _make_arrow(column).type) for name, column in head.items()])
         self._file = pq.ParquetWriter(file, self._schema)
 
     def __enter__(self) -> _Parquet:
@@ -338,7 +361,7 @@ class _Parquet:
         self._file.close()
 
     def add(self, block: Block) -> None:
-        self._waiting.append(self._pa.table([_arrow(x) for x in block.values()], schema=self._schema))
+        self._waiting.append(self._pa.table([_make_arrow(x) for x in block.values()], schema=self._schema))
         if len(self._waiting) >= GROUP // BLOCK:
             self._flush()
 
@@ -356,7 +379,8 @@ def _run(
     learnt: Learnt | None,
     contradicted: bool,
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
-    """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
+    """Run the filter, and call `take` with each block of rows. Return the learnt state,
+    and NativeFilter.uncertainty_sd()."""
     filter_ = NativeFilter(config)
     if learnt is not None:
         learnt.load(filter_)
@@ -390,7 +414,7 @@ def _run(
 
 
 def contradict(outputs: np.ndarray) -> None:
-    """Let no row be valid, as the library itself does where it finds what contradicts: with its status and reason."""
+    """Make valid rows implausible, with the status and reason that the library uses."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -400,13 +424,14 @@ def contradict(outputs: np.ndarray) -> None:
     outputs["status"][was_valid] = library().status("TSE_W_IMPLAUSIBLE")
 
 
-def _head(config: Config) -> Block:
-    """The table without rows."""
+def _make_head(config: Config) -> Block:
+    """Return the table without rows."""
     return block_of(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
 
 
 def block_of(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
-    """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
+    """Return outputs of the library as columns of EST.csv: stiffness in N and N/rad,
+    validity as 1 or 0, reasons as words."""
     refused = outputs["status"] < 0
     columns: Block = {"time": time}
     for f in library().fields(OUTPUT):
@@ -419,12 +444,12 @@ def block_of(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
         else:
             columns[f.name] = value
     for s in (*STIFFNESS, GRIP):
-        columns[f"{s}_reason"] = _reasons(outputs[f"{s}_valid"], refused)
+        columns[f"{s}_reason"] = _name_reasons(outputs[f"{s}_valid"], refused)
     return {name: columns[name] for name in est_columns()}
 
 
-def _reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
-    """Codes of tse_reason in words."""
+def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
+    """Return codes of tse_reason as words."""
     words = [f.name for _, f in sorted(library().codes(REASON).items())]  # the codes count from 0
     known = (codes >= 0) & (codes < len(words))
     place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
@@ -437,19 +462,20 @@ def _categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
 
 
 def write_estimates(table: pd.DataFrame, path: Path) -> None:
-    """EST.csv of a table with all its columns."""
+    """Write EST.csv of a table with all columns."""
     write_table(pd.DataFrame(single(table)), path)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """CSV with the shortest digits that give the same bits back."""
+    """Write CSV with the shortest digits that give the same bits back."""
     with write_atomically(path, "wb") as file:
         file.write(csv_header(table))
         for start in range(0, len(table), BLOCK):
             file.write(csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# What verdicts, remarks and the list of events need of EST.csv, as small as it can be: 360 000 rows an hour stay in memory.
+# Columns that verdicts, remarks and events need, in the smallest types: 360 000 rows an
+# hour stay in memory.
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
@@ -465,14 +491,16 @@ SUMMARY: dict[str, type | None] = {
 
 
 class Summary:
-    """The columns of SUMMARY of a table that comes block by block. `head`: the table without rows; `rows`: how many may come. Of
-    more than MOST_KEPT every second, third ... is kept."""
+    """Collects the columns of SUMMARY block by block.
+
+    `head`: the table without rows. `rows`: max number of rows. Of more than MAX_SUMMARY
+    every second, third ... is kept."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
-        self._stride = max(1, -(-rows // MOST_KEPT))
+        self._stride = max(1, -(-rows // MAX_SUMMARY))
         self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
-        # of a column of zeros nothing is in memory: no fault, no change
+        # a column of zeros (no fault, no change) takes no memory
         self._columns = {
             name: np.zeros(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()
         }
@@ -501,7 +529,7 @@ class Summary:
 
 @contextmanager
 def _stop_flag() -> Iterator[Callable[[], bool]]:
-    """While open, the first Ctrl-C only raises a flag; the second acts as usual."""
+    """While open, let the first Ctrl-C only raise a flag; the second acts as usual."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return

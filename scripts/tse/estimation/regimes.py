@@ -1,5 +1,6 @@
-"""What happened on a drive, from the columns of EST.csv that say so: changes of what tyres and road give, faults of a channel,
-wheels that slide; and the stretches of road between the changes. A table without these columns has no events and is one stretch."""
+"""Events of a drive from columns of EST.csv: changes of tyres or road, faults of a
+channel, sliding wheels; and the stretches of road between the changes. A table without
+these columns has no events and is one stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,9 +25,10 @@ KINDS = {
     3: "rear axle changed",
     4: "started over",
 }  # change_kind; 0: none yet
-TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}  # whose ratio is reported
+# Stiffnesses that a change of this kind touches: their ratios are reported.
+TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
-COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
+COLUMNS: dict[str, type] = {  # of a table, in the smallest type that holds them
     **dict.fromkeys(SPELLS, np.float32),
     "estimate_age": np.float32,
     "fault_channel": np.int8,
@@ -35,19 +37,23 @@ COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
     "change_kind": np.int8,
     **{f"change_{s}": np.float32 for s in STIFFNESS},
 }
-SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}  # from which the sd of a ratio follows
-LIKELY = 0.9  # probability from which on something is reported
-TOGETHER = 0.5  # s: changes nearer to each other are one; gaps in a spell that are shorter are bridged
-SMALL = 0.05  # a change of every stiffness by less calls for nothing
-SHORT = 2.0  # s: a shorter stretch joins its neighbour
-CREEP = 0.01  # 1/s: share of a change by which estimates may move where nothing has changed
+# Columns from which the sd of a ratio follows.
+SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
+LIKELY = 0.9  # min probability of a reported event
+MAX_GAP = 0.5  # s: changes nearer than this are one; shorter gaps in a spell are bridged
+MIN_CHANGE = 0.05  # relative: a smaller change of every stiffness needs no reaction
+MIN_STRETCH = 2.0  # s: a shorter stretch joins its neighbour
+CREEP = 0.01  # 1/s: share of a change by which estimates may drift without a change
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
 
 @dataclass(frozen=True)
 class Change:
-    """One change. `time`: when it began; `believed`: from when on the estimates are of what came after it (None: from then on).
-    `ratio`: stiffness after it over before, with its sd (NaN if unknown); only of what the change touched."""
+    """A change of tyres or road.
+
+    `time`: its begin. `believed`: time from which on the estimates describe the road
+    after it; None: from its begin. `ratio`: stiffness after over before, with its sd (NaN
+    if unknown), of each stiffness that the change touches."""
 
     time: float
     kind: int
@@ -66,7 +72,7 @@ class Change:
 
     @property
     def effect(self) -> str:
-        """What it did, in words; empty if that is not known."""
+        """The ratios in words; empty if they are not known."""
         parts = []
         for key, (ratio, sd) in self.ratio.items():
             band = f" ± {sd:.2f}" if np.isfinite(sd) else ""
@@ -76,12 +82,12 @@ class Change:
 
 @dataclass(frozen=True)
 class Spell:
-    """A time of fault or sliding. `channel`: the one at fault, if that is known."""
+    """An interval of fault or sliding. `channel`: the channel at fault, if known."""
 
     what: str
     start: float
     end: float
-    probability: float  # the greatest
+    probability: float  # max
     channel: str = ""
 
     @property
@@ -95,8 +101,10 @@ class Spell:
 
 @dataclass(frozen=True)
 class Stretch:
-    """The road from one change to the next. `rows`: whose estimates are of it, which begin when the change is believed; of its
-    longest piece, if shorter ones have joined it."""
+    """The road from one change to the next.
+
+    `rows`: rows whose estimates describe it; they begin when the change is believed. If
+    shorter stretches have joined it, those of its longest piece."""
 
     start: float
     end: float
@@ -104,12 +112,13 @@ class Stretch:
 
     @property
     def title(self) -> str:
-        start = round(self.start, 1) + 0.0  # no -0.0 of a row that speaks of a time before the log
+        start = round(self.start, 1) + 0.0  # no -0.0, of a row whose estimates refer to a time before the log
         return f"{start:.1f} .. {self.end:.1f} s"
 
 
-def spoken_of(table: pd.DataFrame) -> np.ndarray:
-    """The times that the rows' estimates speak of: where channels are logged late, they are older than the row."""
+def estimate_times(table: pd.DataFrame) -> np.ndarray:
+    """Return the times that the estimates refer to: earlier than their rows if channels
+    are logged late."""
     time = table["time"].to_numpy()
     age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
     return time - np.nan_to_num(age) if np.any(age > 0) else time
@@ -118,45 +127,47 @@ def spoken_of(table: pd.DataFrame) -> np.ndarray:
 def changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
-    last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
-    (SMALL).
+    Every row reports the age of the last change that the filter believes in. Reports
+    within MAX_GAP are one change; the last one counts. Changes are left out that are less
+    probable than LIKELY in half of their rows and in the last, or that change no
+    stiffness by MIN_CHANGE.
 
-    A change is believed after it began, and the estimates may have been drawn along before: see _began()."""
+    The filter believes a change after it began, and the estimates may have followed it
+    before: see _find_begin()."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
-    time, kind = spoken_of(table), table["change_kind"].to_numpy()
+    time, kind = estimate_times(table), table["change_kind"].to_numpy()
     rows = np.flatnonzero(kind > 0)
     at = time[rows] - table["change_age"].to_numpy()[rows]
-    edges = np.flatnonzero(np.abs(np.diff(at)) > TOGETHER) + 1
+    edges = np.flatnonzero(np.abs(np.diff(at)) > MAX_GAP) + 1
     reports: list[tuple[float, np.ndarray]] = []  # time of the change, rows that report it
     for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True):
         if not len(mine):
             continue
         middle = float(np.median(when))
-        if reports and abs(reports[-1][0] - middle) <= TOGETHER:
+        if reports and abs(reports[-1][0] - middle) <= MAX_GAP:
             mine = np.concatenate([reports.pop()[1], mine])
         reports.append((middle, mine))
     columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
     found: list[Change] = []
     for when, mine in reports:
-        c = _change(columns, time, when, mine, float(found[-1].believed or 0.0) if found else -np.inf)
+        c = _make_change(columns, time, when, mine, float(found[-1].believed or 0.0) if found else -np.inf)
         if not c.probability < LIKELY and (
-            not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())
+            not c.ratio or any(abs(ratio - 1) > MIN_CHANGE for ratio, _ in c.ratio.values())
         ):
             found.append(c)
     return found
 
 
-def _change(
+def _make_change(
     columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray, earliest: float
 ) -> Change:
-    """`time`: from when on it is believed; `earliest`: when it can have begun."""
+    """Return a change. `time`: it is believed; `earliest`: its first possible begin."""
     first, last = int(rows[0]), int(rows[-1])
     kind = int(columns["change_kind"][last])
     probability = columns.get("change_probability", np.full(len(times), np.nan))
     before = max(0, min(first, int(np.searchsorted(times, time))) - 1)
-    began = _began(columns, times, kind, int(np.searchsorted(times, earliest)), before, last)
+    began = _find_begin(columns, times, kind, int(np.searchsorted(times, earliest)), before, last)
     ratio = {}
     for key in TOUCHED.get(kind, ()):
         value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
@@ -168,16 +179,19 @@ def _change(
     return Change(float(times[began]) if began < before else time, kind, likely, ratio, time)
 
 
-def _began(
+def _find_begin(
     columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
 ) -> int:
-    """Find the row, of `first` to `before`, after which a change began that is believed after `before`.
+    """Find the row, of `first` to `before`, after which a change began that is believed
+    after `before`.
 
-    Until it is believed the filter takes what it sees for the road before, and its means move towards those of the road after it,
-    which `last` knows. It began where the share of the way that is gone since, mean of the stiffnesses that it touched, exceeds
-    CREEP most. A mean that moves while its variance falls has learnt something: 1.96 sd of that are no part of the way."""
+    Before the change is believed, the filter attributes the new samples to the old road,
+    and its means drift towards those of the new road, which row `last` has. The change
+    began where the drift since then exceeds CREEP by most: the share of the whole step,
+    mean of the stiffnesses that the change touches. A mean that moves while its variance
+    falls has learnt: 1.96 sd of that do not count."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))  # no share is more than 1
+    first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))  # a share is at most 1
     gone = np.zeros(max(0, before + 1 - first))
     if not keys or not len(gone):
         return before
@@ -186,9 +200,9 @@ def _began(
         log, var, to = np.log(mean), (sd / mean) ** 2, np.log(float(columns[key][last]))
         learnt = 1.96 * np.sqrt(np.maximum(var - var[-1], 0))
         way = np.maximum(np.sign(to - log[-1]) * (log[-1] - log) - learnt, 0) / np.maximum(
-            np.abs(to - log), SMALL
+            np.abs(to - log), MIN_CHANGE
         )
-        gone += np.nan_to_num(way) / len(keys)  # rows that were refused have none
+        gone += np.nan_to_num(way) / len(keys)  # NaN in refused rows
     return first + int(np.argmax(gone - CREEP * (time[before] - time[first : before + 1])))
 
 
@@ -198,10 +212,11 @@ def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float
 
 
 def spells(table: pd.DataFrame) -> list[Spell]:
-    """The times at which a channel was at fault or wheels slid, in order of their start."""
+    """Return the intervals in which a channel was at fault or wheels slid, by their
+    start."""
     if table.empty:
         return []
-    time = spoken_of(table)
+    time = estimate_times(table)
     found: list[Spell] = []
     for column, what in SPELLS.items():
         if column not in table:
@@ -209,16 +224,17 @@ def spells(table: pd.DataFrame) -> list[Spell]:
         p = table[column].to_numpy()
         likely = p >= LIKELY
         if column == "p_fault" and "fault_channel" in table:
-            channel = _named_at_last(table["fault_channel"].to_numpy(), spans(time, likely))
+            channel = _fill_names(table["fault_channel"].to_numpy(), spans(time, likely))
             for number in np.unique(channel[likely]).tolist():
-                found += _spells(time, p, likely & (channel == number), what, channel_name(number))
+                found += _find_spells(time, p, likely & (channel == number), what, channel_name(number))
         else:
-            found += _spells(time, p, likely, what, "")
+            found += _find_spells(time, p, likely, what, "")
     return sorted(found, key=lambda s: s.start)
 
 
-def _named_at_last(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """The channel at fault by row: one that is likely and has no name yet is the one that gets it in the same run."""
+def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Return the channel at fault by row: rows of a run before the channel is named get
+    the name that follows."""
     found = channel.copy()
     for first, after in runs:
         for i in range(after - 2, first - 1, -1):
@@ -228,16 +244,17 @@ def _named_at_last(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.n
 
 
 def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
-    """First row and row after the last of each run of rows; gaps shorter than TOGETHER are bridged."""
+    """Return first row and row after the last of each run of rows; shorter gaps than
+    MAX_GAP are bridged."""
     found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        bridged = found and time[first] - time[found[-1][1] - 1] <= TOGETHER
+        bridged = found and time[first] - time[found[-1][1] - 1] <= MAX_GAP
         found.append((found.pop()[0] if bridged else first, after))
     return found
 
 
-def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
+def _find_spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
     return [
         Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel)
         for a, b in spans(time, where)
@@ -245,16 +262,17 @@ def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, chann
 
 
 def channel_name(number: int) -> str:
-    """The channel that fault_channel means; empty for none."""
+    """Return the name of the channel with this fault_channel; empty for 0."""
     channels = [*library().channels, *library().optional]
     return channels[number - 1].name if 0 < number <= len(channels) else ""
 
 
 def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """The drive between changes. A stretch shorter than SHORT joins the one after it, the last one the one before it."""
+    """Return the stretches between changes. A stretch shorter than MIN_STRETCH joins the
+    next one, the last one the one before it."""
     if table.empty:
         return []
-    time = spoken_of(table)
+    time = estimate_times(table)
     inside = [c for c in found if time[0] < c.time <= time[-1]]
     ends = [float(time[0]), *(c.time for c in inside), float(time[-1])]
     firsts = [
@@ -267,21 +285,21 @@ def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
     i = 0
     while len(pieces) > 1 and i < len(pieces):
         longest = pieces[i].rows
-        if time[min(longest.stop, len(time) - 1)] - time[longest.start] >= SHORT:
+        if time[min(longest.stop, len(time) - 1)] - time[longest.start] >= MIN_STRETCH:
             i += 1
             continue
         i = min(i, len(pieces) - 2)
-        pieces[i : i + 2] = [_joined(pieces[i], pieces[i + 1])]
+        pieces[i : i + 2] = [_join(pieces[i], pieces[i + 1])]
     return pieces
 
 
-def _joined(one: Stretch, other: Stretch) -> Stretch:
+def _join(one: Stretch, other: Stretch) -> Stretch:
     longest = max(one, other, key=lambda s: s.rows.stop - s.rows.start)
     return Stretch(one.start, other.end, longest.rows)
 
 
 def words(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
-    """What happened, for the terminal: every change, and of spells how many there were."""
+    """Return a line for each change, and for each kind of spell their number."""
     lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
     for name in dict.fromkeys(s.name for s in times):
         same = [s for s in times if s.name == name]
@@ -294,7 +312,7 @@ def words(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
 
 
 def percent(share: float) -> str:
-    """A share in words that do not say 0 or 100 % of what is neither."""
+    """Return a share in percent; "under 1 %" and "over 99 %" near the ends."""
     if 0 < share < 0.01:
         return "under 1 %"
     return "over 99 %" if 0.995 <= share < 1 else f"{share * 100:.0f} %"

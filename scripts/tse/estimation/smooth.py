@@ -1,7 +1,9 @@
-"""What a stretch of road says of a stiffness: a fixed-interval smoother over the filter's means and sds.
+"""Fixed-interval smoother: the stiffness on a stretch of road, from the filter's means
+and sds.
 
-The filter knows at a row what came before it; the smoother adds what came after, up to the end of the stretch. What lies beyond
-a change is not used: its report may name the wrong axle."""
+The filter uses the rows up to each row. The smoother adds the rows after it, up to the
+end of the stretch. Rows beyond a change are not used, since its report may name the wrong
+axle."""
 
 from collections.abc import Mapping
 
@@ -11,10 +13,10 @@ import pandas as pd
 
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
-STEP = 0.1  # s: of so much time the last row
-LEAST = (
-    0.01  # share of a variance that later rows may change, at least: what is fixed is known at the end alone
-)
+STEP = 0.1  # s: the smoother uses one row, the last, of each such interval
+# Min share of a variance that later rows can reduce: the fixed part is known at the end
+# only.
+MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
 
@@ -27,17 +29,18 @@ def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
     mean, var : (n,) array
         Mean and variance after each row, given all rows up to it.
     walk : (n - 1,) array
-        Process variance from each row to the next, at least. A filter whose variance has risen by more has opened that much.
+        Min process variance from each row to the next. Where the filter's variance rises
+        by more, that rise is taken.
 
     Returns
     -------
     mean, var : (n,) array
-        The same, given all rows.
+        Mean and variance, given all rows.
 
     Notes
     -----
-    Rauch, Tung & Striebel (1965): with Q = max(walk, rise of P), C = P/(P + Q), m += C (m' - m), P += C^2 (P' - P - Q); primes are
-    of the next row, smoothed.
+    Rauch, Tung & Striebel (1965): with Q = max(walk, rise of P) and C = P/(P + Q),
+    m += C (m' - m), P += C^2 (P' - P - Q). Primes denote the smoothed next row.
     """
     m, p = mean.tolist(), var.tolist()
     opened = np.maximum(walk, np.diff(var)).tolist()
@@ -50,7 +53,8 @@ def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
 
 
 def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the part of each stiffness' relative variance that no row changes: model error and uncertain parameters of the car.
+    """Return the part of each stiffness' relative variance that no row changes: model
+    error and uncertain parameters of the car.
 
     Parameters
     ----------
@@ -64,7 +68,8 @@ def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> di
     Returns
     -------
     dict
-        Of each stiffness. Empty without a row, and for filters with particles, which forget instead of walking.
+        By stiffness. Empty without a row, and for particle filters, which have no random
+        walk.
     """
     used = np.flatnonzero(table["status"].to_numpy() >= 0)
     if config.form or not len(used):
@@ -76,18 +81,19 @@ def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> di
 
 
 def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:
-    """Return the stiffness on a stretch of road, and its sd: of a row taken at random.
+    """Return the stiffness on a stretch of road, and the sd of a row drawn at random.
 
     Parameters
     ----------
     rows : DataFrame
-        Rows of the stretch, with columns of EST.csv: time, status, the stiffness and its sd.
+        Rows of the stretch, with columns of EST.csv: time, status, the stiffness and its
+        sd.
     key : str
         Which stiffness.
     config : Config
         Settings of the run: steady_walk.
     part : float
-        What of the relative variance is the same in all rows, and stays as it is; see fixed().
+        Part of the relative variance that is common to all rows; see fixed().
 
     Returns
     -------
@@ -96,8 +102,8 @@ def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[f
 
     Notes
     -----
-    Mean of the smoothed logarithms. Its variance is the mean of the rows' variances and the variance of their means, so that it
-    gets no smaller by the number of rows.
+    Mean of the smoothed logarithms. Its variance is the mean of the rows' variances plus
+    the variance of their means, so it does not shrink with the number of rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
     last = used[np.flatnonzero(np.diff(np.floor(rows["time"].to_numpy()[used] / STEP), append=np.inf))]
@@ -105,7 +111,7 @@ def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[f
     if not len(time):
         return float("nan"), float("nan")
     whole = (sd / mean) ** 2
-    free = np.maximum(whole - part, LEAST * whole)
+    free = np.maximum(whole - part, MIN_FREE * whole)
     logs, var = backward(np.log(mean), free, config.steady_walk**2 * np.maximum(np.diff(time), 0.0))
     value = float(np.exp(np.mean(logs)))
     return value, value * float(np.sqrt(np.mean(var + whole - free) + np.var(logs)))

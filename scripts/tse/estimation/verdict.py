@@ -1,4 +1,4 @@
-"""One plain sentence per stiffness: what the log says about it. Used by the terminal and the report."""
+"""The verdict on each stiffness, in one plain sentence for terminal and report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,16 @@ import numpy as np
 import pandas as pd
 
 from tse.estimation import regimes
-from tse.estimation.regimes import LIKELY, Change, Stretch, channel_name, percent, spans, spoken_of, stretches
+from tse.estimation.regimes import (
+    LIKELY,
+    Change,
+    Stretch,
+    channel_name,
+    estimate_times,
+    percent,
+    spans,
+    stretches,
+)
 from tse.estimation.smooth import fixed, smooth
 from tse.library.core import GRIP, NOMINAL, STIFFNESS, Config, library
 from tse.log.rows import MEASURES
@@ -18,65 +27,62 @@ NAMES = {
     "cy_rear": "Rear cornering stiffness",
 }
 UNITS = {"cx_front": "kN", "cy_front": "kN/rad", "cy_rear": "kN/rad"}
-QUIET = {
+TOO_QUIET = {
     "cx_front": "driving and braking were too weak or too steady",
     "cy_front": "too little steering excitation",
     "cy_rear": "too little steering excitation",
     GRIP: "the tyres were not driven near their limit",
 }
-CONTRADICTED = "contradicted"  # a reason that no row has
+CONTRADICTED = "contradicted"  # the reason of a log, not of a row
 WHY = {
     "starting": "too little was seen since the start",
     "sensor fault": "a sensor was probably at fault",
     "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
     "input invalid": "inputs or measurements were missing",
-    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
-    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
-    "implausible": "the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, fault_factor)",
+    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known "
+    "better in [uncertainty]",
+    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is "
+    "missing (tselab gap)",
+    "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, "
+    "fault_factor)",
     "row refused": "the rows were refused",
-    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may show it",
+    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may "
+    "show it",
 }
-AT_FAULT = (
-    "sensor fault",
-    "implausible",
-)  # reasons that, at the end of a log, say that it was not good to its end
-LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
-OFTEN, OFTEN_TIME = (
-    3,
-    60.0,
-)  # changes, so many s apart: more and more often they are a model that does not fit
-NOISY = 1.25  # noise found over the setting's: from here on it is remarked
-STILL = (
-    "starting",
-    "held",
-    "input invalid",
-    "row refused",
-)  # rows without a say in whether the channels agree
-AGREED = (
-    20.0  # s of driving in which channels agreed: what shows after it, and is no factor, was not so before
-)
-MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
-RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
-OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
-LEAST_UNCERTAIN = 0.02  # ... and its sd, relative
-UNLIKELY = (
-    3.0  # prior sd: a steering angle further off is of another logger; no cornering stiffness is valid then
-)
-FEW = 0.005  # with a smaller share of valid rows a stiffness is not valid
+# Reasons of the last row by which a stiffness is not valid to the end of the log.
+AT_FAULT = ("sensor fault", "implausible")
+LIMITED = ("uncertain", "parameters uncertain")  # reasons beside which sd and limit are given
+# Changes, and s from one to the next: so many, so near to each other, mean a wrong model.
+MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
+NOISY = 1.25  # min ratio of estimated noise over its setting that is reported
+# Reasons of rows that show nothing of the agreement of the channels.
+STILL = ("starting", "held", "input invalid", "row refused")
+AGREED = 20.0  # s of driving without contradiction, after which a channel failed late
+MIN_IMPLAUSIBLE = 0.5  # min share of the driven rows that makes a log implausible
+RECENT = 1.0  # s: valid within this time before the end counts as valid at the end
+# Min share of the variance from which an interval is attributed to uncertain parameters
+# ...
+UNCERTAIN_SHARE = 0.5
+MIN_UNCERTAIN = 0.02  # ... and min sd, relative
+# Prior sd: a larger difference in the lag of the steering angle means another logger. No
+# cornering stiffness is valid then.
+UNLIKELY = 3.0
+MIN_VALID = 0.005  # share of valid rows: a stiffness with fewer is not valid
 DEGREE = 180 / np.pi
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The finding on one stiffness. Values in the unit of `unit`; NaN where there is none."""
+    """The verdict on one stiffness. Values in `unit`; NaN: no value."""
 
     key: str
     name: str
     level: str  # good, partly, none
     unit: str
-    value: float  # at the end of the stretch, where the filter knows most of it; of particles the median of the valid rows
+    # At the end of the stretch; of a particle filter the median of the valid rows
+    value: float
     band: float  # half of the 95 % interval
-    spread: float  # sample to sample, share of the mean; NaN: not seen, or the form does not learn it
+    spread: float  # sample to sample, share of the mean; NaN: not observed, or not estimated by this filter
     nominal: float
     valid: float  # share of the rows
     reason: str  # the commonest reason for not being valid
@@ -84,7 +90,7 @@ class Verdict:
     text: str
     smoothed: float = float("nan")  # over the stretch (smooth.py)
     smoothed_band: float = float("nan")  # half of its 95 % interval
-    smoothed_reason: str = ""  # "valid", or why not to act on it; empty: there is none
+    smoothed_reason: str = ""  # "valid", or the reason why not; empty: not smoothed
 
     @property
     def low(self) -> float:
@@ -96,13 +102,13 @@ class Verdict:
 
     @property
     def detail(self) -> str:
-        """The text without the value it starts with."""
+        """The text without the value at its begin."""
         return self.text.split(" (95 %), ", 1)[-1]
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is said of grip or sideslip. Values in `unit`."""
+    """The verdict on grip or sideslip. Values in `unit`."""
 
     key: str
     name: str
@@ -110,8 +116,8 @@ class Quantity:
     value: float
     band: float  # half of the 95 % interval
     valid: float  # share of the rows; NaN: not judged
-    reason: str  # the commonest one for not being valid
-    time: float  # s: of which the value is
+    reason: str  # the commonest reason for not being valid
+    time: float  # s, of the value
     text: str
 
     @property
@@ -127,16 +133,19 @@ class Quantity:
 def verdicts(
     table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
 ) -> list[Verdict]:
-    """The finding on each stiffness, of the whole log or of a stretch; smoothed, too, with `parts`: smooth.fixed()."""
+    """Return the verdict on each stiffness, of the whole log or of a stretch.
+
+    `parts`: smooth.fixed(); with it the smoothed values are added."""
     found = [_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
-        _smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
+        _add_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
         for v in found
     ]
 
 
-def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
-    """With what all rows say together. It is valid if a row would be with its sd, and if rows were."""
+def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
+    """Add the smoothed value. It is valid if rows are valid and its sd is within
+    valid_sd."""
     value, sd = smooth(rows, v.key, config, part)
     if not value > 0:
         return v
@@ -156,7 +165,8 @@ def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: s
 
 @dataclass(frozen=True)
 class Finding:
-    """What is known of the tyres on a stretch of road; without a stretch on the whole log. `others`: grip, sideslip."""
+    """Verdicts on a stretch of road; without a stretch on the whole log. `others`: grip,
+    sideslip."""
 
     stretch: Stretch | None
     verdicts: list[Verdict]
@@ -168,14 +178,14 @@ class Finding:
 
     @property
     def nothing(self) -> str:
-        """Why no stiffness is known, in words; empty if one is."""
+        """Reason why no stiffness is valid; empty if one is."""
         if any(v.level != "none" for v in self.verdicts):
             return ""
         reasons = dict.fromkeys(v.reason for v in self.verdicts if v.reason)
         return "no stiffness is valid" + (f", mostly {' or '.join(reasons)}" if reasons else "")
 
     def lines(self) -> list[str]:
-        """For the terminal."""
+        """Return the lines for the terminal."""
         found = [*(f"{v.name}: {v.text}" for v in self.verdicts), *(q.line() for q in self.others)]
         if not self.stretch:
             return found
@@ -189,16 +199,18 @@ def findings(
     contradictions: Sequence[str] = (),
     uncertainty_sd: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
-    """The finding on each stretch of road between changes; one on the whole log where nothing changed.
+    """Return the verdicts on each stretch of road between changes; one finding on the
+    whole log if nothing changed.
 
-    A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
-    and is given with the interval that it has then, also where no row is valid. Beside it stands the smoothed value over the
-    stretch: a row knows what came after it, too. `uncertainty_sd`: Filter.uncertainty_sd() at the end.
+    A mean over two roads is true of neither. On a stretch the filter does not forget, so
+    its value at the end is its best one. It is given with its interval then, also where
+    no row is valid, and beside it the smoothed value over the stretch.
 
-    `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
-    the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
+    `uncertainty_sd`: Filter.uncertainty_sd() at the end. `contradictions`: sentences of
+    check_car(). The filter cannot distinguish a permanently wrong channel from a
+    different car, so no stiffness of such a log is valid."""
     if contradictions:
-        return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
+        return [Finding(None, [_contradict(v) for v in verdicts(table, config)])]
     pieces, parts = stretches(table, found), fixed(table, config, uncertainty_sd or {})
     if len(pieces) < 2:
         return [Finding(None, verdicts(table, config, parts=parts), others(table, config))]
@@ -207,32 +219,40 @@ def findings(
 
 
 def implausible(table: pd.DataFrame) -> str:
-    """Return in words what the filter has against the log, if it is in most of the rows that drive and at their end, and was so
-    before it showed; empty else.
+    """Return the contradiction of the channels that the filter finds, in words; empty if
+    most driven rows and the last one are not implausible.
 
-    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit, a sign or an axle that
-    is taken for another stays so. A channel that fails late contradicts fewer rows, or is no factor of what it was before: that
-    costs these rows, and leaves what was valid until then."""
+    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses
+    of speed. A wrong unit, sign or axle lasts. A channel that fails late contradicts
+    fewer rows, or has no constant factor: it costs these rows only, and the rows before
+    stay valid."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
-    if not drives.any() or len(against) <= MOSTLY * drives.sum() or against[-1] != np.flatnonzero(drives)[-1]:
+    if (
+        not drives.any()
+        or len(against) <= MIN_IMPLAUSIBLE * drives.sum()
+        or against[-1] != np.flatnonzero(drives)[-1]
+    ):
         return ""
     share, last = percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
     wheels = channel_name(int(last["fault_channel"])).startswith("wheel_speed")
-    if not wheels and last["fault_factor"] == 0 and _seconds(table, drives)[against[0]] > AGREED:
+    if not wheels and last["fault_factor"] == 0 and _sum_driven(table, drives)[against[0]] > AGREED:
         return ""
-    return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {_against(last)}"
+    return (
+        f"check units, signs and axles: the channels contradict each other in {share} of the rows that "
+        f"drive: {_name_contradiction(last)}"
+    )
 
 
-def _against(row: pd.Series) -> str:
-    """Return in words what an implausible row has against a channel."""
+def _name_contradiction(row: pd.Series) -> str:
+    """Return the contradiction of an implausible row, in words."""
     channel, factor = channel_name(int(row["fault_channel"])), float(row["fault_factor"])
     wheels = channel.startswith("wheel_speed")
     if wheels and factor == 0:
         return "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
     if factor == 0:
-        return f"{channel} does not go with the others, or comes later than they do"
+        return f"{channel} does not go with the others"
     if factor < 0:
         return f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
     named = "the wheel speeds seem" if wheels else f"{channel} seems"
@@ -241,32 +261,43 @@ def _against(row: pd.Series) -> str:
 
 
 def contradictions(table: pd.DataFrame) -> list[str]:
-    """Return where the channels of a log that is no mistake as a whole contradict each other, in words."""
+    """Return where the channels contradict each other in part of a log, in words."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
-    time, said = spoken_of(table), []
+    time, said = estimate_times(table), []
     for first, after in spans(time, rows):
         last = table.iloc[np.flatnonzero(rows[first:after])[-1] + first]
-        said.append(f"from {time[first]:.1f} to {time[after - 1]:.1f} s: {_against(last)}: not valid there")
+        said.append(
+            f"from {time[first]:.1f} to {time[after - 1]:.1f} s: {_name_contradiction(last)}: not valid there"
+        )
     if not said:
         return []
     often = "" if len(said) == 1 else f"{len(said)} times, first "
     return [f"the channels contradict each other {often}{said[0]}"]
 
 
-def _seconds(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
-    """Return how long the car has driven before each row."""
+def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
+    """Return the time that the car has driven up to each row, s."""
     return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 
-def _contradicted(v: Verdict) -> Verdict:
+def _contradict(v: Verdict) -> Verdict:
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
-    return replace(v, level="none", value=nan, band=nan, spread=nan, reason=CONTRADICTED,
-                   reason_share=1.0, text=text, smoothed_reason=CONTRADICTED)  # fmt: skip
+    return replace(
+        v,
+        level="none",
+        value=nan,
+        band=nan,
+        spread=nan,
+        reason=CONTRADICTED,
+        reason_share=1.0,
+        text=text,
+        smoothed_reason=CONTRADICTED,
+    )
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
-    """Return what the filter found out about the sensors, in words."""
+    """Return what the filter has found about the sensors, in words."""
     found = []
     learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
     for channel in MEASURES:
@@ -274,27 +305,29 @@ def remarks(table: pd.DataFrame) -> list[str]:
         if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
-    if "p_fault" in table:  # in a car that stands another reason comes first, and the fault lasts
+    if "p_fault" in table:  # of a standing car the reason is "held", although the fault lasts
         off |= table["p_fault"].to_numpy() >= LIKELY
     changes = regimes.changes(table)
-    if len(changes) >= OFTEN and len(changes) * OFTEN_TIME > (
+    if len(changes) >= MANY_CHANGES and len(changes) * CHANGE_INTERVAL > (
         seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])
     ):
         found.append(
-            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather a channel or the vehicle "
+            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather "
+            "a channel or the vehicle "
             "file is wrong (latency, offset, steering ratio, another car)"
         )
-    times = len(spans(spoken_of(table), off))
+    times = len(spans(estimate_times(table), off))
     if times:
         often = "once" if times == 1 else f"{times} times"
         found.append(
-            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not valid there"
+            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not "
+            "valid there"
         )
     return found
 
 
 def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return that the steering angle of a log is not as late as its vehicle file says, if so."""
+    """Return a sentence if the lag of the steering angle contradicts the vehicle file."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -302,7 +335,8 @@ def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
     if abs(off) <= UNLIKELY * sd:
         return []
     return [
-        f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle file says, where an sd of "
+        f"steer_angle comes {abs(off) * 1e3:.0f} ms {'later' if off < 0 else 'earlier'} than the vehicle "
+        "file says, where an sd of "
         f"{sd * 1e3:.0f} ms was expected: another logger or signal? Stiffness is wrong by it: calibrate anew"
     ]
 
@@ -310,7 +344,8 @@ def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
 def of_uncertainty(
     table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]
 ) -> list[str]:
-    """Return where most of an interval at the end comes from parameter uncertainty: of which parameters, the largest first."""
+    """Return a sentence for each interval that comes mostly from uncertain parameters,
+    with the three largest."""
     found = []
     for a, key in enumerate(STIFFNESS):
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
@@ -318,33 +353,37 @@ def of_uncertainty(
         whole = np.sqrt(sum(sd**2 for sd in parts.values()))
         if (
             last is None
-            or not whole**2 > OF_UNCERTAIN * float(last.iloc[1]) ** 2
-            or not whole > LEAST_UNCERTAIN * float(last.iloc[0])
+            or not whole**2 > UNCERTAIN_SHARE * float(last.iloc[1]) ** 2
+            or not whole > MIN_UNCERTAIN * float(last.iloc[0])
         ):
             continue
         most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]
         mean, sd = (float(x) for x in last)
         names = ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
         found.append(
-            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, is parameter uncertainty: "
+            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, "
+            "is parameter uncertainty: "
             f"{names} (state in [uncertainty] what is known better; a calibration finds all but mass_sd)"
         )
     return found
 
 
 def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
-    """The value at the end: of the last valid row, or of the last one where hardly any is. Particles forget: over a whole log in
-    which nothing changed the medians of their valid rows."""
+    """Return the verdict with the value of the last valid row, or of the last row if
+    hardly any is valid.
+
+    A particle filter forgets: if nothing changed, its values are medians over the valid
+    rows of the whole log."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
     nominal, unit, name = getattr(config, NOMINAL[key]) / 1000, UNITS[key], NAMES[key]
-    reason, reason_share = _commonest(table, key, valid)
-    known = share >= FEW
-    rows = valid if known else _used(table)
+    reason, reason_share = _find_commonest(table, key, valid)
+    known = share >= MIN_VALID
+    rows = valid if known else _is_used(table)
     mean, sd = (table.loc[rows, c].to_numpy(float) / 1000 for c in (key, f"{key}_sd"))
     if not len(mean):
-        nan, why = float("nan"), _why(reason, key)
+        nan, why = float("nan"), _explain(reason, key)
         text = f"no value: {reason or 'no rows'}{f', {why}' if why else ''}"
         return Verdict(key, name, "none", unit, nan, nan, nan, nominal, share, reason, reason_share, text)
     changed = known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]
@@ -360,7 +399,7 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
             if reason in LIMITED
             else ""
         )
-        why = _why(reason, key)
+        why = _explain(reason, key)
         parts[0] += f", not valid: {reason}{limit}{f': {why}' if why else ''}"
     relative = value / nominal - 1
     parts.append(
@@ -370,10 +409,10 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
     )
     if changed:
         parts.append(f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f}")
-    if known and not medians and (end := _last_valid(spoken_of(table), valid)) is not None:
+    if known and not medians and (end := _find_last_valid(estimate_times(table), valid)) is not None:
         parts.append(f"last valid at {end:.1f} s")
     if known and reason and share < 0.8:
-        why = _why(reason, key)
+        why = _explain(reason, key)
         parts.append(f"otherwise mostly {reason}{f': {why}' if why else ''}")
     spread = float("nan")
     if known and table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5:
@@ -386,62 +425,66 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
     )
 
 
-def _why(reason: str, key: str) -> str:
-    """The reason in more words."""
-    return QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
+def _explain(reason: str, key: str) -> str:
+    """Return the reason in more words."""
+    return TOO_QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
 
 
-def _commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
-    """The commonest reason of the rows that are not valid, and its share of all rows."""
-    others = table.loc[~valid, f"{key}_reason"].value_counts()  # of categories also those that are not there
+def _find_commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
+    """Return the commonest reason of the rows that are not valid, and its share of all
+    rows."""
+    others = table.loc[~valid, f"{key}_reason"].value_counts()  # counts unused categories, too
     others = others[others > 0]
     return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)
 
 
-def _used(table: pd.DataFrame) -> np.ndarray:
-    """Rows that were not refused."""
+def _is_used(table: pd.DataFrame) -> np.ndarray:
+    """Return whether each row was used, not refused."""
     return table["status"].to_numpy() >= 0
 
 
-def _last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
-    """When a stiffness was valid last, if that is a while before the end."""
+def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
+    """Return the time of the last valid row; None if it is within RECENT of the end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
 
 
 def others(table: pd.DataFrame, config: Config) -> list[Quantity]:
-    """Return the finding on grip, if it is estimated, and on the sideslip angle where it was largest."""
+    """Return the verdicts on grip, if estimated, and on the largest sideslip angle."""
     if config.form or f"{GRIP}_sd" not in table:
         return []
     return [q for q in (_grip(table, config), _sideslip(table)) if q is not None]
 
 
 def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
-    """The grip at the end: of the last valid row, or of the last one."""
+    """Return the grip of the last valid row, or of the last row."""
     valid = table[f"{GRIP}_valid"].to_numpy() == 1
-    rows = np.flatnonzero(valid if valid.any() else _used(table))
+    rows = np.flatnonzero(valid if valid.any() else _is_used(table))
     if not config.grip_sd > 0 or not len(rows):
         return None
-    share, (reason, _) = float(valid.mean()), _commonest(table, GRIP, valid)
+    share, (reason, _) = float(valid.mean()), _find_commonest(table, GRIP, valid)
     at = int(rows[-1])
     value, sd = (float(table[c].iloc[at]) for c in (GRIP, f"{GRIP}_sd"))
-    why = _why(reason, GRIP)
+    why = _explain(reason, GRIP)
     text = (
         f"valid {percent(share)} of the time"
         if share > 0
         else f"not valid: {reason}{f', {why}' if why else ''}"
     )
-    return Quantity(GRIP, "Grip", "1", value, 1.96 * sd, share, reason, float(spoken_of(table)[at]), text)
+    return Quantity(
+        GRIP, "Grip", "1", value, 1.96 * sd, share, reason, float(estimate_times(table)[at]), text
+    )
 
 
 def _sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Where it was largest beyond its own interval, of the rows in which the car moved as the model says."""
+    """Return the sideslip angle that exceeds its own interval by most, of rows with a
+    valid motion."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None
     angle, sd = (DEGREE * table[c].to_numpy(float)[rows] for c in ("sideslip", "sideslip_sd"))
     at = int(np.argmax(np.abs(angle) - 1.96 * sd))
-    time = float(spoken_of(table)[rows[at]])
+    time = float(estimate_times(table)[rows[at]])
     text = f"the largest, at {time:.1f} s; median interval ± {max(1.96 * float(np.median(sd)), 0.005):.2f}"
     return Quantity(
         "sideslip",

@@ -1,4 +1,6 @@
-"""The catalogue of effects (src/tables/effects.toml, through the library) in the form that fits take."""
+"""The catalogue of effects (src/tables/effects.toml, through the library) in the form
+that fits take.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,10 @@ from tse.library.core import library
 
 @dataclass(frozen=True)
 class Own:
-    """What a value of the profile of a log's road goes by. Numbers of the car go by the name
-    of their setting."""
+    """Key of one value of the profile of a log's road.
+
+    The key of a number of the car is its setting.
+    """
 
     of: str  # an effect of the road
     log: int
@@ -26,7 +30,7 @@ Key = str | Own
 
 
 def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
-    """Fitted values without what is one log's own."""
+    """Return the fitted values of the car, without those of one log."""
     return {k: v for k, v in values.items() if not isinstance(k, Own)}
 
 
@@ -34,7 +38,7 @@ def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
 class Parameter:
     """One number that is fitted: a stiffness, or a parameter of an effect."""
 
-    name: Key  # of the setting, or of what is one log's own
+    name: Key  # its setting, or a value of one log
     key: str  # within its effect
     strength: bool  # else a shape
     unit: str
@@ -46,19 +50,20 @@ class Parameter:
     negligible: float
     sign: int  # 1, -1: the plausible one; 0: either
     text: str
-    prior: float | None = (
-        None  # sd that is known beforehand: by the vehicle file, or of one of many values that make a profile
-    )
+    # sd before the fit: of the vehicle file, or of a value of a profile
+    prior: float | None = None
     given: bool = False  # a shape that no log tells from the strength
 
     @property
     def scale(self) -> float:
-        """A typical size."""
+        """Typical size."""
         return 0.5 * (abs(self.typical_low) + abs(self.typical_high)) or max(abs(self.low), abs(self.high))
 
     @property
     def step(self) -> float:
-        """For finite differences: small against the typical size, large against rounding."""
+        """Step of finite differences: small against the typical size, large against
+        rounding.
+        """
         return 0.02 * self.scale
 
 
@@ -69,8 +74,13 @@ class Effect:
     id: str
     title: str
     channels: str
-    relatives: tuple[str, ...]  # ids of the catalogue that it says look alike
+    relatives: tuple[str, ...]  # ids of its look-alikes in the catalogue
     parameters: tuple[Parameter, ...]
+    # how often cars have it: the column of src/tables/effects.toml
+    occurrence: str = "SENSOR"
+    # title of a value below early_below, which is of messages or the IMU; "": none
+    early: str = ""
+    early_below: float = 0.0
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:
@@ -78,7 +88,10 @@ class Effect:
 
     @property
     def shapes(self) -> tuple[Parameter, ...]:
-        """The shapes that a log can tell from the strength; the others stay as the settings say."""
+        """Shapes that a log can tell from the strength.
+
+        The others keep their settings.
+        """
         return tuple(p for p in self.parameters if not p.strength and not p.given)
 
     @property
@@ -86,23 +99,48 @@ class Effect:
         return (*self.strengths, *self.shapes)
 
 
-IN_THE_MODEL = ("exact_kinematics",)  # on by default: nothing that may be missing
-
-
 @functools.cache
 def catalogue() -> dict[str, Effect]:
-    """Return every effect that may be missing by its id, in the library's order."""
-    rows = {i: e for i, e in library().effects.items() if i not in IN_THE_MODEL}
+    """Return the effects that a vehicle file may lack by their ids, in the library's
+    order.
+    """
+    rows = {i: e for i, e in library().effects.items() if e.occurrence != "IN_MODEL"}
     return {
         e.id: Effect(
-            e.id, e.title, e.channels, tuple(x for x in e.look_alikes if x in rows),
+            e.id,
+            e.title,
+            e.channels,
+            tuple(x for x in e.look_alikes if x in rows),
             tuple(
                 Parameter(
-                    p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text,
+                    p.setting,
+                    p.name,
+                    p.strength,
+                    p.unit,
+                    p.default,
+                    p.low,
+                    p.high,
+                    *p.typical,
+                    p.negligible,
+                    p.sign,
+                    p.text,
                     given=p.given,
                 )
                 for p in e.parameters
             ),
+            e.occurrence,
+            e.early,
+            e.early_below,
         )
         for e in rows.values()
-    }  # fmt: skip
+    }
+
+
+@functools.cache
+def signed_delays() -> frozenset[str]:
+    """Return the settings of delays that a fit may make negative: a negative delay is an
+    early message.
+    """
+    return frozenset(
+        p.name for e in catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low
+    )

@@ -1,7 +1,10 @@
-"""A library of manoeuvres as inputs of the model: steering angle and wheel speeds, without noise, for planning.
+"""A library of manoeuvres as inputs of the model: steering angle and wheel speeds,
+without noise, for planning.
 
-The wheels turn as the car would need them: each axle rolls along its own way through the bend, and slips as the force asks for
-that changes the speed and overcomes what the steered wheels brake."""
+The wheels turn as the car would need them: each axle rolls along its own way through the
+bend, and slips as the force asks for that changes the speed and overcomes what the
+steered wheels brake.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,9 @@ ROUNDS = 3  # of finding wheel speeds and motion across from each other
 
 @dataclass(frozen=True)
 class Candidate:
-    """One manoeuvre: pieces that are driven one after the other, each a steering angle and a speed over time."""
+    """One manoeuvre: pieces that are driven one after the other, each a steering angle
+    and a speed over time.
+    """
 
     name: str
     pieces: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -37,7 +42,7 @@ class Candidate:
 
 
 def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
-    """As the workflow takes logs; measurements are put in later."""
+    """Return a drive as the workflow takes logs. Measurements are put in later."""
     logs = []
     rows = round(BLOCK_TIME / STEP)
     for i, (steer, speed) in enumerate(candidate.pieces):
@@ -57,8 +62,11 @@ def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
 
 
 def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
-    """Wheel speeds, rad/s, of the nominal car that goes through these angles at these speeds: those of straight driving give its
-    motion across, which hardly depends on them, and that gives the speeds over ground of the steered wheels."""
+    """Return the wheel speeds of the nominal car, rad/s, at these angles and speeds.
+
+    Straight driving gives the lateral motion, which hardly depends on them. It gives the
+    speeds over ground of the steered wheels.
+    """
     share, length = c.exact_kinematics_share, c.lf + c.lr
     across = turning = side = np.zeros(len(steer))
     for _ in range(ROUNDS):
@@ -80,7 +88,7 @@ def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.nda
 
 
 def library(config: Config) -> list[Candidate]:
-    """Every manoeuvre in every size."""
+    """Return every manoeuvre in every size."""
     return list(_all(config))
 
 
@@ -89,7 +97,7 @@ def _all(c: Config) -> Iterator[Candidate]:
     short = np.arange(round(0.5 * DURATION / STEP) + 1) * STEP
 
     def steady(v: float, ay: float) -> float:
-        """Steering angle of the nominal car for a lateral acceleration."""
+        """Return the steering angle of the nominal car for a lateral acceleration."""
         return ay * (c.lf + c.lr + compute_understeer(c) * v**2) / v**2
 
     def straight(time: np.ndarray) -> np.ndarray:
@@ -113,7 +121,7 @@ def _all(c: Config) -> Iterator[Candidate]:
         )
 
     def pulses(time: np.ndarray, v: float, depth: float) -> np.ndarray:
-        """Steps of brake and throttle about a speed."""
+        """Return steps of brake and throttle about a speed."""
         acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / STEP)
         speed = v + cumulative_trapezoid(acceleration, dx=STEP, initial=0.0)
         return np.maximum(speed - speed.mean() + v, 3.5)

@@ -1,5 +1,7 @@
-"""Least squares of a problem over stiffness and effect parameters, and what a fit is worth, also on manoeuvres that it has not
-seen: rms over noise before and after with paired block-bootstrap intervals."""
+"""Least squares of a problem over stiffness and effect parameters, and what a fit is
+worth, also on manoeuvres that it has not seen: rms over noise before and after with
+paired block-bootstrap intervals.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,10 @@ from tse.gaps.catalogue import Key, Parameter
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-# rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+# rms over noise up to which nothing is left to explain: noise is known to some percent,
+# inputs are smoothed
 NOISE_LIMIT = 1.2
-MOST_LAG = 4.0  # s: of autocorrelation that are looked at
+MAX_LAG = 4.0  # s: of autocorrelation that are looked at
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
 TOGETHER = 2.0  # s: of residuals that are resampled together
 DRAWS = 1000  # of the bootstrap
@@ -62,7 +65,8 @@ def fit(
             residuals(x)
         return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
-    with np.errstate(divide="ignore", invalid="ignore"):  # of parameters that change nothing
+    # of parameters that change nothing
+    with np.errstate(divide="ignore", invalid="ignore"):
         result = least_squares(
             residuals,
             x0,
@@ -81,32 +85,41 @@ def fit(
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: how many blocks of residual say as much as one independent one (integrated autocorrelation, at least 1)."""
+    """Return the integrated autocorrelation of each channel, in blocks, at least 1.
+
+    So many blocks of residual count as one independent block.
+    """
     found = {}
     for channel, _ in problem.used():
         top = bottom = None
         for group in np.unique(problem.rows.group[problem.rows.of(channel)]):
             x = residuals[problem.rows.group == group]
-            n = min(len(x) - 1, int(MOST_LAG / BLOCK_TIME))
+            n = min(len(x) - 1, int(MAX_LAG / BLOCK_TIME))
             size = 1 << (2 * len(x) - 1).bit_length()
             c = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n + 1]
-            c = np.pad(c, (0, int(MOST_LAG / BLOCK_TIME) + 1 - len(c)))
+            c = np.pad(c, (0, int(MAX_LAG / BLOCK_TIME) + 1 - len(c)))
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)
-        pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)  # Geyer's initial positive sequence
+        # Geyer's initial positive sequence
+        pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
         end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
         found[channel] = max(1.0, 1.0 + 2.0 * float(pairs[:end].sum()))
     return found
 
 
 def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: rms of the residual over what the sensor's noise would leave; 1: nothing but noise."""
+    """Return the rms of the residual over the noise of the sensor, by channel; 1 is
+    noise.
+    """
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
 def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Per channel: energy above the sensors' noise. A floor under the noise is no reason to see less of a gap."""
+    """Return the energy above the noise of the sensors, by channel.
+
+    A floor under the noise does not make the gap smaller.
+    """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
         for c, rows in problem.used()
@@ -114,14 +127,16 @@ def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
 
 
 def excess(problem: Problem, residuals: np.ndarray) -> float:
-    """The same of all channels."""
+    """Return the energy above the noise of the sensors, of all channels."""
     return sum(excess_of(problem, residuals).values())
 
 
 def covariance(problem: Problem, f: Fit) -> np.ndarray:
-    """Of the parameters, with residuals as correlated as they are: sandwich with the autocorrelation of each channel.
+    """Return the covariance of the parameters, with correlated residuals.
 
-    What the noise alone would give is 2 to 15 times too small where forms differ."""
+    It is a sandwich with the autocorrelation of each channel. The covariance of the noise
+    alone is 2 to 15 times too small where the forms of the model differ.
+    """
     length = lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
     for channel, t in length.items():
@@ -150,7 +165,7 @@ class Change:
 
 
 def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, Change]:
-    """Per channel, from whitened residuals of the same logs under both models. Seeded."""
+    """Compare two models by whitened residuals of the same logs, by channel. Seeded."""
     rng = np.random.default_rng(SEED)
     found = {}
     for c, mine in problem.used():

@@ -1,4 +1,6 @@
-"""Much work at once: in copies of this process, where threads would wait for Python's lock most of the time."""
+"""Much work at once: in copies of this process, where threads would wait for Python's
+lock most of the time.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,19 @@ _copy = False
 
 
 def is_copy() -> bool:
-    """Whether this is one of the copies: their number is that of the jobs, so that none makes more."""
+    """Return whether this process is a copy: a copy makes no copies."""
     return _copy
 
 
-def apart(
+def run_in_processes(
     jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x
 ) -> list[Any]:
-    """`do` of each, in this order, as many at once as there are jobs. Each is done in a copy of this process as it is now, which
-    sends back what `light` leaves of it; what it changes besides is lost. Systems other than Linux: in threads, where it is not
-    lost; of either, nothing may depend on it."""
+    """Run `do` for each of `asked`, in this order, in as many processes as jobs.
+
+    Each process is a copy of this one. It sends back `light` of the result, and its other
+    changes are lost. On systems other than Linux threads run, which keep their changes:
+    nothing may depend on either.
+    """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:
         return [do(a) for a in asked]
@@ -36,7 +41,8 @@ def apart(
     _work = (lambda a: light(do(a))), asked
     try:
         with warnings.catch_warnings():
-            # Python 3.12 warns of threads in what is copied: they sleep, and copies use none of their locks
+            # Python 3.12 warns of threads in what is copied: they sleep, and copies use
+            # none of their locks
             warnings.simplefilter("ignore", DeprecationWarning)
             with multiprocessing.get_context("fork").Pool(min(jobs, len(asked)), _begin) as copies:
                 return copies.map(_one, range(len(asked)), chunksize=1)
@@ -47,7 +53,8 @@ def apart(
 def _begin() -> None:
     global _copy
     _copy = True
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is this process's, which ends its copies
+    # it is this process's, which ends its copies
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _one(k: int) -> Any:

@@ -1,8 +1,10 @@
-"""The comparison: a simulation of all logs against what was measured, whitened by the sensors' noise.
+"""The comparison: a simulation of all logs against what was measured, whitened by the
+sensors' noise.
 
-Stiffness and effect parameters are the same over all logs; the bias of each sensor is one number per log, found in closed
-form (residuals are linear in it). Residuals are means over blocks of 40 ms, in units of what the sensor's noise leaves of
-them: a perfect model has residuals of size one.
+Stiffness and effect parameters are the same over all logs; the bias of each sensor is one
+number per log, found in closed form (residuals are linear in it). Residuals are means
+over average_blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
+has residuals of size one.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car
+from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car, signed_delays
 from tse.gaps.parallel import is_copy
 from tse.identify.data import COMPARED_CHANNELS, PreparedLog, average_blocks, simulate
 from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
@@ -27,10 +29,9 @@ STIFFNESS = tuple(
 )
 
 
-# What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
+# Latencies of channels beyond those of the vehicle file. They shift the measurements: the
+# simulation has no such setting.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
-SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
-NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Rows:
     """What the entries of a residual vector are."""
 
     log: np.ndarray  # index of the log
-    channel: np.ndarray  # index in CHANNELS
+    channel: np.ndarray  # index in COMPARED_CHANNELS
     time: np.ndarray  # s, mean of the block
     block: np.ndarray  # index of the block: the same for all channels of a moment
     group: np.ndarray  # log and channel: shares a bias
@@ -55,9 +56,10 @@ class Problem:
         self.notes = [n for log in logs for n in log.notes]
         self.config = config
         self.jobs = max(1, jobs)
-        self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
+        # values that are not fitted, and not those of the settings
+        self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
-        self.given = {name: self.nominal[name] for name in SIGNED_DELAYS}
+        self.given = {name: self.nominal[name] for name in signed_delays()}
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
@@ -69,18 +71,20 @@ class Problem:
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
 
     def of(self, logs: Sequence[PreparedLog]) -> Problem:
-        """The same of other logs."""
+        """Return the problem with other logs."""
         return Problem(logs, self.config, self.jobs)
 
     def holding(self, values: Mapping[Key, float]) -> Problem:
-        """The same with these values, too, which are not fitted."""
+        """Return the problem with further values that are not fitted."""
         other = copy.copy(self)
         other.fixed = self.fixed | dict(values)
         return other
 
     def measure(self, values: Mapping[Key, float]) -> None:
-        """Put what a car with these values would measure in the place of what was measured, with a thousandth of the noise, so that
-        a perfect fit has an end."""
+        """Replace the measurements by those of a car with these values.
+
+        They have a thousandth of the noise, so that a perfect fit has an end.
+        """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
             self.weight > 0, 0.001 * noise / np.maximum(self.weight, 1e-300), 0.0
@@ -89,18 +93,29 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
-        """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
+        """Return the fitted strengths of an effect, or the road profiles of the logs."""
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
         return tuple(
             Parameter(
-                Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
-                f"{p.text}, {self.logs[i].name} at {KNOT_DISTANCE * k:g} m", prior,
+                Own(effect.id, i, k),
+                "profile",
+                True,
+                p.unit,
+                0.0,
+                p.low,
+                p.high,
+                0.0,
+                prior,
+                p.negligible,
+                0,
+                f"{p.text}, {self.logs[i].name} at {KNOT_DISTANCE * k:g} m",
+                prior,
             )
             for i in range(len(self.logs))
             for k in range(self._knots(i))
-        )  # fmt: skip
+        )
 
     def _knots(self, i: int) -> int:
         return int(self.logs[i].distance[-1] // KNOT_DISTANCE) + 2
@@ -141,22 +156,25 @@ class Problem:
         return np.where(w > 0, y, 0.0), w, rows
 
     def _noise_energy(self) -> np.ndarray:
-        """Of each entry, what the noise that was found leaves of its square: 1, less where a floor raised the noise."""
+        """Return the expected square of the noise of each entry.
+
+        It is 1, and less where a floor raised the noise.
+        """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Each channel that there is, and which entries of the residual vector are measured values of it."""
+        """Yield each channel and its measured entries of the residual vector."""
         for c in np.unique(self.rows.channel):
             yield COMPARED_CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:
-        """What was measured, one value per entry of the residual vector; NaN where it is missing."""
+        """Measurements, one value per entry of the residual vector; NaN: missing."""
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """An input or a measurement as blocks, one value per entry of the residual vector."""
+        """Return an input or a measurement in average_blocks, a value per entry of residuals."""
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
@@ -167,20 +185,24 @@ class Problem:
     # ---- residuals
 
     def model(self, values: Mapping[Key, float]) -> Config:
-        """Settings of the effects."""
+        """Return the settings of the effects."""
         values = of_the_car(self.fixed | dict(values))
-        return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
+        others = {*NOMINAL, *LATENT, *signed_delays()}
+        return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """Over the vehicle file's."""
+        """Return the stiffness over that of the vehicle file."""
         values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) for k in NOMINAL}
 
     def later(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
-        after the logged angle, or the whole IMU is behind what drives the model."""
+        """Return the latencies of channels beyond those of the vehicle file, s.
+
+        Delays are latencies of either sign: the wheels turn after the logged angle, or
+        the whole IMU is behind the channels that drive the model.
+        """
         values = self.fixed | dict(values)
-        if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
+        if LATENT.isdisjoint(values) and signed_delays().isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
         steering = (
@@ -196,10 +218,11 @@ class Problem:
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
     def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
-        """Profiles of the road along a log, linear between their values."""
+        """Return the profiles of the road along a log, linear between their values."""
         values = self.fixed | dict(values)
         found = {}
-        own = [k for k in values if isinstance(k, Own) and k.log == i]  # mostly none: this is asked often
+        # mostly none: this is asked often
+        own = [k for k in values if isinstance(k, Own) and k.log == i]
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
@@ -207,7 +230,7 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
-        """What the model says, one value per entry of the residual vector, without bias."""
+        """Return the prediction without bias, one value per entry of the residuals."""
         config, later, parts = self.model(values), self.later(values), []
         for i, log in enumerate(self.logs):
             simulated = simulate(
@@ -220,14 +243,15 @@ class Problem:
         return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
-        """The same for many values, as many at once as there are jobs."""
+        """Return predict() of many values, as many at once as there are jobs."""
         if self.jobs == 1 or len(asked) < 2 or is_copy():
             return [self.predict(values) for values in asked]
-        with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+        # the library runs without Python's lock
+        with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(self.predict, asked))
 
     def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Quantities of the simulation, one value per entry of the residual vector."""
+        """Return quantities of the simulation, one value per entry of the residuals."""
         config = self.model(values)
         later = self.later(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
@@ -238,7 +262,7 @@ class Problem:
         return {n: np.concatenate(p) for n, p in parts.items()}
 
     def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Measured less predicted less bias, in units of the noise that a block has left."""
+        """Return measured less predicted less bias, in units of the noise of a block."""
         return self.whiten(self._measured - self.predict(values))
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
@@ -255,8 +279,11 @@ class Problem:
     def moved(
         self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
-        """What the model says with parameters moved by `reach` times their steps: by how much which of them, and predict(). Profile
-        values of different logs act on different residuals: one simulation serves one of each log."""
+        """Yield moves of parameters, `reach` times their steps, and predict() with them.
+
+        Profile values of different logs act on different residuals: one simulation serves
+        one of each log.
+        """
 
         def shifted(p: Parameter) -> float:
             x, h = values.get(p.name, p.default), reach * p.step
@@ -279,7 +306,7 @@ class Problem:
         parameters: Sequence[Parameter],
         reach: float = 1.0,
     ) -> np.ndarray:
-        """Slopes of the whitened residuals, by finite differences."""
+        """Return the slopes of the whitened residuals, by finite differences."""
         slopes = np.zeros((len(base), len(parameters)))
         for run, predicted in self.moved(values, parameters, reach):
             change = self.whiten(self._measured - predicted) - base

@@ -1,5 +1,7 @@
-"""What a disturbance at a place does to the channels, for many at once: the single-track model linearised about straight driving at
-the speed of each moment, one step a block. Good enough to choose what is then simulated in full."""
+"""What a disturbance at a place does to the channels, for many at once: the single-track
+model linearised about straight driving at the speed of each moment, one step a block.
+Good enough to choose what is then simulated in full.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,16 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
-ROAD = "bank"  # no place of a formula: gravity, which an accelerometer does not feel; m/s2
+# no place of a formula: gravity, which an accelerometer does not feel; m/s2
+ROAD = "bank"
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
 def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
-    """Of each log, a value a block: what forms are made of, from inputs and simulation, by their names in formulas; and dt, s."""
+    """Return the signals of formulas and dt, s, of each log, a value a block.
+
+    They are from inputs and simulation, by their names in formulas.
+    """
     c, rows = problem.model(values), problem.rows
     simulated = problem.channels(values, SIMULATED)
     steer = problem.quantity("steer_angle")
@@ -44,7 +50,7 @@ def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.
 
 
 def _filled(x: np.ndarray) -> np.ndarray:
-    """Blocks without a value get their neighbours'."""
+    """Return blocks with gaps filled by their neighbours."""
     bad = ~np.isfinite(x)
     if bad.any() and not bad.all():
         x = x.copy()
@@ -59,9 +65,11 @@ def responses(
     place: str,
     forms: list[np.ndarray],
 ) -> np.ndarray:
-    """What a unit of each form at this place changes of the whitened residuals, shape (entries, forms).
+    """Return the change of the whitened residuals by a unit of each form at a place.
 
-    `at`: signals(); `forms`: of each log, shape (blocks, forms), in the unit of the place."""
+    Its shape is (entries, forms). `at` is that of signals(). `forms` is an array (blocks,
+    forms) of each log, in the unit of the place.
+    """
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
     for i, (s, u) in enumerate(zip(at, forms, strict=True)):
@@ -78,11 +86,12 @@ def responses(
 def _moved(
     c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """`k`: stiffness over the settings'."""
+    """Return the simulation with a form. `k` is the stiffness over the settings'."""
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], MIN_FIT_SPEED), c.mass
-    mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])  # over the step that ends at a block
+    # over the step that ends at a block
+    mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])
     if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)

@@ -119,6 +119,7 @@ def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
 
 
 def _list_latencies(problem: CarProblem) -> list[str]:
+    """Return the latencies that better documentation of the bus would give."""
     return [n for n in problem.prior.names if n.endswith("_latency") and n != "velocity_latency"]
 
 

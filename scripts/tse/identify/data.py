@@ -72,10 +72,12 @@ class PreparedLog:
 
     @property
     def name(self) -> str:
+        """Name of the file without its suffix."""
         return self.path.stem
 
     @property
     def channels(self) -> list[str]:
+        """Compared channels that the log has."""
         return [c for c in COMPARED_CHANNELS if c in self.measured]
 
     @property
@@ -157,7 +159,7 @@ def prepare(log: CheckedLog, config: Config) -> PreparedLog:
     notes = []
     if absent:
         notes.append(
-            f"{log.path.name}: has no {', '.join(absent)}: unknowns that only they show keep their prior"
+            f"{log.path.name}: without {', '.join(absent)}: unknowns that only they show keep their prior"
         )
     if not stretches:
         notes.append(

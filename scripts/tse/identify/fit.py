@@ -288,15 +288,10 @@ def fit(
         roads = problem.compute_road_slopes(x, z, residuals)
     else:
         tables, roads = problem.compute_slopes(x, z, residuals), problem.compute_road_slopes(x, z, residuals)
-    # road first, with the car as it is: latencies and slip would otherwise absorb a hill
     if len(z):
-        equations = build_normal(problem, scales, x, z, residuals, tables, roads)
-        hills = z + equations.solve_road(np.zeros(len(x)))
-        on_hills = problem.compute_residuals(x, hills)
-        gain = compute_cost(problem, scales, x, z, residuals)
-        gain -= compute_cost(problem, scales, x, hills, on_hills)
-        if gain > 0:
-            z, residuals = hills, on_hills
+        hills = _fit_road(problem, scales, x, z, residuals, tables, roads)
+        if hills is not None:
+            z, residuals = hills
             scales = measure_scales(problem, residuals, scales, near)
     exact, converged, moved, steps = True, False, np.inf, 0
     max_steps = MAX_FIT_STEPS if max_steps is None else max_steps
@@ -338,6 +333,27 @@ def fit(
         converged, steps, moved,
         problem.compute_residuals(x, np.zeros(len(z))) if len(z) else residuals,
     )  # fmt: skip
+
+
+def _fit_road(
+    problem: CarProblem,
+    scales: Mapping[str, ResidualScale],
+    x: np.ndarray,
+    z: np.ndarray,
+    residuals: list[np.ndarray],
+    tables: list[np.ndarray],
+    roads: list[csc_matrix],
+) -> tuple[np.ndarray, list[np.ndarray]] | None:
+    """Fit the road with the car as it is; None: without gain.
+
+    A search begins with it: latencies and slip would otherwise absorb a hill.
+    """
+    equations = build_normal(problem, scales, x, z, residuals, tables, roads)
+    hills = z + equations.solve_road(np.zeros(len(x)))
+    on_hills = problem.compute_residuals(x, hills)
+    gain = compute_cost(problem, scales, x, z, residuals)
+    gain -= compute_cost(problem, scales, x, hills, on_hills)
+    return (hills, on_hills) if gain > 0 else None
 
 
 def _predict_gain(

@@ -339,6 +339,7 @@ class CarProblem:
 
     @staticmethod
     def _integrate(difference: np.ndarray) -> np.ndarray:
+        """Integrate a difference over blocks, leaking within SPEED_TIME."""
         keep = float(np.exp(-BLOCK_TIME / SPEED_TIME))
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 

@@ -70,6 +70,7 @@ class Unknown:
 
 
 def _make_latency(name: str, own: float, message: str = "") -> Unknown:
+    """Return the latency of a channel as an unknown, with its own sd [s]."""
     return Unknown(
         name + LATENCY_SUFFIX, "latency", 0.0, own, -MAX_LATENCY, MAX_LATENCY, message=message, worth=0.001
     )
@@ -198,6 +199,7 @@ class Prior:
 
     @property
     def sd(self) -> np.ndarray:
+        """Standard deviation of each unknown."""
         return np.sqrt(np.diag(self.covariance))
 
     def select(self, names: Sequence[str]) -> Prior:

@@ -23,8 +23,8 @@ from tse.library.errors import UserError, suggest_names
 # enum tse_struct of tse/describe.h
 CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
-FORMULA_PLACE, FORMULA_OP = range(11, 13)
-STRUCT_COUNT = 13
+FORMULA_PLACE, FORMULA_OP, FORMULA_LIMIT = range(11, 14)
+STRUCT_COUNT = 14
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # in the order of TSE_CX_FRONT ...
 ALL_SETTINGS_HINT = "; 'tselab settings' lists all"
 GRIP = "grip"  # output whose validity is grip_valid
@@ -104,8 +104,12 @@ class EffectRow:
     entry_points: tuple[str, ...]
     channels: str
     look_alikes: tuple[str, ...]  # ids of effects, or descriptions of other causes
-    estimator: str  # use of the effect by an estimator that includes it
+    estimator: str  # use of the effect by the filters
     bit: int
+    filter: str  # both, default or none: the filters whose estimate it moves
+    occurrence: str  # SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
+    early: str  # title of a value below early_below, which is of messages or the IMU; "": there is none
+    early_below: float
     parameters: tuple[EffectParameter, ...]
 
     @property
@@ -117,6 +121,15 @@ class EffectRow:
     def shapes(self) -> tuple[EffectParameter, ...]:
         """Parameters that shape the effect."""
         return tuple(p for p in self.parameters if not p.strength)
+
+
+@dataclass(frozen=True)
+class SettingUse:
+    """The use of one setting of Config."""
+
+    table: str  # of src/tables: vehicle, uncertainty, sensors, latency, velocity, ...
+    filter: str  # both, default, paper or none: the filters whose estimate it moves
+    replaced_by: str  # the setting that the filter uses instead while that is not 0; "": there is none
 
 
 @dataclass(frozen=True)
@@ -142,7 +155,13 @@ class _CEffect(ctypes.Structure):
             for name in ("id", "hook", "title", "entry", "channels", "alike", "estimator")
         ),
         ("bit", ctypes.c_int32),
+        *((name, ctypes.c_char_p) for name in ("filter", "occurrence", "early")),
+        ("early_below", ctypes.c_double),
     ]
+
+
+class _CSettingRow(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_char_p) for name in ("name", "table", "filter", "replaced_by")]
 
 
 class _CEffectParameter(ctypes.Structure):
@@ -224,15 +243,14 @@ class Library:
         self._read_fields()
         self.effects = self._read_effects()
         kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
+        self.formula_limits = {f.name: f.offset for f in self.fields(FORMULA_LIMIT)}
         self.formula_places = {f.name: f for f in self.fields(FORMULA_PLACE)}
         self.formula_ops = {
             f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
             for f in self.fields(FORMULA_OP)
         }
-        # rows of uncertainty.toml: they stand between the settings of vehicle and sensors
-        names = [f.name for f in self.fields(CONFIG)]
-        first = names.index("rear_longitudinal_follows_front") + 1
-        self.uncertainties = tuple(names[first : names.index("accel_x_sd")])
+        self.settings = self._read_settings()
+        self.uncertainties = self.settings_in("uncertainty")
 
     def _read_build(self) -> None:
         """Read version, number format and sizes of the build."""
@@ -270,14 +288,25 @@ class Library:
                 for f in (rows[i] for i in range(count.value))
             ]
 
+    def _read_table(self, function: str, row: type) -> list:
+        """Return the rows that a function of the library describes."""
+        count = ctypes.c_int32()
+        rows = self.function(function, ctypes.POINTER(row))(ctypes.addressof(count))
+        return [rows[i] for i in range(count.value)]
+
+    def _read_settings(self) -> dict[str, SettingUse]:
+        """Return the use of every setting, in the order of Config."""
+        return {
+            r.name.decode(): SettingUse(r.table.decode(), r.filter.decode(), r.replaced_by.decode())
+            for r in self._read_table("tse_describe_settings", _CSettingRow)
+        }
+
+    def settings_in(self, *tables: str) -> tuple[str, ...]:
+        """Return the settings of some tables of src/tables, in the order of Config."""
+        return tuple(name for name, use in self.settings.items() if use.table in tables)
+
     def _read_effects(self) -> dict[str, EffectRow]:
         """Return the catalogue of effects, in its order."""
-        count = ctypes.c_int32()
-
-        def read_table(name: str, row: type) -> list:
-            rows = self.function(name, ctypes.POINTER(row))(ctypes.addressof(count))
-            return [rows[i] for i in range(count.value)]
-
         parameters = [
             EffectParameter(
                 *(getattr(r, n).decode() for n in ("effect", "name", "setting", "unit", "text")),
@@ -290,7 +319,7 @@ class Library:
                 negligible=r.negligible,
                 given=r.strength < 0,
             )
-            for r in read_table("tse_describe_effect_parameters", _CEffectParameter)
+            for r in self._read_table("tse_describe_effect_parameters", _CEffectParameter)
         ]
         return {
             r.id.decode(): EffectRow(
@@ -302,9 +331,13 @@ class Library:
                 look_alikes=tuple(r.alike.decode().split(", ")),
                 estimator=r.estimator.decode(),
                 bit=r.bit,
+                filter=r.filter.decode(),
+                occurrence=r.occurrence.decode(),
+                early=r.early.decode(),
+                early_below=r.early_below,
                 parameters=tuple(p for p in parameters if p.effect == r.id.decode()),
             )
-            for r in read_table("tse_describe_effects", _CEffect)
+            for r in self._read_table("tse_describe_effects", _CEffect)
         }
 
     def function(self, name: str, restype: Any = ctypes.c_int, argtypes: list | None = None) -> Any:

@@ -62,7 +62,7 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
         first = sets[0]
         notes.append(
             f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} "
-            f"(first by {first[1]:.3g} s at {first[0]:.3f} s): what follows is bridged, one usual step later"
+            f"(first by {first[1]:.3g} s at {first[0]:.3f} s): the rest continues one usual step later"
         )
     if late.any():
         notes.append(f"{late.sum()} entries are out of order: left out")

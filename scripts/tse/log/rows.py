@@ -278,28 +278,8 @@ def check_log(
     if missing:
         raise UserError(f"{path}: {', '.join(missing)} is missing{_suggest_remedy(missing)}")
     data = {name: table.pop(name) for name in needed}
-    for f in library().channels:
-        if f.name in absent:
-            data[f.name] = np.full(len(time), np.nan)
-            if f.name not in SIDES:
-                notes.append(f"{f.name} is not in the log: what only it shows is not known")
-            continue
-        for name in parts[f.name]:
-            _check_channel(path, data, line, f, notes, name, place)
-    for name in data:
-        _drop_code(data, name, notes)
-        _drop_written_zeros(data, name, notes)
-    _drop_stuck(data, parts, notes)
-    if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
-        raise UserError(
-            f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
-        )
-    per_turn: dict[str, float] = {}
-    for axle, pair in sides.items():
-        if axle not in absent:
-            mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
-            data[axle] = mean
-            del mean
+    _check_channels(path, data, parts, absent, line, notes, place)
+    per_turn = _join_wheels(data, {a: pair for a, pair in sides.items() if a not in absent}, notes)
     _drop_computed(data, notes)
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
@@ -329,6 +309,47 @@ def check_log(
         stand_in=stand_in,
         turn=per_turn,
     )
+
+
+def _check_channels(
+    path: Path,
+    data: dict[str, np.ndarray],
+    parts: Mapping[str, Sequence[str]],
+    absent: Collection[str],
+    line: np.ndarray,
+    notes: list[str],
+    place: str,
+) -> None:
+    """Refuse impossible columns and drop wrong values; absent channels become missing.
+
+    `parts`: columns of each channel."""
+    for f in library().channels:
+        if f.name in absent:
+            data[f.name] = np.full(len(line), np.nan)
+            if f.name not in SIDES:
+                notes.append(f"{f.name} is not in the log: quantities that only it shows stay unknown")
+            continue
+        for name in parts[f.name]:
+            _check_channel(path, data, line, f, notes, name, place)
+    for name in data:
+        _drop_code(data, name, notes)
+        _drop_written_zeros(data, name, notes)
+    _drop_stuck(data, parts, notes)
+    if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
+        raise UserError(
+            f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres"
+        )
+
+
+def _join_wheels(
+    data: dict[str, np.ndarray], sides: Mapping[str, Sequence[str]], notes: list[str]
+) -> dict[str, float]:
+    """Replace wheels by the mean of their axle; return their differences per yaw rate."""
+    per_turn = {}
+    for axle, pair in sides.items():
+        mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
+        data[axle] = mean
+    return per_turn
 
 
 def _replace_axle(data: dict[str, np.ndarray], axle: str, notes: list[str]) -> None:
@@ -374,7 +395,7 @@ def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]],
         if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > least:
             notes.append(
                 f"{name} is {value[first]:g} in every row, while {witness} changes: "
-                "it measures nothing and is taken as missing"
+                "it measures nothing and is treated as missing"
             )
             data[name] = np.full(len(value), np.nan)
 
@@ -396,7 +417,7 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
     value = data[name][rows.argmax()]
     notes.append(
         f"{name} is {value:g} in {rows.sum()} rows and at most {others.max():.3g} in the others: "
-        "no value, and missing"
+        "a code for no value, treated as missing"
     )
     data[name] = np.where(rows, np.nan, data[name])
 
@@ -423,7 +444,7 @@ def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]
         return
     notes.append(
         f"{name} is 0 in {zero.sum()} rows, between values far from it: "
-        "written where there is none, and missing"
+        "they stand for missing values and are treated as such"
     )
     data[name] = np.where(zero, np.nan, value)
 
@@ -440,7 +461,7 @@ def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
         explained = float(np.sum(x[both] * y[both])) ** 2 / (turned * across)
         if 1.0 - explained < MAX_COMPUTED_MISFIT**2:
             notes.append(
-                "accel_y is speed times yaw_rate to the digit: computed, not measured, and taken as missing"
+                "accel_y is speed times yaw_rate to the digit: computed, not measured, and treated as missing"
             )
             data["accel_y"] = np.full(len(y), np.nan)
             return
@@ -559,10 +580,26 @@ def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
 
 
 def average(log: CheckedLog, seconds: float) -> CheckedLog:
-    """Return the log averaged over blocks of `seconds`.
+    """Return the log averaged over blocks.
 
-    Every channel and reference becomes its mean over the block, at the block's mean time.
-    White noise falls with the square root of the rows of a block."""
+    Parameters
+    ----------
+    log : CheckedLog
+        The log, of any sampling.
+    seconds : float
+        Length of a block, s.
+
+    Returns
+    -------
+    CheckedLog
+        Every channel and reference is its mean over the block, at the block's mean time.
+        White noise falls with the square root of the rows of a block.
+
+    Raises
+    ------
+    UserError
+        `seconds` is out of range, or a block has a single row.
+    """
     f = library().field(CONFIG, "sample_time")
     if not f.low <= seconds <= f.high:
         raise UserError(f"option --average: {seconds:g} is outside its range {f.low:g} .. {f.high:g} s")

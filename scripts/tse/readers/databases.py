@@ -294,16 +294,16 @@ def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _Od
     found = SIGNAL_DETAIL_LINE.match(part)
     if found is None:
         if re.match(r"\s*CM_\s+(SG_\b(?!\s+\d+\s+[^\s\"]+\s+\")|(?!BO_|BU_|EV_|SG_|\"))", part):
-            odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
+            odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment without an object: left out")
         return ""
     word, number, name, rest = found.groups()
     message = messages.get(int(number) & IDENTIFIER_MASK)
     if name.startswith('"'):
-        odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment of nothing: left out")
+        odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment without an object: left out")
         return ""
     if message is None or name not in message.called:
         what = "a comment" if word.startswith("CM_") else "values" if word == "VAL_" else word
-        odd.add(line, f"{what} of {name[:40].strip()}, a signal that is not there: left out")
+        odd.add(line, f"{what} of {name[:40].strip()}, a signal that does not exist: left out")
         return ""
     good = {"VAL_": VALUES_TEXT, "SIG_VALTYPE_": re.compile(r"\s*:\s*[0-3]\s*;?\s*\Z")}.get(
         word, COMMENT_TEXT if word.startswith("CM_") else None

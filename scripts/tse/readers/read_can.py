@@ -46,7 +46,20 @@ EXTENDED_SHIFT, BUS_SHIFT = 29, 32
 def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     """Return the databases of the options, or all databases beside the log.
 
-    `required`: raise a UserError if there is none."""
+    Parameters
+    ----------
+    path : Path
+        The log.
+    how : ReadOptions
+        Options: the databases.
+    required : bool
+        Refuse a log without a database.
+
+    Raises
+    ------
+    UserError
+        A database of the options does not exist, or a required one is missing.
+    """
     if how.databases:
         for p in how.databases:
             if not p.is_file():
@@ -56,7 +69,7 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     if not found and required:
         raise UserError(
             f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) "
-            "beside it that says what they mean: "
+            "beside it that describes them: "
             'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found
@@ -184,8 +197,8 @@ class Bus:
                 channels[name] = Channel(name, times, value, s.unit or "", (s.comment or "")[:200], states)
             if renamed:
                 notes.append(
-                    f"message {message} is there more than once: signals of {key & IDENTIFIER_MASK:#x} "
-                    f"on bus {bus[key >> BUS_SHIFT]} are called as {renamed}"
+                    f"message {message} appears more than once: signals of {key & IDENTIFIER_MASK:#x} "
+                    f"on bus {bus[key >> BUS_SHIFT]} are named like {renamed}"
                 )
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
@@ -271,7 +284,26 @@ def _make_pattern(s: Any) -> tuple[object, ...]:
 def decode_signals(
     message: Any, signals: Sequence[Any], data: Sequence[bytes]
 ) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
-    """Yield each signal with the frames that contain it and its values there."""
+    """Decode the frames of a message.
+
+    Parameters
+    ----------
+    message : cantools.database.can.Message
+        The message.
+    signals : sequence of cantools.database.can.Signal
+        Its needed signals.
+    data : sequence of bytes, (frames,)
+        The frames.
+
+    Yields
+    ------
+    signal
+        One of `signals` that the frames contain.
+    ndarray of int, (entries,)
+        Numbers of the frames that contain it.
+    ndarray, (entries,)
+        Its physical values.
+    """
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
     whole = long >= width
@@ -376,11 +408,11 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if not frames and not len(times):
             what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
-                f"{path}: is damaged, or not {what} as its maker writes it: {str(error)[:120]}"
+                f"{path}: is damaged, or not {what} as its tool writes it: {str(error)[:120]}"
             ) from None
         notes.append(
             f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): "
-            "what is before is used"
+            "the part before is used"
         )
     if frames:
         decode()

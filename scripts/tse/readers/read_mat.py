@@ -175,8 +175,8 @@ def _measure_unpacked(path: Path) -> int:
                 size = struct.unpack(order + "II", inner)[1] if len(inner) == 8 else size
             if size > MAX_VARIABLE_BYTES:
                 raise UserError(
-                    f"{path}: a variable has {size / 2**30:.1f} GB, it says; of MAT files of version 5, "
-                    "whose variables are read whole, up to 1 GB are: save it with -v7.3"
+                    f"{path}: states a variable of {size / 2**30:.1f} GB; limit for MAT version 5, "
+                    "whose variables are read as a whole: 1 GB: save it with -v7.3"
                 )
             total += size
             file.seek(after)

@@ -35,11 +35,13 @@ def read(path: Path, how: ReadOptions) -> Recording:
             ) from None
         notes.append(
             f"the file is damaged after {count} messages ({type(error).__name__} {str(error)[:60]}): "
-            "what is before is used"
+            "the part before is used"
         )
     unread = list_names(f"{t} ({e})" for t, e in strange.items())
     if strange and not count:
-        raise UserError(f"{path}: its messages cannot be read: {unread}; ROS 1, ROS 2, JSON, protobuf can")
+        raise UserError(
+            f"{path}: its messages cannot be read: {unread}; readable: ROS 1, ROS 2, JSON, protobuf"
+        )
     if strange:
         notes.append(f"topics that cannot be read: {unread}")
     return Recording(path, "MCAP", collect.channels(), notes)
@@ -59,7 +61,7 @@ def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tupl
     if whole:
         yield from mcap.make_reader(file).iter_messages()
     else:
-        notes.append("the end of the file is missing: what is before is used")
+        notes.append("the end of the file is missing: the part before is used")
         yield from mcap.NonSeekingReader(file).iter_messages(log_time_order=False)
 
 

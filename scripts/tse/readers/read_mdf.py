@@ -51,8 +51,8 @@ def read(path: Path, how: ReadOptions) -> Recording:
         sys.unraisablehook = hook
     if damage:  # raised outside the block, because an error keeps its objects alive
         raise UserError(
-            f"{path}: is damaged or cut off: {damage}; what an MDF holds is described in blocks all over "
-            "the file, and some are missing: copy it again, or have the recorder's own tool repair it"
+            f"{path}: is damaged or cut off: {damage}; blocks that describe its "
+            "content are missing: copy it again, or have the recorder's own tool repair it"
         )
     return Recording(path, f"MDF {version}", channels, notes)
 
@@ -87,7 +87,7 @@ def _check_chains(path: Path) -> None:
             while 0 < at < 1 << 62:
                 if at in chain or len(met) > MAX_BLOCKS:
                     raise UserError(
-                        f"{path}: is damaged: its list of {kind[2:].decode()} blocks leads in a circle "
+                        f"{path}: is damaged: its list of {kind[2:].decode()} blocks forms a circle "
                         f"at byte {at}; copy it again"
                     )
                 chain.add(at)
@@ -122,9 +122,8 @@ def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool
 def _is_finished(file: BinaryIO) -> bool:
     """Return whether a file was closed in order.
 
-    asammdf then reads it from the open file. By its name it would map it, and the whole
-    file would stay in memory. Of an unfinished file it makes a complete copy, by its
-    name."""
+    asammdf receives a finished file as an open file: given the path, it maps the file,
+    which then stays in memory. It completes a copy of an unfinished file by its path."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished

@@ -50,7 +50,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
             raise UserError(
                 f"{path}: is no log of openpilot, or damaged: {str(error).splitlines()[0][:100]}"
             ) from None
-        notes.append(f"the log is cut off after {count} events: what is before is used")
+        notes.append(f"the log is cut off after {count} events: the part before is used")
     if not count:
         raise UserError(f"{path}: has none of the services {', '.join(SERVICES)}")
     return Recording(path, "openpilot", collect.channels(), notes)

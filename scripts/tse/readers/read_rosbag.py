@@ -136,7 +136,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     strange: dict[str, str] = {}
     try:
         if bag.is_file() and not _is_closed(bag):
-            notes.append("the bag was not closed, or its end is missing: what is before is used")
+            notes.append("the bag was not closed, or its end is missing: the part before is used")
             for topic, time, message, kind in _read_from_front(bag, typesys):
                 collect.add(topic, time, message, kind)
                 count += 1
@@ -161,7 +161,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
             raise UserError(
                 f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
             ) from None
-        notes.append(f"the bag is damaged after {count} messages ({str(error)[:60]}): what is before is used")
+        notes.append(
+            f"the bag is damaged after {count} messages ({str(error)[:60]}): the part before is used"
+        )
     if strange:
         notes.append(f"topics whose message types the bag does not define: {list_names(strange)}")
     if not count:

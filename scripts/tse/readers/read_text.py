@@ -4,7 +4,7 @@ import itertools
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -58,12 +58,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     decimal = how.decimal or _find_decimal(cells[first:])
     if decimal is None and separator != ",":  # all numbers are whole so far: the car stands
         with open(path, encoding=encoding, errors=errors, newline="") as file:
-            further = (
-                _find_decimal([_split_line(path, x, separator)])
-                for x in itertools.islice(file, first, None)
-                if "," in x or "." in x
-            )
-            decimal = next(filter(None, further), None)
+            decimal = _find_first_decimal(path, itertools.islice(file, first, None), separator)
     decimal = decimal or "."
     of = dict(zip(names, units or [""] * len(names), strict=False))
     long = _find_long_table(names, cells[first:])
@@ -144,7 +139,7 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
         cars = columns[3].nunique()
-        notes.append(f"it is of {cars} cars: each name begins with what is in column {titles[3]}")
+        notes.append(f"it has {cars} cars: each name begins with the content of column {titles[3]}")
     if (count := name.nunique()) > MAX_LONG_NAMES:
         raise UserError(
             f"{path}: a long table with {count:,} names in column {titles[1]}; "
@@ -194,7 +189,7 @@ def translate_parser_errors(path: Path) -> Iterator[None]:
         raise UserError(f"{path}: is not a well-formed CSV: {str(error)[:150]}") from None
 
 
-BINARY_MESSAGE = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
+BINARY_MESSAGE = "{}: is a binary file of an unknown format; a log as text, MF4, BLF ... is needed"
 
 
 def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, str]:
@@ -291,7 +286,7 @@ def _find_layout(
         is_table = max((len(c) for c in cells), default=0) > 1 and separator != " "
         if is_table and sum(bool(c) for c in cells) <= 2:
             raise UserError(f"{path}: has a header but no rows")
-        raise UserError(f"{path}: is no table: no line of it is numbers; read are {FORMATS}")
+        raise UserError(f"{path}: is no table: no line holds numbers; readable: {FORMATS}")
     width = widths.most_common(1)[0][0]
     good = [len(c) == width and is_row(c) for c in cells]
     first = next(
@@ -352,6 +347,12 @@ def _take_names(
             "one name per column is needed"
         )
     return [c.strip().strip('"') for c in cells[: max(width, 1)]]
+
+
+def _find_first_decimal(path: Path, lines: Iterable[str], separator: str) -> str | None:
+    """Return the decimal sign of the first line that has one."""
+    further = (_find_decimal([_split_line(path, x, separator)]) for x in lines if "," in x or "." in x)
+    return next(filter(None, further), None)
 
 
 def _find_decimal(rows: list[list[str]]) -> str | None:

@@ -142,9 +142,7 @@ def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
     words = " ".join(sections.get("column names", [])).split()
     names = words or [_shorten_title(x.strip()) for x in sections.get("header", []) if x.strip()]
     if not names:
-        raise UserError(
-            f"{path}: has neither [column names] nor [header], so nothing says which column is which"
-        )
+        raise UserError(f"{path}: has neither [column names] nor [header], so its columns have no names")
     return names
 
 

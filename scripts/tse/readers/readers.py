@@ -83,13 +83,13 @@ def choose_reader(path: Path) -> str:
     if detect_bus_text(head, suffix):
         return "can"
     if suffix in UNREADABLE:
-        raise UserError(f"{path}: cannot be read as it is: {UNREADABLE[suffix]}; read are {FORMATS}")
+        raise UserError(f"{path}: cannot be read as it is: {UNREADABLE[suffix]}; readable: {FORMATS}")
     text = b"\0" not in head[:256] or head.startswith((b"\xff\xfe", b"\xfe\xff"))
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
     if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
         raise UserError(
             f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; "
-            f"read are {FORMATS}"
+            f"readable: {FORMATS}"
         )
     if found == "can" and suffix in (".log", ".can") and text:  # many kinds of text end in .log
         return "text"
@@ -97,7 +97,7 @@ def choose_reader(path: Path) -> str:
         return found
     if text:
         return "text"
-    raise UserError(f"{path}: is a binary file of no format that is known here; read are {FORMATS}")
+    raise UserError(f"{path}: is a binary file of an unknown format; readable: {FORMATS}")
 
 
 GZIP = b"\x1f\x8b"
@@ -192,14 +192,14 @@ def _read_plain(path: Path, how: ReadOptions | None) -> Recording:
         raise
     except MemoryError:
         raise UserError(
-            f"{path}: takes more memory to read than there is: it is damaged, made to fill the machine, "
-            "or very long: cut it into drives"
+            f"{path}: takes more memory to read than the machine has: it is damaged, made to fill the "
+            "machine, or very long: cut it into drives"
         ) from None
     except Exception as error:  # mostly a damaged file
         said = f"{type(error).__name__}: {str(error)[:120]}"
         raise UserError(
-            f"{path}: cannot be read ({said}): it is damaged, or of a form that nobody has met; "
-            "if another program reads it, it is worth a report"
+            f"{path}: cannot be read ({said}): it is damaged, or has an unknown form; "
+            "if another program reads it, please report it"
         ) from error
     if not any(len(c) for c in found) and (how is None or how.wanted is None):
         raise UserError(f"{path}: has no channel with numbers in it")

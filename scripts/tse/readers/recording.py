@@ -187,8 +187,8 @@ def check_rows(path: Path, what: str, rows: int, each: int = MIN_SIGNAL_BYTES) -
         most = max(most, measure_size(path) // each)
     if rows > most:
         raise UserError(
-            f"{path}: {what} has {rows:,} rows; of a file of its size up to {most:,} are read "
-            "(four hours at 100 Hz of any): cut it into drives; or it is made to fill the machine"
+            f"{path}: {what} has {rows:,} rows; a file of its size may have up to {most:,} "
+            "(any file four hours at 100 Hz): cut it into drives; or it is made to fill the machine"
         )
 
 
@@ -248,8 +248,8 @@ def limit_memory(path: Path) -> Iterator[None]:
         yield
     except MemoryError:
         raise UserError(
-            f"{path}: takes more than {room / 2**30:.1f} GB of memory to read, which is far more than its "
-            "size: it is damaged, made to fill the machine, or very long: cut it into drives"
+            f"{path}: takes more than {room / 2**30:.1f} GB of memory to read, far more than its "
+            "size allows: it is damaged, made to fill the machine, or very long: cut it into drives"
         ) from None
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
@@ -312,7 +312,7 @@ def limit_time(path: Path) -> Iterator[None]:
 def _make_time_error(path: Path, most: float) -> UserError:
     """Return the error of a file that takes more than `most` seconds to read."""
     return UserError(
-        f"{path}: takes more than {most:.0f} s to read, which is far more than its size: its blocks lead in "
+        f"{path}: takes more than {most:.0f} s to read, far more than its size allows: its blocks form "
         "a circle, or it is made to keep a machine busy"
     )
 

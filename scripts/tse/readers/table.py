@@ -195,7 +195,7 @@ def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -
         return 0
     raise UserError(
         f"{path}: no column is a time; its columns: {list_names(names)}. Say which in signals.toml: "
-        '[log] time = "NAME", or, where rows are at a steady beat, [log] step = 0.01 (seconds)'
+        '[log] time = "NAME", or, for rows at a constant step, [log] step = 0.01 (seconds)'
     )
 
 
@@ -263,7 +263,7 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     if unit:
         per = unit_factor(unit, "s")
         if per is None:
-            raise UserError(f"{path}: [log] time_unit: {unit!r} is no unit of time; s, ms, us, ns are")
+            raise UserError(f"{path}: [log] time_unit: {unit!r} is no unit of time; allowed: s, ms, us, ns")
         return time * per
     step = np.diff(time)
     step = step[np.isfinite(step) & (step > 0)]
@@ -271,7 +271,7 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     _, name, per = next(t for t in TICK_UNITS if usual <= t[0])
     if name != "s":
         notes.append(
-            f"time: rows are {usual:g} apart, so they are taken as {name} ([log] time_unit says otherwise)"
+            f"time: rows are {usual:g} apart, so they are taken as {name} ([log] time_unit sets another)"
         )
     return time * per
 
@@ -328,8 +328,8 @@ def _guess_units(
     if shortest > MAX_GROUP_STEP:
         _, unit, per = next(t for t in TICK_UNITS if shortest <= t[0])
         notes.append(
-            f"time seems to be in {unit}: entries are {shortest:g} apart, so it is taken as such "
-            "([log] time_unit says otherwise)"
+            f"time seems to be in {unit}: entries are {shortest:g} apart, so it is converted "
+            "([log] time_unit sets another)"
         )
         return dict.fromkeys(times, per)
     spans = {i: float(np.ptp(times[i][np.isfinite(times[i])])) for i in steps}
@@ -341,14 +341,13 @@ def _guess_units(
                 found[i] = per
                 named = list_names(c.name for c in channels.values() if id(c.time) == i)
                 notes.append(
-                    f"time of {named} seems to be in {unit}, unlike that of the others: it is taken as such"
+                    f"time of {named} seems to be in {unit}, unlike that of the others: it is converted"
                 )
     return found
 
 
 PACKED_NOTE = (
-    "time: its numbers are times of day as HHMMSS.ss, so they are taken as such "
-    "([log] time_unit says otherwise)"
+    "time: its numbers are times of day as HHMMSS.ss, so they are converted ([log] time_unit sets another)"
 )
 
 
@@ -439,8 +438,8 @@ def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
         if found.notna().mean() > 0.5:
             return _convert_dates(found)
     raise UserError(
-        f"{path}: column {name}: {first[:30]!r} is no time; seconds, a date as 2024-05-01 12:00:00.010 or "
-        "a time of day as 12:00:00.010 are; another column: [log] time in signals.toml"
+        f"{path}: column {name}: {first[:30]!r} is no time; allowed: seconds, a date as "
+        "2024-05-01 12:00:00.010, a time of day as 12:00:00.010; another column: [log] time in signals.toml"
     )
 
 

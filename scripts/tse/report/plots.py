@@ -1,5 +1,6 @@
-"""The report's interactive figures, one function a section: plain dictionaries as plotly draws them, for its classes check every
-number of every line and take a hundred times as long to be made."""
+"""Interactive figures of the report, one function a section. They are plain
+dictionaries as plotly draws them: plotly's classes check every number of every line
+and take a hundred times as long."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tse.estimation.estimate import BLOCK, Block
-from tse.estimation.regimes import REGIMES, Change, Spell, spoken_of
+from tse.estimation.regimes import REGIMES, Change, Spell, estimate_times
 from tse.estimation.verdict import NAMES, UNITS
 from tse.library.core import GRIP, NOMINAL, STATUS, STIFFNESS, Config, library
 from tse.library.errors import UserError
@@ -19,23 +20,38 @@ from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
-PART = 1 << 18  # rows that are thinned at a time, whole strides
-MOST_POINTS = 8000  # per line; longer logs are thinned
-QUIET = 1.4  # noise found over the setting's up to which there is nothing to see: steps of steering and torque read as some
-FINDING = 2.0  # s at the start in which the noise is still being found
+THIN_ROWS = 1 << 18  # rows that are thinned at a time, whole strides
+MAX_POINTS = 8000  # per line; longer logs are thinned
+# Max ratio of estimated noise over its setting that is not drawn: steps of steering and
+# torque look like some noise.
+MAX_NOISE_RATIO = 1.4
+SETTLING = 2.0  # s at the start in which the estimate of the noise settles
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
-    "p_steady": "#dfe4e9", "p_changed": BLUE, "p_axle": PURPLE, "p_fault": "#b3261e", "p_sliding": ORANGE,
+    "p_steady": "#dfe4e9",
+    "p_changed": BLUE,
+    "p_axle": PURPLE,
+    "p_fault": "#b3261e",
+    "p_sliding": ORANGE,
     "p_restarted": INK,
-}  # fmt: skip
-MOST_LABELS = 16  # events named in the plot; the others have a line
-MOST_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
+}
+MAX_LABELS = 16  # events named in the plot; the others have a line
+MAX_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
 
 
 LOOKS = {  # of every figure
-    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK}, "paper_bgcolor": "white", "plot_bgcolor": "white",
-    "legend": {"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
-}  # fmt: skip
+    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
+    "paper_bgcolor": "white",
+    "plot_bgcolor": "white",
+    "legend": {
+        "orientation": "h",
+        "y": 0.995,
+        "yanchor": "top",
+        "x": 0,
+        "xanchor": "left",
+        "yref": "container",
+    },
+}
 AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
 
 
@@ -52,7 +68,8 @@ def layout(figure: Any, height: int, **more: object) -> Any:
 
 
 def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
-    """A figure of rows: title, and name, time and values of each line."""
+    """Return a figure of rows, each with a title, and name, time and values of each
+    line."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
@@ -64,13 +81,21 @@ def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
     return figure.update_layout(height=180 * len(rows) + 80)
 
 
-STYLE = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8, "text.color": INK,
-         "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
+STYLE = {
+    "font.size": 11,
+    "font.family": "DejaVu Sans",
+    "axes.edgecolor": "#c8ced4",
+    "axes.linewidth": 0.8,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": "#52606d",
+    "ytick.color": "#52606d",
+}
 
 
 @contextmanager
 def picture_of(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
-    """matplotlib's pyplot; the figure that the block draws becomes a PNG."""
+    """Give matplotlib's pyplot; write the figure that the block draws as PNG."""
     try:
         import matplotlib
     except ImportError:
@@ -85,12 +110,13 @@ def picture_of(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers use.
+# Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers
+# use.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
 def match_reference(column: str) -> str | None:
-    """The quantity a ref_ column is drawn with, or None."""
+    """Return the quantity that a ref_ column is drawn with; None: none."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -105,8 +131,8 @@ def match_reference(column: str) -> str | None:
 
 
 def thin(y: np.ndarray, stride: int) -> np.ndarray:
-    """Of every `stride` values of a line the least and the greatest, in the order in which they come: peaks survive. `y`: a line,
-    or lines as rows."""
+    """Return min and max of every `stride` values of a line, in their order, so that
+    peaks survive. `y`: a line, or lines as rows."""
     if stride == 1:
         return y
     missing = np.full((*y.shape[:-1], -y.shape[-1] % stride), np.nan)
@@ -119,8 +145,8 @@ def thin(y: np.ndarray, stride: int) -> np.ndarray:
     )
 
 
-def picks(rows: int, stride: int) -> np.ndarray:
-    """The rows at which the values of thin() are drawn."""
+def pick_rows(rows: int, stride: int) -> np.ndarray:
+    """Return the rows at which the values of thin() are drawn."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
@@ -128,25 +154,27 @@ def picks(rows: int, stride: int) -> np.ndarray:
 
 
 def stride_for(rows: int, most: int) -> int:
-    """How many rows thin() takes together, so that at most about `most` points are left of a line."""
+    """Return the stride of thin() that leaves at most about `most` points of a line."""
     return 1 if rows <= most else -(-2 * rows // most)
 
 
 def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
-    """A line of about `most` points, with its peaks; broken by NaN where `time` jumps by more than `hole` s."""
+    """Return a line of about `most` points with its peaks, broken by NaN where `time`
+    jumps by more than `hole` s."""
     stride = stride_for(len(y), most)
     xs, ys = [], []
     for part in np.split(np.arange(len(y)), 1 + np.flatnonzero(np.diff(time) > hole)):
         if xs:
             xs.append(time[part[:1]])
             ys.append(np.array([np.nan]))
-        xs.append(time[part][picks(len(part), stride)] if len(part) else time[part])
+        xs.append(time[part][pick_rows(len(part), stride)] if len(part) else time[part])
         ys.append(thin(y[part], stride))
     return np.concatenate(xs), np.concatenate(ys)
 
 
-def least(y: np.ndarray, stride: int) -> np.ndarray:
-    """Of every `stride` rows that in which y is least, twice: for lines that belong together, as thin() has its values."""
+def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
+    """Return the row of the min of y in every `stride` rows, twice, as thin() has its
+    values: for lines that belong together."""
     if stride == 1:
         return np.arange(len(y))
     rest = np.full(-len(y) % stride, np.inf)
@@ -155,13 +183,14 @@ def least(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def stride_of(rows: int) -> int:
-    """A power of two, so that the blocks of a run are whole numbers of strides."""
-    return 1 if rows <= MOST_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MOST_POINTS))))
+    """Return a stride that is a power of two, so that blocks of a run are whole
+    numbers of strides."""
+    return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
 
 
 class Data:
-    """What the figures draw, thinned to what a screen can show. The estimates are added block by block, as the run makes them:
-    all but the last block of a multiple of `stride` rows."""
+    """Lines of the figures, thinned to the resolution of a screen. A run adds its
+    estimates block by block; all but the last block are a multiple of `stride` rows."""
 
     def __init__(self, log: CheckedLog):
         self.stride = stride_of(len(log))
@@ -171,60 +200,70 @@ class Data:
         self._hover: dict[str, list[str]] = {key: [] for key in STIFFNESS}
 
     def add(self, block: Block | pd.DataFrame) -> None:
-        """Rows of EST.csv."""
+        """Add rows of EST.csv."""
         columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
-        at = picks(count, self.stride)
+        at = pick_rows(count, self.stride)
         lines = drawn(columns)
         for name, y in zip(
             lines, thin(np.array(list(lines.values())), self.stride).astype(np.float32), strict=True
         ):
             self._lines.setdefault(name, []).append(y)
         if all(p in columns for p in REGIMES):
-            unusual = least(columns["p_steady"], self.stride)
+            unusual = find_min_rows(columns["p_steady"], self.stride)
             for p in REGIMES:
                 self._lines.setdefault(p, []).append(columns[p][unusual].astype(np.float32))
         for key in STIFFNESS:
-            band = zip(columns[key][at] / 1000, 1.96 * columns[f"{key}_sd"][at] / 1000,
-                       getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
-                       strict=True)  # fmt: skip
+            band = zip(
+                columns[key][at] / 1000,
+                1.96 * columns[f"{key}_sd"][at] / 1000,
+                getattr(block[f"{key}_reason"], "array", block[f"{key}_reason"])[at],
+                strict=True,
+            )
             self._hover[key] += [f"{m:.1f} ± {s:.1f} {UNITS[key]}, {r}" for m, s, r in band]
         self.rows += count
 
     @property
     def logged_time(self) -> np.ndarray:
-        """Of what the log says: references, measurements."""
-        return self._log.time[picks(self.rows, self.stride)]
+        """Time of the rows, for columns of the log."""
+        return self._log.time[pick_rows(self.rows, self.stride)]
 
     @property
     def time(self) -> np.ndarray:
-        """That the estimates speak of: where channels are logged late, before the row."""
+        """Time that the estimates refer to: before the row if channels are logged
+        late."""
         time = self.logged_time
         age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
         return time - age if np.any(age > 0) else time
 
     def line(self, name: str) -> np.ndarray:
-        """A line of drawn()."""
+        """Return a line of drawn()."""
         return np.concatenate(self._lines[name])
 
     def __contains__(self, name: str) -> bool:
         return name in self._lines
 
     def hover(self, key: str) -> list[str]:
-        """What is said of a stiffness under the mouse."""
+        """Return the texts that are shown under the mouse."""
         return self._hover[key]
 
     def logged(self, name: str) -> np.ndarray:
-        """A column of the log, with the references."""
+        """Return a column of the log or a reference."""
         column = self._log.data[name] if name in self._log.data else self._log.ref[name]
         y = column.to_numpy()[: self.rows]
-        return np.concatenate([thin(y[i : i + PART], self.stride) for i in range(0, max(len(y), 1), PART)])
+        return np.concatenate(
+            [thin(y[i : i + THIN_ROWS], self.stride) for i in range(0, max(len(y), 1), THIN_ROWS)]
+        )
 
     def references(self, quantity: str | None) -> list[str]:
+        """Return the reference columns of a quantity."""
         return [c for c in self._log.ref if match_reference(c) == quantity]
 
 
-FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}  # drawn in other units than EST.csv has
+FACTOR = {
+    **dict.fromkeys(STIFFNESS, 1e-3),
+    "sideslip": 180 / np.pi,
+}  # from the units of EST.csv to those of the plots
 WITH_BAND = (
     *STIFFNESS,
     "vel_x",
@@ -236,12 +275,13 @@ WITH_BAND = (
     "bias_accel_y",
     "bias_yaw_rate",
 )
-OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # where they are
+OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # if the table has them
 PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", "noise") for c in MEASURES))
 
 
 def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The lines that are drawn of some rows of EST.csv, in the units of the plots. `x_low` and `x_high` are the 95 % interval."""
+    """Return the lines that are drawn of rows of EST.csv, in the units of the plots.
+    `x_low` and `x_high` are the 95 % interval."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -257,7 +297,8 @@ def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class Figure:
-    """Plots below each other that share the time axis. `heights`: of each row, in pixels."""
+    """Plots below each other with a common time axis. `heights`: of each row, in
+    pixels."""
 
     def __init__(self, titles: Sequence[str], heights: Sequence[float]):
         self.height = sum(heights) + 70
@@ -266,29 +307,53 @@ class Figure:
         gap = 0.11 / rows + 0.012
         axis = {**AXIS, "automargin": True}
         self.layout: dict[str, Any] = {
-            "height": self.height, "margin": {"l": 62, "r": 18, "t": 70, "b": 40}, **LOOKS, "hovermode": "x unified",
-            "annotations": [], "shapes": [],
-        }  # fmt: skip
+            "height": self.height,
+            "margin": {"l": 62, "r": 18, "t": 70, "b": 40},
+            **LOOKS,
+            "hovermode": "x unified",
+            "annotations": [],
+            "shapes": [],
+        }
         top = 1.0
         for row, (title, height) in enumerate(zip(titles, heights, strict=True), 1):
             bottom = max(0.0, top - height / total * (1 - gap * (rows - 1)))
             last = row == rows
             self.layout[f"xaxis{self.axis(row)}"] = {
-                **axis, "anchor": f"y{self.axis(row)}", "domain": [0.0, 1.0], "ticks": "outside", "tickcolor": "#c8ced4",
-                **({"title": {"text": "time [s]"}} if last else {"matches": f"x{self.axis(rows)}", "showticklabels": False}),
-            }  # fmt: skip
+                **axis,
+                "anchor": f"y{self.axis(row)}",
+                "domain": [0.0, 1.0],
+                "ticks": "outside",
+                "tickcolor": "#c8ced4",
+                **(
+                    {"title": {"text": "time [s]"}}
+                    if last
+                    else {"matches": f"x{self.axis(rows)}", "showticklabels": False}
+                ),
+            }
             self.layout[f"yaxis{self.axis(row)}"] = {
-                **axis, "anchor": f"x{self.axis(row)}", "domain": [bottom, top], "title": {"standoff": 6},
-            }  # fmt: skip
+                **axis,
+                "anchor": f"x{self.axis(row)}",
+                "domain": [bottom, top],
+                "title": {"standoff": 6},
+            }
             self.layout["annotations"].append(
-                {"text": title, "x": 0, "xanchor": "left", "xref": "paper", "y": top, "yanchor": "bottom", "yref": "paper",
-                 "showarrow": False, "font": {"size": 14, "color": INK}}
-            )  # fmt: skip
+                {
+                    "text": title,
+                    "x": 0,
+                    "xanchor": "left",
+                    "xref": "paper",
+                    "y": top,
+                    "yanchor": "bottom",
+                    "yref": "paper",
+                    "showarrow": False,
+                    "font": {"size": 14, "color": INK},
+                }
+            )
             top = bottom - gap
 
     @staticmethod
     def axis(row: int) -> str:
-        """What plotly calls the axes of a row: x, x2, x3 ..."""
+        """Return the name of an axis of a row in plotly: x, x2, x3 ..."""
         return "" if row == 1 else str(row)
 
     def y_axis(self, row: int) -> dict[str, Any]:
@@ -303,7 +368,7 @@ class Figure:
         return {"data": self.data, "layout": self.layout}
 
 
-def _line(
+def _draw_line(
     figure: Figure, row: int, x: np.ndarray, y: Any, name: str, colour: str, legend: bool = True, **more: Any
 ) -> None:
     line = {"color": colour, "width": more.pop("width", 1.5)}
@@ -311,12 +376,20 @@ def _line(
         if key in more:
             line[known] = more.pop(key)
     figure.add(
-        row, x=x, y=np.asarray(y, np.float32), name=name, line=line, mode="lines", legendgroup=name, showlegend=legend,
-        connectgaps=False, **more,
-    )  # fmt: skip
+        row,
+        x=x,
+        y=np.asarray(y, np.float32),
+        name=name,
+        line=line,
+        mode="lines",
+        legendgroup=name,
+        showlegend=legend,
+        connectgaps=False,
+        **more,
+    )
 
 
-def _band(
+def _draw_band(
     figure: Figure,
     row: int,
     x: np.ndarray,
@@ -328,39 +401,60 @@ def _band(
 ) -> None:
     for y, fill in ((low, "none"), (high, "tonexty")):
         figure.add(
-            row, x=x, y=y, name=name, mode="lines", line={"width": 0, "color": colour}, fill=fill, fillcolor=colour,
-            hoverinfo="skip", legendgroup=name, showlegend=fill != "none" and legend,
-        )  # fmt: skip
+            row,
+            x=x,
+            y=y,
+            name=name,
+            mode="lines",
+            line={"width": 0, "color": colour},
+            fill=fill,
+            fillcolor=colour,
+            hoverinfo="skip",
+            legendgroup=name,
+            showlegend=fill != "none" and legend,
+        )
 
 
 def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None:
-    """Shade the stretches where `where` is true; the shortest gaps between them are bridged if there are too many."""
+    """Shade the intervals where `where` is true. If there are too many, bridge the
+    shortest gaps."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
-    if len(starts) > MOST_SHADES:
+    if len(starts) > MAX_SHADES:
         gaps = starts[1:] - ends[:-1]
-        keep = np.sort(np.argsort(gaps)[::-1][: MOST_SHADES - 1])
+        keep = np.sort(np.argsort(gaps)[::-1][: MAX_SHADES - 1])
         starts, ends = (
             np.concatenate([starts[:1], starts[1:][keep]]),
             np.concatenate([ends[:-1][keep], ends[-1:]]),
         )
     axis = figure.axis(row)
     figure.layout["shapes"] += [
-        {"type": "rect", "xref": f"x{axis}", "yref": f"y{axis} domain", "x0": float(time[a]),
-         "x1": float(time[min(b, len(time) - 1)]), "y0": 0, "y1": 1, "fillcolor": SHADE, "line": {"width": 0}, "layer": "below"}
+        {
+            "type": "rect",
+            "xref": f"x{axis}",
+            "yref": f"y{axis} domain",
+            "x0": float(time[a]),
+            "x1": float(time[min(b, len(time) - 1)]),
+            "y0": 0,
+            "y1": 1,
+            "fillcolor": SHADE,
+            "line": {"width": 0},
+            "layer": "below",
+        }
         for a, b in zip(starts, ends, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def stiffness_figure(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Mean and its 95 % interval, of particles the spread, too; grey where not valid, with the reason on hover. Below them what
-    happened, if the estimates tell. `table`: at least SUMMARY."""
+    """Return means with their 95 % intervals, of particle filters the spread, too:
+    grey where not valid, with the reason on hover. Below them the events, if the table
+    has them. `table`: at least the columns of SUMMARY."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)
-    time = spoken_of(table)
+    time = estimate_times(table)
     for row, key in enumerate(STIFFNESS, 1):
         first = row == 1
         nominal = getattr(config, NOMINAL[key]) / 1000
@@ -370,7 +464,7 @@ def stiffness_figure(
         ):
             if part and not config.form:
                 continue
-            _band(
+            _draw_band(
                 figure,
                 row,
                 d.time,
@@ -380,8 +474,8 @@ def stiffness_figure(
                 colour,
                 first,
             )
-        _line(figure, row, d.time, d.line(f"{key}_other"), "not valid", GREY, first, hoverinfo="skip")
-        _line(
+        _draw_line(figure, row, d.time, d.line(f"{key}_other"), "not valid", GREY, first, hoverinfo="skip")
+        _draw_line(
             figure,
             row,
             d.time,
@@ -393,7 +487,7 @@ def stiffness_figure(
             hoverinfo="skip",
         )
         text = d.hover(key)
-        _line(
+        _draw_line(
             figure,
             row,
             d.time,
@@ -405,10 +499,10 @@ def stiffness_figure(
             hovertemplate="%{text}",
         )
         ends, level = d.time[[0, -1]], [nominal, nominal]
-        _line(figure, row, ends, level, "nominal", GREY, first, dash="dot", width=1, hoverinfo="skip")
+        _draw_line(figure, row, ends, level, "nominal", GREY, first, dash="dot", width=1, hoverinfo="skip")
         for i, c in enumerate(d.references(key)):
             y = d.logged(c) / 1000
-            _line(
+            _draw_line(
                 figure, row, d.logged_time, y, "reference", ORANGE, first and i == 0, width=1.8, dash="dash"
             )
         shade(figure, row, time, table[f"{key}_valid"].to_numpy() != 1)
@@ -420,55 +514,89 @@ def stiffness_figure(
         )
         figure.y_axis(row)["range"] = [0, float(min(top, 6 * nominal))]
     if regimes:
-        _strip(figure, len(STIFFNESS) + 1, d)
+        _draw_regimes(figure, len(STIFFNESS) + 1, d)
     mark(figure, len(titles), changes, spells)
     return figure
 
 
-def _strip(figure: Figure, row: int, d: Data) -> None:
-    """The probabilities of the regimes, one on the other."""
+def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
+    """Draw the probabilities of the regimes, stacked."""
     for name, title in REGIMES.items():
         figure.add(
-            row, x=d.time, y=d.line(name), name=title, mode="lines", stackgroup="regimes", fillcolor=REGIME_COLOURS[name],
-            line={"width": 0, "color": REGIME_COLOURS[name], "shape": "hv"}, legendgroup=name, showlegend=name != "p_steady",
+            row,
+            x=d.time,
+            y=d.line(name),
+            name=title,
+            mode="lines",
+            stackgroup="regimes",
+            fillcolor=REGIME_COLOURS[name],
+            line={"width": 0, "color": REGIME_COLOURS[name], "shape": "hv"},
+            legendgroup=name,
+            showlegend=name != "p_steady",
             hovertemplate="%{y:.0%}",
-        )  # fmt: skip
+        )
     figure.y_axis(row).update(range=[0, 1], tickformat=".0%", dtick=0.5)
 
 
 def mark(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
-    """A line through all rows for every change, and in `row` what it was; the same for the most probable spells."""
+    """Draw a line through all rows for each change, with its name in `row`; the same
+    for the most probable spells."""
     figure.layout["shapes"] += [
-        {"type": "line", "xref": "x", "yref": "paper", "x0": c.time, "x1": c.time, "y0": 0, "y1": 1,
-         "line": {"color": INK, "width": 1, "dash": "dot"}}
+        {
+            "type": "line",
+            "xref": "x",
+            "yref": "paper",
+            "x0": c.time,
+            "x1": c.time,
+            "y0": 0,
+            "y1": 1,
+            "line": {"color": INK, "width": 1, "dash": "dot"},
+        }
         for c in changes
-    ]  # fmt: skip
-    longest = sorted(spells, key=lambda s: s.start - s.end)[: max(0, MOST_LABELS - len(changes))]
-    likeliest = sorted(changes, key=lambda c: -c.probability)[:MOST_LABELS]
+    ]
+    longest = sorted(spells, key=lambda s: s.start - s.end)[: max(0, MAX_LABELS - len(changes))]
+    likeliest = sorted(changes, key=lambda c: -c.probability)[:MAX_LABELS]
     labels = sorted([(c.time, c.label) for c in likeliest] + [(s.start, s.label) for s in longest])
     axis = figure.axis(row)
     figure.layout["annotations"] += [
-        {"text": text, "x": time, "xref": f"x{axis}", "xanchor": "left", "y": 0.95 - 0.3 * (i % 3), "yref": f"y{axis} domain",
-         "yanchor": "top", "showarrow": False, "font": {"size": 12, "color": INK}, "bgcolor": "rgba(255,255,255,0.8)"}
+        {
+            "text": text,
+            "x": time,
+            "xref": f"x{axis}",
+            "xanchor": "left",
+            "y": 0.95 - 0.3 * (i % 3),
+            "yref": f"y{axis} domain",
+            "yanchor": "top",
+            "showarrow": False,
+            "font": {"size": 12, "color": INK},
+            "bgcolor": "rgba(255,255,255,0.8)",
+        }
         for i, (time, text) in enumerate(labels)
-    ]  # fmt: skip
+    ]
 
 
 def states_figure(d: Data, grip: bool = False) -> Figure:
-    """States with their 95 % intervals, references and what was measured. `grip`: it is estimated."""
-    rows = [("vel_x", "Longitudinal velocity [m/s]"), ("vel_y", "Lateral velocity [m/s]"),
-            ("yaw_rate", "Yaw rate [rad/s]"), ("sideslip", "Sideslip angle [deg]")]  # fmt: skip
+    """Return states with their 95 % intervals, references and measured values. `grip`:
+    it is estimated."""
+    rows = [
+        ("vel_x", "Longitudinal velocity [m/s]"),
+        ("vel_y", "Lateral velocity [m/s]"),
+        ("yaw_rate", "Yaw rate [rad/s]"),
+        ("sideslip", "Sideslip angle [deg]"),
+    ]
     if grip:
         rows.append((GRIP, "Grip [1]"))
     figure = Figure([title for _, title in rows], [180] * len(rows))
     for row, (key, _title) in enumerate(rows, 1):
         first = row == 1
         if key == "yaw_rate":
-            _line(figure, row, d.logged_time, d.logged("yaw_rate"), "measured", GREY, True, width=1)
-        _band(figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % interval", BAND, first)
-        _line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
+            _draw_line(figure, row, d.logged_time, d.logged("yaw_rate"), "measured", GREY, True, width=1)
+        _draw_band(
+            figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % interval", BAND, first
+        )
+        _draw_line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
         for c in d.references(key):
-            _line(
+            _draw_line(
                 figure,
                 row,
                 d.logged_time,
@@ -483,15 +611,18 @@ def states_figure(d: Data, grip: bool = False) -> Figure:
 
 
 def inputs_figure(d: Data) -> Figure:
-    """The log as it was read."""
-    rows = [("Steering angle [rad]", ["steer_angle"]), ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),
-            ("Specific force [m/s2]", ["accel_x", "accel_y"])]  # fmt: skip
+    """Return the channels of the log."""
+    rows = [
+        ("Steering angle [rad]", ["steer_angle"]),
+        ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),
+        ("Specific force [m/s2]", ["accel_x", "accel_y"]),
+    ]
     figure = Figure([title for title, _ in rows], [180] * len(rows))
     for row, (_, names) in enumerate(rows, 1):
         for name, colour in zip(names, (BLUE, GREEN), strict=False):
-            _line(figure, row, d.logged_time, d.logged(name), name, colour, width=1.2)
+            _draw_line(figure, row, d.logged_time, d.logged(name), name, colour, width=1.2)
             for c in d.references(name):
-                _line(
+                _draw_line(
                     figure,
                     row,
                     d.logged_time,
@@ -514,8 +645,9 @@ UNEXPLAINED = (
 
 
 def health_figure(d: Data) -> Figure:
-    """Biases, log-likelihood, innovations or effective particles, status; the noise found where it is not what the settings say;
-    the model discrepancy, where the estimates have it."""
+    """Return biases, log-likelihood, innovations or effective particles, status; the
+    estimated noise where it differs from the settings; the model discrepancy, if the
+    estimates have it."""
     particles = bool((d.line("n_eff") > 1).any())
     titles = [
         "Accelerometer biases [m/s2]",
@@ -527,15 +659,15 @@ def health_figure(d: Data) -> Figure:
         "Status",
     ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}
-    found = np.asarray(d.time) > d.time[0] + FINDING if len(d.time) else np.zeros(0, bool)
-    noisy = any((x[found] > QUIET).any() for x in noise.values())
+    found = np.asarray(d.time) > d.time[0] + SETTLING if len(d.time) else np.zeros(0, bool)
+    noisy = any((x[found] > MAX_NOISE_RATIO).any() for x in noise.values())
     titles += ["Noise found, over the settings'"] * noisy
     unexplained = [(title, names) for title, names in UNEXPLAINED if all(n in d for n in names)]
     titles += [title for title, _ in unexplained]
     figure = Figure(titles, [150] * len(titles))
     for row, names in ((1, ("bias_accel_x", "bias_accel_y")), (2, ("bias_yaw_rate",))):
         for name, colour, band in zip(names, (BLUE, GREEN), (BAND, "rgba(26,127,90,0.2)"), strict=False):
-            _band(
+            _draw_band(
                 figure,
                 row,
                 d.time,
@@ -545,9 +677,9 @@ def health_figure(d: Data) -> Figure:
                 band,
                 False,
             )
-            _line(figure, row, d.time, d.line(name), name, colour)
+            _draw_line(figure, row, d.time, d.line(name), name, colour)
     evidence = d.line("log_evidence")
-    _line(figure, 3, d.time, evidence, "log_evidence", PURPLE, False, width=1)
+    _draw_line(figure, 3, d.time, evidence, "log_evidence", PURPLE, False, width=1)
     if np.isfinite(evidence).any():
         low, high = np.nanquantile(evidence, [0.005, 0.999])
         figure.y_axis(3)["range"] = [
@@ -555,26 +687,37 @@ def health_figure(d: Data) -> Figure:
             float(high + 0.1 * (high - low) + 1),
         ]
     for name, colour in zip(("n_eff",) if particles else NIS, (BLUE, GREEN, PURPLE), strict=False):
-        _line(figure, 4, d.time, d.line(name), name, colour, False, width=1)
+        _draw_line(figure, 4, d.time, d.line(name), name, colour, False, width=1)
     texts = {code: f.text for code, f in library().codes(STATUS).items()}
     status = d.line("status")
-    _line(figure, 5, d.time, status, "status", INK, False, text=[texts.get(int(s), "") for s in status],
-          hovertemplate="%{y}: %{text}", line_shape="hv")  # fmt: skip
+    _draw_line(
+        figure,
+        5,
+        d.time,
+        status,
+        "status",
+        INK,
+        False,
+        text=[texts.get(int(s), "") for s in status],
+        hovertemplate="%{y}: %{text}",
+        line_shape="hv",
+    )
     figure.y_axis(5).update(rangemode="tozero", dtick=1)
     for name, colour in zip(noise if noisy else (), (BLUE, GREEN, PURPLE), strict=False):
-        _line(figure, 6, d.time, noise[name], name, colour, width=1.2)
+        _draw_line(figure, 6, d.time, noise[name], name, colour, width=1.2)
     for row, (_, names) in enumerate(unexplained, 6 + noisy):
         for name, colour in zip(names, (BLUE, GREEN), strict=False):
-            _line(figure, row, d.time, d.line(name), name, colour, width=1.2)
+            _draw_line(figure, row, d.time, d.line(name), name, colour, width=1.2)
     return figure
 
 
 def others_figure(d: Data) -> Figure | None:
-    """Reference columns that belong to no quantity of the estimator."""
+    """Return reference columns that belong to no quantity of the estimator; None:
+    there are none."""
     names = d.references(None)
     if not names:
         return None
     figure = Figure(names, [130] * len(names))
     for row, name in enumerate(names, 1):
-        _line(figure, row, d.logged_time, d.logged(name), name, ORANGE, False, width=1.2)
+        _draw_line(figure, row, d.logged_time, d.logged(name), name, ORANGE, False, width=1.2)
     return figure

@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs nothing else, readable offline."""
+"""The report: one HTML file that needs nothing else and can be read offline."""
 
 import base64
 import gzip
@@ -15,7 +15,7 @@ from markupsafe import Markup
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes
 from tse.estimation.answer import beside, held
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.verdict import Finding, findings
 from tse.library import __version__
 from tse.library.core import Config, library
@@ -24,14 +24,14 @@ from tse.log.rows import CheckedLog
 from tse.report import plots
 from tse.report.results import run_facts
 
-MOST_CARDS = 6  # stretches of road that have cards; the table has all
-MOST_EVENTS = 200  # in the table
+MAX_CARDS = 6  # stretches of road with a card; the table has all
+MAX_TABLE_EVENTS = 200  # in the table
 LEVEL = 4  # of compression; 9 takes three times as long for 3 %
 
 
 def write_report(
     path: Path,
-    est: Estimate,
+    est: Estimates,
     log: CheckedLog,
     vehicle: Vehicle,
     config: Config,
@@ -40,8 +40,11 @@ def write_report(
     contradictions: Sequence[str] = (),
     judged: tuple[list[regimes.Change], list[Finding]] | None = None,
 ) -> None:
-    """Write the report of a run. `contradictions`: see verdict.findings. `data`, `judged`: what was drawn of it on the way, and its
-    changes and findings; else they are made from the table of `est`."""
+    """Write the report of a run.
+
+    `data`: lines that were collected during the run; `judged`: its changes and
+    findings. Without them both are made from the table of `est`. `contradictions`: as
+    in verdict.findings()."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
@@ -50,25 +53,57 @@ def write_report(
         judged = changes, findings(est.table, config, changes, contradictions, est.uncertainty_sd)
     (changes, found), spells = judged, regimes.spells(est.table)
     sections = [
-        ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
-         "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),
-        ("States", "Estimates against the reference columns of the log, where there are any.",
-         plots.states_figure(data, config.form == 0 and config.grip_sd > 0)),
-        ("Inputs and measurements", "The log as it was read; references are off until their legend entry is clicked.",
-         plots.inputs_figure(data)),
-        ("Health of the filter", "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
-         plots.health_figure(data)),
-        ("Other reference columns", "Columns of the log that start with ref_ and match no estimate.", plots.others_figure(data)),
-    ]  # fmt: skip
-    write_page(path, "report.html.j2", sections, title=log.path.name, vehicle=vehicle, findings=found, spread=config.form != 0,
-               most=MOST_CARDS, events=events(changes, spells), facts=run_facts(est, log, vehicle, config, data.stride),
-               changed=[(config.fields[name], value) for name, value in config.changed().items()],
-               notes=notes, filters={"held": held, "beside": beside})  # fmt: skip
+        (
+            "Stiffness",
+            "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to "
+            "reset; all plots "
+            "share the time axis.",
+            plots.stiffness_figure(data, est.table, config, changes, spells),
+        ),
+        (
+            "States",
+            "Estimates against the reference columns of the log, where there are any.",
+            plots.states_figure(data, config.form == 0 and config.grip_sd > 0),
+        ),
+        (
+            "Inputs and measurements",
+            "The log as it was read; references are off until their legend entry is clicked.",
+            plots.inputs_figure(data),
+        ),
+        (
+            "Health of the filter",
+            "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
+            plots.health_figure(data),
+        ),
+        (
+            "Other reference columns",
+            "Columns of the log that start with ref_ and match no estimate.",
+            plots.others_figure(data),
+        ),
+    ]
+    write_page(
+        path,
+        "report.html.j2",
+        sections,
+        title=log.path.name,
+        vehicle=vehicle,
+        findings=found,
+        spread=config.form != 0,
+        most=MAX_CARDS,
+        events=events(changes, spells),
+        facts=run_facts(est, log, vehicle, config, data.stride),
+        changed=[(config.fields[name], value) for name, value in config.changed().items()],
+        notes=notes,
+        filters={"held": held, "beside": beside},
+    )
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
-    """Write a page that needs nothing else. `sections`: title, text and figure, of plots.py or of plotly; without the figure none.
-    `words`: what else the template asks for; `filters` among them are those that it pipes through."""
+    """Write a page that needs nothing else.
+
+    `sections`: title, text and figure of plots.py or plotly; a section without a
+    figure is left out. `words`: further variables of the template; `filters` among
+    them are its filters."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
@@ -94,20 +129,20 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
 def events(
     changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]
 ) -> list[tuple[str, str, str, str]]:
-    """What happened, in order of time: when, what, probability, what it did."""
+    """Return the events in order of time: when, what, probability, effect."""
     rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
     rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
-    likeliest = sorted(rows, key=lambda r: -r[3])[:MOST_EVENTS]
+    likeliest = sorted(rows, key=lambda r: -r[3])[:MAX_TABLE_EVENTS]
     return [(when, what, regimes.percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
 
 
 def packed(text: str | bytes) -> Markup:
-    """Compressed and in letters that need no escaping."""
+    """Return text compressed, in letters that need no escaping."""
     data = text.encode() if isinstance(text, str) else text
     return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
 
 
 def figures_of(page: str) -> list[dict]:
-    """The figures inside a report, unpacked: for tests and for readers with a script."""
+    """Return the figures inside a report, unpacked, for tests and scripts."""
     packed = page.split('id="figures">', 1)[1].split("<", 1)[0]
     return json.loads(gzip.decompress(base64.b64decode(packed)))

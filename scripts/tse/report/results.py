@@ -1,41 +1,59 @@
-"""What a run found, for programs: rows of a table, a JSON document, an exit code that says how much can be used."""
+"""Results of a run for programs: rows of a table, a JSON document, an exit code."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pandas as pd
 
 from tse.car.config import filter_text
 from tse.car.vehicle import Vehicle, list_latency_settings
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate
+from tse.estimation.estimate import Estimates
 from tse.estimation.verdict import Finding, Quantity, Verdict
 from tse.library import __version__
 from tse.library.core import Config, library
-from tse.library.errors import UserError
-from tse.library.files import check_writable, is_parquet, write_atomically
+from tse.library.files import is_parquet, write_atomically
 from tse.log.rows import CheckedLog
 
 USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; 2 is bad input
 CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}
 LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # of a verdict
-KILO = 1000.0  # verdicts are in kN
-COLUMNS: dict[str, str] = {  # of the table of an estimate, a row per stretch of road and stiffness: pandas' type
-    "log": "string", "stretch": "Int64", "start": "Float64", "end": "Float64", "stiffness": "string", "value": "Float64",
-    "sd": "Float64", "low": "Float64", "high": "Float64", "smoothed": "Float64", "smoothed_sd": "Float64",
-    "smoothed_low": "Float64", "smoothed_high": "Float64", "smoothed_reason": "string",
-    "spread": "Float64", "nominal": "Float64", "valid": "Float64",
-    "usable": "string", "reason": "string", "change": "string", "change_probability": "Float64", "ratio": "Float64",
-    "ratio_sd": "Float64", "warnings": "string", "text": "string",
-}  # fmt: skip
+KILO = 1000.0  # verdicts are in kN and kN/rad
+# Types of pandas of the table of an estimate, a row per stretch of road and stiffness.
+COLUMNS: dict[str, str] = {
+    "log": "string",
+    "stretch": "Int64",
+    "start": "Float64",
+    "end": "Float64",
+    "stiffness": "string",
+    "value": "Float64",
+    "sd": "Float64",
+    "low": "Float64",
+    "high": "Float64",
+    "smoothed": "Float64",
+    "smoothed_sd": "Float64",
+    "smoothed_low": "Float64",
+    "smoothed_high": "Float64",
+    "smoothed_reason": "string",
+    "spread": "Float64",
+    "nominal": "Float64",
+    "valid": "Float64",
+    "usable": "string",
+    "reason": "string",
+    "change": "string",
+    "change_probability": "Float64",
+    "ratio": "Float64",
+    "ratio_sd": "Float64",
+    "warnings": "string",
+    "text": "string",
+}
 
 
 def exit_code(found: Sequence[Finding]) -> int:
-    """Usable: every stiffness is, on some stretch; nothing: none has a value on any."""
+    """Return USABLE if every stiffness is usable on some stretch, NOTHING if none has
+    a value on any, else IN_PART."""
     best: dict[str, str] = {}
     for v in (v for f in found for v in f.verdicts):
         best[v.key] = min(best.get(v.key, v.level), v.level, key=list(LEVELS).index)
@@ -45,13 +63,14 @@ def exit_code(found: Sequence[Finding]) -> int:
 
 def rows(
     log: Path,
-    est: Estimate,
+    est: Estimates,
     found: Sequence[Finding],
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """The table of an estimate: a dict per row, with COLUMNS. A change stands at the stretch that it began."""
-    time = regimes.spoken_of(est.table)
+    """Return the table of an estimate: a dict with COLUMNS per row. A change stands in
+    the rows of the stretch that begins with it."""
+    time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
     for number, f in enumerate(found, 1):
@@ -60,35 +79,64 @@ def rows(
         for v in f.verdicts:
             ratio, sd = began.ratio.get(v.key, (np.nan, np.nan)) if began else (np.nan, np.nan)
             table.append(
-                {"log": str(log), "stretch": number, "start": start, "end": end, **_of_verdict(v),
-                 "change": began.what if began else None, "change_probability": began.probability if began else np.nan,
-                 "ratio": ratio, "ratio_sd": sd, "warnings": "\n".join(warnings) or None, "text": v.text}
-            )  # fmt: skip
+                {
+                    "log": str(log),
+                    "stretch": number,
+                    "start": start,
+                    "end": end,
+                    **_convert_verdict(v),
+                    "change": began.what if began else None,
+                    "change_probability": began.probability if began else np.nan,
+                    "ratio": ratio,
+                    "ratio_sd": sd,
+                    "warnings": "\n".join(warnings) or None,
+                    "text": v.text,
+                }
+            )
     return table
 
 
-def _of_verdict(v: Verdict) -> dict[str, Any]:
-    """In N and N/rad."""
+def _convert_verdict(v: Verdict) -> dict[str, Any]:
+    """Return the columns of a verdict, in N and N/rad."""
     return {
-        "stiffness": v.key, "value": KILO * v.value, "sd": KILO * v.band / 1.96, "low": KILO * v.low, "high": KILO * v.high,
-        "smoothed": KILO * v.smoothed, "smoothed_sd": KILO * v.smoothed_band / 1.96,
-        "smoothed_low": KILO * (v.smoothed - v.smoothed_band), "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
-        "smoothed_reason": v.smoothed_reason or None, "spread": v.spread,
-        "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
-        "reason": (v.reason or None) if v.level != "good" else None,  # of a stiffness that is usable there is none
-    }  # fmt: skip
+        "stiffness": v.key,
+        "value": KILO * v.value,
+        "sd": KILO * v.band / 1.96,
+        "low": KILO * v.low,
+        "high": KILO * v.high,
+        "smoothed": KILO * v.smoothed,
+        "smoothed_sd": KILO * v.smoothed_band / 1.96,
+        "smoothed_low": KILO * (v.smoothed - v.smoothed_band),
+        "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
+        "smoothed_reason": v.smoothed_reason or None,
+        "spread": v.spread,
+        "nominal": KILO * v.nominal,
+        "valid": v.valid,
+        "usable": LEVELS[v.level],
+        "reason": (v.reason or None) if v.level != "good" else None,  # a usable stiffness has none
+    }
 
 
-def _of_quantity(q: Quantity) -> dict[str, Any]:
-    """Grip, sideslip: in its unit."""
-    return {"value": q.value, "sd": q.band / 1.96, "low": q.value - q.band, "high": q.value + q.band, "unit": q.unit,
-            "time": q.time, "valid": q.valid, "reason": q.reason or None, "text": q.line()}  # fmt: skip
+def _convert_quantity(q: Quantity) -> dict[str, Any]:
+    """Return the entries of grip or sideslip, in its unit."""
+    return {
+        "value": q.value,
+        "sd": q.band / 1.96,
+        "low": q.value - q.band,
+        "high": q.value + q.band,
+        "unit": q.unit,
+        "time": q.time,
+        "valid": q.valid,
+        "reason": q.reason or None,
+        "text": q.line(),
+    }
 
 
 def document(
-    log: Path, est: Estimate, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
+    log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """An estimate as JSON. `said`: what else there is to say: vehicle, notes, files."""
+    """Return an estimate as a JSON document. `said`: further entries, such as vehicle,
+    notes and files."""
     changes, spells = regimes.changes(est.table), regimes.spells(est.table)
     time = est.table["time"]
     keys, per = ("stretch", "start", "end"), len(found[0].verdicts)
@@ -109,8 +157,8 @@ def document(
         "stretches": [
             {
                 **{k: part[0][k] for k in keys},
-                "stiffness": {r["stiffness"]: _without(r, (*keys, "stiffness")) for r in part},
-                **{q.key: _of_quantity(q) for q in f.others},
+                "stiffness": {r["stiffness"]: _drop_keys(r, (*keys, "stiffness")) for r in part},
+                **{q.key: _convert_quantity(q) for q in f.others},
             }
             for f, part in zip(found, (table[i : i + per] for i in range(0, len(table), per)), strict=True)
         ],
@@ -119,17 +167,13 @@ def document(
     }
 
 
-def _without(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
+def _drop_keys(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
+    """Return a row without these keys."""
     return {k: x for k, x in row.items() if k not in keys}
 
 
-def say_json(data: Any) -> None:
-    """On standard output; what is not finite is null."""
-    click.echo(json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False))
-
-
 def plain(x: Any) -> Any:
-    """As JSON has it."""
+    """Return data in types of JSON: NaN is None, paths are texts."""
     if isinstance(x, Mapping):
         return {str(k): plain(v) for k, v in x.items()}
     if isinstance(x, (list, tuple, set)):
@@ -144,24 +188,16 @@ def plain(x: Any) -> Any:
 # ---- tables
 
 
-def check_table(path: Path | None) -> None:
-    """Refuse early a table that could not be written."""
-    if path is None:
-        return
-    if not is_parquet(path) and path.suffix.lower() != ".csv":
-        raise UserError(f"option --table: {path}: a table is written as .parquet or .csv, by its name")
-    check_writable(path)
-
-
 def as_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
-    """Rows with these columns, of these types, in this order."""
+    """Return rows as a data frame with these columns and types, in this order."""
     return pd.DataFrame([plain(r) for r in table], columns=list(columns)).astype(dict(columns))
 
 
 def write_rows(
     path: Path, table: Sequence[Mapping[str, Any]], columns: Mapping[str, str] | None = None
 ) -> None:
-    """Rows as Parquet or CSV, by the name. `columns`: their order and types; else those of the first row."""
+    """Write rows as Parquet or CSV, by the name. `columns`: order and types; None:
+    those of the first row."""
     frame = as_frame(table, columns) if columns else pd.DataFrame([plain(r) for r in table])
     with write_atomically(path, "wb") as file:
         if is_parquet(path):
@@ -170,18 +206,18 @@ def write_rows(
             file.write(frame.to_csv(index=False, lineterminator="\n").encode())
 
 
-# ---- what a run was, in a few lines for the terminal and the report
+# ---- facts of a run, for the terminal and the report
 
 
 def run_facts(
-    est: Estimate, log: CheckedLog, vehicle: Vehicle, config: Config, stride: int = 1
+    est: Estimates, log: CheckedLog, vehicle: Vehicle, config: Config, stride: int = 1
 ) -> list[tuple[str, str]]:
-    """The run in a few lines: name and value."""
+    """Return the facts of a run: a name and a value each."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
     every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
     every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""
     facts = [
-        ("Log", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
+        ("CheckedLog", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
         ("Filter", filter_text(config)),
     ]

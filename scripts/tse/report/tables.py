@@ -1,4 +1,4 @@
-"""The library's tables as text for people."""
+"""The library's tables as text."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,8 @@ from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
-    """Columns padded to their widest cell; those in `right` are right-aligned."""
+    """Return a table whose columns are padded to their widest cell. `right`:
+    right-aligned columns."""
     rows = [list(r) for r in rows]
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     lines = []
@@ -28,14 +29,15 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
 
 
 def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
-    """Lines of a table of Markdown; all but the first `left` columns are numbers."""
+    """Return the lines of a table in Markdown. All but the first `left` columns are
+    numbers."""
     lines = ["|" + "|".join(f" {c} " if c else " " for c in cells) + "|" for cells in (head, *rows)]
     columns = len(list(head))
     return [lines[0], "|" + "---|" * left + "---:|" * (columns - left), *lines[1:]]
 
 
 def settings_table(which: int = CONFIG) -> str:
-    """All settings: name, default, range, unit, meaning."""
+    """Return all settings: name, default, range, unit, meaning."""
     rows = [["setting", "default", "range", "unit", "meaning"]]
     rows += [
         [f.name, f"{f.default:.6g}", f"{f.low:g} .. {f.high:g}", f.unit, f.text]
@@ -45,69 +47,79 @@ def settings_table(which: int = CONFIG) -> str:
 
 
 def log_columns() -> list[list[str]]:
-    """Name, unit, range and meaning of each column of a log."""
+    """Return name, unit, range and meaning of each column of a log."""
     rows = [["time", "s", "increasing", "time of the row"]]
     return rows + [[f.name, f.unit, f"{f.low:g} .. {f.high:g}", f.text] for f in library().channels]
 
 
 def log_columns_table() -> str:
+    """Return the columns of a log as text."""
     return text_table(log_columns())
 
 
 def estimate_columns() -> list[list[str]]:
-    """Name, unit and meaning of each column of EST.csv after time."""
+    """Return name, unit and meaning of each column of EST.csv after time."""
     rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
     for f in est_fields():
-        rows[f.name] = [f.name, _si(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
+        rows[f.name] = [f.name, _find_unit(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
     return [rows[name] for name in est_columns() if name != "time"]
 
 
 def est_columns_table() -> str:
+    """Return the columns of EST.csv as text."""
     return text_table(estimate_columns())
 
 
 def codes_table() -> str:
+    """Return the codes of the status and the reasons as text."""
     lines = [f"{code:3d}  {f.text}" for code, f in sorted(library().codes(STATUS).items()) if code >= 0]
     reasons = [f"{f.name}: {f.text}" for f in library().fields(REASON)]
     return "status\n" + "\n".join(lines) + "\n\nreason\n  " + "\n  ".join(reasons)
 
 
 def sim_settings_table() -> str:
+    """Return all settings of the simulator."""
     return settings_table(SIM_CONFIG)
 
 
 def example_vehicle() -> str:
-    """A commented vehicle file to edit: what a file must say, with the built-in car's values; the rest commented out. Who knows no
-    more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is known exactly,
-    make an estimate sure of what is wrong."""
+    """Return a commented vehicle file to edit.
+
+    Required keys have the values of the built-in car; the others are commented out.
+    Sensors and stiffness of another car, or a car that is known exactly, would make an
+    estimate sure of wrong values."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]
     others = [n for n in list_vehicle_settings() if n not in REQUIRED]
     lines = [
-        "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size car's.",
+        "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size "
+        "car's.",
         'name = "my car"',
-        *(_toml_line(fields[name], getattr(car, name)) for name in required),
+        *(_format_line(fields[name], getattr(car, name)) for name in required),
         "",
-        "# All below is optional: take the # away where you know it. What is left out is that of an ordinary car of its mass and",
+        "# All below is optional: take the # away where you know it. What is left out is that of an "
+        "ordinary car of its mass and",
         "# axles, and the run says so.",
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
-        '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other axle rolls freely',
+        '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other '
+        "axle rolls freely",
         "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
-        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in others),
+        *(f"# {_format_line(fields[name], getattr(car, name))}" for name in others),
         "",
-        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. 0: known exactly.",
+        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. "
+        "0: known exactly.",
         "# [uncertainty]",
-        *(f"# {_toml_line(fields[name], get_unknown_car()[name])}" for name in list_uncertainty_settings()),
+        *(f"# {_format_line(fields[name], get_unknown_car()[name])}" for name in list_uncertainty_settings()),
         "",
         "# Noise and bias of the sensors. Left out: of ordinary ones at first, then found while driving.",
         "# [sensors]",
-        *(f"# {_toml_line(fields[name], getattr(car, name))}" for name in list_sensor_settings()),
+        *(f"# {_format_line(fields[name], getattr(car, name))}" for name in list_sensor_settings()),
         "",
         "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
         "# [latency]",
         *(
-            f"# {_toml_line(fields[name], getattr(car, name), key)}"
+            f"# {_format_line(fields[name], getattr(car, name), key)}"
             for key, name in list_latency_settings().items()
         ),
         *_EFFECTS,
@@ -116,27 +128,32 @@ def example_vehicle() -> str:
 
 
 def simulated_vehicle() -> str:
-    """The car of `tselab simulate`, known exactly: for logs whose truth is known, and for nothing else."""
+    """Return the vehicle file of the car of `tselab simulate`, known exactly: only for
+    logs with known truth."""
     car = Config.exact()
     fields = car.fields
     lines = [
-        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is 'tselab vehicle --example'.",
+        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is "
+        "'tselab vehicle --example'.",
         "# SI units; stiffness per axle (both wheels).",
         'name = "mid-size car"',
         f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         'driven_axle = "front"  # front, rear or both; used by tselab simulate',
         "",
-        *(_toml_line(fields[name], getattr(car, name)) for name in list_vehicle_settings()),
+        *(_format_line(fields[name], getattr(car, name)) for name in list_vehicle_settings()),
         "",
         "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
         "[uncertainty]",
-        *(_toml_line(fields[name], getattr(car, name)) for name in list_uncertainty_settings()),
+        *(_format_line(fields[name], getattr(car, name)) for name in list_uncertainty_settings()),
         "",
         "[sensors]",
-        *(_toml_line(fields[name], getattr(car, name)) for name in list_sensor_settings()),
+        *(_format_line(fields[name], getattr(car, name)) for name in list_sensor_settings()),
         "",
         "[latency]",
-        *(_toml_line(fields[name], getattr(car, name), key) for key, name in list_latency_settings().items()),
+        *(
+            _format_line(fields[name], getattr(car, name), key)
+            for key, name in list_latency_settings().items()
+        ),
         *_EFFECTS,
     ]
     return "\n".join(lines) + "\n"
@@ -144,20 +161,22 @@ def simulated_vehicle() -> str:
 
 _EFFECTS = (
     "",
-    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
+    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the "
+    "parameters of",
     "# src/tables/effects.toml ('tselab settings' has them as <id>_<parameter>). Left out: none.",
     "# [effects.body_roll]",
     "# gain = 0.008  # rad s2/m",
 )
 
 
-def _toml_line(f: Field, value: float, key: str = "") -> str:
-    about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text  # a file leaves out what is not known
+def _format_line(f: Field, value: float, key: str = "") -> str:
+    """Return a line of a vehicle file with unit, range and meaning."""
+    about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text  # a file leaves out unknown values
     return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
 
 
-def _si(f: Field) -> str:
-    """Unit in EST.csv, where stiffness is absolute."""
+def _find_unit(f: Field) -> str:
+    """Return the unit in EST.csv, where stiffness is absolute."""
     if f.name.startswith("cx_") and f.unit == "1":
         return "N"
     return "N/rad" if f.name.startswith("cy_") and f.unit == "1" else f.unit

@@ -127,7 +127,7 @@ class Road:
         """(latitude, longitude) of the first place, deg: origin of local coordinates."""
         return float(self.latitude[0]), float(self.longitude[0])
 
-    def at(self, name: str, distance: Array) -> Array:
+    def interpolate(self, name: str, distance: Array) -> Array:
         """Interpolate a column linearly.
 
         Parameters
@@ -147,9 +147,12 @@ class Road:
         value = np.interp(s, self.distance, getattr(self, name), left=np.nan, right=np.nan)
         return np.where(np.isfinite(s), value, np.nan)
 
-    def slope(self, name: str, distance: Array) -> Array:
-        """Return the slope of a column along the road, per m; parameters as in at()."""
-        return (self.at(name, distance) - self.at(name, distance - SLOPE_DISTANCE)) / SLOPE_DISTANCE
+    def compute_slope(self, name: str, distance: Array) -> Array:
+        """Return the slope of a column along the road, per m; parameters as in
+        interpolate()."""
+        return (
+            self.interpolate(name, distance) - self.interpolate(name, distance - SLOPE_DISTANCE)
+        ) / SLOPE_DISTANCE
 
     def with_profile(
         self, distance: Array, bank: Array | None = None, grade: Array | None = None,
@@ -276,6 +279,7 @@ def _parse_column(path: Path, name: str, cells: object, line: Array) -> Array:
 
 
 def _format_range(name: str) -> str:
+    """Format the allowed range of a column."""
     unit, low, high = COLUMN_RANGES[name]
     return f"{low:g} .. {high:g}{'' if unit == '1' else f' {unit}'}"
 
@@ -347,4 +351,5 @@ def write_road(road: Road, path: Path) -> None:
 
 
 def _format_cell(x: float, digits: int) -> str:
+    """Format a number of road.csv; NaN as an empty cell."""
     return "" if np.isnan(x) else f"{x:.{digits}f}"

@@ -186,10 +186,10 @@ def match_log(road: Road, log: CheckedLog, config: Config | None = None) -> Prof
     distance, how = _match_track(road, track, str(log.path))
     if road.is_closed:
         distance = road.distance[0] + np.mod(distance - road.distance[0], road.length)
-    bank, grade, bank_sd, grade_sd = (road.at(n, distance) for n in PROFILE)
+    bank, grade, bank_sd, grade_sd = (road.interpolate(n, distance) for n in PROFILE)
     off = PLACE_SD[how]
     bank_sd, grade_sd = (
-        np.hypot(sd, off * road.slope(name, distance))
+        np.hypot(sd, off * road.compute_slope(name, distance))
         for name, sd in (("bank", bank_sd), ("grade", grade_sd))
     )
     return Profile(distance, bank, grade, bank_sd, grade_sd, how)
@@ -522,7 +522,7 @@ def _estimate_stretch(place: npt.NDArray[np.int64], is_closed: bool) -> float:
 def _smooth_curvature(road: Road, places: Array, step: float) -> Array:
     """Return the curvature of a road at places, smoothed over SMOOTH_DISTANCE, 1/m."""
     mode = "wrap" if road.is_closed else "nearest"
-    return gaussian_filter1d(road.at("curvature", places), SMOOTH_DISTANCE / step, mode=mode)
+    return gaussian_filter1d(road.interpolate("curvature", places), SMOOTH_DISTANCE / step, mode=mode)
 
 
 def run_viterbi(its: Array, turn: Array, sd: float, is_closed: bool) -> npt.NDArray[np.int64]:

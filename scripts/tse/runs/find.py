@@ -1,4 +1,4 @@
-"""Which logs there are, of which car each is, and when it was driven."""
+"""Find logs, the car of each, and the time when it was driven."""
 
 import fnmatch
 import glob
@@ -17,11 +17,12 @@ from tse.library.errors import NoFile, UserError, suggest_names
 from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
-# Of what a reader takes these are too common for other things to be taken for logs in a folder; named one by one they are.
+# Suffixes that other files have, too: in a folder these files are not taken for logs.
+# Named one by one they are.
 UNSURE = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - UNSURE
-RESULTS = (".est.csv", ".est.parquet")  # what tselab estimate leaves
-LARGEST_TABLE = 256 << 20  # bytes
+RESULTS = (".est.csv", ".est.parquet")  # files that tselab estimate writes
+MAX_TABLE = 256 << 20  # bytes
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
 OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")
 DATE = re.compile(
@@ -32,7 +33,8 @@ DATE = re.compile(
 
 @dataclass(frozen=True)
 class Drive:
-    """One log. `start`: s since 1970, of `start_from`: the log itself, its name, or the time of the file."""
+    """One log. `start`: s since 1970. `start_from`: source of that time: "log", "name"
+    (a date in it) or "file"."""
 
     car: str
     log: Path
@@ -40,16 +42,18 @@ class Drive:
     signals: Path | None = None
     start: float = 0.0
     start_from: str = "file"
-    error: str = ""  # why it cannot be run
+    error: str = ""  # reason why it cannot be run
 
 
 def drives(
     words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path
 ) -> list[Drive]:
-    """All logs, car by car in order of time. `words`: files, folders, patterns; `table`: which car each is, else all have
-    `vehicle` and a folder of logs is a car, or all are of the one `car`."""
-    logs = _logs(words, out, table)
-    found = _of_table(logs, table) if table is not None else _of_folders(logs, vehicle, car)
+    """Return all logs, car by car in order of time.
+
+    `words`: files, folders, patterns. `table`: names the car of each log; else all
+    have `vehicle`, and each folder of logs is a car, or all belong to `car`."""
+    logs = _find_logs(words, out, table)
+    found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (started(d.log),)]
     return sorted(timed, key=lambda d: (d.car, d.start, str(d.log)))
 
@@ -57,17 +61,19 @@ def drives(
 # ---- logs
 
 
-def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Every log once, with the folder that names its car. UserError: a word that stands for none."""
+def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
+    """Return every log once, with the folder that names its car. UserError: a word
+    matches none."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:
         path = Path(word)
         if path.is_dir() and not _is_bag(path):
-            inside = list(_below(path, not_logs))
+            inside = list(_walk_logs(path, not_logs))
             if not inside:
                 raise UserError(
-                    f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}"
+                    f"{path}: no log is in this folder; files with these endings are: "
+                    f"{' '.join(sorted(SUFFIXES))}"
                 )
             mine = [(p, path / p.relative_to(path).parts[0] if p.parent != path else path) for p in inside]
         elif path.exists():
@@ -89,17 +95,17 @@ def _is_bag(path: Path) -> bool:
     return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
-def _below(folder: Path, not_logs: set[Path]) -> Iterator[Path]:
+def _walk_logs(folder: Path, not_logs: set[Path]) -> Iterator[Path]:
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or resolve_path(path) in not_logs:
             continue
         if path.is_dir() and not _is_bag(path):
-            yield from _below(path, not_logs)
-        elif _is_bag(path) or _looks_like_one(path.name.lower()):
+            yield from _walk_logs(path, not_logs)
+        elif _is_bag(path) or _is_log_name(path.name.lower()):
             yield path
 
 
-def _looks_like_one(name: str) -> bool:
+def _is_log_name(name: str) -> bool:
     plain = name.removesuffix(".gz")
     return name.endswith(OPENPILOT) or (Path(plain).suffix in SUFFIXES and not plain.endswith(RESULTS))
 
@@ -107,14 +113,16 @@ def _looks_like_one(name: str) -> bool:
 # ---- cars
 
 
-def _of_folders(logs: Sequence[tuple[Path, Path]], vehicle: Path | None, car: str | None) -> list[Drive]:
+def _assign_by_folder(
+    logs: Sequence[tuple[Path, Path]], vehicle: Path | None, car: str | None
+) -> list[Drive]:
     folders = sorted({folder for _, folder in logs})
-    names = {f: car or _name(f, folders) for f in folders}
+    names = {f: car or _shorten_name(f, folders) for f in folders}
     return [Drive(names[folder], path, vehicle) for path, folder in logs]
 
 
-def _name(folder: Path, others: Sequence[Path]) -> str:
-    """As much of its path as tells it from the others."""
+def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
+    """Return the shortest end of the path that no other folder has."""
     for parts in range(1, len(folder.parts) + 1):
         name = "/".join(folder.parts[-parts:])
         if sum("/".join(o.parts[-parts:]) == name for o in others) == 1:
@@ -122,37 +130,39 @@ def _name(folder: Path, others: Sequence[Path]) -> str:
     return str(folder)
 
 
-def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
-    """The first row whose pattern is that of a log says its car."""
+def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
+    """Return a drive for each log, with the car of the first row whose pattern
+    matches."""
     rows = _read_table(table)
     base = resolve_path(table).parent
     vehicles = sorted({resolve_path(base / r["vehicle"]).with_suffix("") for r in rows})
     found = []
     for path, _ in logs:
-        row = next((r for r in rows if _fits(resolve_path(path), base, r["log"])), None)
+        row = next((r for r in rows if _is_match(resolve_path(path), base, r["log"])), None)
         if row is None:
             found.append(Drive("", path, error=f"{path}: no row of {table.name} is for this log"))
             continue
         vehicle = resolve_path(base / row["vehicle"])
-        name = row["car"] or _name(vehicle.with_suffix(""), vehicles)
+        name = row["car"] or _shorten_name(vehicle.with_suffix(""), vehicles)
         found.append(Drive(name, path, vehicle, base / row["signals"] if row["signals"] else None))
     return found
 
 
-def _fits(path: Path, base: Path, pattern: str) -> bool:
-    """Is it that file, in that folder, or of that pattern? Patterns are relative to the table."""
+def _is_match(path: Path, base: Path, pattern: str) -> bool:
+    """Return whether a pattern matches: this file, its folder, or a glob, relative to
+    the table."""
     return base / pattern in (path, *path.parents) or fnmatch.fnmatch(
         str(path), str(Path(glob.escape(str(base))) / pattern)
     )
 
 
 def _read_table(table: Path) -> list[dict[str, str]]:
-    check_regular(table, LARGEST_TABLE, "a table of vehicles")
+    check_regular(table, MAX_TABLE, "a table of vehicles")
     try:
         with open(table, encoding="utf-8-sig") as file:
             lines = [
                 line for line in file if line.strip() and not line.startswith("#")
-            ]  # a name may have one, too
+            ]  # a "#" inside a name stays
         head = lines[0] if lines else ""
         separator = ";" if ";" in head and "," not in head else ","
         read = pd.read_csv(
@@ -169,7 +179,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     read.columns = [str(c).strip() for c in read.columns]
     if lacks := [c for c in TABLE_COLUMNS[:2] if c not in read]:
         raise UserError(
-            f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a pattern like cars/7/*.mf4), "
+            f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a "
+            "pattern like cars/7/*.mf4), "
             "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
@@ -181,7 +192,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
             raise UserError(
-                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file"
+                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one "
+                "vehicle file"
             )
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:
@@ -197,8 +209,9 @@ def _read_table(table: Path) -> list[dict[str, str]]:
 
 
 def started(path: Path) -> tuple[float, str]:
-    """When a drive began, s since 1970, and what says so: the log, its name, or the time of the file."""
-    for source, of in (("log", _of_log), ("name", _of_name)):
+    """Return the start of a drive, s since 1970, and its source: the log, its name, or
+    the time of the file."""
+    for source, of in (("log", _read_log_start), ("name", _read_name_date)):
         try:
             when = of(path)
         except (OSError, ValueError, struct.error):
@@ -211,8 +224,8 @@ def started(path: Path) -> tuple[float, str]:
         return 0.0, "file"
 
 
-def _of_name(path: Path) -> float | None:
-    """A date, perhaps with a time, in the name of the file, else of its folder."""
+def _read_name_date(path: Path) -> float | None:
+    """Return a date, perhaps with a time, in the name of the file or of its folder."""
     for name in (path.stem, path.parent.name):
         if m := DATE.search(name):
             year, month, day, hour, minute, second = (int(x or 0) for x in m.groups())
@@ -220,8 +233,8 @@ def _of_name(path: Path) -> float | None:
     return None
 
 
-def _of_log(path: Path) -> float | None:
-    """What the head of the file says, where that is known without reading the rest."""
+def _read_log_start(path: Path) -> float | None:
+    """Return the start in the head of the file, for formats that have it there."""
     if not path.is_file():
         return None
     with open(path, "rb") as file:
@@ -235,15 +248,15 @@ def _of_log(path: Path) -> float | None:
         year, month, _, day, hour, minute, second, milli = struct.unpack_from("<8H", head, 40)
         return datetime(year, month, day, hour, minute, second, 1000 * milli, tzinfo=timezone.utc).timestamp()
     if head.startswith(b"\x89MCAP0"):
-        return _of_mcap(path)
+        return _read_mcap_start(path)
     return None
 
 
-def _of_mcap(path: Path) -> float | None:
+def _read_mcap_start(path: Path) -> float | None:
     try:
         reader = importlib.import_module("mcap.reader")
         with open(path, "rb") as file:
             summary = reader.make_reader(file).get_summary()
-    except Exception:  # damaged, or no library: the name will do
+    except Exception:  # damaged, or no library: use the name
         return None
     return 1e-9 * summary.statistics.message_start_time if summary and summary.statistics else None

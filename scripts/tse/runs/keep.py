@@ -1,4 +1,5 @@
-"""What is done of a fleet, a file for each log, so that the same command goes on where it was stopped; and the table of all."""
+"""Store the results of a fleet, a file for each log, so that the same command
+continues from there; and the table of all logs."""
 
 import base64
 import contextlib
@@ -24,17 +25,23 @@ from tse.runs.work import Outcome, Task
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
-LEAST_LOGS = 3  # of a car beside the one that is compared with them
-STIFFER = 1.3  # times the median of the others: dry asphalt is as stiff as it gets, and warm tyres are softer
-COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of which drive they are
-    "car": "string", **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
-    **{k: v for k, v in results.COLUMNS.items() if k != "log"}, "error": "string", "report": "string", "vehicle": "string",
-}  # fmt: skip
+MIN_LOGS = 3  # other logs of a car that one is compared with
+# Of a stiffness over the median of the other logs: dry asphalt is stiffest, warm tyres
+# are softer
+MAX_RATIO = 1.3
+COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of its drive
+    "car": "string",
+    **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
+    **{k: v for k, v in results.COLUMNS.items() if k != "log"},
+    "error": "string",
+    "report": "string",
+    "vehicle": "string",
+}
 
 
 @dataclass
 class Done:
-    """A log and what became of it. `report`: relative to the folder of the results."""
+    """A log and its outcome. `report`: relative to the folder of the results."""
 
     drive: Drive
     outcome: Outcome
@@ -53,26 +60,31 @@ class Store:
                 old.unlink()
 
     def name(self, drive: Drive) -> str:
-        """Of its files: for people, and of no other log."""
-        return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{_digest(str(resolve_path(drive.log)))}"
+        """Return the name of the files of a log: readable, and unique."""
+        return f"{_clean_name(drive.car)}-{_clean_name(drive.log.stem)}-{_shorten_digest(str(resolve_path(drive.log)))}"
 
     def estimates(self, drive: Drive) -> Path:
         (self.out / ESTIMATES).mkdir(exist_ok=True)
         return resolve_path(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def calibrated(self, drive: Drive, text: str) -> Path:
-        """Keep the vehicle file that was made of a drive's; what is there already stays as it is."""
+        """Write the vehicle file that was calibrated from that of a drive. An
+        identical file stays as it is."""
         folder = self.out / CALIBRATED
         folder.mkdir(exist_ok=True)
-        path = folder / f"{_of_car(drive.car)}-{_plain(drive.vehicle.stem if drive.vehicle else '')}.toml"
+        path = (
+            folder
+            / f"{_name_car_files(drive.car)}-{_clean_name(drive.vehicle.stem if drive.vehicle else '')}.toml"
+        )
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             with write_atomically(path) as file:
                 file.write(text)
         return path
 
     def load(self, drive: Drive, task: Task) -> Done | None:
-        """What was kept of this log, if it was made of the same files and settings, by this user, and all of it is there."""
-        with contextlib.suppress(ValueError):  # a vehicle file that cannot be read: the run says it
+        """Return the stored outcome of a log; None unless it was made of the same
+        files and settings, by this user, and all its files are there."""
+        with contextlib.suppress(ValueError):  # a wrong vehicle file is reported by the run
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
                 kept is None
@@ -88,7 +100,7 @@ class Store:
         return None
 
     def save(self, drive: Drive, task: Task, outcome: Outcome) -> Done:
-        """Keep what is done: first the report, then the word that it is done."""
+        """Store an outcome: first the report, then the record that the log is done."""
         report = ""
         if outcome.report is not None:
             report = f"{REPORTS}/{self.name(drive)}.html"
@@ -102,11 +114,14 @@ class Store:
         return Done(drive, outcome, report)
 
     def write(self, done: Sequence[Done]) -> pd.DataFrame:
-        """The table of all logs, and each car's learnt state."""
+        """Write the table of all logs, and the learnt state of each car. Return the
+        table."""
         for car in {d.drive.car for d in done}:
             mine = [d for d in done if d.drive.car == car and d.outcome.learnt]
             if mine:
-                write_learnt(self.out / LEARNT / f"{_of_car(car)}.tse", mine[-1].outcome.learnt or b"")
+                write_learnt(
+                    self.out / LEARNT / f"{_name_car_files(car)}.tse", mine[-1].outcome.learnt or b""
+                )
         frame = table(done)
         with write_atomically(self.out / TABLE, "wb") as file:
             frame.to_parquet(file, index=False)
@@ -114,14 +129,19 @@ class Store:
 
 
 def table(done: Sequence[Done]) -> pd.DataFrame:
-    """A row per log, stretch of road and stiffness; a log that cannot be used is one row with its error."""
+    """Return a row per log, stretch of road and stiffness; for a log that cannot be
+    read one row with its error."""
     rows: list[dict[str, Any]] = []
     for d in done:
         about: Mapping[str, Any] = {
-            "car": d.drive.car, "log": str(d.drive.log), "start_time": pd.Timestamp(d.drive.start, unit="s", tz="UTC"),
-            "start_from": d.drive.start_from, "seconds": d.outcome.seconds, "report": d.report or None,
+            "car": d.drive.car,
+            "log": str(d.drive.log),
+            "start_time": pd.Timestamp(d.drive.start, unit="s", tz="UTC"),
+            "start_from": d.drive.start_from,
+            "seconds": d.outcome.seconds,
+            "report": d.report or None,
             "vehicle": str(d.drive.vehicle) if d.drive.vehicle else None,
-        }  # fmt: skip
+        }
         if d.outcome.error or not d.outcome.rows:
             rows.append({**about, "error": d.outcome.error or "no row could be used", "usable": "no"})
         rows += [{**row, **about} for row in d.outcome.rows]
@@ -134,20 +154,24 @@ def table(done: Sequence[Done]) -> pd.DataFrame:
 
 
 def unlike(frame: pd.DataFrame) -> dict[str, str]:
-    """By log what makes it unlike the other logs of its car: tyres that are stiffer than any road makes them. It may be of another
-    car, with another load, on other tyres; or all the others were on snow. Softer is what wet roads and snow are."""
+    """Return a sentence for each log whose tyres are much stiffer than in the other logs
+    of its car.
+
+    Dry asphalt gives the largest stiffness, so the log may be of another car, load or
+    tyres; or all others were on snow. Softer tyres are no sign: wet roads and snow are
+    soft."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
         size = np.log((mine["value"] / mine["nominal"]).astype(float)).groupby(mine["log"])
         most = size.max()
-        if len(most) <= LEAST_LOGS:
+        if len(most) <= MIN_LOGS:
             continue
         for log, x in most.items():
             others = float(np.median(most.drop(log)))
             row = mine.loc[size.idxmax()[log]]
             sure = float(row["sd"]) / float(row["value"]) if pd.notna(row["sd"]) else np.inf
-            if x - others > np.log(STIFFER) + 2 * sure:
+            if x - others > np.log(MAX_RATIO) + 2 * sure:
                 text = f"{NAMES[str(key)].lower()} {np.exp(x - others):.1f} times"
                 said[str(log)] = f"{said[str(log)]}, {text}" if str(log) in said else text
     return {
@@ -157,7 +181,8 @@ def unlike(frame: pd.DataFrame) -> dict[str, str]:
 
 
 def key_of(task: Task) -> str:
-    """Of all that an outcome depends on. Logs by size and time, for to read them all takes as long as to run them."""
+    """Return a digest of everything that an outcome depends on. Logs count by size and
+    time: to read them takes as long as to run them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [
@@ -188,16 +213,17 @@ def key_of(task: Task) -> str:
     return digest.hexdigest()
 
 
-def _plain(name: str) -> str:
-    """A name that any file system takes."""
+def _clean_name(name: str) -> str:
+    """Return a name that any file system accepts."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._")[:60] or "log"
 
 
-def _digest(text: str) -> str:
+def _shorten_digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def _of_car(name: str) -> str:
-    """The start of the names of a car's files: for people, and of no other car on any file system."""
-    plain = _plain(name)
-    return plain if plain == name.lower() else f"{plain}-{_digest(name)}"
+def _name_car_files(name: str) -> str:
+    """Return the start of the names of the files of a car: readable, and unique on any
+    file system."""
+    plain = _clean_name(name)
+    return plain if plain == name.lower() else f"{plain}-{_shorten_digest(name)}"

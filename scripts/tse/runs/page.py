@@ -1,4 +1,4 @@
-"""The overview of a fleet: one HTML file that links to the report of each log."""
+"""The overview of a fleet: one HTML file with links to the report of each log."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ from tse.runs.run import each
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
-MOST_TRENDS = 12  # cars whose trend is drawn: the softest
-MOST_LOGS = 2000  # that the page lists; the table has all
+MAX_TRENDS = 12  # cars whose trend is drawn: the softest
+MAX_LOGS = 2000  # that the page lists; the table has all
 
 
 @dataclass(frozen=True)
 class Last:
-    """What is known of a stiffness of a car now, of the last stretch that tells it."""
+    """The last usable value of a stiffness of a car."""
 
-    value: float  # N/rad, or N
-    band: float  # 95 %
-    of_nominal: float  # value over what its vehicle file, or its calibration, says
+    value: float  # N/rad or N
+    band: float  # half of the 95 % interval
+    of_nominal: float  # value over that of the vehicle file or its calibration
     when: pd.Timestamp
 
     @property
     def shown(self) -> str:
-        """In thousands, with its 95 % interval."""
+        """Value with 95 % interval, in thousands."""
         return f"{self.value / KILO:.0f} ± {max(self.band / KILO, 0.5):.0f}"
 
 
@@ -45,18 +45,20 @@ class Car:
 
     name: str
     done: list[Done]
-    last: dict[str, Last]  # by stiffness, those that are known
-    why: dict[str, str]  # of the others why they are not, in a few words
+    last: dict[str, Last]  # by stiffness, the known ones
+    why: dict[str, str]  # by stiffness, why the others are not known
 
     @property
     def softest(self) -> str:
-        """Which axle is the softest in bends; of a car of which no bend tells, along; "" of one of which nothing is known."""
+        """Key of the softest cornering stiffness; of the longitudinal one if no bend
+        is usable; empty if nothing is."""
         known = [k for k in CORNERING if k in self.last] or list(self.last)
         return min(known, key=lambda k: self.last[k].value, default="")
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """By what cars are ranked: N/rad of the softest axle; those that tell less stand behind."""
+        """Rank: N/rad of the softest axle. Cars without a cornering stiffness come
+        behind."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -65,7 +67,7 @@ class Car:
 
     @property
     def reason(self) -> str:
-        """Why it stands where it does."""
+        """Softest stiffness, or why none is known, in words."""
         if not self.softest:
             return (
                 "nothing is known: " + "; ".join(dict.fromkeys(self.why.values()))
@@ -85,7 +87,7 @@ class Car:
 
 
 def cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
-    """All cars, the softest first."""
+    """Return all cars, the softest first."""
     known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
     last = known.groupby(["car", "stiffness"], sort=False).tail(1)
     of: dict[str, dict[str, Last]] = {}
@@ -109,19 +111,30 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
     if any(c.last for c in all_cars):
         text = "The last estimate of each car with its 95 % interval; the softest first."
         sections.append(("Cars", text, distribution(all_cars)))
-    drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MOST_TRENDS]
+    drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MAX_TRENDS]
     for c in drawn:
         sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", trend(c, table)))
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
-    write_page(path, "fleet.html.j2", sections, title=title, cars=all_cars, errors=[d for d in done if d.outcome.error],
-               counts={word: codes.count(code) for code, word in CODES.items()},
-               done=done, most=MOST_LOGS, usable=CODES, names=NAMES, table=TABLE,
-               moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
-               said=_said(table))  # fmt: skip
+    write_page(
+        path,
+        "fleet.html.j2",
+        sections,
+        title=title,
+        cars=all_cars,
+        errors=[d for d in done if d.outcome.error],
+        counts={word: codes.count(code) for code, word in CODES.items()},
+        done=done,
+        most=MAX_LOGS,
+        usable=CODES,
+        names=NAMES,
+        table=TABLE,
+        moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
+        said=_collect_remarks(table),
+    )
 
 
-def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
-    """By log: changes of the road, warnings."""
+def _collect_remarks(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
+    """Return changes of the road and warnings by log."""
     found: dict[str, dict[str, list[Any]]] = {}
     for r in table[table["change"].notna() | table["warnings"].notna()].itertuples():
         mine = found.setdefault(r.log, {"changes": [], "warnings": []})
@@ -133,11 +146,11 @@ def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
 
 
 def distribution(all_cars: Sequence[Car]) -> Figure:
-    """The last of every car beside each other."""
+    """Return a figure of the last values of every car."""
     figure = Figure(PANELS, [260, 180])
     for key in STIFFNESS:
         mine = [(c.name, c.last[key]) for c in all_cars if key in c.last]
-        _points(
+        _draw_points(
             figure,
             key,
             [n for n, _ in mine],
@@ -153,7 +166,7 @@ def distribution(all_cars: Sequence[Car]) -> Figure:
 
 
 def trend(car: Car, table: pd.DataFrame) -> Figure:
-    """All stretches of a car over time."""
+    """Return a figure of all stretches of a car over time."""
     figure = Figure(PANELS, [220, 160])
     mine = table[
         (table["car"] == car.name) & table["usable"].isin(["yes", "in part"]) & table["value"].notna()
@@ -163,7 +176,7 @@ def trend(car: Car, table: pd.DataFrame) -> Figure:
         when = t["start_time"] + pd.to_timedelta(t["end"].astype(float), unit="s")
         stamps = when.dt.strftime("%Y-%m-%dT%H:%M:%S").tolist()
         value, band = t["value"] / KILO, 1.96 * t["sd"] / KILO
-        _points(
+        _draw_points(
             figure, key, stamps, value.astype(float).tolist(), band.astype(float).tolist(), "lines+markers"
         )
     for axis in ("xaxis", "xaxis2"):
@@ -173,7 +186,7 @@ def trend(car: Car, table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _points(
+def _draw_points(
     figure: Figure,
     key: str,
     x: Sequence[Any],
@@ -182,5 +195,13 @@ def _points(
     mode: str = "markers",
 ) -> None:
     row = 1 if key in CORNERING else 2
-    figure.add(row, x=list(x), y=list(y), mode=mode, name=NAMES[key], marker={"color": COLOURS[key], "size": 7},
-               line={"color": COLOURS[key], "width": 1}, error_y={"type": "data", "array": list(band), "thickness": 1})  # fmt: skip
+    figure.add(
+        row,
+        x=list(x),
+        y=list(y),
+        mode=mode,
+        name=NAMES[key],
+        marker={"color": COLOURS[key], "size": 7},
+        line={"color": COLOURS[key], "width": 1},
+        error_y={"type": "data", "array": list(band), "thickness": 1},
+    )

@@ -1,5 +1,6 @@
-"""All logs of a fleet: several cars at once, the drives of one car one after the other, for each starts from what the one before
-taught. In processes of this machine or on a Dask cluster; the numbers are the same."""
+"""Run all logs of a fleet: several cars at once, the drives of a car one after the
+other, each from the learnt state of the one before. In processes of this machine or on
+a Dask cluster, with the same numbers."""
 
 import contextlib
 import sys
@@ -27,22 +28,22 @@ from tse.runs.find import Drive
 from tse.runs.keep import Done, Store
 from tse.runs.work import Outcome, Task, code_of, work
 
-TOGETHER = 4  # logs of a car on which it is calibrated, at most
+MAX_CALIBRATION_LOGS = 4  # max number of logs of a car that calibrate it
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is the same for all logs."""
+    """Options that all logs share."""
 
     reading: Reading
     config: Path | None = None
     average: float | None = None
     form: str = "default"
     settings: dict[str, float] = field(default_factory=dict)
-    learn: bool = True  # each drive starts from what the one of the same car before it taught
+    learn: bool = True  # each drive starts from the learnt state of the drive before
     reports: bool = True
     estimates: bool = False
-    calibrate: bool = True  # a car that nobody has calibrated, on its first logs
+    calibrate: bool = True  # an uncalibrated car, on its first logs
 
 
 def run(
@@ -53,9 +54,10 @@ def run(
     scheduler: str | None = None,
     progress: bool = False,
 ) -> list[Done]:
-    """Run what is not done yet; all logs, in the order of `drives`. `jobs`: processes; 0: this one."""
+    """Run the logs that are not done. Return all, in the order of `drives`. `jobs`:
+    processes; 0: this one."""
     done: dict[Drive, Done] = {}
-    chains = [_Chain(c, plan, store) for c in _chains(drives, plan.learn)]
+    chains = [_Chain(c, plan, store) for c in _group_chains(drives, plan.learn)]
     with tqdm(
         total=len(drives), unit="log", disable=not progress, file=sys.stderr, leave=False, desc="fleet"
     ) as bar:
@@ -76,8 +78,8 @@ def run(
                         task = chain.next(keep)
                         if task is None:
                             continue
-                        if workers is None:  # nobody is started where all is done
-                            workers = stack.enter_context(_workers(min(jobs, len(chains)), scheduler))
+                        if workers is None:  # no process is started if all is done
+                            workers = stack.enter_context(_open_workers(min(jobs, len(chains)), scheduler))
                         running[task.log] = chain
                         workers.submit(task)
                     if running and workers is not None:
@@ -91,41 +93,44 @@ def run(
     return [done[d] for d in drives]
 
 
-def _workers(jobs: int, scheduler: str | None) -> Workers:
+def _open_workers(jobs: int, scheduler: str | None) -> Workers:
     if scheduler is not None:
         return DaskCluster(work, scheduler, check_workers)
     return LocalPool(work, jobs) if jobs else InProcess(work)
 
 
 def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:
-    """What became of a log, also where its process died."""
+    """Return the outcome of a log, also if its process died."""
     try:
         return result()
     except Died as error:
         return Outcome(error=f"{task.log}: {error}: cut the log, or run it where there is more")
 
 
-def _chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
-    """What must be done in order: the drives of a car."""
+def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
+    """Return the drives that must run in order: those of a car."""
     if not learn:
         return [[d] for d in drives]
     cars: dict[str, list[Drive]] = {}
     for d in drives:
         cars.setdefault(d.car, []).append(d)
-    return sorted(cars.values(), key=len, reverse=True)  # the longest first, or it is waited for at the end
+    return sorted(
+        cars.values(), key=len, reverse=True
+    )  # the longest chain first: it decides when all is done
 
 
 class _Chain:
-    """The drives of a car, and what the last of them taught."""
+    """The drives of a car, and the learnt state of the last one."""
 
     def __init__(self, drives: Sequence[Drive], plan: Plan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
-        self.calibrated: dict[Path, Path] = {}  # vehicle file: the one that was made of it
+        self.calibrated: dict[Path, Path] = {}  # vehicle file -> the calibrated one
         self.learnt: bytes | None = None
-        self.end = 0.0  # of the drive that taught it, s since 1970
+        self.end = 0.0  # end of the drive that was learnt from, s since 1970
 
     def next(self, keep: Any) -> Task | None:
-        """The next log that has to be run; what is done already is kept on the way. None: that was the last."""
+        """Return the next log that has to be run; keep the done ones on the way. None:
+        no more."""
         while self.drives:
             drive = self.drives[0]
             if drive.error or drive.vehicle is None:
@@ -145,19 +150,31 @@ class _Chain:
         reading, plan = self.plan.reading, self.plan
         vehicle = self.calibrated.get(drive.vehicle, drive.vehicle) if drive.vehicle else None
         mine = (
-            [d for d in self.drives if d.vehicle == drive.vehicle and not d.error][1:TOGETHER]
+            [d for d in self.drives if d.vehicle == drive.vehicle and not d.error][1:MAX_CALIBRATION_LOGS]
             if plan.learn
             else []
         )
         return Task(
-            log=_whole(drive.log), vehicle=_whole(vehicle), signals=_whole(drive.signals or reading.signals),
-            rate=reading.rate, strict=reading.strict, databases=tuple(_whole(p) for p in reading.databases),
-            config=_whole(plan.config), average=plan.average, form=plan.form, settings=plan.settings, learnt=self.learnt,
-            age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0, report=plan.reports,
-            estimates=self.store.estimates(drive) if plan.estimates else None, code=code_of(),
+            log=_resolve_path(drive.log),
+            vehicle=_resolve_path(vehicle),
+            signals=_resolve_path(drive.signals or reading.signals),
+            rate=reading.rate,
+            strict=reading.strict,
+            databases=tuple(_resolve_path(p) for p in reading.databases),
+            config=_resolve_path(plan.config),
+            average=plan.average,
+            form=plan.form,
+            settings=plan.settings,
+            learnt=self.learnt,
+            age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0,
+            report=plan.reports,
+            estimates=self.store.estimates(drive) if plan.estimates else None,
+            code=code_of(),
             calibrate=plan.calibrate and vehicle == drive.vehicle,
-            others=tuple((_whole(d.log), _whole(d.signals or reading.signals)) for d in mine) if vehicle == drive.vehicle else (),
-        )  # fmt: skip
+            others=tuple((_resolve_path(d.log), _resolve_path(d.signals or reading.signals)) for d in mine)
+            if vehicle == drive.vehicle
+            else (),
+        )
 
     def take(self, task: Task, outcome: Outcome) -> Done:
         drive = self.drives.popleft()
@@ -172,12 +189,12 @@ class _Chain:
             self.learnt, self.end = outcome.learnt, drive.start + outcome.seconds
 
 
-def _whole(path: Path | None) -> Any:
-    """Whoever works on it may stand elsewhere."""
+def _resolve_path(path: Path | None) -> Any:
+    """Return an absolute path: workers may run in another folder."""
     return resolve_path(path) if path is not None else None
 
 
 def each(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:
-    """Car by car, in order of time."""
+    """Yield the logs car by car, in order of time."""
     for car in dict.fromkeys(d.drive.car for d in done):
         yield car, [d for d in done if d.drive.car == car]

@@ -1,5 +1,5 @@
-"""One log: from files and options to vehicle, log and settings; then one run of the estimator, as `tselab estimate` makes it and
-`tselab fleet` with each of many."""
+"""One log: prepare vehicle, log and settings, and run the estimator. tse.estimate()
+uses it, and tse.fleet() for each log."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -10,20 +10,27 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.calibration.own import STOPPED, OwnCalibration, calibrate_once, is_uncalibrated, keep_class
-from tse.car.config import check_effect, make_config
+from tse.calibration.own import (
+    NOT_ASKED,
+    STOPPED,
+    OwnCalibration,
+    calibrate_once,
+    is_uncalibrated,
+    keep_class,
+)
+from tse.car.config import check_effect, make_config, unused_notes
 from tse.car.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 from tse.channels.agree import (
     MAX_CHECKED_ROWS,
     PERHAPS,
     check_car,
+    check_lateral_delay,
     find_false_stops,
-    late_across,
     select_certain,
 )
 from tse.channels.log import read_log
 from tse.estimation import regimes
-from tse.estimation.estimate import Estimate, Learnt, estimate_to
+from tse.estimation.estimate import Estimates, Learnt, estimate, estimate_to
 from tse.estimation.regimes import Change
 from tse.estimation.verdict import (
     Finding,
@@ -43,8 +50,11 @@ from tse.roads.road import Road
 
 @dataclass
 class Prepared:
-    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other; so are `doubts`: in what
-    they perhaps do, if the rows say so, too. `own`: what a calibration on the log itself has found."""
+    """A run that may begin.
+
+    `warnings`: how the channels contradict each other. `doubts`: contradictions that
+    count only if the rows confirm them. Both are among the notes. `own`: result of the
+    calibration on the log itself."""
 
     vehicle: Vehicle
     log: CheckedLog
@@ -57,8 +67,10 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """That a car which nobody has calibrate_once is calibrate_once on the log itself. `others`: more logs of the same car; `goes_on`:
-    Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
+    """Options of the calibration of an uncalibrated car on the log itself.
+
+    `others`: more logs of the same car. `goes_on`: Ctrl-C ends the calibration only,
+    and the estimate is that of an ordinary car."""
 
     say: Callable[[str], None] = lambda _: None
     others: Sequence[CheckedLog] = ()
@@ -77,7 +89,7 @@ def prepare(
     calibrate: Calibrate | None = None,
     road: Road | None = None,
 ) -> Prepared:
-    """Read and check everything that a run of the estimator over a log needs."""
+    """Read and check the files of a run, and prepare it."""
     vehicle = read_vehicle(vehicle_path)
     reading = replace(reading or Reading(), car=vehicle)
     log = read_log(log_path, reading=reading)
@@ -109,9 +121,11 @@ def assemble(
     calibrate: Calibrate | None = None,
     road: Road | None = None,
 ) -> Prepared:
-    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
-    what else is a warning; `calibrate`: what is done with a car that nobody has
-    calibrate_once; `road`: whose bank and grade the filter is given."""
+    """Prepare a run.
+
+    `vehicle` is filled in. `source`: origin of `settings`, for messages. `strict`:
+    refuse a log with warnings. `calibrate`: options for an uncalibrated car; None: it
+    stays so. `road`: bank and grade for the filter."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
@@ -119,12 +133,12 @@ def assemble(
     if road is not None:
         if form != "default":
             raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
-        from tse.roads.road_match import add_road  # scipy: for those who have a road
+        from tse.roads.road_match import add_road  # scipy: only with a road
 
         log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
-        average_sensors(vehicle, lively)  # the rest the filter finds while driving
+        average_sensors(vehicle, lively)  # the filter estimates the others
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
@@ -132,6 +146,7 @@ def assemble(
         config.set("road_sd", min(profile.sd, config.fields["road_sd"].high))
     for key, value in settings.items():
         config.set(key, value, source=source)
+    notes += unused_notes(config, settings)
     check_effect([*settings, *(key for key, value in options.items() if value is not None)], config)
     said = check_car(lively, vehicle, config)
     if strict and said:
@@ -162,7 +177,9 @@ def assemble(
             made.notes.insert(0, f"check the vehicle file: on this log {wrong}")
             made.doubts.append(made.notes[0])
         return replace(made, own=found)
-    late = [] if said or form != "default" else late_across(lively, config)
+    if form == "default" and is_uncalibrated(stated) and not vehicle.found:
+        vehicle.found.append(NOT_ASKED)
+    late = [] if said or form != "default" else check_lateral_delay(lively, config)
     if strict and late:
         raise UserError(f"{log.path}: option --strict: {late[0]}")
     notes = [
@@ -184,13 +201,15 @@ def assemble(
 
 @dataclass
 class Run:
-    """A run, and what it found. `notes` are those of the preparation, too; `reported`: the report is written."""
+    """A run, and what it found. `notes` are those of the preparation, too; `reported`:
+    the report is written."""
 
-    estimate: Estimate
+    estimate: Estimates
     changes: list[Change]
     findings: list[Finding]
     notes: list[str]
     reported: bool
+    started_from: str | None = None  # the learnt state, and its age
 
 
 def run(
@@ -199,23 +218,30 @@ def run(
     report: Path | None,
     learnt: Learnt | None = None,
     progress: bool = False,
+    whole: bool = False,
 ) -> Run:
-    """Estimate, and write what is asked for: the estimates to `out`, the report."""
+    """Estimate; write the estimates to `out` and the report, where they are given.
 
-    def once() -> tuple[Estimate, Any]:
+    If the rows show that the channels contradict each other, estimate again with no row
+    valid. `whole`: keep the table of all rows and columns in memory, in place of a
+    summary."""
+
+    def estimate_once() -> tuple[Estimates, Any]:
+        contradicted = bool(prepared.warnings)
+        if whole:
+            return estimate(prepared.log, prepared.config, progress, learnt, contradicted), None
         drawn = None
         if report is not None:
             from tse.report.plots import Data
 
             drawn = Data(prepared.log)
         watch = [drawn.add] if drawn else []
-        contradicted = bool(prepared.warnings)
         return estimate_to(out, prepared.log, prepared.config, progress, learnt, watch, contradicted), drawn
 
-    est, drawn = once()
-    if contradicts(prepared, est.table) and not est.interrupted:
-        est, drawn = once()
-    notes = notes_of(prepared, est)
+    est, drawn = estimate_once()
+    if find_contradiction(prepared, est.table) and not est.interrupted:
+        est, drawn = estimate_once()
+    notes = collect_notes(prepared, est)
     changes = regimes.changes(est.table)
     found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
     if report is not None and len(est):
@@ -231,11 +257,13 @@ def run(
             drawn,
             judged=(changes, found),
         )
-    return Run(est, changes, found, notes, report is not None and len(est) > 0)
+    note = learnt.note if learnt is not None else None
+    return Run(est, changes, found, notes, report is not None and len(est) > 0, note)
 
 
-def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return whether the rows speak against a log of which the preparation had nothing to say; it is among the warnings then."""
+def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
+    """Return whether the rows show a contradiction that the preparation did not. It is
+    added to the warnings."""
     late = late_steering(table, prepared.config)
     said = (
         "" if prepared.warnings else implausible(table) or (f"check steer_angle: {late[0]}" if late else "")
@@ -249,8 +277,9 @@ def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
     return bool(said)
 
 
-def notes_of(prepared: Prepared, est: Estimate) -> list[str]:
-    """Return what is to be said of a run: of its preparation, of rows that were refused, of the estimates."""
+def collect_notes(prepared: Prepared, est: Estimates) -> list[str]:
+    """Return all notes of a run: of the preparation, of refused rows, of the
+    estimates."""
     notes = list(prepared.notes)
     refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:

@@ -1,4 +1,5 @@
-"""One log of a fleet: what a process, here or elsewhere, takes, does and returns."""
+"""One log of a fleet: the task, the work and the outcome of a process, here or
+elsewhere."""
 
 import tempfile
 import traceback
@@ -22,12 +23,14 @@ from tse.runs.single import Calibrate, prepare
 
 
 class Mismatch(UserError):
-    """This process has another tselab or library than the one that asks: all numbers would be in doubt."""
+    """This process has another tselab or library than the one that sent the task, so
+    all numbers would be in doubt."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One log, and all that is needed to run it. `learnt`: what the drive before it taught, `age` s before."""
+    """One log and everything that is needed to run it. `learnt`: learnt state of the
+    drive before, `age` s older."""
 
     log: Path
     vehicle: Path
@@ -43,53 +46,57 @@ class Task:
     age: float
     report: bool
     estimates: Path | None
-    calibrate: bool  # a car that nobody has calibrated, on this log and on `others`, each with its signals
+    calibrate: bool  # an uncalibrated car, on this log and on `others`, each with its signals
     others: tuple[tuple[Path, Path | None], ...]
-    code: tuple[str, str]  # code_of() of who asks
+    code: tuple[str, str]  # code_of() of the sender
 
 
 @dataclass
 class Outcome:
-    """What became of it."""
+    """The outcome of a task."""
 
     error: str = ""
     rows: list[dict[str, Any]] = field(default_factory=list)  # results.COLUMNS
     learnt: bytes | None = None
     report: bytes | None = None
-    seconds: float = 0.0  # that the log lasts
+    seconds: float = 0.0  # duration of the log
     code: int = 4  # results.exit_code()
     notes: list[str] = field(default_factory=list)
-    calibrated: str = ""  # the vehicle file that this log has made
+    calibrated: str = ""  # text of the vehicle file that this log has calibrated
 
 
 def code_of() -> tuple[str, str]:
-    """tselab and the library of this process."""
+    """Return version of tselab and digest of the library of this process."""
 
     return __version__, hash_library()
 
 
 def work(task: Task) -> Outcome:
-    """Run one log. A log that cannot be used is an outcome, not an error."""
+    """Run one log. A log that cannot be used is an outcome, not an exception."""
     if code_of() != task.code:
-        raise Mismatch(f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
-                       f"{task.code[1][:8]}: install the same on all")  # fmt: skip
+        raise Mismatch(
+            f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
+            f"{task.code[1][:8]}: install the same on all"
+        )
     try:
-        return _work(task)
+        return _run_task(task)
     except UserError as error:
         return Outcome(error=str(error))
     except MemoryError:
         return Outcome(
-            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there is more"
+            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there "
+            "is more"
         )
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return Outcome(
-            error=f"{task.log}: internal error: {type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno}); "
+            error=f"{task.log}: internal error: {type(error).__name__}: {error} "
+            f"({Path(where.filename).name}:{where.lineno}); "
             "a fault of tselab, please report it"
         )
 
 
-def _work(task: Task) -> Outcome:
+def _run_task(task: Task) -> Outcome:
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     itself, of_others = None, list[str]()
@@ -103,7 +110,8 @@ def _work(task: Task) -> Outcome:
         task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself
     )
     made = prepared.own.text if prepared.own else ""
-    before = task.learnt if not made else None  # what was learnt of a car of the class is not of this one
+    # A state that was learnt with the uncalibrated car does not fit
+    before = task.learnt if not made else None
     learnt = Learnt(Path("the drive before"), before, task.age, True) if before is not None else None
     if learnt is not None:
         try:
@@ -126,7 +134,7 @@ def _work(task: Task) -> Outcome:
         ),
         learnt=None
         if prepared.warnings
-        else ran.estimate.learnt,  # what contradicts itself teaches the next drive nothing
+        else ran.estimate.learnt,  # nothing is learnt from contradicting channels
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.exit_code(ran.findings),

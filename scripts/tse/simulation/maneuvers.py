@@ -51,6 +51,7 @@ def make_square(t: np.ndarray, period: float) -> np.ndarray:
 def _make_square_waves(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
+    """Steer in square waves of 4 s, and drive in square waves of 5 s."""
     return {"steer_angle": amplitude * make_square(t, 4.0), "wheel_torque_front": 700.0 * make_square(t, 5.0)}
 
 
@@ -74,6 +75,7 @@ def _make_double_lane_change(
 def _make_step_steer(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
+    """Steer by a ramp of 0.2 s after 1 s, at constant speed."""
     return {
         "steer_angle": amplitude * np.clip((t - 1.0) / 0.2, 0.0, 1.0),
         "target_speed": np.full_like(t, speed),
@@ -83,6 +85,7 @@ def _make_step_steer(
 def _make_sine_sweep(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
+    """Steer by a sine from 0.2 to 3 Hz, logarithmic in time, at constant speed."""
     low, high = 0.2, 3.0
     rate = np.log(high / low) / max(t[-1], 1e-9)
     phase = 2 * np.pi * low * np.expm1(rate * t) / rate
@@ -99,6 +102,7 @@ def compute_understeer(config: Config) -> float:
 def _make_constant_radius(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
+    """Drive on a circle with rising speed, up to 4 m/s2."""
     radius = amplitude
     top = max(speed, np.sqrt(4.0 * radius))  # up to 4 m/s2
     target = speed + (top - speed) * np.clip(t / max(t[-1], 1e-9), 0.0, 1.0)
@@ -109,6 +113,7 @@ def _make_constant_radius(
 def _make_straight(
     t: np.ndarray, speed: float, amplitude: float, config: Config, rng: np.random.Generator
 ) -> dict:
+    """Drive straight with small random corrections of steering and speed."""
     step = t[1] - t[0] if len(t) > 1 else 0.01
     return {
         "steer_angle": amplitude * _make_coloured(rng, len(t), step, 0.8),

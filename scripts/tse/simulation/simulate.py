@@ -56,7 +56,7 @@ def simulate(
         s = compute_travelled(inputs, outputs)
         names = POSITIONS["global" if road.latitude is not None else "local"]
         places = {
-            name: road.at(column, road.distance[0] + s)
+            name: road.interpolate(column, road.distance[0] + s)
             for name, column in names.items()
             if road.x is not None
         }
@@ -109,7 +109,7 @@ def drive(
         if road is not None:
             at += float(outputs["true_vel_x"][i - 1] * inputs["dt"][i]) if i else 0.0
             for name in ROAD_COLUMNS:
-                inputs[name][i] = np.nan_to_num(road.at(name, np.array([at]))[0])
+                inputs[name][i] = np.nan_to_num(road.interpolate(name, np.array([at]))[0])
         simulator.step_into(inputs, outputs, i)
     return inputs, outputs
 
@@ -131,6 +131,7 @@ def _follow_speed(
 
 
 def _make_log(time: np.ndarray, outputs: np.ndarray) -> pd.DataFrame:
+    """Return the columns of a log from the outputs of the simulator."""
     return pd.DataFrame({"time": time, **{name: outputs[name] for name in list_columns()[1:]}})
 
 

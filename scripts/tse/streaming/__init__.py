@@ -1,1 +1,2 @@
-"""Estimate while driving: drive.py reads the bus, runs the filter and records; page.py shows."""
+"""Estimate while driving: drive.py reads the bus, runs the filter and records; page.py
+shows."""

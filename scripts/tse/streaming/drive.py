@@ -1,5 +1,5 @@
-"""The filter while driving: frames of a bus in, estimates out, everything recorded. What goes wrong on the bus is a sentence, and
-it goes on."""
+"""The filter while driving: frames of a bus in, estimates out, everything recorded. A
+failure of the bus is reported in a sentence, and the drive goes on."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from tse.car.vehicle import Vehicle
 from tse.channels.agree import check_car, select_certain
 from tse.channels.look import Proposal
 from tse.channels.proposal import format_headline, format_signals, propose
-from tse.channels.signals import Signals, read_signals
+from tse.channels.signals import SignalsFile, read_signals
 from tse.channels.stream import Stream
 from tse.estimation import regimes
 from tse.estimation.estimate import (
+    MAX_SUMMARY,
     SUMMARY,
-    Estimate,
+    Estimates,
     Learnt,
     block_of,
     contradict,
@@ -47,21 +48,17 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
-TICK = 0.002  # s between two looks at what has come
-QUIET = 1.0  # s without a frame, or without a value of a channel, after which it is said
+TICK = 0.002  # s between two looks for frames
+SILENT = 1.0  # s without a frame or a value of a channel, after which it is reported
 REOPENED = 1.0  # s between two attempts to open a bus that failed
-FOREIGN = 2.0  # s of frames of which none is known, after which it is said
+FOREIGN = 2.0  # s of unknown frames only, after which it is reported
 SAID_AGAIN = 10.0  # s between two sentences about error frames
-FIRST_CHECK, CHECKED = (
-    10.0,
-    20.0,
-)  # s of rows until it is looked whether channels agree; s between two such looks
-MOST_CHECKED = 60_000  # rows that are looked at: ten minutes at 100 Hz
-LISTENED, MOST_LISTENED = 20.0, 600.0  # s of frames from which signals are proposed; s of them that are kept
-PIECE = 0.2  # s of frames that are taken at a time
+FIRST_CHECK, CHECKED = 10.0, 20.0  # s of rows until the channels are check_log; s to the next check
+MAX_CHECKED = 60_000  # rows of a check: ten minutes at 100 Hz
+LISTENED, MAX_LISTENED = 20.0, 600.0  # s of frames from which signals are proposed; max s that are kept
+PIECE = 0.2  # s of frames that are used at a time
 WRITTEN = 1.0  # s between two writes of rows
-HAPPENED, SETTLED = 20.0, 0.5  # s that are looked at for what happened; s old that it must be
-MOST_KEPT = 1 << 19  # rows whose summary is kept: of a longer drive every second, fourth ...
+HAPPENED, SETTLED = 20.0, 0.5  # s in which events are looked for; min age of a reported event, s
 BUS_OFF, RESTARTED = 0x40, 0x100  # bits of an error frame of SocketCAN
 
 Say = Callable[[str], None]
@@ -72,7 +69,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Arrived:
-    """A frame, and when it came, s of the machine's clock."""
+    """A frame, and its arrival on the machine's clock, s."""
 
     frame: CanFrame
     at: float
@@ -94,14 +91,14 @@ class Reader(threading.Thread):
     def __init__(self, open_bus: Callable[[], Any], say: Say, record: Callable[[Any], None]):
         super().__init__(daemon=True, name="bus")
         self._open, self._say, self._record = open_bus, say, record
-        self._bus = open_bus()  # the first time it may fail: then nothing was begun
+        self._bus = open_bus()  # raises at once if the bus cannot be opened
         self._came: deque[Arrived] = deque()
         self._there, self._ended = threading.Event(), threading.Event()
         self.count = 0
         self.errors = 0
 
     def take(self, timeout: float) -> list[Arrived]:
-        """Return what has come since the last time; wait for it as long as that, s."""
+        """Return the frames since the last call; wait for them up to `timeout` s."""
         self._there.wait(timeout)
         self._there.clear()
         found = []
@@ -118,7 +115,7 @@ class Reader(threading.Thread):
             self._bus.shutdown()
 
     def run(self) -> None:
-        """Read until it is stopped."""
+        """Read until stop()."""
         said_errors = -SAID_AGAIN
         while not self._ended.is_set():
             try:
@@ -135,12 +132,14 @@ class Reader(threading.Thread):
                 self.errors += 1
                 if message.arbitration_id & BUS_OFF and not message.arbitration_id & RESTARTED:
                     self._say(
-                        "the bus is off: the controller has left it after too many errors; it goes on when it is back"
+                        "the bus is off: the controller has left it after too many errors; it goes on "
+                        "when it is back"
                     )
                 elif time.monotonic() - said_errors > SAID_AGAIN:
                     said_errors = time.monotonic()
                     self._say(
-                        f"{self.errors} error frame{'s' if self.errors > 1 else ''} on the bus so far: bit rate or wiring"
+                        f"{self.errors} error frame{'s' if self.errors > 1 else ''} on the bus so far: "
+                        "bit rate or wiring"
                     )
                 continue
             if message.is_remote_frame:
@@ -162,14 +161,15 @@ class Reader(threading.Thread):
         try:
             if self._bus is not None:
                 self._bus.shutdown()
-        except Exception:  # it has failed already, and that was said
+        except Exception:  # its failure was reported already
             pass
         self._bus = None
         self._ended.wait(REOPENED)
 
 
 def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
-    """Return what opens a bus of python-can. UserError, when it is called: what its maker says."""
+    """Return a function that opens a bus of python-can. It raises UserError with the
+    message of the driver."""
     can = import_optional("can", "can", f"live, interface {interface}")
 
     def opened() -> Any:
@@ -177,7 +177,8 @@ def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[],
             return can.Bus(interface=interface, channel=channel, **more)
         except Exception as error:  # of drivers of many makers
             raise UserError(
-                f"interface {interface}, channel {channel}: cannot be opened: {str(error)[:200] or type(error).__name__}"
+                f"interface {interface}, channel {channel}: cannot be opened: "
+                f"{str(error)[:200] or type(error).__name__}"
             ) from None
 
     return opened
@@ -187,9 +188,11 @@ def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[],
 
 
 class Record:
-    """A folder with the drive: frames as they came, rows as the filter had them, estimates, and what was said.
+    """A folder with the drive: frames as they came, rows as the filter had them,
+    estimates, and what was said.
 
-    A disk that takes no more is a sentence; the filter goes on. Without a folder nothing is kept."""
+    A disk that takes no more is a sentence; the filter goes on. Without a folder nothing
+    is kept."""
 
     def __init__(self, folder: Path | None, say: Say):
         self._own = tempfile.TemporaryDirectory(prefix="tselab-") if folder is None else None
@@ -205,7 +208,7 @@ class Record:
         self._failed = folder is None
 
     def frame(self, message: Any) -> None:
-        """Keep a message of python-can."""
+        """Record a message of python-can."""
         if self._frames is None and not self._failed:
             can = import_optional("can", "can", "live")
             self._guarded(lambda: setattr(self, "_frames", can.BLFWriter(str(self.folder / "frames.blf"))))
@@ -231,7 +234,8 @@ class Record:
         except OSError as error:
             self._failed = True
             self._say(
-                f"{self.folder}: cannot be written ({error.strerror or error}): it goes on, and nothing more is recorded"
+                f"{self.folder}: cannot be written ({error.strerror or error}): it goes on, and nothing "
+                "more is recorded"
             )
 
     def close(self) -> None:
@@ -248,20 +252,20 @@ class Record:
 
 
 @dataclass
-class Drive:
-    """What is known so far, for who shows it."""
+class DriveState:
+    """State of a drive, for display."""
 
     rows: int = 0
     frames: int = 0
     first: float = 0.0  # s, of the first row
     time: float = 0.0  # s, of the last row
-    delay: float = 0.0  # s from a frame to the estimate with it: the longest of the last second
-    delays: list[float] = field(default_factory=list)  # of all rows that did not wait for signals to be found
+    delay: float = 0.0  # s from a frame to its estimate: max of the last second
+    delays: list[float] = field(default_factory=list)  # of all rows after the signals were found
     statuses: Counter[int] = field(default_factory=Counter)
     contradicted: list[str] = field(default_factory=list)
 
 
-class Live:
+class LiveDrive:
     """The filter on a bus.
 
     Parameters
@@ -274,7 +278,7 @@ class Live:
         The car.
     config : Config
         Settings of the filter.
-    signals : Signals or None
+    signals : SignalsFile or None
         Which signal is which channel; None: they are proposed from what comes.
     folder : Path or None
         Where the drive is recorded; None: nowhere.
@@ -292,7 +296,7 @@ class Live:
         databases: Sequence[Path],
         vehicle: Vehicle,
         config: Config,
-        signals: Signals | None,
+        signals: SignalsFile | None,
         folder: Path | None,
         learnt: Learnt | None = None,
         rate: float | None = None,
@@ -302,7 +306,7 @@ class Live:
         self._tell, self._signals, self._rate, self._learnt = say, signals, rate, learnt
         self._plain = config.as_dict()
         self.said: list[tuple[float, str]] = []
-        self.drive = Drive()
+        self.drive = DriveState()
         self._bus: Bus | None = None
         self.stream: Stream | None = None
         self._notes_of_bus: list[str] = []
@@ -311,9 +315,9 @@ class Live:
         else:
             self._bus = Bus(Path("the bus"), self.databases, ReadOptions())
         if learnt is not None:
-            learnt.load(NativeFilter(config))  # what is wrong with it is said before anything begins
+            learnt.load(NativeFilter(config))  # refuse a wrong one before anything begins
         self.filter: NativeFilter | None = None
-        self._valid = dict.fromkeys(STIFFNESS, 0)  # rows in which it was
+        self._valid = dict.fromkeys(STIFFNESS, 0)  # number of valid rows
         self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
         try:
             self.record = Record(folder, self.say)
@@ -322,18 +326,16 @@ class Live:
             raise
         self._copy_inputs()
         self._proposing: threading.Thread | None = None
-        self._proposed: Signals | None = None
+        self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
-        self._origin = float("nan")  # s of the bus that is 0 in the record
+        self._origin = float("nan")  # time of the bus, s, that is 0 in the record
         self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = (
             deque()
-        )  # rows that are not written yet
+        )  # rows to be written
         self._written = 0  # rows
-        self._columns: deque[dict[str, np.ndarray]] = (
-            deque()
-        )  # the last rows that are written, some at a time
-        self._table: list[dict[str, Any]] = []  # of every `stride`-th row what verdicts need
+        self._columns: deque[dict[str, np.ndarray]] = deque()  # the last written rows, in blocks
+        self._table: list[dict[str, Any]] = []  # columns of SUMMARY of every `stride`-th row
         self._stride = 1
         self._ended = threading.Event()
         self._keeper = threading.Thread(target=self._keep, daemon=True, name="record")
@@ -351,12 +353,17 @@ class Live:
         self.closed = False
         _warm_up(config)
         gc.collect()
-        gc.freeze()  # what is loaded now stays: to look through all of it takes longer than a row may
+        gc.freeze()  # what is loaded now stays: a search through it takes longer than a row may
         self.reader.start()
         self._keeper.start()
 
+    @property
+    def started_from(self) -> str | None:
+        """Learnt state that the drive started from, and its age."""
+        return self._learnt.note if self._learnt is not None else None
+
     def _copy_inputs(self) -> None:
-        """Copy what a later `tselab estimate` of the frames needs."""
+        """Copy the inputs that a later `tselab estimate` of the frames needs."""
         folder = self.record.folder
         for p in self.databases:
             shutil.copyfile(p, folder / p.name)
@@ -367,10 +374,10 @@ class Live:
         if self._learnt is not None:
             self.record.write("before.tse", self._learnt.data)
 
-    # ---- what is said
+    # ---- sentences
 
     def say(self, text: str) -> None:
-        """Say what just happened, and keep it."""
+        """Report an event, and record it."""
         at = self.drive.time
         self.said.append((at, text))
         self.record.write("events.txt", f"{at:.2f} s: {text}\n".encode())
@@ -385,7 +392,8 @@ class Live:
     # ---- the loop
 
     def work(self, timeout: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-        """Take what has come, or wait for it as long as that, s: times of the rows that it makes, and their outputs."""
+        """Use the frames that have come, or wait for them up to `timeout` s. Return
+        times of the rows that they make, and their outputs."""
         came = self.reader.take(timeout)
         if came and (rest := self._last_tick + TICK - time.monotonic()) > 0:
             time.sleep(rest)
@@ -397,9 +405,9 @@ class Live:
             self._listen(came, now)
             if self.stream is None:
                 return np.zeros(0), self._no_outputs()
-            came, self._listened = self._listened, []  # all that came before they were known, these among it
+            came, self._listened = self._listened, []  # all frames so far
         made = []
-        for part in _pieces(came) or [[]]:
+        for part in _cut_pieces(came) or [[]]:
             for text in self.stream.add([a.frame for a in part]):
                 self.say(text)
             made.append(self._step(part, now))
@@ -408,7 +416,8 @@ class Live:
         return times, outputs
 
     def _keep(self) -> None:
-        """Write, look back and check, now and then, beside the rows, which must not wait for it."""
+        """Write, look back and check now and then, in a thread of its own: rows must
+        not wait for it."""
         while not self._ended.wait(WRITTEN):
             self._write()
             self._look_back()
@@ -425,7 +434,7 @@ class Live:
                 self.say(f"frames again, after {now - self._last_frame:.1f} s")
             self._last_frame, self._quiet = now, False
             self._first_frame = min(self._first_frame, now)
-        elif not self._quiet and now > self._last_frame + QUIET:
+        elif not self._quiet and now > self._last_frame + SILENT:
             self._quiet = True
             self.say("no frame for a second: is the bus asleep, off, or another one?")
         if self._foreign or now < self._first_frame + FOREIGN:
@@ -436,21 +445,23 @@ class Live:
             few = list_names(f"{i:#x}" for i in sorted(unknown))
             names = ", ".join(p.name for p in self.databases)
             self.say(
-                f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of another bus"
+                f"none of the {len(unknown)} identifiers ({few}) is in {names}: it is the database of "
+                "another bus"
             )
 
     def _count(self) -> tuple[int, dict[int, int]]:
-        """Count frames that are known, and identifiers that are not, while there are no signals yet."""
+        """Count frames that are known, and identifiers that are not, while there are no
+        signals yet."""
         seen = Counter(a.frame.identifier for a in self._listened)
         known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
         return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
 
-    # ---- signals that nobody has named
+    # ---- proposed signals
 
     def _listen(self, came: Sequence[Arrived], now: float) -> None:
         """Gather frames until they say which signal is which channel."""
         self._listened += came
-        if self._listened and self._listened[-1].frame.time - self._listened[0].frame.time > MOST_LISTENED:
+        if self._listened and self._listened[-1].frame.time - self._listened[0].frame.time > MAX_LISTENED:
             del self._listened[: len(self._listened) // 2]
         if self._proposing is not None:
             if self._proposing.is_alive():
@@ -472,15 +483,20 @@ class Live:
             notes: list[str] = []
             bus = Bus(Path("the bus"), self.databases, ReadOptions())
             frames = [a.frame for a in came]
-            bus.add(np.array([f.identifier for f in frames], np.int64), np.array([f.extended for f in frames], bool),
-                    [f.bus for f in frames], [f.data for f in frames])  # fmt: skip
+            bus.add(
+                np.array([f.identifier for f in frames], np.int64),
+                np.array([f.extended for f in frames], bool),
+                [f.bus for f in frames],
+                [f.data for f in frames],
+            )
             times = np.maximum.accumulate(np.array([f.time for f in frames]))
             recording = Recording(Path("the bus"), "bus", bus.channels(times, None, notes), notes)
             proposal = propose(recording.since_start(), self.vehicle)
             missing = [c for c in proposal.missing if c not in ("accel_x",)]
             if missing:
                 self.say(
-                    f"not found so far: {', '.join(missing)}; it listens on, drive some bends{_nearest(proposal, missing)}"
+                    f"not found so far: {', '.join(missing)}; it listens on, drive some "
+                    f"bends{_find_nearest(proposal, missing)}"
                 )
                 return
             path = self.record.folder / "frames.signals.toml"
@@ -489,16 +505,17 @@ class Live:
             for g in proposal.guesses:
                 self.say(f"proposed: {format_headline(g)}")
             self.say(
-                f"guessed by names, units and physics: look at {path}, and name it with --signals the next time"
+                f"guessed by names, units and physics: look at {path}, and name it with --signals the "
+                "next time"
             )
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
-        except Exception as error:  # a thread that ends without a word would leave the drive listening
+        except Exception as error:  # without this sentence the drive would listen for ever
             self._say_once(
                 f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); it listens on"
             )
 
-    def _begin_with(self, signals: Signals) -> None:
+    def _begin_with(self, signals: SignalsFile) -> None:
         self._signals = signals
         self.stream = Stream(self.databases, signals, self.vehicle, self._rate)
         for text in self.stream.notes:
@@ -511,7 +528,7 @@ class Live:
         stream = self.stream
         assert stream is not None
         behind = 0.0 if came else now - self._last_frame
-        times, columns = stream.rows(stream.time + behind)
+        times, columns = stream.make_rows(stream.time + behind)
         for text in stream.notes:
             self._say_once(text)
         stream.notes.clear()
@@ -526,7 +543,7 @@ class Live:
         if self.drive.contradicted:
             contradict(outputs)
         took = time.monotonic()
-        if came and len(times) < 0.5 / self.config.sample_time:  # else it has waited for signals
+        if came and len(times) < 0.5 / self.config.sample_time:  # more rows: they waited for the signals
             self.drive.delays += [took - came[0].at] * len(times)
             self._recent.append((took, took - came[0].at))
         while self._recent and self._recent[0][0] < took - 1.0:
@@ -583,16 +600,17 @@ class Live:
         if self._quiet or stream.rate is None:
             return
         for c, last in stream.last.items():
-            gone = bus_now - last > QUIET
+            gone = bus_now - last > SILENT
             if gone and c not in self._silent:
                 self._silent[c] = last
                 self.say(
-                    f"{c}: no value for a second (message {stream.find_message(c)}): it is missing until one comes"
+                    f"{c}: no value for a second (message {stream.find_message(c)}): it is missing until "
+                    "one comes"
                 )
             elif not gone and c in self._silent:
                 self.say(f"{c}: values again, after {bus_now - self._silent.pop(c):.1f} s")
 
-    # ---- what is kept and written
+    # ---- written rows
 
     def _write(self) -> None:
         """Write the rows since the last time."""
@@ -607,36 +625,37 @@ class Live:
             self.record.write("rows.csv", (",".join(columns) + "\n").encode())
             self.record.write("rows.est.csv", csv_header(block))
         self.record.write(
-            "rows.csv", "".join(",".join(_cell(x) for x in row) + "\n" for row in rows).encode()
+            "rows.csv", "".join(",".join(_format_cell(x) for x in row) + "\n" for row in rows).encode()
         )
         self.record.write("rows.est.csv", csv_rows(single(block)))
         self._columns.append(columns)
-        while sum(len(x["time"]) for x in self._columns) > MOST_CHECKED:
+        while sum(len(x["time"]) for x in self._columns) > MAX_CHECKED:
             self._columns.popleft()
         part = slice(-self._written % self._stride, None, self._stride)
         self._written += len(times)
         self._table.append({n: block[n][part] for n in block if n in SUMMARY})
-        if self._written > self._stride * MOST_KEPT:
+        if self._written > self._stride * MAX_SUMMARY:
             self._stride *= 2
             whole = self.table()
             self._table = [{str(n): whole[n].iloc[::2].array for n in whole}]
 
     def table(self) -> pd.DataFrame:
-        """Return the columns of SUMMARY of all rows that are written, of a long drive of every so-manieth."""
+        """Return the columns of SUMMARY of all written rows; of a long drive every
+        n-th row."""
         frames = [pd.DataFrame(x) for x in self._table]
         nothing = block_of(np.zeros(0), self._no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
 
-    # ---- what happened
+    # ---- events
 
     def _look_back(self) -> None:
-        """Say what the filter finds: changes, faults, sliding."""
+        """Report changes, faults and sliding that the filter finds."""
         tail: list[dict[str, Any]] = []
         for x in reversed(self._table):
             tail.insert(0, x)
             if len(x["time"]) and x["time"][0] < self.drive.time - HAPPENED:
                 break
-        if not tail or self.drive.contradicted or not any(_eventful(x) for x in tail):
+        if not tail or self.drive.contradicted or not any(_has_event(x) for x in tail):
             return
         table = pd.concat([pd.DataFrame(x) for x in tail], ignore_index=True)
         table = table[table["time"] > self.drive.time - HAPPENED].reset_index(drop=True)
@@ -653,7 +672,8 @@ class Live:
                 )
 
     def _is_said(self, what: str, start: float, end: float | None = None) -> bool:
-        """Return whether this was said; if not, it counts as said now. One that goes on is the same."""
+        """Return whether this event was reported; else mark it as reported. An event
+        that goes on is the same event."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
                 self._happened[i] = (name, max(until, end or start))
@@ -664,7 +684,7 @@ class Live:
     # ---- do the channels agree?
 
     def _agree(self, columns: list[dict[str, np.ndarray]]) -> None:
-        """Look whether the channels contradict each other, as for a log."""
+        """Check whether the channels contradict each other, as of a log."""
         try:
             data = {n: np.concatenate([c[n] for c in columns]) for n in columns[0]}
             time_ = data.pop("time")
@@ -673,36 +693,36 @@ class Live:
             log = check_log(Path("the bus"), time_, data, np.arange(len(time_)), notes, place="row")
             for text in (n for n in notes if "measures nothing" in n or "computed" in n or "no value" in n):
                 self._say_once(text)
-            said = check_car(select_liveliest(log, MOST_CHECKED), self.vehicle, self.config)
+            said = check_car(select_liveliest(log, MAX_CHECKED), self.vehicle, self.config)
             for text in said:
                 self._say_once(f"warning: {text}")
             self.drive.contradicted = select_certain(said)
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
-        except Exception as error:  # a check that fails must not end a drive, nor be silent
+        except Exception as error:  # a failed check is reported, and does not end the drive
             self._say_once(
                 f"whether the channels agree could not be tested ({type(error).__name__}: {str(error)[:100]})"
             )
 
     # ---- the answer
 
-    def result(self) -> tuple[Estimate, list[Finding], list[Change], list[str]]:
-        """Return what is known at the end, as `tselab estimate` says it of the rows: the estimates, what they say, what changed,
-        and in what the channels contradict each other."""
+    def result(self) -> tuple[Estimates, list[Finding], list[Change], list[str]]:
+        """Return estimates, findings, changes and contradictions at the end of the
+        drive, as `tselab estimate` finds them in the rows."""
         table = self.table()
         sd = self.filter.uncertainty_sd() if self.filter is not None else {}
         against = list(self.drive.contradicted)
         if not len(table):
-            return Estimate(table, False), [], [], against
+            return Estimates(table, False), [], [], against
         if not against and (said := implausible(table)):
             against.append(said)
         changes = regimes.changes(table)
         taught = self.filter.save_learnt() if self.filter is not None and not against else None
-        est = Estimate(table, False, taught, sd, dict(self.drive.statuses))
+        est = Estimates(table, False, taught, sd, dict(self.drive.statuses))
         return est, findings(table, self.config, changes, against, sd), changes, against
 
     def now(self) -> list[Finding]:
-        """Return what is known now, of the last row."""
+        """Return the findings of the last row."""
         if self.last is None:
             return []
         words = {code: f.name for code, f in library().codes(REASON).items()}
@@ -713,12 +733,26 @@ class Live:
             value, sd = float(self.last[s]) * nominal, float(self.last[f"{s}_sd"]) * nominal
             reason = "" if valid else words.get(int(self.last[f"{s}_valid"]), "")
             unit = "kN" if s == "cx_front" else "kN/rad"
-            found.append(Verdict(s, s, "good" if valid else "none", unit, value, 1.96 * sd, float("nan"), nominal,
-                                 self._valid[s] / max(self.drive.rows, 1), reason, 1.0, ""))  # fmt: skip
+            found.append(
+                Verdict(
+                    s,
+                    s,
+                    "good" if valid else "none",
+                    unit,
+                    value,
+                    1.96 * sd,
+                    float("nan"),
+                    nominal,
+                    self._valid[s] / max(self.drive.rows, 1),
+                    reason,
+                    1.0,
+                    "",
+                )
+            )
         return [Finding(None, found)]
 
     def close(self) -> None:
-        """End the drive: nothing is read any more, and what was recorded is whole."""
+        """End the drive: stop reading, and complete the record."""
         if self.closed:
             return
         self.closed = True
@@ -730,7 +764,7 @@ class Live:
         came = self.reader.take(0.0)
         if self.stream is not None:
             self.drive.frames += len(came)
-            for part in _pieces(came):
+            for part in _cut_pieces(came):
                 self.stream.add([a.frame for a in part])
                 self._step(part, self._last_frame)
         self._write()
@@ -746,13 +780,17 @@ class Live:
         late = np.array(d.delays) * 1e3
         if not d.rows or not len(late):
             return f"{d.frames} frames, {d.rows} rows"
-        return (f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} a second; from a frame "
-                f"to the estimate {np.median(late):.0f} ms, of 99 % of the rows at most {np.quantile(late, 0.99):.0f} ms, "
-                f"longest {late.max():.0f} ms")  # fmt: skip
+        return (
+            f"{d.frames} frames, {d.rows} rows, {d.rows / max(d.time - d.first, 1e-3):.0f} a second; from "
+            "a frame "
+            f"to the estimate {np.median(late):.0f} ms, of 99 % of the rows at most "
+            f"{np.quantile(late, 0.99):.0f} ms, "
+            f"longest {late.max():.0f} ms"
+        )
 
 
-def _eventful(x: dict[str, Any]) -> bool:
-    """Return whether something may have happened in these rows."""
+def _has_event(x: dict[str, Any]) -> bool:
+    """Return whether these rows may hold an event."""
     if "change_kind" not in x or not len(x["time"]):
         return False
     return bool(
@@ -761,8 +799,8 @@ def _eventful(x: dict[str, Any]) -> bool:
     )
 
 
-def _pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
-    """Return frames in pieces of a short time: what is kept of a channel is short, too."""
+def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
+    """Return frames in pieces of a short time, since channels keep a short time only."""
     pieces: list[list[Arrived]] = []
     for a in came:
         if not pieces or abs(a.frame.time - pieces[-1][0].frame.time) > PIECE:
@@ -772,17 +810,17 @@ def _pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
 
 
 def _warm_up(config: Config) -> None:
-    """Load what is loaded at its first use, before the first frame would wait for it."""
+    """Load what is loaded at its first use, so that the first frame does not wait."""
     for wanted in ("rad", "rad/s", "m/s2"):
         unit_factor(wanted, wanted)
     csv_rows(single(block_of(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))
 
 
-def _cell(x: float) -> str:
+def _format_cell(x: float) -> str:
     return "" if x != x else repr(x)
 
 
-def _nearest(proposal: Proposal, missing: Sequence[str]) -> str:
+def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
     """Return the nearest candidate of the first channel that is not found."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (nearest: {said[0]})" if said else ""

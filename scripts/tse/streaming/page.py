@@ -1,9 +1,11 @@
-"""A page of this machine that shows a drive while it goes on: the charts of the page that estimates in a browser, fed with the
-rows of the filter that runs here. That page has a filter of its own, which could be fed, too; two filters would be two answers."""
+"""A page of this machine that shows a drive while it goes on. It has the charts of the
+browser page, fed with rows of the filter that runs here; the filter of the browser
+page would give a second answer."""
 
 from __future__ import annotations
 
 import json
+import math
 import threading
 from array import array
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -13,32 +15,38 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from tse.car.vehicle import DRIVEN
 from tse.estimation.answer import answer
 from tse.estimation.regimes import REGIMES
 from tse.library.core import NOMINAL, REASON, STIFFNESS, library
-from tse.streaming.drive import Live
+from tse.streaming.drive import LiveDrive
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
 SHOWN = 0.05  # s between two rows that are shown
-MOST = 72_000  # rows that are kept: an hour; then the older half goes
+MAX_KEPT = 72_000  # rows that are kept: an hour. When it is full, the older half is dropped
 AT_A_TIME = 4000  # rows of one answer
 
 
 class Page:
-    """The page. `add` takes rows as they come; who looks is answered by threads of its own.
+    """The page. add() takes rows as they come; threads of its own answer the browsers.
 
     Parameters
     ----------
-    live : Live
+    live : LiveDrive
         The drive.
     port : int
         0: any that is free.
+    car : str
+        Sentence above the charts: that the car is not calibrated.
     """
 
-    def __init__(self, live: Live, port: int = 0):
+    def __init__(self, live: LiveDrive, port: int = 0, car: str = ""):
         self._live = live
+        self._car = car
+        # along the car, the driven axle is shown
+        self._rear = live.config.driven_axle == DRIVEN["rear"]
         self._lock = threading.Lock()
-        self._gone = 0  # rows that are not kept any more
+        self._gone = 0  # number of dropped rows
         self._last = -np.inf
         names = ["time", *(f"{s}{x}" for s in STIFFNESS for x in ("", "_sd", "_valid", "_reason")), *REGIMES]
         self._columns = {n: array("d") for n in names}
@@ -59,34 +67,39 @@ class Page:
         threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
 
     def add(self, times: np.ndarray, outputs: np.ndarray) -> None:
-        """Take rows: times, s, and what the library says of each, (rows,)."""
+        """Add rows: times, s, and outputs of the library, (rows,)."""
         for t, o in zip(times.tolist(), outputs, strict=True):
             if t < self._last + SHOWN - 1e-6:
                 continue
             self._last = t
             row = {"time": t, **{p: float(o[p]) for p in REGIMES}}
             for s in STIFFNESS:
-                by = getattr(self._live.config, NOMINAL[s]) / 1000
+                nominal = "longitudinal_stiffness_rear" if self._rear and s == "cx_front" else NOMINAL[s]
+                by = getattr(self._live.config, nominal) / 1000
                 reason = int(o[f"{s}_valid"])
-                row |= {s: float(o[s]) * by, f"{s}_sd": float(o[f"{s}_sd"]) * by, f"{s}_valid": float(reason == 0),
-                        f"{s}_reason": float(reason)}  # fmt: skip
+                row |= {
+                    s: float(o[s]) * by,
+                    f"{s}_sd": float(o[f"{s}_sd"]) * by,
+                    f"{s}_valid": float(reason == 0),
+                    f"{s}_reason": float(reason),
+                }
             with self._lock:
                 for n, x in row.items():
                     self._columns[n].append(x)
-                if len(self._columns["time"]) > MOST:
+                if len(self._columns["time"]) > MAX_KEPT:
                     for x in self._columns.values():
-                        del x[: MOST // 2]
-                    self._gone += MOST // 2
+                        del x[: MAX_KEPT // 2]
+                    self._gone += MAX_KEPT // 2
 
     def close(self) -> None:
-        """Answer nobody any more."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
 
     def _answer(self, to: BaseHTTPRequestHandler) -> None:
         asked = urlsplit(to.path)
         if to.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
-            to.send_error(403)  # a page of somebody else that has this machine under a name of its own
+            to.send_error(403)  # another site that resolves its name to this machine
         elif asked.path == "/":
             self._send(to, "text/html; charset=utf-8", page_text().encode())
         elif asked.path == "/rows":
@@ -106,14 +119,15 @@ class Page:
         to.wfile.write(body)
 
     def _state(self, first: int, events: int) -> dict[str, Any]:
-        """Return what is new since row `first` and sentence `events`."""
+        """Return rows and sentences since row `first` and sentence `events`."""
         with self._lock:
             count = self._gone + len(self._columns["time"])
             first = first if self._gone <= first <= count else self._gone
             last = min(count, first + AT_A_TIME)
             part = slice(first - self._gone, last - self._gone)
             columns = {
-                n: [None if v != v else float(f"{v:.6g}") for v in x[part]] for n, x in self._columns.items()
+                n: [float(f"{v:.6g}") if math.isfinite(v) else None for v in x[part]]
+                for n, x in self._columns.items()
             }
             columns["time"] = [round(t, 3) for t in self._columns["time"][part]]
         drive, said = self._live.drive, self._live.said
@@ -123,15 +137,18 @@ class Page:
             "next": last,
             "columns": columns,
             "reasons": self._reasons,
+            "car": self._car,
+            "along": "Rear" if self._rear else "Front",
             "answer": answer(self._live.now(), self._live.config),
-            "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, {1e3 * drive.delay:.0f} ms behind",
+            "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, "
+            f"{1e3 * drive.delay:.0f} ms behind",
             "events": said[events:],
             "nextEvent": len(said),
         }
 
 
 def page_text() -> str:
-    """Return the page: one text with everything in it."""
+    """Return the page, with style and script in it."""
     text = (TEMPLATES / "live.html").read_text(encoding="utf-8")
     for mark, name in (("/* @style@ */", "page.css"), ("/* @script@ */", "draw.js")):
         text = text.replace(mark, (TEMPLATES / name).read_text(encoding="utf-8"))

@@ -1,9 +1,17 @@
-"""Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated data.
+"""Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated
+data.
 
-case.py        what a case is; driving one of it            studies.py   manoeuvres, what goes wrong with a log, and all cases
-estimators.py  what can be run on a drive                   scores.py    one drive and one estimate become a row of numbers
-peers.py       Kalman filters beside it                     summary.py   rows become tables: of all studies, and of one
-engine.py      all runs: processes, Dask, resuming          pictures.py  pictures, and the files that a study leaves
+case.py        a case of a study, and the simulation of a drive of it
+studies.py     manoeuvres, errors of logs, and all cases
+estimators.py  the estimators that run on a drive
+peers.py       Kalman filters for comparison
+scores.py      a row of numbers from a drive and its estimate
+summary.py     tables from rows: of all studies, and of one
+engine.py      all runs: processes, Dask, resuming
+pictures.py    pictures and files of a study
+
+They are part of the package, since `tselab paper` needs no checkout, and drive the rooms
+of tse row by row. The commands in tselab/studies.py call them.
 """
 
 STUDIES = {  # name: (usual number of runs, title)

@@ -1,4 +1,5 @@
-"""A case of a study, and one drive of it: simulated once per seed, read by every estimator."""
+"""A case of a study, and one drive of it: simulated once per seed, read by every
+estimator."""
 
 import zlib
 from collections.abc import Callable, Mapping
@@ -23,7 +24,8 @@ Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """Manoeuvre, settings of the estimator, faults of the log, and the window of the scores."""
+    """Manoeuvre, settings of the estimator, faults of the log, and the window of the
+    scores."""
 
     name: str
     title: str
@@ -66,8 +68,8 @@ class Drive:
 def drive(
     case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]
 ) -> Drive:
-    """Drive the case with a seed. `configure` completes what the case says about the estimator; what the case is about
-    wins over the user's settings."""
+    """Drive the case with a seed. `configure` completes what the case says about the
+    estimator; what the case is about wins over the user's settings."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
     about: dict[str, float] = {**case.config, "seed": seed}
     car, sim_config = configure(about), SimConfig({**sim, **case.sim, "seed": seed})
@@ -85,6 +87,15 @@ def drive(
         rows[f.name] = truth[f.name]
     corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(len(rows), bool)
     return Drive(
-        maneuver.time, rows, truth, maneuver.road_level, corrupted, about, configure(about), car, sim_config, case.events,
+        maneuver.time,
+        rows,
+        truth,
+        maneuver.road_level,
+        corrupted,
+        about,
+        configure(about),
+        car,
+        sim_config,
+        case.events,
         sim_config.friction,
-    )  # fmt: skip
+    )

@@ -1,7 +1,8 @@
-"""All runs of a study: in this process, in a pool of processes or on a Dask cluster; every finished run is kept at once.
+"""All runs of a study: in this process, in a pool of processes or on a Dask cluster;
+every finished run is kept at once.
 
-A unit of work is a case and a seed. It is a plain tuple and run_unit() a plain function, so that every way of running does
-the same and gives the same numbers.
+A unit of work is a case and a seed. It is a plain tuple and run_unit() a plain function,
+so that every way of running does the same and gives the same numbers.
 """
 
 from __future__ import annotations
@@ -90,7 +91,8 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
     """Simulate once, run every estimator of the case on it: one row each."""
     if hash_library() != unit.library:
         raise UserError(
-            f"the tse library {library().path} is not, or no longer, the one that the study began with; start it again"
+            f"the tse library {library().path} is not, or no longer, the one that the study began with; "
+            "start it again"
         )
     case = _study(unit.study).case(unit.case)
     start = time.perf_counter()
@@ -132,10 +134,12 @@ def run(
     restart: bool = False,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """Run what is not yet in OUT/runs.jsonl; all rows of the plan, which OUT/runs.csv gets, too.
+    """Run what is not yet in OUT/runs.jsonl; all rows of the plan, which OUT/runs.csv
+    gets, too.
 
-    A line holds the rows of a unit behind what they are of and a sum of themselves. Lines of another plan or of older code stay
-    there for a plan that they are of; what a stop has cut is no line."""
+    A line holds the rows of a unit behind what they are of and a sum of themselves. Lines
+    of another plan or of older code stay there for a plan that they are of; what a stop
+    has cut is no line."""
     make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:
@@ -159,7 +163,8 @@ def run(
                     bar.set_postfix_str(f"{unit.case} seed {unit.seed}")
         except KeyboardInterrupt:
             raise Interrupted(
-                f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, the same command goes on from there"
+                f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, the same "
+                "command goes on from there"
             ) from None
     table = pd.DataFrame([row for u in units for row in done[u.mark]], columns=columns(plan.study.name))
     order = [(c.name, e) for c in plan.study.cases for e in c.estimators]
@@ -224,7 +229,8 @@ def columns(study: str) -> list[str]:
 
 @functools.cache
 def code() -> str:
-    """What makes the numbers beside the library and the settings: the files of studies, manoeuvres and other filters."""
+    """What makes the numbers beside the library and the settings: the files of studies,
+    manoeuvres and other filters."""
     files = {
         *Path(__file__).parent.glob("*.py"),
         *(Path(str(m.__file__)) for m in (core, maneuvers, simulate)),

@@ -49,7 +49,8 @@ TEXTS = {
 
 
 def overrides(name: str) -> dict[str, float]:
-    """The settings in which an estimator differs from `tse`, beside its form. 'robust-100' has 100 particles."""
+    """The settings in which an estimator differs from `tse`, beside its form.
+    'robust-100' has 100 particles."""
     if is_yours(name):
         _yours(name)
         return {}
@@ -68,7 +69,8 @@ def overrides(name: str) -> dict[str, float]:
 
 
 def configure(name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]) -> Config:
-    """Settings of an estimator: start and form, then the user's, then what the case is about, then its own."""
+    """Settings of an estimator: start and form, then the user's, then what the case is
+    about, then its own."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORMS.get(family, form))
     return Config.exact({**START, **forms, **settings, **about, **overrides(name)})
@@ -93,7 +95,8 @@ def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
 
 
 def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
-    """Given the log and the settings of car and sensors that tse has; returned: stiffness in N and N/rad, as columns of EST.csv."""
+    """Given the log and the settings of car and sensors that tse has; returned: stiffness
+    in N and N/rad, as columns of EST.csv."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
@@ -111,7 +114,7 @@ def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
 
 
 def run(name: str, d: Drive, config: Config) -> np.ndarray:
-    """Estimate a drive: an array with the fields cx_front, cx_front_sd, ... of every row."""
+    """Estimate a drive; return cx_front, cx_front_sd, ... of every row."""
     if is_yours(name):
         return _run_yours(name, d, config)
     if name in PEERS:
@@ -120,7 +123,8 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
 
 
 def _known(d: Drive, config: Config, changes: bool = False) -> Known:
-    """The true covariances, as they are at the start; with `changes` for a filter that knows of the changes of level."""
+    """The true covariances, as they are at the start; with `changes` for a filter that
+    knows of the changes of level."""
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(

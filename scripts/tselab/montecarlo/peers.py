@@ -1,12 +1,16 @@
 """An extended Kalman filter with the true covariances, which tse is compared with.
 
-State z = (vel_x, vel_y, yaw_rate; mu; b; eps): mu the mean deviation of the three stiffnesses from nominal, b the biases, eps the
-deviation of this sample alone, which disturbs the measurement and moves the car until the next row:
+State z = (vel_x, vel_y, yaw_rate; mu; b; eps): mu the mean deviation of the three
+stiffnesses from nominal, b the biases, eps the deviation of this sample alone, which
+disturbs the measurement and moves the car until the next row:
 
-    y_k = h(x_k, mu + eps_k) + b_k + e_k,     x_{k+1} = f(x_k, mu + eps_k),     eps_k ~ N(0, diag(spread^2)) afresh
+    y_k = h(x_k, mu + eps_k) + b_k + e_k
+    x_{k+1} = f(x_k, mu + eps_k)
+    eps_k ~ N(0, diag(spread^2)), independent from row to row
 
-Process and measurement noise are dependent; a state eps_k takes that into account exactly, which no library has that was found.
-Numbers in brackets are those of src/EQUATIONS.md; (1)-(4) are written anew in numpy, derivatives are complex steps.
+Process and measurement noise are dependent. The state eps_k accounts for that exactly; no
+library was found that does. Numbers in brackets are those of src/EQUATIONS.md. Equations
+(1)-(4) are implemented again in numpy, with derivatives by complex steps.
 """
 
 from dataclasses import dataclass
@@ -44,7 +48,8 @@ class Known:
 
 
 def accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """aX, aY, yaw acceleration (1)-(4) of columns of states, stiffness deviations w (5), inputs u."""
+    """aX, aY, yaw acceleration (1)-(4) of columns of states, stiffness deviations w (5),
+    inputs u."""
     v, (delta, front, rear) = np.maximum(x[0], LOW_SPEED), u
     front, rear = front * c.wheel_radius_front, rear * c.wheel_radius_rear
     fx = c.longitudinal_stiffness_front * (1 + w[0]) * (front - x[0]) / np.maximum(v, abs(front))
@@ -64,7 +69,7 @@ def observe(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> 
 def move(
     c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray, to: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Columns of states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
+    """Return states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
 
     def rate(x: np.ndarray, share: float) -> np.ndarray:
         a = accelerations(c, x, w, u + share * (to - u))
@@ -98,8 +103,9 @@ def _held(u: np.ndarray) -> np.ndarray:
 def _conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows at which states start anew, and measurements to learn from, as the filters of tse decide: too slow, reverse, large
-    angles: the model is not made for them. Inputs missing: prediction only."""
+    """Rows at which states start anew, and measurements to learn from, as the filters of
+    tse decide: too slow, reverse, large angles: the model is not made for them. Inputs
+    missing: prediction only."""
     time = np.cumsum(dt)
     slow = np.minimum(u[:, 1] * c.wheel_radius_front, u[:, 2] * c.wheel_radius_rear) < c.hold_speed
     last = np.maximum.accumulate(np.where(known, np.arange(len(time)), -1))
@@ -112,7 +118,7 @@ def _conditions(
 
 
 def _derivative(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """f(x, w) and its derivative by the twelve states: complex steps, exact to rounding."""
+    """Return f(x, w) and its derivative by the twelve states, by complex steps."""
     step = 1j * TINY * np.eye(6)
     y = f(x[:, None] + step[:3], w[:, None] + step[3:])  # type: ignore[operator]
     d = y.imag / TINY
@@ -120,8 +126,9 @@ def _derivative(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np
 
 
 def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
-    """Estimates after each row, stiffness relative to nominal. kind: "ekf", or "known", which knows when the mean changes, opens it
-    then and never forgets in between; rows: as Filter.inputs(), NaN = missing."""
+    """Estimates after each row, stiffness relative to nominal. kind: "ekf", or "known",
+    which knows when the mean changes, opens it then and never forgets in between; rows:
+    as Filter.inputs(), NaN = missing."""
     c, tells = SimpleNamespace(**config.as_dict()), kind == "known"
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))

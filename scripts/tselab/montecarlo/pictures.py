@@ -1,4 +1,5 @@
-"""Pictures by matplotlib, of the demonstration and of the paper's figures; what a study leaves in its directory."""
+"""Pictures by matplotlib, of the demonstration and of the paper's figures; what a study
+leaves in its directory."""
 
 from __future__ import annotations
 
@@ -79,8 +80,16 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
             axis.set_xlim(time[0], time[-1] if len(time) > 1 else 1)
         level = truth["road_level"].to_numpy()[: len(time)]
         for i in np.flatnonzero(np.diff(level)):
-            axes[0].annotate(f"road level {level[i]:g} → {level[i + 1]:g}", (time[i + 1], 0.96), xycoords=("data", "axes fraction"),
-                             xytext=(6, 0), textcoords="offset points", fontsize=10, color="#52606d", va="top")  # fmt: skip
+            axes[0].annotate(
+                f"road level {level[i]:g} → {level[i + 1]:g}",
+                (time[i + 1], 0.96),
+                xycoords=("data", "axes fraction"),
+                xytext=(6, 0),
+                textcoords="offset points",
+                fontsize=10,
+                color="#52606d",
+                va="top",
+            )
             for axis in axes:
                 axis.axvline(time[i + 1], color=GREY, lw=0.9)
 
@@ -92,10 +101,25 @@ RED, EDGE = "#c0392b", "#c8ced4"  # red as the paper's figures
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
 STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
 ERROR = "% of the truth"
-PAPER_STYLE = {"font.size": 10, "font.family": "DejaVu Sans", "axes.edgecolor": EDGE, "text.color": INK, "axes.labelcolor": INK,
-         "xtick.color": "#52606d", "ytick.color": "#52606d", "axes.grid": True, "grid.color": "#edf0f3", "axes.axisbelow": True,
-         "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "axes.titlesize": 10,
-         "axes.titleweight": "bold", "lines.linewidth": 1.6, "legend.frameon": False}  # fmt: skip
+PAPER_STYLE = {
+    "font.size": 10,
+    "font.family": "DejaVu Sans",
+    "axes.edgecolor": EDGE,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": "#52606d",
+    "ytick.color": "#52606d",
+    "axes.grid": True,
+    "grid.color": "#edf0f3",
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+}
 
 
 def draw(plan: Plan, runs: pd.DataFrame, path: Path) -> bool:
@@ -140,8 +164,8 @@ def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
 
 
 def _fig1(axis: Axes, name: str, d: Drive, y: np.ndarray) -> None:
-    """Normalised longitudinal stiffness and its standard deviation from sample to sample; the default filter has none: that of the
-    mean instead."""
+    """Normalised longitudinal stiffness and its standard deviation from sample to sample;
+    the default filter has none: that of the mean instead."""
     axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, y["cx_front"], color=RED, label="stiffness")
     axis.plot(d.time, d.sim.spread_cx_front * d.stiffness[:, 0], color=INK, lw=1.0)
@@ -154,7 +178,8 @@ def _fig1(axis: Axes, name: str, d: Drive, y: np.ndarray) -> None:
 
 
 def _fig2(axis: Axes, name: str, x: np.ndarray) -> None:
-    """Probability of the mean error of the front lateral stiffness, with the normal distribution of its mean and sd."""
+    """Probability of the mean error of the front lateral stiffness, with the normal
+    distribution of its mean and sd."""
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
     edges = np.linspace(-4.0, 4.0, 33)
     height = np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n
@@ -228,9 +253,12 @@ def run_facts(plan: Plan, lines: pd.DataFrame) -> list[tuple[str, str]]:
         ("Settings", f"form {plan.form}" + "".join(f", {s}" for s in settings)),
         ("Command", f"`{command(plan)}`"),
         ("Library", f"tse {lib.version}, {lib.format}; tselab {__version__}"),
-        ("Cost", f"{first['simulate_s'] + first['estimate_s']:.2f} s a run of case {first['case']} and estimator "
-         f"{first['estimator']}, {first['simulate_s']:.2f} s of it simulation and scores"),
-    ]  # fmt: skip
+        (
+            "Cost",
+            f"{first['simulate_s'] + first['estimate_s']:.2f} s a run of case {first['case']} and estimator "
+            f"{first['estimator']}, {first['simulate_s']:.2f} s of it simulation and scores",
+        ),
+    ]
 
 
 def markdown(plan: Plan, facts: list[tuple[str, str]], tables: list[Table]) -> str:

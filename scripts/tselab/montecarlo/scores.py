@@ -1,10 +1,12 @@
-"""One drive and one estimate of it become a row of numbers. All errors are shares of the true mean stiffness at that row. Of
-tyres that saturate the truth is their secant: the linear model has no other stiffness to find (felt()).
+"""One drive and one estimate of it become a row of numbers. All errors are shares of the
+true mean stiffness at that row. Of tyres that saturate the truth is their secant: the
+linear model has no other stiffness to find (felt()).
 
-Whether an estimate may be blamed for being wrong, or for saying that it does not know, depends on what could be known. That
-is judged from the simulator's truth: from the noise-free slips follows the regressor phi of each stiffness (as
-src/paper/row.c, which has to use estimates), and from its variance over the last two memories the sd that the mean
-could have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
+Whether an estimate may be blamed for being wrong, or for saying that it does not know,
+depends on what could be known. That is judged from the simulator's truth: from the
+noise-free slips follows the regressor phi of each stiffness (as src/paper/row.c, which
+has to use estimates), and from its variance over the last two memories the sd that the
+mean could have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
 """
 
 import itertools
@@ -51,7 +53,8 @@ class Knowable:
 
     @property
     def observable(self) -> np.ndarray:
-        """Clearly so, (n, 3): the valid flag counts in shares of nominal, errors in shares of the truth; by both."""
+        """Clearly so, (n, 3): the valid flag counts in shares of nominal, errors in
+        shares of the truth; by both."""
         return self.best_sd * np.maximum(1, 1 / self.level) < self.valid_sd / CLEARLY
 
     @property
@@ -66,7 +69,8 @@ class Knowable:
 
 
 def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
-    """From the truth: phi (n, 3) in true sigma per unit of w, and the tyre forces over the friction limit (n, 2)."""
+    """From the truth: phi (n, 3) in true sigma per unit of w, and the tyre forces over
+    the friction limit (n, 2)."""
     c, truth = d.car, d.truth
     vx, vy, r = (truth[f"true_{n}"].astype(float) for n in ("vel_x", "vel_y", "yaw_rate"))
     vf = c.wheel_radius_front * truth["true_wheel_speed_front"]
@@ -100,7 +104,8 @@ def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def grip(use: np.ndarray) -> np.ndarray:
-    """Secant of the simulator's tyre over its stiffness, as grip() in src/host/simulate.c. use: linear force over the limit."""
+    """Secant of the simulator's tyre over its stiffness, as grip() in
+    src/host/simulate.c. use: linear force over the limit."""
     z = use / 3
     return np.where(z < 1, 1 - z + z**2 / 3, 1 / np.maximum(use, 1e-9))
 
@@ -113,8 +118,9 @@ def felt(
     memory: float,
     linear: float = LINEAR,
 ) -> np.ndarray:
-    """The stiffness that a best fit of the linear tyre over the memory finds: the secant, weighted by what each row shows of
-    it, phi^2. Rows beyond the linear range, from which nobody should learn, do not count."""
+    """The stiffness that a best fit of the linear tyre over the memory finds: the secant,
+    weighted by what each row shows of it, phi^2. Rows beyond the linear range, from which
+    nobody should learn, do not count."""
     if not use.any():
         return mean
     rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
@@ -131,7 +137,8 @@ def felt(
 
 
 def running_mean(x: np.ndarray, window: float) -> np.ndarray:
-    """Mean of what has been, with a memory of `window` rows: gain 1/min(window, rows so far)."""
+    """Mean of what has been, with a memory of `window` rows: gain 1/min(window, rows so
+    far)."""
     first = min(len(x), int(window))
     start = np.cumsum(x[:first]) / np.arange(1, first + 1)
     if first == len(x):
@@ -142,7 +149,8 @@ def running_mean(x: np.ndarray, window: float) -> np.ndarray:
 
 
 def best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, memory: float) -> np.ndarray:
-    """Best-case sd of the mean from the regressor of one stiffness; rows from which nothing is learnt do not count."""
+    """Best-case sd of the mean from the regressor of one stiffness; rows from which
+    nothing is learnt do not count."""
     sd = np.full(len(phi), np.inf)
     x = phi[learning]
     square = running_mean(x**2, 2 * memory)
@@ -153,7 +161,8 @@ def best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, memory: f
 
 
 def after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
-    """Rows that are at least `wait` after the last of the moments before them. Moments need not be rows."""
+    """Rows that are at least `wait` after the last of the moments before them. Moments
+    need not be rows."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
@@ -180,9 +189,8 @@ def knowable(d: Drive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    started = (
-        d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
-    )  # before, the filter says "starting", and rightly
+    # Before, the filter says "starting", and rightly
+    started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
     settled = after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
 
@@ -207,8 +215,9 @@ def wrong_on_end(wrong: np.ndarray, judged: np.ndarray) -> int:
 def settling(
     time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
 ) -> float:
-    """Seconds from `start` until the error stays below CLOSE for `hold` seconds, with hold = inf up to `end`; inf when it
-    does not. Less than `hold` before the end counts when it stays below until there."""
+    """Seconds from `start` until the error stays below CLOSE for `hold` seconds, with
+    hold = inf up to `end`; inf when it does not. Less than `hold` before the end counts
+    when it stays below until there."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)
     t = time[part]
     wrong = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
@@ -235,7 +244,8 @@ def clock(d: Drive) -> np.ndarray:
 
 
 def reported(d: Drive, estimate: np.ndarray) -> np.ndarray:
-    """When the estimator says that the regime changed, in the time of the drive: each change once, whenever it was said."""
+    """When the estimator says that the regime changed, in the time of the drive: each
+    change once, whenever it was said."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
     )
@@ -247,8 +257,8 @@ def reported(d: Drive, estimate: np.ndarray) -> np.ndarray:
 
 
 def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Changes reported and false ones; after each event how soon it was detected, how soon all stiffnesses were right, and for
-    how long any was called valid and was not."""
+    """Changes reported and false ones; after each event how soon it was detected, how
+    soon all stiffnesses were right, and for how long any was called valid and was not."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = clock(d)
     error = np.max(
@@ -283,7 +293,8 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
 
 
 def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """The numbers of one run. Percent; shares as two counts of rows, so that they can be pooled."""
+    """The numbers of one run. Percent; shares as two counts of rows, so that they can be
+    pooled."""
     time, step = d.time, d.config.sample_time
     window = inside(time, case.windows)
     truth = k.level

@@ -15,7 +15,8 @@ from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
 
-# ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver; and what goes wrong with a log.
+# ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver;
+# and errors of logs.
 
 STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
@@ -40,8 +41,8 @@ def square_waves(
 
 
 def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
-    """Steady front torque that makes this slip on the front axle: its wheels and, through the car, the rear wheels take
-    their part of it."""
+    """Steady front torque that makes this slip on the front axle: its wheels and, through
+    the car, the rear wheels take their part of it."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -71,7 +72,8 @@ REVERSE_END = 60.0
 
 
 def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """From standstill 3 m/s backwards with steering, back to standstill, launch to 18 m/s, then the paper's square waves."""
+    """From standstill 3 m/s backwards with steering, back to standstill, launch to 18
+    m/s, then the paper's square waves."""
     t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
     force = (
         np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
@@ -90,7 +92,8 @@ SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # Nm on the front wheels, s
 
 
 def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Square waves; twice the brakes lock the front wheels for a second, and the speed is taken back afterwards."""
+    """Square waves; twice the brakes lock the front wheels for a second, and the speed is
+    taken back afterwards."""
     m = square_waves(car, sim, rng, duration=PULSES_END)
     torque, brake = m.wheel_torque_front.copy(), np.zeros_like(m.time)
     for start in PULSES:
@@ -102,7 +105,8 @@ def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuve
 
 
 def wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Square waves; twice too much torque spins the front wheels, and the speed is given back afterwards."""
+    """Square waves; twice too much torque spins the front wheels, and the speed is given
+    back afterwards."""
     m = square_waves(car, sim, rng, duration=PULSES_END)
     torque = m.wheel_torque_front.copy()
     for start in PULSES:
@@ -130,7 +134,8 @@ def paper_waves(
 
 
 def paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """After the paper's IV-B: ten seconds straight on, accelerating twice; from 13 s on double lane changes."""
+    """After the paper's IV-B: ten seconds straight on, accelerating twice; from 13 s on
+    double lane changes."""
     m = listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
     t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
     before = len(t) - len(m.time)
@@ -178,8 +183,8 @@ WAVE = 1.0  # m/s2 up and down, of square waves
 
 
 def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
-    """Parts of lane keeping, square waves, random steering and straight roads, at speeds that change in between: what a car
-    does as long as nothing happens."""
+    """Parts of lane keeping, square waves, random steering and straight roads, at speeds
+    that change in between: what a car does as long as nothing happens."""
     t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
     steer, target = np.zeros_like(t), np.zeros_like(t)
     start, speed = 0.0, rng.uniform(*SPEEDS)
@@ -211,7 +216,8 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
     return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)
 
 
-# ---- What goes wrong with a log. Each function changes the rows in place and returns which of them it made unusable.
+# ---- Errors of logs. Each function changes the rows in place, and returns which of them
+# are unusable.
 
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # s, of a dropout or a stuck channel
@@ -250,7 +256,8 @@ def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel:
 def outliers(
     time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float
 ) -> np.ndarray:
-    """Single samples of the inertial channels are far off. An estimator has to live with them: no row is unusable."""
+    """Single samples of the inertial channels are far off. An estimator has to live with
+    them: no row is unusable."""
     default = Config.exact()
     for channel in MEASURES:
         hit = rng.random(len(time)) < share
@@ -265,7 +272,8 @@ DEGREE = np.pi / 180
 
 @dataclass(frozen=True)
 class Study:
-    """A list of cases, and how many runs of each are usual. The name may add estimators to all of them: "stress+ekf"."""
+    """A list of cases, and how many runs of each are usual. The name may add estimators
+    to all of them: "stress+ekf"."""
 
     name: str
     title: str
@@ -292,12 +300,21 @@ NOMINAL = Case("nominal", "square waves, all as assumed", _waves())
 NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _waves(), sim={"noise": 3.0})
 NOISE_THIRD = Case("noise-third", "sensor noise a third of the setting", _waves(), sim={"noise": 1 / 3})
 LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=LOW_STEER, torque=None))
-OUTLIERS = Case("outliers", "1 % of the inertial samples 10 sigma off", _waves(),
-                corrupt=partial(outliers, share=0.01, sigmas=10.0))  # fmt: skip
+OUTLIERS = Case(
+    "outliers",
+    "1 % of the inertial samples 10 sigma off",
+    _waves(),
+    corrupt=partial(outliers, share=0.01, sigmas=10.0),
+)
 ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((20.0, 0.7),)), events=(20.0,))
 
-ROAD_03 = Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
-               events=(20.0, 40.0), windows=((30.0, 39.99), (50.0, 60.0)))  # fmt: skip
+ROAD_03 = Case(
+    "road-0.3",
+    "road to 30 % at 20 s and back at 40 s",
+    _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
+    events=(20.0, 40.0),
+    windows=((30.0, 39.99), (50.0, 60.0)),
+)
 
 
 def _stress() -> tuple[Case, ...]:
@@ -313,67 +330,146 @@ def _stress() -> tuple[Case, ...]:
     slots = _waves(SLOTS_END)
     return (
         NOMINAL,
-        Case("paper-prior", "vx starts 1 m/s sd off", _waves(), draw=_paper_prior,
-             config={"initial_vel_x_from_wheels": 0, "initial_vel_x_sd": 1.0}),
+        Case(
+            "paper-prior",
+            "vx starts 1 m/s sd off",
+            _waves(),
+            draw=_paper_prior,
+            config={"initial_vel_x_from_wheels": 0, "initial_vel_x_sd": 1.0},
+        ),
         Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}),
         NOISE_3X,
         NOISE_THIRD,
-        Case("wheel-noise-known", "wheel speeds noisy by 0.05 rad/s, in the settings", _waves(), sim={"wheel_speed_sd": 0.05},
-             config={"wheel_noise_sd": 0.05}),
-        Case("wheel-noise-unknown", "wheel speeds noisy by 0.05 rad/s, not in the settings", _waves(),
-             sim={"wheel_speed_sd": 0.05}),
+        Case(
+            "wheel-noise-known",
+            "wheel speeds noisy by 0.05 rad/s, in the settings",
+            _waves(),
+            sim={"wheel_speed_sd": 0.05},
+            config={"wheel_noise_sd": 0.05},
+        ),
+        Case(
+            "wheel-noise-unknown",
+            "wheel speeds noisy by 0.05 rad/s, not in the settings",
+            _waves(),
+            sim={"wheel_speed_sd": 0.05},
+        ),
         OUTLIERS,
         Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _waves(), sim=imu_bias),
         LOW,
-        replace(LOW, name="low-excitation-250", title="torque 250 Nm, steering 0.005 rad",
-                build=_waves(steer=LOW_STEER, torque=250.0)),
-        Case("highway", "5 min straight, then a lane change", highway,
-             windows=((LANE_CHANGE[0] + LANE_CHANGE[1], HIGHWAY_END),)),
+        replace(
+            LOW,
+            name="low-excitation-250",
+            title="torque 250 Nm, steering 0.005 rad",
+            build=_waves(steer=LOW_STEER, torque=250.0),
+        ),
+        Case(
+            "highway",
+            "5 min straight, then a lane change",
+            highway,
+            windows=((LANE_CHANGE[0] + LANE_CHANGE[1], HIGHWAY_END),),
+        ),
         replace(ROAD_03, windows=((30.0, 40.0), (50.0, 60.0))),
-        *(Case(f"spread-{s:g}", f"stiffness scatters by {s:g} %", _waves(), sim=dict.fromkeys(SPREADS, s / 100))
-          for s in (1, 5, 15)),
-        *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f}) for f in (0.98, 0.99, 0.995)),
-        Case("forgetting-0.999", "forgetting 0.999, judged after two memories", _waves(40.0), config={"forgetting": 0.999},
-             windows=((20.0, 40.0),)),
-        *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(dropout, channel=c),
-               windows=after_15) for c in (*DRIVES, *MEASURES)),
-        *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(stuck, channel=c),
-               windows=after_15) for c in (*DRIVES, *MEASURES)),
-        Case("stop-and-go", "standstill, launch, stop, four times", partial(listed, name="stop-and-go", duration=80.0),
-             windows=((20.0, 80.0),)),
-        Case("reverse", "backwards from standstill, launch, square waves", reverse,
-             windows=((45.0, REVERSE_END),)),
+        *(
+            Case(
+                f"spread-{s:g}",
+                f"stiffness scatters by {s:g} %",
+                _waves(),
+                sim=dict.fromkeys(SPREADS, s / 100),
+            )
+            for s in (1, 5, 15)
+        ),
+        *(
+            Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f})
+            for f in (0.98, 0.99, 0.995)
+        ),
+        Case(
+            "forgetting-0.999",
+            "forgetting 0.999, judged after two memories",
+            _waves(40.0),
+            config={"forgetting": 0.999},
+            windows=((20.0, 40.0),),
+        ),
+        *(
+            Case(
+                f"dropout-{c}",
+                f"{c} missing for 0.1 .. 5 s",
+                slots,
+                corrupt=partial(dropout, channel=c),
+                windows=after_15,
+            )
+            for c in (*DRIVES, *MEASURES)
+        ),
+        *(
+            Case(
+                f"stuck-{c}",
+                f"{c} stuck for 0.1 .. 5 s",
+                slots,
+                corrupt=partial(stuck, channel=c),
+                windows=after_15,
+            )
+            for c in (*DRIVES, *MEASURES)
+        ),
+        Case(
+            "stop-and-go",
+            "standstill, launch, stop, four times",
+            partial(listed, name="stop-and-go", duration=80.0),
+            windows=((20.0, 80.0),),
+        ),
+        Case(
+            "reverse",
+            "backwards from standstill, launch, square waves",
+            reverse,
+            windows=((45.0, REVERSE_END),),
+        ),
         Case("wheel-lock", "front wheels lock for 1 s, twice; against the secant", wheel_lock, **friction),
         Case("wheel-spin", "front wheels spin for 1 s, twice; against the secant", wheel_spin, **friction),
         Case("mass+10", "10 % heavier than assumed", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
         Case("mass-10", "10 % lighter than assumed", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
-        *(Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
-          for ms in (5, 10, 20, 40)),
-    )  # fmt: skip
+        *(
+            Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
+            for ms in (5, 10, 20, 40)
+        ),
+    )
 
 
 SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # s
 
 
 def _regimes() -> tuple[Case, ...]:
-    """What `_stress` does not have. Windows end before an event: its row already has another truth."""
+    """What `_stress` does not have. Windows end before an event: its row already has
+    another truth."""
     two = ("tse", "known")
     return (
-        Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
-             windows=((15.0, 29.99), (45.0, 60.0)), estimators=two),
+        Case(
+            "road-0.7",
+            "square waves, road to 70 % at 30 s",
+            _waves(60.0, road=((30.0, 0.7),)),
+            events=(30.0,),
+            windows=((15.0, 29.99), (45.0, 60.0)),
+            estimators=two,
+        ),
         replace(ROAD_03, estimators=two),
-        Case("slow-20", f"stiffness to 70 % within {SLOW:g} s",
-             partial(slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
-             lasts=SLOW, windows=((SLOW_START, SLOW_START + SLOW + SLOW_AFTER),)),
-    )  # fmt: skip
+        Case(
+            "slow-20",
+            f"stiffness to 70 % within {SLOW:g} s",
+            partial(slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER),
+            events=(SLOW_START,),
+            lasts=SLOW,
+            windows=((SLOW_START, SLOW_START + SLOW + SLOW_AFTER),),
+        ),
+    )
 
 
 TEN_MINUTES = 600.0  # s
 
 
 def _false_alarms() -> tuple[Case, ...]:
-    known = Case("false-alarms", "ordinary driving", partial(ordinary, duration=TEN_MINUTES),
-                windows=((30.0, TEN_MINUTES),))  # fmt: skip
+    known = Case(
+        "false-alarms",
+        "ordinary driving",
+        partial(ordinary, duration=TEN_MINUTES),
+        windows=((30.0, TEN_MINUTES),),
+    )
     return known, replace(
         known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1}
     )
@@ -384,8 +480,9 @@ def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
 
 
 def _paper() -> tuple[Case, ...]:
-    """Sec. IV-A with inputs that change linearly between rows, and with inputs that are held; and a twin of the experiment of
-    IV-B, with a prior that is wrong by 20 % on either side."""
+    """Sec. IV-A with inputs that change linearly between rows, and with inputs that are
+    held; and a twin of the experiment of IV-B, with a prior that is wrong by 20 % on
+    either side."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",
@@ -404,10 +501,16 @@ def _paper() -> tuple[Case, ...]:
     )
     return (
         waves,
-        replace(waves, name="iv-a-held", title=f"{waves.title}; inputs held", sim={"hold_inputs": 1}, config={"integration": 2}),
+        replace(
+            waves,
+            name="iv-a-held",
+            title=f"{waves.title}; inputs held",
+            sim={"hold_inputs": 1},
+            config={"integration": 2},
+        ),
         lanes,
         replace(lanes, name="iv-b+20", title="the same, prior 20 % too high", config=_prior(1.2)),
-    )  # fmt: skip
+    )
 
 
 PAPER = ("printed", "robust", "tse")
@@ -421,13 +524,17 @@ def _cases() -> dict[str, tuple[Case, ...]]:
     return {
         "accuracy": (Case("accuracy", "square waves, start at 70 %", _waves(40.0), windows=((20.0, 40.0),)),),
         "paper": _paper(),
-        "robust": _with(("robust", *(f"robust-{name}" for name in VARIANTS)),
-                        *(c for c in _paper() if c.name == "iv-a"), ROAD_03, NOISE_3X),
+        "robust": _with(
+            ("robust", *(f"robust-{name}" for name in VARIANTS)),
+            *(c for c in _paper() if c.name == "iv-a"),
+            ROAD_03,
+            NOISE_3X,
+        ),
         "peers": _with(("tse", "robust", "robust-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
         "stress": _stress(),
         "regimes": _regimes(),
         "false-alarms": _false_alarms(),
-    }  # fmt: skip
+    }
 
 
 def study(name: str, cases: tuple[str, ...] = ()) -> Study:

@@ -46,7 +46,8 @@ def root_mean(squares: np.ndarray) -> np.ndarray:
 def bootstrap(
     values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = root_mean
 ) -> tuple[float, float]:
-    """Percentile interval of a statistic over the last axis, which holds the runs: they are drawn again as a whole."""
+    """Percentile interval of a statistic over the last axis, which holds the runs: they
+    are drawn again as a whole."""
     values = np.asarray(values, float)
     n = values.shape[-1]
     if n < 2:
@@ -164,7 +165,8 @@ def three(line: pd.Series, what: str, digits: int = 1, sign: str = "") -> str:
 
 
 def settled(line: pd.Series, event: int) -> list[str]:
-    """Two cells: seconds until settled after an event, median and longest; the same for good. Of the slowest stiffness."""
+    """Two cells: seconds until settled after an event, median and longest; the same for
+    good. Of the slowest stiffness."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
@@ -188,15 +190,24 @@ def _rms(line: pd.Series, key: str) -> str:
 
 WRONG = f"{100 * DIVERGED_ERROR:.0f} %"
 LEGEND = (
-    "Triples: Cx front, Cy front, Cy rear. In % of the true mean stiffness, in the score window of the case. Diverged: runs in "
-    f"which the mean of a stiffness was wrong by more than {WRONG} on end, for more than {DIVERGED_FOR:g} s of rows from which "
-    f"it could clearly be observed, {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance; any: whether it could "
-    "be observed or not. RMS and bias leave out refused rows, which have no estimate. Covered: share of rows whose 95 % interval "
-    f"holds the truth. False valid: of the rows flagged valid, those wrong by more than {WRONG}. False invalid: of the rows from "
-    f"which it could clearly be observed, and was within {100 * scores.CLOSE:.0f} %, those not flagged valid. Reason right: of "
-    "the rows from which it clearly could not be observed, those that say so. Faults reported: of the rows with a missing or "
-    "frozen channel, those not flagged valid or with the status that a measurement is missing. Seen: share of rows that say that "
-    "the spread is learnt, not below what can be observed. Noise: sd as found over the setting, accel_x, accel_y, yaw_rate, "
+    "Triples: Cx front, Cy front, Cy rear. In % of the true mean stiffness, in the score window of the "
+    "case. Diverged: runs in "
+    f"which the mean of a stiffness was wrong by more than {WRONG} on end, for more than {DIVERGED_FOR:g} "
+    "s of rows from which "
+    f"it could clearly be observed, {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance; "
+    "any: whether it could "
+    "be observed or not. RMS and bias leave out refused rows, which have no estimate. Covered: share of "
+    "rows whose 95 % interval "
+    f"holds the truth. False valid: of the rows flagged valid, those wrong by more than {WRONG}. False "
+    "invalid: of the rows from "
+    f"which it could clearly be observed, and was within {100 * scores.CLOSE:.0f} %, those not flagged "
+    "valid. Reason right: of "
+    "the rows from which it clearly could not be observed, those that say so. Faults reported: of the "
+    "rows with a missing or "
+    "frozen channel, those not flagged valid or with the status that a measurement is missing. Seen: "
+    "share of rows that say that "
+    "the spread is learnt, not below what can be observed. Noise: sd as found over the setting, accel_x, "
+    "accel_y, yaw_rate, "
     "mean. Intervals: 95 %, Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
@@ -204,27 +215,53 @@ LEGEND = (
 def overview(plan: Plan, summary: pd.DataFrame) -> Table:
     """One line per case and estimator: divergence, error, coverage, validity, spread."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
-    head = ["case", *(["estimator"] if several else []), "runs", "diverged (95 %)", "any",
-            *(f"RMS {h} (95 %)" for h in HEADS.values()), "covered", "bias", "spread", "seen", "noise", "false valid",
-            "false invalid", "reason right", "faults reported", "recoveries"]  # fmt: skip
+    head = [
+        "case",
+        *(["estimator"] if several else []),
+        "runs",
+        "diverged (95 %)",
+        "any",
+        *(f"RMS {h} (95 %)" for h in HEADS.values()),
+        "covered",
+        "bias",
+        "spread",
+        "seen",
+        "noise",
+        "false valid",
+        "false invalid",
+        "reason right",
+        "faults reported",
+        "recoveries",
+    ]
     rows = [
         [
-            f"{line['case']}: {line['title']}", *([line["estimator"]] if several else []), f"{line['runs']}", diverged(line),
-            number(line.get("diverged_any"), 0), *(_rms(line, k) for k in HEADS), three(line, "covered", 0),
-            three(line, "bias", 2, "+"), three(line, "spread"), three(line, "spread_seen", 0),
-            ", ".join(number(line[f"noise_{c}"], 1) for c in MEASURES), number(line["false_valid"], 2),
-            number(line["false_invalid"], 1), number(line["reason_right"], 1), number(line["corrupted_reported"], 1),
+            f"{line['case']}: {line['title']}",
+            *([line["estimator"]] if several else []),
+            f"{line['runs']}",
+            diverged(line),
+            number(line.get("diverged_any"), 0),
+            *(_rms(line, k) for k in HEADS),
+            three(line, "covered", 0),
+            three(line, "bias", 2, "+"),
+            three(line, "spread"),
+            three(line, "spread_seen", 0),
+            ", ".join(number(line[f"noise_{c}"], 1) for c in MEASURES),
+            number(line["false_valid"], 2),
+            number(line["false_invalid"], 1),
+            number(line["reason_right"], 1),
+            number(line["corrupted_reported"], 1),
             number(line["recoveries"], 0),
         ]
         for _, line in summary.iterrows()
-    ]  # fmt: skip
+    ]
     return Table("All cases", head, rows, 2 if several else 1, LEGEND)
 
 
 # ---- The tables that only one study has: what it is about.
 
 SETTLING = (
-    f"Settling: until the error is below 10 % for {SETTLED_FOR:g} s; for good: until it stays below up to the next change or the "
+    f"Settling: until the error is below 10 % for {SETTLED_FOR:g} s; for good: until it stays below up to "
+    "the next change or the "
     "end of the run. Of several stiffnesses the slowest."
 )
 
@@ -232,8 +269,12 @@ SETTLING = (
 def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """What the study is about."""
     of_study = {
-        "paper": _paper, "robust": _robust, "peers": _peers, "regimes": _regimes, "false-alarms": _false_alarms,
-    }  # fmt: skip
+        "paper": _paper,
+        "robust": _robust,
+        "peers": _peers,
+        "regimes": _regimes,
+        "false-alarms": _false_alarms,
+    }
     make = of_study.get(plan.study.base)
     return [t for t in make(plan, runs, summary) if t.rows] if make else []
 
@@ -264,12 +305,17 @@ def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
         if name in cases:
             rows += _lanes(prior, [of(runs, name, e) for e in ("paper", *PAPERS[1:])])
     text = (
-        f"{plan.runs} runs of each case. Sec. IV-A: 500 particles, forgetting 0.99 (robust: 0.998, of the mean 0.98), start "
-        "at 70 %, all stiffness to 70 % at 30 s; inputs linear or held between rows. Sec. IV-B: simulated twin of the experiment, "
+        f"{plan.runs} runs of each case. Sec. IV-A: 500 particles, forgetting 0.99 (robust: 0.998, of the "
+        "mean 0.98), start "
+        "at 70 %, all stiffness to 70 % at 30 s; inputs linear or held between rows. Sec. IV-B: simulated "
+        "twin of the experiment, "
         "0.995 (robust: of the mean 0.98). Triples: Cx, Cy front, "
-        "Cy rear, % of the true mean; in brackets 95 % intervals (bootstrap for rms, t for means, Clopper-Pearson for shares). "
-        "Diverged: a stiffness off by more than 20 % for more than 2 s in 15 .. 30 s, in 45 .. 60 s, in 44 .. 48 s of IV-B. "
-        "Standard deviation: of a stiffness from sample to sample, which the default filter does not estimate."
+        "Cy rear, % of the true mean; in brackets 95 % intervals (bootstrap for rms, t for means, "
+        "Clopper-Pearson for shares). "
+        "Diverged: a stiffness off by more than 20 % for more than 2 s in 15 .. 30 s, in 45 .. 60 s, in "
+        "44 .. 48 s of IV-B. "
+        "Standard deviation: of a stiffness from sample to sample, which the default filter does not "
+        "estimate."
     )
     return [
         Table("The paper's numbers and ours", ["", "paper", "as printed", "robust", "default"], rows, 2, text)
@@ -304,11 +350,19 @@ def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]
     true = 100 * SimConfig().spread_cx_front
     particles = [100 * (part["cx_front_spread_w0"] / true - 1) for part in parts[:2]]
     fig1 = [
-        [f"Fig. 1, {head}Cx, standard deviation of the median run over the truth, %", "within 5",
-         *(f"{x.median():+.0f}" for x in particles), "-"],
-        ["... runs within 5 %, within 20 %", "1 of 1",
-         *(f"{_share_of(x.abs() <= 5)}, {_share_of(x.abs() <= 20)}" for x in particles), "-"],
-    ]  # fmt: skip
+        [
+            f"Fig. 1, {head}Cx, standard deviation of the median run over the truth, %",
+            "within 5",
+            *(f"{x.median():+.0f}" for x in particles),
+            "-",
+        ],
+        [
+            "... runs within 5 %, within 20 %",
+            "1 of 1",
+            *(f"{_share_of(x.abs() <= 5)}, {_share_of(x.abs() <= 20)}" for x in particles),
+            "-",
+        ],
+    ]
     fig2 = [
         [
             f"Fig. 2, {head}Cy front, mean error, %",
@@ -324,10 +378,14 @@ def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]
     rest = [
         [f"{head}rms error, 15 .. 30 s", "-", *_three(parts, _rms_of, "mean_square_w0")],
         [f"{head}rms error, 45 .. 60 s", "-", *_three(parts, _rms_of, "mean_square_w1")],
-        [f"{head}95 % interval holds, 15 .. 30 s", "-", *_three(parts, lambda x: f"{x.mean():.0f}", "covered_w0")],
+        [
+            f"{head}95 % interval holds, 15 .. 30 s",
+            "-",
+            *_three(parts, lambda x: f"{x.mean():.0f}", "covered_w0"),
+        ],
         [f"{head}diverged before the change", "-", *_off(parts, 0)],
         [f"{head}diverged after it", "-", *_off(parts, 1)],
-    ]  # fmt: skip
+    ]
     return [*fig1, *fig2, *rest]
 
 
@@ -344,9 +402,16 @@ def _lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
         [f"Fig. 3, {head}mean error throughout", "-, 2.2, 0.2" if prior == "-20" else "-", *throughout],
         [f"{head}rms error at the end, 44 .. 48 s", "-", *_three(parts, _rms_of, "mean_square_w1")],
         [f"{head}diverged at the end", "-", *_off(parts, 1)],
-        [f"Fig. 4, {head}rms error of vX, m/s; yaw rate, deg/s", "closely tracked",
-         *(f"{np.sqrt(p['vel_x_square'].mean()):.3f}; {np.degrees(np.sqrt(p['yaw_rate_square'].mean())):.3f}" for p in parts)],
-    ]  # fmt: skip
+        [
+            f"Fig. 4, {head}rms error of vX, m/s; yaw rate, deg/s",
+            "closely tracked",
+            *(
+                f"{np.sqrt(p['vel_x_square'].mean()):.3f}; "
+                f"{np.degrees(np.sqrt(p['yaw_rate_square'].mean())):.3f}"
+                for p in parts
+            ),
+        ],
+    ]
 
 
 def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
@@ -370,7 +435,8 @@ def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table
             "spread, median run",
         ]
         text = (
-            f"{case.title}; {plan.runs} runs. Triples: Cx, Cy front, Cy rear, % of the true mean, with 95 % intervals. "
+            f"{case.title}; {plan.runs} runs. Triples: Cx, Cy front, Cy rear, % of the true mean, with 95 "
+            "% intervals. "
             "Diverged: a stiffness off by more than 20 % for more than 2 s of the window. True spread: 5 %."
         )
         tables.append(Table(case.name, head, rows, 2, text))
@@ -378,7 +444,8 @@ def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table
 
 
 def anderson_darling(x: np.ndarray) -> tuple[float, float]:
-    """A² with the correction for estimated mean and sd, and its p (D'Agostino & Stephens 1986, table 4.9)."""
+    """A² with the correction for estimated mean and sd, and its p (D'Agostino & Stephens
+    1986, table 4.9)."""
     n = len(x)
     z = np.sort((x - x.mean()) / x.std(ddof=1))
     i = np.arange(1, n + 1)
@@ -411,16 +478,37 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
                 )
             time = line["microseconds_per_step"]
             base = summary[(summary["case"] == case.name) & (summary["estimator"] == "ekf")].iloc[0]
-            rows.append([
-                case.name, name, diverged(line), three(line, "rms", 2), *ratios, three(line, "bias", 2, "+"),
-                three(line, "covered", 0), settled(line, 1)[0], number(time, 1),
-                number(time / base["microseconds_per_step"]),
-            ])  # fmt: skip
-    head = ["case", "estimator", "diverged", "RMS error", *(f"{h} over EKF" for h in HEADS.values()), "bias", "covered",
-            "s to 10 % after the change", "µs a step", "over EKF"]  # fmt: skip
+            rows.append(
+                [
+                    case.name,
+                    name,
+                    diverged(line),
+                    three(line, "rms", 2),
+                    *ratios,
+                    three(line, "bias", 2, "+"),
+                    three(line, "covered", 0),
+                    settled(line, 1)[0],
+                    number(time, 1),
+                    number(time / base["microseconds_per_step"]),
+                ]
+            )
+    head = [
+        "case",
+        "estimator",
+        "diverged",
+        "RMS error",
+        *(f"{h} over EKF" for h in HEADS.values()),
+        "bias",
+        "covered",
+        "s to 10 % after the change",
+        "µs a step",
+        "over EKF",
+    ]
     text = (
-        "RMS over 15 .. 30 s, ratios on the same data with paired bootstrap intervals (95 %). After the change: until the "
-        "slowest stiffness is within 10 % for 1 s, median run (longest). ekf and known are Python here; what they would cost in C "
+        "RMS over 15 .. 30 s, ratios on the same data with paired bootstrap intervals (95 %). After the "
+        "change: until the "
+        "slowest stiffness is within 10 % for 1 s, median run (longest). ekf and known are Python here; "
+        "what they would cost in C "
         f"is not in this table. ekf: {TEXTS['ekf']}; known: {TEXTS['known']}."
     )
     return [Table("Against an EKF", head, rows, 2, text)]
@@ -430,7 +518,8 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
 
 
 def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
-    """RMS error of each estimator over that of another one, in each window of each case that has both."""
+    """RMS error of each estimator over that of another one, in each window of each case
+    that has both."""
     rows = []
     for case in plan.study.cases:
         below = of(runs, case.name, base)
@@ -475,16 +564,24 @@ def _median(values: pd.Series) -> str:
 
 def _after(plan: Plan, runs: pd.DataFrame) -> Table:
     rows = [
-        [case.name, name, f"{event:g} s",
-         *(_median(part[f"{what}_{n}"]) for what in ("detected", "all_settle", "valid_off"))]
-        for case in plan.study.cases if not case.lasts
-        for name in case.estimators if len(part := of(runs, case.name, name))
+        [
+            case.name,
+            name,
+            f"{event:g} s",
+            *(_median(part[f"{what}_{n}"]) for what in ("detected", "all_settle", "valid_off")),
+        ]
+        for case in plan.study.cases
+        if not case.lasts
+        for name in case.estimators
+        if len(part := of(runs, case.name, name))
         for n, event in enumerate(case.events, 1)
-    ]  # fmt: skip
+    ]
     head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
     text = (
-        f"Median run (longest). Detected: the estimator says with more than {100 * SURE:g} %, that the regime changed then. Within "
-        f"10 %: all three stiffnesses, for {SETTLED_FOR:g} s. Valid and off: how long, in the {OFF_FOR:g} s after the change, any "
+        f"Median run (longest). Detected: the estimator says with more than {100 * SURE:g} %, that the "
+        "regime changed then. Within "
+        f"10 %: all three stiffnesses, for {SETTLED_FOR:g} s. Valid and off: how long, in the {OFF_FOR:g} "
+        "s after the change, any "
         f"stiffness is called valid and is wrong by more than {100 * OFF:g} %."
     )
     return Table("After a change of the road", head, rows, 2, text)
@@ -499,14 +596,25 @@ def poisson(count: int, exposure: float) -> tuple[float, float]:
 def _rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
     hours, count = part["seconds"].sum() / 3600, int(part["false_changes"].sum())
     low, high = poisson(count, hours)
-    return [name, estimator, number(hours, 1), number(part["changes"].sum(), 0), str(count),
-            f"{count / hours:.2f} ({low:.2f} .. {high:.2f})", str(int((part["false_changes"] > 0).sum()))]  # fmt: skip
+    return [
+        name,
+        estimator,
+        number(hours, 1),
+        number(part["changes"].sum(), 0),
+        str(count),
+        f"{count / hours:.2f} ({low:.2f} .. {high:.2f})",
+        str(int((part["false_changes"] > 0).sum())),
+    ]
 
 
 def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
     known = runs[runs["changes"].notna()]
-    rows = [_rate(case.name, name, part) for case in plan.study.cases for name in case.estimators
-            if len(part := of(known, case.name, name))]  # fmt: skip
+    rows = [
+        _rate(case.name, name, part)
+        for case in plan.study.cases
+        for name in case.estimators
+        if len(part := of(known, case.name, name))
+    ]
     if len(rows) > 1:
         rows += [_rate("all", name, part) for name, part in known.groupby("estimator", sort=False)]
     head = [
@@ -519,7 +627,8 @@ def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
         "runs with any",
     ]
     text = (
-        f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is false unless it lies within "
+        f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is "
+        "false unless it lies within "
         f"{AFTER:g} s after a change of the truth. Exact Poisson intervals."
     )
     return Table("Changes of regime", head, rows, 2, text)

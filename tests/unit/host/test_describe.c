@@ -378,6 +378,21 @@ static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(v
   }
 }
 
+/* A row for every setting, in the order of tse_config; one that takes its place is a setting, too. */
+static void test_the_use_of_every_setting_is_described(void)
+{
+  int32_t count, fields;
+  const tse_setting_row *const row = tse_describe_settings(&count);
+  const tse_field *const f = tse_describe(TSE_STRUCT_CONFIG, &fields, NULL);
+  TEST_ASSERT_EQUAL_INT32(fields, count);
+  TEST_ASSERT_TRUE(tse_describe_settings(NULL) == row);
+  for (int32_t i = 0; i < count; i++) {
+    TEST_ASSERT_EQUAL_STRING(f[i].name, row[i].name);
+    TEST_ASSERT_TRUE_MESSAGE(strlen(row[i].table) > 2 && strlen(row[i].filter) > 3, row[i].name);
+    if (*row[i].replaced_by) (void)field_of(TSE_STRUCT_CONFIG, row[i].replaced_by);
+  }
+}
+
 /* The mask that tse_prepare() makes is by these bits. */
 static void test_a_strength_sets_the_bit_of_its_effect(void)
 {

@@ -80,7 +80,7 @@ static double distance(const tse_filter_paper *f, int i, const double end[3])
 
 /* Steps of at most 1.5 sample times: ceil(dt/(1.5 Ts)). One step more or fewer lands
  * further away than rounding. */
-static void test_long_time_steps_are_divided_into_the_fewest_steps_of_at_most_one_and_a_half_samples(void)
+static void test_long_time_steps_are_divided_into_equal_steps_of_at_most_one_and_a_half_samples(void)
 {
   static const struct {
     double sample_time, dt;

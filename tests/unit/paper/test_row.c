@@ -300,8 +300,7 @@ static void test_stiffness_is_found_on_a_clean_drive(void)
   expect_stiffness(mean, 0.06, 0.02, "stiffness");
 }
 
-/* minutes there, where particles cost ten times as much; scripts/dev/fixed.py follows
- * them through drives */
+/* minutes there, where particles cost ten times as much; scripts/dev/fixed.py follows them through drives */
 #if !defined(TSE_REAL_FIXED)
 static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void)
 {

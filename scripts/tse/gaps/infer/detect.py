@@ -1,7 +1,10 @@
-"""What logs can show at all: the smallest size at which an effect would be named, before any effect is looked for.
+"""What logs can show at all: the smallest size at which an effect would be named, before
+any effect is looked for.
 
-Around a fitted model an effect of size s moves the whitened residuals by s times its slopes, less what stiffness (and the
-effects already named) can take up. It is named when that is worth threshold() nats against residuals as they are."""
+Around a fitted model an effect of size s moves the whitened residuals by s times its
+slopes, less what stiffness (and the effects already named) can take up. It is named when
+that is worth threshold() nats against residuals as they are.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ WAVE = 400.0  # m: of a road that goes up and down, which stands for any: would 
 
 @dataclass(frozen=True)
 class Detectable:
-    """One effect: from what size on these logs show it, and what of it stiffness hides."""
+    """Smallest size of one effect that logs show, and the share that stiffness hides."""
 
     id: str
     parameter: str
@@ -39,7 +42,9 @@ class Detectable:
 
 
 def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
-    """Every effect with its smallest detectable size; of several strengths the one that shows best."""
+    """Return every effect with its smallest detectable size, by its most visible
+    strength.
+    """
     need = threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
     slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
@@ -80,6 +85,6 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
 
 
 def _wave(slopes: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
-    """A profile of rms one that goes up and down every WAVE metres, in place of any."""
+    """Return a profile of rms one that goes up and down every WAVE metres."""
     place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / WAVE)))[:, None]

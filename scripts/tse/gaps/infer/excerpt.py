@@ -1,9 +1,12 @@
-"""Of long logs the stretches that say most: sets of effects and formulas are searched there, and what is found is fitted to all.
+"""Of long logs the stretches that say most: sets of effects and formulas are searched
+there, and what is found is fitted to all.
 
-What a stretch says is the information about stiffness and every effect of the catalogue (slopes where nothing is missing, channel
-by channel, sizes in units of what is typical) and about whatever the plain model leaves. The stretches are chosen one by one, each
-by how much it adds to ln det of the information of those that are there (a Bayesian D-optimal design, Chaloner & Verdinelli 1995):
-a second lane change adds less than the first braking.
+What a stretch says is the information about stiffness and every effect of the catalogue
+(slopes where nothing is missing, channel by channel, sizes in units of what is typical)
+and about whatever the plain model leaves. The stretches are chosen one by one, each by
+how much it adds to ln det of the information of those that are there (a Bayesian
+D-optimal design, Chaloner & Verdinelli 1995): a second lane change adds less than the
+first braking.
 """
 
 from __future__ import annotations
@@ -20,23 +23,26 @@ from tse.gaps.infer.space import REACH, STIFFNESS_SD
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
-MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
-PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
-# noise of a block: that a piece's information counts with: models are no better known than that, and with less the
-# first pieces are sure of everything
+# s: of logs, in which effects are searched: what is found is fitted to all of them
+MAX_SECONDS = 90.0
+# s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
+PIECE = 15.0
+# noise of a block: that a piece's information counts with: models are no better known
+# than that, and with less the first pieces are sure of everything
 ENTRY_SD = 30.0
 
 
 def is_long(problem: Problem) -> bool:
-    """Whether it is so long that MOST_SECONDS of it are worth being chosen."""
-    return sum(log.seconds for log in problem.logs) > 2.0 * MOST_SECONDS
+    """Return whether logs are long enough for a choice of MAX_SECONDS."""
+    return sum(log.seconds for log in problem.logs) > 2.0 * MAX_SECONDS
 
 
 def excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
-    problem.
+    """Return the stretches with the most information, MAX_SECONDS in all.
 
-    Cost: as many simulations of everything as the catalogue has parameters."""
+    A problem that is hardly longer is returned as it is. `baseline` is the fit of this
+    problem. Cost: as many simulations of everything as the catalogue has parameters.
+    """
     if not is_long(problem):
         return problem
     table, rows = _slopes(problem, baseline), problem.rows
@@ -48,7 +54,7 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
             mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
             pieces.append((i, piece))
             says.append(mine.T @ mine / ENTRY_SD**2)
-    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MOST_SECONDS)
+    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MAX_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
@@ -58,8 +64,10 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
 
 
 def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
-    """Indices of pieces, the most telling first, until they are longer than `most`. `says`: their information, in units of what is
-    known without them."""
+    """Return the indices of pieces, most informative first, up to the length `most`.
+
+    `says` is their information, in units of the prior.
+    """
     total = np.eye(len(says[0])) if says else np.zeros((0, 0))
     left, chosen, length = list(range(len(says))), [], 0.0
     while left and length < most:
@@ -71,7 +79,7 @@ def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> l
 
 
 def _pieces(log: PreparedLog) -> list[FitStretch]:
-    """Stretches cut to PIECE; each begins anew, and its first second is not compared."""
+    """Cut stretches to PIECE. Each starts anew, and its first second is not compared."""
     found = []
     length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block
@@ -86,7 +94,7 @@ def _pieces(log: PreparedLog) -> list[FitStretch]:
 
 
 def _slopes(problem: Problem, baseline: Fit) -> np.ndarray:
-    """Of the residuals, in units of prior sd, and the residuals themselves."""
+    """Return the slopes of the residuals, per prior sd, and the residuals."""
     asked = hypotheses()
     parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
     at = baseline.values | {p.name: start_of(p) for h in asked for p in h.effect.shapes}

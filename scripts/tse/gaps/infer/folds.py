@@ -1,6 +1,7 @@
 """What a set of effects leaves of pieces of the logs that it was not fitted to.
 
-The logs are cut into pieces of PIECE, and dealt to FOLDS folds. Without the rows of one fold
+The logs are cut into pieces of PIECE, and dealt to FOLDS folds. Without the rows of one
+fold
 the fit would be elsewhere: by its slopes, x + d with
     H' d = w J'e of that fold, H' the information of the other folds,
 and leave e + J d there.

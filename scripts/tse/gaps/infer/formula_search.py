@@ -1,8 +1,10 @@
-"""Which formula, at which place: forms are chosen in a linearisation, those with the largest expected gain are simulated
-with the stiffness and everything named fitted beside them, complexity has a price, and logs that were held out have the last word.
+"""Which formula, at which place: forms are chosen in a linearisation, those with the
+largest expected gain are simulated with the stiffness and everything named fitted
+beside them, complexity has a price, and logs that were held out have the last word.
 
-Worth of a formula, nats: sum over channels of half the independent values of its residual x ln of how much it falls, so that no
-channel drowns another; less PRICE for every operation and number.
+Worth of a formula, nats: sum over channels of half the independent values of its residual
+x ln of how much it falls, so that no channel drowns another; less PRICE for every
+operation and number.
 """
 
 from __future__ import annotations
@@ -22,21 +24,27 @@ from tse.gaps.problem import Problem
 from tse.gaps.respond import responses, signals
 from tse.identify.data import COMPARED_CHANNELS
 
-# nats: of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
+# nats: of an operation or a number: a library of some hundred forms times places times
+# sizes is some 12 nats
 PRICE = 2.0
 FITTED = 6  # candidates that are simulated
 PER_PLACE = 3  # of them at one place, most
-MOST_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
-LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
-LEAST_HARM = 0.01  # relative rise of a channel of the held-out logs by which it forbids a formula
-MOST_STEPS = 15  # of a fit
+MAX_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
+MIN_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
+# relative rise of a channel of the held-out logs by which it forbids a formula
+MIN_HARM = 0.01
+MAX_STEPS = 15  # of a fit
 CHUNK = 64  # forms that are looked at together: memory
-HALF = 0.5  # %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
+# %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
+HALF = 0.5
 
 
 @dataclass
 class Discovery:
-    """A formula, fitted: one that was tried, or what a search came to. `formula` None: nothing that is worth proposing."""
+    """A formula, fitted: one that was tried, or what a search came to.
+
+    `formula` None: nothing that is worth proposing.
+    """
 
     formula: Formula | None
     fit: Fit | None  # residuals and slopes of the problem as it is
@@ -62,7 +70,8 @@ class Frame:
     """What all candidates have in common."""
 
     problem: Problem
-    balanced: Problem  # each channel's residual is of size one before: none drowns another
+    # each channel's residual is of size one before: none drowns another
+    balanced: Problem
     last: Fit
     values: dict[str, float]
     length: dict[str, float]
@@ -91,7 +100,10 @@ class Frame:
 
 
 def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]) -> float:
-    """Nats by which residuals have fallen. `length`: of each channel, blocks that say as much as one independent one."""
+    """Return the log likelihood, in nats, that residuals have gained.
+
+    `length` is, of each channel, the blocks that count as one independent block.
+    """
     total = 0.0
     for c, mine in problem.used():
         one, two = (float(r[mine] @ r[mine]) for r in (before, after))
@@ -106,9 +118,13 @@ def price(term: Term) -> float:
 def discover(
     problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Discovery:
-    """The formula that explains most of what a fit leaves. `last`: of `problem`, with all that is named; `held`: logs that judge.
+    """Find the formula that explains most of the residuals of a fit.
 
-    Cost: some ten simulations in full for each of about ten candidates; on the order of a minute for minutes of log."""
+    `last`: of `problem`, with all that is named; `held`: logs that judge.
+
+    Cost: some ten simulations in full for each of about ten candidates; on the order of a
+    minute for minutes of log.
+    """
     frame = Frame.of(problem, last)
     places = _places(problem)
     say(f"a formula: {sum(len(terms.forms(p)) for p in places)} forms at {len(places)} places")
@@ -129,7 +145,7 @@ def _places(problem: Problem) -> list[str]:
 
 
 def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, str, Term, float]]:
-    """The most promising, but of one form one size, and not all at one place."""
+    """Return the most promising forms: one size of each form, and several places."""
     found: list[tuple[float, str, Term, float]] = []
     for one in listed:
         _, place, term, _ = one
@@ -149,7 +165,10 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
 
 
 def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
-    """(nats less price, place, form, coefficient) of every form at a place, beside everything that is fitted."""
+    """Return (nats less price, place, form, coefficient) of every form at a place.
+
+    Everything that is fitted is fitted with it.
+    """
     known, found = terms.forms(place), []
     for k in range(0, len(known), CHUNK):
         part = known[k : k + CHUNK]
@@ -160,7 +179,9 @@ def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
 
 
 def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
-    """(nats, coefficient) of forms given by their values, of each log shape (blocks, forms)."""
+    """Return (nats, coefficient) of forms by their values, an array (blocks, forms) a
+    log.
+    """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
     size = np.where(np.isfinite(size) & (size > 1e-12), size, np.inf)
@@ -185,7 +206,11 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tupl
 
 
 def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
-    """The formula with everything fitted; nothing where it does not fit in a program, or throws the car off its road."""
+    """Return the formula with everything fitted, in a list.
+
+    The list is empty if the formula does not fit in a program, or makes the residuals
+    much worse.
+    """
     try:
         formula = terms.formula(place, term, coefficient)
     except FormulaError:
@@ -193,7 +218,7 @@ def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Di
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
     limits |= {s.name: (s.low, s.high) for s in term.sizes}
     thrown = frame.problem.residuals(frame.values | formula.settings())
-    if excess(frame.problem, thrown) > MOST_WORSE * max(frame.full, 1.0):
+    if excess(frame.problem, thrown) > MAX_WORSE * max(frame.full, 1.0):
         return []
     return [refit(frame, formula, limits, price(term))]
 
@@ -201,7 +226,7 @@ def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Di
 def refit(
     frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float
 ) -> Discovery:
-    """Stiffness, all that is named, and the numbers of a formula, together."""
+    """Fit stiffness, all names and the numbers of a formula together."""
     slots = formula.slots
     own = [
         _parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers
@@ -211,7 +236,7 @@ def refit(
         problem,
         [*frame.last.parameters, *own],
         frame.values | {p.name: p.default for p in own},
-        most=MOST_STEPS,
+        most=MAX_STEPS,
     )
     formula = formula.with_values({p.key: found.values[p.name] for p in own})
     values = frame.values | found.values
@@ -236,21 +261,24 @@ def _parameter(name: str, key: str, value: float, low: float, high: float, unit:
 
 
 def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
-    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse
-    by more than LEAST_HARM, and some are better. Without these something must be left to explain: a library of forms finds one
-    in any noise."""
+    """Return the best formula over all logs that the held-out logs confirm.
+
+    Its numbers are those of the fitted logs. Confirmed: on held-out logs no channel is
+    worse by more than MIN_HARM, and some are better. Without held-out logs there must be
+    an error left to explain: a library of forms finds one in any noise.
+    """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
         before = held.residuals(of_the_car(frame.values))
         length = lengths(held, before)
     for c in tried:
-        confirmed, total = shows and c.nats > 0 and c.share >= LEAST_SHARE, c.nats
+        confirmed, total = shows and c.nats > 0 and c.share >= MIN_SHARE, c.nats
         if confirmed and held is not None:
             after = held.residuals(of_the_car(c.values))
             c.changes = compare(held, before, after)
             total += worth(held, before, after, length)
-            confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(
+            confirmed = all(x.ci95[0] <= MIN_HARM for x in c.changes.values()) and any(
                 x.better for x in c.changes.values()
             )
         shown.append(
@@ -276,7 +304,10 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
-    """The same formula, fitted to more logs than it was found in. `last`: of these, with all that is named."""
+    """Fit the formula to more logs than it was found in.
+
+    `last` is the fit of these logs with all names.
+    """
     if found.formula is None:
         return found
     frame = Frame.of(problem, last)
@@ -285,17 +316,18 @@ def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
 
 
 def _stated(frame: Frame, c: Discovery) -> Discovery:
-    """With what a person reads of it."""
+    """Return the formula with the sentences for a person."""
     formula = _described(frame, c)
     words = [
-        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
+        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at "
+        f"{formula.place}. It is a formula, not a "
         "cause; where it was never driven it does not hold."
     ]
     return replace(c, formula=formula, words=words)
 
 
 def _described(frame: Frame, c: Discovery) -> Formula:
-    """With how well its numbers are known, and where its signals have been."""
+    """Return the formula with the sds of its numbers and the ranges of its signals."""
     slots = c.formula.slots
     sd = dict(
         zip(

@@ -1,7 +1,9 @@
-"""The library of forms: what may be added at a place, without its coefficient, and the sizes that a screening tries.
+"""The library of forms: what may be added at a place, without its coefficient, and the
+sizes that a screening tries.
 
-Everything is a product of what turns with the car (or pulls along it) and of what that depends on, or what such a signal becomes
-through play, dead time, lags, modes and rate limits. Units go with the text: the coefficient takes what is missing to that of the
+Everything is a product of what turns with the car (or pulls along it) and of what that
+depends on, or what such a signal becomes through play, dead time, lags, modes and rate
+limits. Units go with the text: the coefficient takes what is missing to that of the
 place.
 """
 
@@ -48,7 +50,10 @@ class Term:
 
 @dataclass(frozen=True)
 class Signal:
-    """What forms are made of. `sizes`: small, middle and large of what a driver does with it."""
+    """What forms are made of.
+
+    `sizes`: small, middle and large of what a driver does with it.
+    """
 
     text: str
     units: str
@@ -72,7 +77,7 @@ PLAYS = (0.001, 0.003, 0.01)  # rad: halves of plays of the steering that are tr
 
 
 def unit_text(exponents: tuple[int, int]) -> str:
-    """Metres and seconds to these powers, as units are written here."""
+    """Return powers of metres and seconds as the text of a unit."""
 
     def part(sign: int) -> str:
         return " ".join(
@@ -84,7 +89,7 @@ def unit_text(exponents: tuple[int, int]) -> str:
 
 
 def exponents(unit: str) -> tuple[int, int]:
-    """Of the units of places: rad, m/s2, rad/s ..."""
+    """Return the powers of metres and seconds of a unit: rad, m/s2, rad/s ..."""
     found = {"m": 0, "s": 0}
     for k, part in enumerate(unit.split("/")):
         for u in part.split():
@@ -112,7 +117,7 @@ def _magnitude(s: Signal) -> str:
 
 
 def modulators() -> Iterator[Term]:
-    """What a signal may be in proportion to."""
+    """Return the factors that a signal may have."""
     yield Term("", (0, 0))
     yield Term(
         "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
@@ -140,7 +145,7 @@ def _dead(s: Signal, half: float) -> Term:
 
 
 def shaped(s: Signal) -> Iterator[Term]:
-    """A signal that is not in proportion."""
+    """Return nonlinear forms of a signal."""
     yield Term(f"{s.text}*abs({s.text})", _plus(s.unit, s.unit))
     yield Term(f"{s.text}*{s.text}*{s.text}", _plus(s.unit, _plus(s.unit, s.unit)))
     for w in s.sizes:
@@ -153,7 +158,7 @@ def shaped(s: Signal) -> Iterator[Term]:
 
 
 def remembered(s: Signal) -> Iterator[Term]:
-    """A signal after something that remembers, with and without the signal itself."""
+    """Return a signal after each operation with memory, with and without the signal."""
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
             yield Term(f"(lag({s.text}, T){less})", s.unit, (Size("T", t, 0.005, 3.0, "s", "time constant"),))
@@ -168,7 +173,7 @@ def remembered(s: Signal) -> Iterator[Term]:
 
 
 def caught(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[Term]:
-    """A signal after play, or a limit of its rate."""
+    """Return a signal after play, or after a limit of its rate."""
     for w in halves:
         size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
         yield Term(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
@@ -186,7 +191,10 @@ def _times(a: Term, b: Term) -> Term:
 
 
 def lateral() -> list[Term]:
-    """Forms for the places of LATERAL: odd in what turns the car, and what braking and speed alone may do."""
+    """Return forms for the places of LATERAL.
+
+    They are odd in the signals that turn the car, or forms of braking and speed.
+    """
     found = [_times(Term(s.text, s.unit), m) for s in TURNING for m in modulators()]
     for s in TURNING:
         found += shaped(s)
@@ -204,11 +212,12 @@ def lateral() -> list[Term]:
 
 
 def longitudinal() -> list[Term]:
-    """Forms for the places of LONGITUDINAL."""
+    """Return forms for the places of LONGITUDINAL."""
     found = [_times(Term(PULL.text, PULL.unit), m) for m in modulators() if "accel_x" not in m.text]
     found += [*shaped(PULL), *remembered(PULL), *caught(PULL, (0.1, 0.4), (3.0, 10.0))]
     for text, unit in (
-        ("vel_x*vel_x", (2, -2)), ("vel_x", (1, -1)), ("abs(accel_y)", SIDE.unit), ("accel_y*accel_y", (2, -4)),
+        ("vel_x*vel_x", (2, -2)), ("vel_x", (1, -1)),
+        ("abs(accel_y)", SIDE.unit), ("accel_y*accel_y", (2, -4)),
         ("accel_y*steer_angle", SIDE.unit), ("accel_y*yaw_rate", (1, -3)), ("yaw_rate*yaw_rate", (0, -2)),
         ("steer_angle*steer_angle", (0, 0)),
         ("abs(steer_angle)", (0, 0)), ("steer_angle", (0, 0)), ("accel_y", SIDE.unit), ("yaw_rate", YAW.unit),
@@ -217,9 +226,10 @@ def longitudinal() -> list[Term]:
     return found
 
 
-# What the catalogue has at a place, the signal that is in proportion first: imu_scale_ax, pitch_leak and a late accel_x;
-# imu_scale_ay, body_roll and a late accel_y; gyro_scale; steering_ratio, steering_lag and steering_delay. Their evidence was asked
-# for by these names, and a name is not to lose to itself: as a formula it says less and costs less.
+# What the catalogue has at a place, the signal that is in proportion first: imu_scale_ax,
+# pitch_leak and a late accel_x; imu_scale_ay, body_roll and a late accel_y; gyro_scale;
+# steering_ratio, steering_lag and steering_delay. Their evidence was asked for by these
+# names, and a name is not to lose to itself: as a formula it says less and costs less.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
@@ -233,14 +243,20 @@ KNOWN: dict[str, tuple[str, ...]] = {
 
 
 def forms(place: str) -> list[Term]:
-    """The library at a place, without what is an effect of the catalogue there."""
+    """Return the library at a place, without the forms of effects there."""
     return [
         t for t in (lateral() if place in LATERAL else longitudinal()) if t.text not in KNOWN.get(place, ())
     ]
 
 
 def formula(place: str, term: Term, coefficient: float) -> Formula:
-    """A form with its coefficient as a formula. FormulaError: it does not fit."""
+    """Return a form with its coefficient as a formula.
+
+    Raises
+    ------
+    FormulaError
+        The form does not fit in a program.
+    """
     wanted = exponents(library().formula_places[place].unit)
     unit = unit_text((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
     numbers = (Number("k", coefficient, unit, None, f"times {term.text}"),
@@ -249,7 +265,10 @@ def formula(place: str, term: Term, coefficient: float) -> Formula:
 
 
 def values_of(term: Term, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
-    """A form over one log, shape (rows,). `signals`: by their names in formulas; `dt`: s."""
+    """Return the values of a form over one log, shape (rows,).
+
+    `signals` are by their names in formulas, `dt` in s.
+    """
     # at front_angle a number of any unit makes the form one of its place
     unit = unit_text((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))

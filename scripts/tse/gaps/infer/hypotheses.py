@@ -1,6 +1,8 @@
-"""What may be missing, and how likely that is before any log: the catalogue with its typical sizes, and how late messages are.
+"""Hypotheses of `tselab gap` and their prior: effects and latencies that a vehicle file
+may lack.
 
-A size that no car has is paid for, as is one too small to matter.
+The prior of a size is even over the typical range and normal beyond it, so that a size no
+car has costs evidence, as does one too small to matter.
 """
 
 from __future__ import annotations
@@ -12,57 +14,64 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.gaps.catalogue import Effect, Parameter, catalogue
-from tse.gaps.problem import SIGNED_DELAYS
+from tse.gaps.catalogue import Effect, Parameter, catalogue, signed_delays
 from tse.identify import unknowns
-from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 
-SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
-           "gyro_scale")  # fmt: skip
-# What every car has, more or less: that it shows is no surprise.
-EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation", "tyre_saturation", "combined_slip",
-             "lateral_load_transfer", "longitudinal_load_transfer")  # fmt: skip
-# Not asked: what a stiffness takes up at any size, altogether or but for a twentieth (aligning_moment, on the logs of two
-# generators): forms are known no better than that, so that what is left of it is what any other tyre leaves. And what slows a car:
-# wheel speeds drive the model, and what is left of it in accel_x is what any road is, too.
-ABSORBED = ("steering_compliance", "aligning_moment", "aero_drag", "rolling_resistance")
-EXPECTED = 1.0  # how many of all other effects a car lacks before anybody has looked
-SENSOR_SHARE = 0.1  # of cars, that a given sensor error is there
-EVERY_SHARE = 0.15  # that what every car has is large enough to matter, and not in the file
-WRONG_SIGN = 0.01  # probability that an effect has the sign that its physics does not
-SMALLER_SD = 0.7  # ln: below the typical range: half and less is as good as nothing
-LARGER_SD = 0.35  # ln: above the typical range: twice has hardly a car
-SWITCH_SD = 0.15  # ln: of what is there or not
-NAME_AT = 0.9  # probability from which an effect gets a name: of 10 such names less than one is wrong
-SIZE_COST = 3.0  # nats: of a size that logs know to a percent of what is typical
-MOST_LATE = 0.1  # s: of a message behind or before another one
-# s: typical lateness of a message behind another one: bus cycles of 5 .. 20 ms, filters of 10 .. 30 Hz
+# Values of the column `occurrence` that are not searched.
+# ROAD: profiles of the road have a search of their own (infer/roads.py). A road that
+# leans or climbs all along is a bias.
+# ABSORBED: a stiffness takes the effect up, altogether or but for a twentieth
+# (aligning_moment, on the logs of two generators). The forms of tyres are known no
+# better. Drag and rolling resistance are among them: wheel speeds drive the model, and in
+# accel_x the rest of either looks like a road.
+NOT_SEARCHED = ("ROAD", "ABSORBED")
+EXPECTED = 1.0  # prior mean of the number of SOME_CARS effects that a vehicle file lacks
+SENSOR_SHARE = 0.1  # prior probability of one sensor error
+# prior probability that an EVERY_CAR effect matters and is not in the file
+EVERY_SHARE = 0.15
+WRONG_SIGN = 0.01  # prior probability of a sign against the physics of an effect
+SMALLER_SD = 0.7  # ln: sd of sizes below the typical range; half of it hardly matters
+LARGER_SD = 0.35  # ln: sd of sizes above the typical range; hardly a car has twice of it
+# ln: the same where the typical range is one value: an effect that is there or not
+SWITCH_SD = 0.15
+# min probability of a named effect: less than one of 10 such names is wrong
+NAME_AT = 0.9
+SIZE_COST = 3.0  # nats: cost of a size that the logs show to a percent of the typical one
+MAX_LATE = 0.1  # s: max latency of a message behind or before another one
+# s: typical latency of a message behind another one: bus cycles of 5 .. 20 ms, filters of
+# 10 .. 30 Hz
 LATE = (0.003, 0.02)
 UNCERTAIN = unknowns.UNCERTAIN_SETTINGS | {
-    "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "roll_steer_sd": "rear_roll_steer_gain",
-}  # fmt: skip
+    "mass_sd": "mass_change",
+    "yaw_inertia_sd": "yaw_inertia_change",
+    "roll_steer_sd": "rear_roll_steer_gain",
+}
 OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
 
 
-def _late(name: str, title: str, channels: str) -> Effect:
-    text = "values are so much older than their row says"
-    parameter = Parameter(name, name, True, "s", 0.0, -MOST_LATE, MOST_LATE, *LATE, LATE[0], 0, text)
+def make_latency(name: str, title: str, channels: str) -> Effect:
+    """Make the latency of messages an effect with one strength, in s."""
+    text = "age of the values at the time of their row"
+    parameter = Parameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))
 
 
 def latencies() -> tuple[Effect, ...]:
-    """How late messages are, in the form of effects."""
+    """Return the latencies of messages as effects."""
     return (
-        _late("wheel_speed_latency", "wheel speeds late", "accel_x"),
-        _late("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
-        _late("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
+        make_latency("wheel_speed_latency", "wheel speeds late", "accel_x"),
+        make_latency("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
+        make_latency("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
     )
 
 
 def lean() -> Effect:
-    """Return what the bank of the road in its curves does, one number, as an effect of its own: left out it passes for a scale of
-    accel_y. The profile of the road is another."""
+    """Return the superelevation of the road in its curves as an effect of its own.
+
+    It is one number, beside the profile of the road. Left out, it looks like a scale of
+    accel_y.
+    """
     bank = catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
     return Effect(
@@ -76,17 +85,17 @@ def lean() -> Effect:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect that may be missing. `odds`: ln of the prior odds that it is."""
+    """An effect that the vehicle file may lack."""
 
     effect: Effect
-    odds: float
+    odds: float  # ln of the prior odds that it does
 
     @property
     def id(self) -> str:
         return self.effect.id
 
     def ln_prior(self, values: Mapping[str, float]) -> float:
-        """ln density of the strengths, per unit of each: what a size costs."""
+        """Return ln of the prior density of the strengths, per unit of each."""
         strengths = self.effect.strengths
         if strengths[0].prior:
             return sum(ln_normal(values[p.name], *fit_prior(p)) for p in strengths)
@@ -104,7 +113,10 @@ class Hypothesis:
 
 
 def ln_size(p: Parameter, away: float) -> float:
-    """ln density of a strength that is `away` from its default: ln of its size is even over the typical range, normal beyond."""
+    """Return ln of the prior density of a strength that is `away` from its default.
+
+    ln of its size is even over the typical range and normal beyond.
+    """
     low, high = sorted((abs(p.typical_low - p.default), abs(p.typical_high - p.default)))
     low = low or 0.25 * high
     smaller = SMALLER_SD if high > low else SWITCH_SD
@@ -116,8 +128,12 @@ def ln_size(p: Parameter, away: float) -> float:
 
 
 def known_of(vehicle: Vehicle) -> list[Effect]:
-    """Return the catalogue; where the vehicle file has an sd of a number in [uncertainty], that is the prior of its size, about the
-    file's. With sds of 0 throughout, as of a simulator's car, there is none."""
+    """Return the catalogue with the priors of a vehicle file.
+
+    Where [uncertainty] states the sd of a number, that is the prior of its size, about
+    the file's value. If all of its sds are 0, as those of a simulator's car, there is no
+    such prior.
+    """
     sd = {name: vehicle.values[key] for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
     if not any(sd.values()):
         return list(catalogue().values())
@@ -133,33 +149,41 @@ def known_of(vehicle: Vehicle) -> list[Effect]:
 
 
 def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
-    """All that is asked, in the order of the catalogue."""
+    """Return all hypotheses: effects in the order of the catalogue, then latencies and
+    superelevation.
+    """
     known = list(catalogue().values() if effects is None else effects)
-    asked = [e for e in known if e.id not in (*PROFILES, *ABSORBED)]
-    physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
-    share = EXPECTED / max(len(physics), 2)  # of a list of one, too, it may not be there
-    # profiles of roads: naming.py; what leans or climbs all along is a bias
-    found, late = [], latencies()
-    for e in (*asked, *late, lean()):
-        sensor = e.id in (*SENSORS, SUPERELEVATION) or e in late
-        if any(p.name in SIGNED_DELAYS for p in e.parameters):
+    searched = [e for e in known if e.occurrence not in NOT_SEARCHED]
+    physics = [e for e in searched if e.occurrence == "SOME_CARS"]
+    # the only effect of a list may be absent, too
+    share = EXPECTED / max(len(physics), 2)
+    shares = {"SENSOR": SENSOR_SHARE, "EVERY_CAR": EVERY_SHARE, "SOME_CARS": share}
+    found = []
+    for e in (*searched, *latencies(), lean()):
+        if any(p.name in signed_delays() for p in e.parameters):
             e = replace(
-                e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters)
+                e, parameters=tuple(replace(p, low=-MAX_LATE, high=MAX_LATE, sign=0) for p in e.parameters)
             )
-        p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share
+        p = shares[e.occurrence]
         found.append(Hypothesis(e, math.log(p / (1 - p))))
     return found
 
 
 def threshold(effects: int) -> float:
-    """Nats of likelihood that a name of one of so many effects needs: the prior odds against it, the odds that are asked for, and
-    what its size costs."""
+    """Return the likelihood ratio, in nats, that a name among so many effects needs.
+
+    It makes up for the prior odds against the effect, the odds of NAME_AT and the cost of
+    the size.
+    """
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
 
 def fit_prior(p: Parameter) -> tuple[float, float]:
-    """Mean and sd of the normal that a fit takes for a parameter: what is known of it; else wide for a strength (its size is judged
-    after), the typical range for a shape."""
+    """Return mean and sd of the normal prior of a parameter in a fit.
+
+    It is the prior of the vehicle file, if there is one. Else it is wide for a strength,
+    whose size is judged later, and the typical range for a shape.
+    """
     if p.prior:
         return p.default, p.prior
     if p.strength:
@@ -169,11 +193,14 @@ def fit_prior(p: Parameter) -> tuple[float, float]:
 
 
 def ln_normal(x: float, mean: float, sd: float) -> float:
+    """Return ln of the normal density."""
     return -0.5 * ((x - mean) / sd) ** 2 - math.log(sd * math.sqrt(2 * math.pi))
 
 
 def start_of(p: Parameter) -> float:
-    """Where a search begins: a third of a typical size, the middle of a shape."""
+    """Return the start of a search: 0.3 of the typical size of a strength, the middle of
+    a shape.
+    """
     if not p.strength:
         return fit_prior(p)[0]
     return float(np.clip(p.default + 0.3 * (p.sign or 1) * p.scale, p.low, p.high))

@@ -1,6 +1,7 @@
-"""From sets of effects and their probabilities to names: what the logs show, how sure that is, and what could stand in its place.
+"""Names of effects, with size, probability and look-alikes, from the sets of a search.
 
-The sets are searched on the fitted logs alone: held-out ones take no part in names or sizes.
+The sets are searched on the fitted logs alone. Held-out logs take no part in names or
+sizes.
 """
 
 from __future__ import annotations
@@ -12,33 +13,29 @@ import numpy as np
 from scipy.stats import norm
 
 from tse.car.vehicle import list_latency_settings
-from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car
+from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car, signed_delays
 from tse.gaps.fit import Fit, excess, excess_of, fit
 from tse.gaps.infer.folds import held_out
 from tse.gaps.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.gaps.infer.roads import FoundRoad
 from tse.gaps.infer.search import Judged, Search, judge
-from tse.gaps.problem import SIGNED_DELAYS, STIFFNESS, Problem
+from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-EARLY = {  # delays below zero
-    "steering_delay": "steering angle logged late, so the wheels turn before it",
-    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
-    "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
-}
-LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
-# share of the probability that an effect or something in its place is missing, from which that something is a look-alike:
-# evidence is good to two nats, by which mass and yaw inertia, which no log tells apart, differ
+# min share of a look-alike in the probability that the effect or one in its place is
+# missing. Evidence is good to two nats: mass and yaw inertia, which no log tells apart,
+# differ by so much.
 ALIKE_AT = 0.02
-POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
-LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close; a road has no name to earn
+POSSIBLE_AT = 0.1  # min probability of an effect that is possible and has no name
+# min share that a name closes of the gap that the other names leave; roads are exempt
+MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half of a 95 % interval, in sd
-# of what roads leave of the gap, that the names of the car close where something else is left: fewer are no answer
-LEAST_NAMED = 0.5
+# min share that the names of the car close of the gap that roads leave, for an answer
+MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
-MOST_SETS = 8  # that are written with their probability
+MAX_SETS = 8  # sets that are written with their probability
 # Why an effect is possible and has no name.
 SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
 ZERO = "its interval holds nothing"
@@ -46,7 +43,7 @@ ZERO = "its interval holds nothing"
 
 @dataclass
 class Named:
-    """One named effect and what speaks for it."""
+    """One named effect and the evidence for it."""
 
     effect: Effect
     values: dict[str, float]
@@ -55,11 +52,15 @@ class Named:
     evidence: float  # nats
     probability: float = 1.0
     look_alikes: list[str] = field(default_factory=list)
-    alone: float = 1.0  # share that it closes of what the other names leave of pieces that were not fitted
-    whole: float = 1.0  # probability that it, or what looks like it, is missing
+    # share that it closes of the gap that the other names leave in held-out pieces
+    alone: float = 1.0
+    whole: float = 1.0  # probability that it or a look-alike is missing
 
     def at(self, values: Mapping[Key, float]) -> Named:
-        """The same where another fit has it, with an interval as wide; as it is, of a profile."""
+        """Return the name with the values of another fit and intervals of the same width.
+
+        The values of a profile stay.
+        """
         by = {k: values[k] - v for k, v in self.values.items() if k in values}
         ci95 = {k: (low + by.get(k, 0.0), high + by.get(k, 0.0)) for k, (low, high) in self.ci95.items()}
         return replace(self, values={k: v + by.get(k, 0.0) for k, v in self.values.items()}, ci95=ci95)
@@ -72,22 +73,23 @@ class Named:
 
     @property
     def message(self) -> bool:
-        """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
-        way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
-        known = catalogue().get(self.effect.id)
-        if known is None:
+        """Whether it is a late message or a low pass of the IMU, no effect of the car.
+
+        It is a latency, or a value below the column `early` of the catalogue.
+        """
+        e = catalogue().get(self.effect.id)
+        if e is None:
             return self.effect.id != SUPERELEVATION
-        least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
-        return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
+        return bool(e.early) and any(self.values.get(p.name, p.default) < e.early_below for p in e.strengths)
 
     @property
     def title(self) -> str:
-        return EARLY.get(self.effect.id, self.effect.title) if self.message else self.effect.title
+        return self.effect.early if self.message and self.effect.early else self.effect.title
 
 
 @dataclass
 class Naming:
-    """What the search came to."""
+    """Result of a search: the named effects and the possible ones."""
 
     baseline: Fit
     final: Fit
@@ -96,14 +98,15 @@ class Naming:
     possible: list[dict]  # not named: id, probability, why it is not
     sets: list[dict]  # the most probable ones: ids, probability
     converged: bool
-    # covariance of ln stiffness of the sets, about what is named: sets that explain the logs alike differ in it
+    # covariance of ln stiffness of the sets, about what is named: sets that explain the
+    # logs alike differ in it
     spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
 
     @property
     def closes_most(self) -> bool:
         """Whether the names of the car close most of what roads leave of the gap."""
         roads = sum(n.share for n in self.named if n.effect.id in (*PROFILES, SUPERELEVATION))
-        return self.closed - roads > LEAST_NAMED * max(1.0 - roads, 0.0)
+        return self.closed - roads > MIN_NAMED * max(1.0 - roads, 0.0)
 
 
 def name(
@@ -113,7 +116,21 @@ def name(
     baseline: Fit | None = None,
     roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """`baseline`: plain_car() on level roads; `roads`: that the logs of the problem are on."""
+    """Search the effects that are missing, and name those that are sure.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fitted logs.
+    effects : Sequence of Effect
+        The effects that may be missing.
+    say : Callable
+        Takes a line of progress.
+    baseline : Fit or None
+        plain_car() on level roads.
+    roads : Sequence of FoundRoad
+        The roads of the logs.
+    """
     plain = plain_car(problem)
     baseline = baseline or plain
     search = Search(problem, hypotheses(effects), say)
@@ -124,7 +141,8 @@ def name(
     full = excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
-        # sizes are those of the named effects alone; what others may do is in the intervals
+        # sizes are those of the named effects alone; what others may do is in the
+        # intervals
         sized = alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if negligible(h.effect, sized.values)}
         small |= {h.id: ZERO for h in final.effects if holds_nothing(h, sized.values, final.sd())}
@@ -135,7 +153,7 @@ def name(
         last = as_fit(problem, sized) if final.effects else plain
         named = [_named(problem, search, final, sized, last, h, probability, full) for h in final.effects]
         idle = min((n for n in named if n.effect.id != SUPERELEVATION), key=lambda n: n.alone, default=None)
-        if idle is None or idle.alone >= LEAST_CLOSED:
+        if idle is None or idle.alone >= MIN_CLOSED:
             break
         names = final.ids - {idle.effect.id}
         dropped[idle.effect.id] = IDLE
@@ -152,7 +170,7 @@ def name(
 
 
 def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
-    """The same with no names but these: the others are possible, no more. `why`: they are not kept."""
+    """Keep only some of the names. The others become possible, for the reason `why`."""
     left = _again(problem, naming, kept, naming.baseline)
     stay = {n.effect.id for n in left.named}
     dropped = [
@@ -165,19 +183,24 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
 
 
 def on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
-    """The same names, fitted to more logs than they were found in. `baseline`:
-    plain_car() of these on level roads."""
+    """Fit the names to more logs than they were found in.
+
+    `baseline` is plain_car() of these logs on level roads.
+    """
     return _again(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
 
 def plain_car(problem: Problem) -> Fit:
-    """The car of the vehicle file with its stiffness fitted by least squares, nothing added."""
+    """Fit the stiffness of the car of the vehicle file by least squares."""
     return fit(problem, STIFFNESS, {})
 
 
 def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
-    """Return the profiles that logs are on as names: each closes what the plain car on
-    them does of its own channel, at least as much of it as a name must."""
+    """Return the profiles of the roads as names.
+
+    A profile closes what the plain car closes on it of its own channel. It gets a name if
+    that is at least MIN_CLOSED.
+    """
     full, before, after = (
         excess(problem, level.residuals),
         *(excess_of(problem, f.residuals) for f in (level, on_road)),
@@ -186,7 +209,7 @@ def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Foun
     for r in roads:
         p, channel = r.effect.strengths[0].name, ROAD_CHANNEL[r.effect.id]
         closed = before.get(channel, 0.0) - after.get(channel, 0.0)
-        if closed < LEAST_CLOSED * before.get(channel, 0.0):
+        if closed < MIN_CLOSED * before.get(channel, 0.0):
             continue
         share = closed / max(full, 1e-300)
         found.append(
@@ -196,7 +219,10 @@ def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Foun
 
 
 def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
-    """Some of the names fitted anew. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
+    """Fit some of the names anew.
+
+    Intervals keep their width: it holds the uncertainty of the forms, which stays.
+    """
     roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}
     final, named, converged = plain_car(problem), [], naming.converged
@@ -215,7 +241,7 @@ def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit
 
 
 def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
-    """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
+    """Return whether an effect is too small to matter, however sure it is."""
     return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
 
 
@@ -225,7 +251,7 @@ def holds_nothing(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, f
 
 
 def matters(judged: Judged, h: Hypothesis) -> float:
-    """Probability that a strength of it is more than negligible, where it is there."""
+    """Return the probability that a strength is above negligible, given the effect."""
     little, sd = 1.0, judged.sd()
     for p in h.effect.strengths:
         ends = (np.array([-p.negligible, p.negligible]) - (judged.values[p.name] - p.default)) / sd[p.name]
@@ -234,10 +260,10 @@ def matters(judged: Judged, h: Hypothesis) -> float:
 
 
 class Probability:
-    """Of effects, from the sets that a search looked at: that they are there, at a size that matters."""
+    """Probability of effects at a size that matters, from the sets of a search."""
 
     def __init__(self, search: Search, found: frozenset[str]):
-        """`found`: the set that is to be named."""
+        """Sum the sets of a search. `found` is the set that is to be named."""
         self._sets = search.probabilities()
         self._found = found
         self.effects: dict[str, float] = {}
@@ -247,7 +273,10 @@ class Probability:
                 self.effects[h.id] = self.effects.get(h.id, 0.0) + p * matters(judged, h)
 
     def in_place(self, effect: str) -> dict[str, float]:
-        """What sets that lack this effect have, and the set that is to be named has not: by that, the probability of these sets."""
+        """Return the effects in the place of another one, with their probability.
+
+        They are in sets without that effect, and not in the set that is to be named.
+        """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
             if effect not in ids:
@@ -256,12 +285,12 @@ class Probability:
         return found
 
     def of_class(self, effect: str) -> float:
-        """That it or something in its place is missing."""
+        """Return the probability that an effect or one in its place is missing."""
         stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
     def spread(self, search: Search, named: Judged) -> np.ndarray:
-        """Covariance of ln stiffness over the sets, about that of the one that is named."""
+        """Return the covariance of ln stiffness over the sets, about the named one."""
         sets = search.all()
         away = {ids: ln_stiffness(sets[ids]) - ln_stiffness(named) for ids in self._sets}
         return sum(
@@ -270,18 +299,25 @@ class Probability:
         )
 
     def sets(self) -> list[dict]:
-        top = sorted(self._sets.items(), key=lambda x: -x[1])[:MOST_SETS]
+        top = sorted(self._sets.items(), key=lambda x: -x[1])[:MAX_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
 
 
 def ln_stiffness(judged: Judged) -> np.ndarray:
-    """Of the car, over the vehicle file's."""
+    """Return ln of the stiffness over that of the vehicle file."""
     return np.log([judged.values[p.name] for p in STIFFNESS])
 
 
 def _named(
-    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float,
-) -> Named:  # fmt: skip
+    problem: Problem,
+    search: Search,
+    final: Judged,
+    plain: Judged,
+    last: Fit,
+    h: Hypothesis,
+    probability: Probability,
+    full: float,
+) -> Named:
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
     found.evidence = final.evidence - without.evidence
@@ -299,7 +335,10 @@ def _named(
 
 
 def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None) -> Named:
-    """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
+    """Return a name with its size, interval and look-alikes.
+
+    `rough` is the fit of the set with uncertain forms. Its sd is that of the interval.
+    """
     sd = (rough or judged).sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
     item = Named(
@@ -315,12 +354,12 @@ def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judge
 
 
 def alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
-    """Return effects fitted without any other, from `values`."""
+    """Fit effects without any other one, from `values`."""
     return judge(problem, effects, [h.id for h in effects], values)
 
 
 def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
-    """Values and residuals as the rest of the workflow takes them."""
+    """Return a judged set as a Fit: values, residuals and slopes."""
     there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
     parameters = [p for p in judged.space.parameters if p.name in there]
     values = {p.name: judged.values[p.name] for p in parameters}
@@ -330,11 +369,14 @@ def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
 
 
 def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
-    """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
-    the road is not of the car."""
+    """Return fitted values as settings of a vehicle file.
+
+    Negative delays and late messages become latencies of channels. Numbers of the road
+    are left out.
+    """
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != SUPERELEVATION)
-    others = {*SIGNED_DELAYS, *list_latency_settings().values(), *road}
+    others = {*signed_delays(), *list_latency_settings().values(), *road}
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

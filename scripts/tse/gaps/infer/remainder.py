@@ -1,6 +1,8 @@
-"""What is left after naming: is it the sensors' own, is it somewhere in time, does it go with what the car does?
+"""What is left after naming: is it the sensors' own, is it somewhere in time, does it go
+with what the car does?
 
-The sensors' own: noise in a band that row to row differences do not see, a bias that walks, lone spikes.
+The sensors' own: noise in a band that row to row differences do not see, a bias that
+walks, lone spikes.
 """
 
 from __future__ import annotations
@@ -36,7 +38,11 @@ class Remainder:
 def remainder(
     problem: Problem, residuals: np.ndarray, values: dict[str, float], limit: float
 ) -> list[Remainder]:
-    """Every channel. `values`: of the fit; `limit`: rms over noise up to which nothing is left."""
+    """Return the remaining error of every channel.
+
+    `values` are those of the fit. `limit` is the max rms over noise of a channel that is
+    explained.
+    """
     large = {
         c.channel: c.condition for c in reversed(conditions(problem, residuals, values))
     }  # the strongest
@@ -66,12 +72,15 @@ def remainder(
 
 
 def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
-    """How far the bias of a channel walks in a block, in units of the block's noise."""
+    """Return the walk of the bias of a channel in a block, in units of its noise."""
     return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK_TIME) * np.median(problem.weight[rows]))
 
 
 def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
-    """The residual with lone blocks far out put back among their neighbours: cars do not jump there and back within 40 ms."""
+    """Replace lone outliers of a residual by their neighbours.
+
+    A car does not jump there and back within 40 ms.
+    """
     near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
     calm = np.abs(e) < near
     inside = (
@@ -87,7 +96,10 @@ def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
 
 
 def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
-    """The residual less a bias that walks by `step` a block, as a smoother finds it in white noise of size one."""
+    """Return the residual less a bias that walks by `step` a block.
+
+    A smoother finds the bias in white noise of size one.
+    """
     if step <= 0:
         return e
     # steady gain of the Kalman filter of a walk, forwards, then backwards
@@ -102,8 +114,11 @@ def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
 
 
 def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
-    """Always there in the same size, soon forgotten, no oscillation: what sensors with a low pass have. What a car or a road does
-    comes and goes with driving, lasts, or swings."""
+    """Return whether a residual is noise of a sensor with a low pass.
+
+    Noise is always there in the same size, is soon forgotten and does not oscillate.
+    Errors of a car or a road come and go with driving, last, or oscillate.
+    """
     most = round(1.0 / BLOCK_TIME)
     c, energies = np.zeros(most + 1), []
     for i in np.unique(log):
@@ -123,7 +138,10 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
 
 
 def localised(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
-    """The shortest span of one log that holds half of the energy above the noise, if it is short against all."""
+    """Return the shortest span of one log with half of the energy above the noise.
+
+    Return None if it is not short against the logs.
+    """
     surplus = np.maximum(e**2 - 1.0, 0.0)
     total, n, best = surplus.sum(), len(e), None
     for i in np.unique(log):

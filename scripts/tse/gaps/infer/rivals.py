@@ -1,14 +1,18 @@
 """Names, a formula, or both: what explains most for what it costs to say.
 
-Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
-what the search named stands beside formulas for what these, or none, leave. Each of these worlds is worth
+Names that leave most of a gap, or close it by being many, may be a patchwork for
+something that the catalogue does not have. So what the search named stands beside
+formulas for what these, or none, leave. Each of these worlds is worth
 
-    sum over channels of ln likelihood of the residuals (search.py)  -  what it costs to say,
+    sum over channels of ln likelihood of the residuals (search.py)  -  what it costs to
+    say,
 
-a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py) and the odds that the catalogue lacks
-something. Held-out logs count as those that were fitted, with the numbers of
-these. A name stands if the worlds that have it are likely enough together. Fewer names without a formula are no world of their own:
-whether a name is worth having beside nothing is what the search has judged, in a model of what is left that is finer than this one.
+a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py)
+and the odds that the catalogue lacks something. Held-out logs count as those that were
+fitted, with the numbers of these. A name stands if the worlds that have it are likely
+enough together. Fewer names without a formula are no world of their own: whether a name
+is worth having beside nothing is what the search has judged, in a model of what is left
+that is finer than this one.
 """
 
 from __future__ import annotations
@@ -27,11 +31,12 @@ from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tse.gaps.infer.naming import Naming
 from tse.gaps.infer.roads import ROAD_PROBABILITY
 from tse.gaps.infer.search import ln_likelihood
-from tse.gaps.parallel import apart
+from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
+# of the gap, that names must close where something is left: less is as good as nothing
+MIN_TOGETHER = 0.2
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
 # why what the search named has no name in the end
 INSTEAD = "a formula explains about as much or more for what it costs"
@@ -65,7 +70,7 @@ class Worlds:
         self.known: list[World] = []
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
-        """One more. `last`: of the names; `discovery`: with a formula."""
+        """Add a world. `last` is the fit of its names, `discovery` its formula."""
         price, values = sum((price_of(n.effect.id) for n in naming.named), 0.0), last.values
         if discovery is not None:
             assert discovery.fit is not None
@@ -74,7 +79,7 @@ class Worlds:
         self.known.append(World(naming, discovery, price, self._residuals(last, values)))
 
     def weigh(self) -> None:
-        """The probability of each."""
+        """Compute the probability of each world."""
         value = np.array([-w.price for w in self.known], float)
         for c in COMPARED_CHANNELS:
             value += [ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
@@ -83,11 +88,11 @@ class Worlds:
             w.probability = float(p)
 
     def with_name(self, effect: str) -> float:
-        """Probability of the worlds that have it."""
+        """Return the probability of the worlds with a name."""
         return sum(w.probability for w in self.known if effect in w.names)
 
     def best(self) -> World:
-        """The likeliest of those whose names all stand."""
+        """Return the likeliest world whose names all stand."""
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
 
@@ -96,7 +101,7 @@ class Worlds:
         return [last.residuals] + ([] if held is None else [held.residuals(of_the_car(values))])
 
     def _square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
-        """Mean square in units of the noise, and of how many values."""
+        """Return mean square in units of the noise, and the count of values."""
         total, rows = 0.0, 0
         for p, r in zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True):
             mine = dict(p.used()).get(channel)
@@ -110,17 +115,19 @@ def ln_odds(probability: float) -> float:
 
 
 def price_of(effect: str) -> float:
-    """Nats that a name costs."""
+    """Return the prior cost of a name in nats."""
     return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ln_odds(ROAD_PROBABILITY))
 
 
 def explained(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """A formula or none, the names, and all that were compared: the names of the likeliest world that are as likely as a name must
-    be."""
-    if naming.named and naming.closed < LEAST_TOGETHER:
-        little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
+    """Return a formula or None, the names, and all worlds that were compared.
+
+    The names are those of the likeliest world that are as likely as a name must be.
+    """
+    if naming.named and naming.closed < MIN_TOGETHER:
+        little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
     asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
     fits = [polished(problem, n.final) for n in asked]
@@ -130,7 +137,7 @@ def explained(
         beside = ", ".join(m.effect.id for m in asked[k].named)
         return discover(problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
 
-    sought = apart(problem.jobs, formula, range(len(asked)))
+    sought = run_in_processes(problem.jobs, formula, range(len(asked)))
     worlds.add(naming, fits[0])
     for n, last, found in zip(asked, fits, sought, strict=True):
         if found.formula is not None:
@@ -141,7 +148,8 @@ def explained(
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
-    # whether a formula is worth reading beside these names is what its own search has judged, on the held-out logs, too
+    # whether a formula is worth reading beside these names is what its own search has
+    # judged, on the held-out logs, too
     last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
     share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
     named = [
@@ -170,6 +178,6 @@ def beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery
 
 
 def polished(problem: Problem, last: Fit) -> Fit:
-    """The same by least squares, as formulas are fitted."""
+    """Fit the same world by least squares, as formulas are fitted."""
     found = fit(problem.holding(last.values), last.parameters, last.values)
     return replace(found, values=last.values | found.values)

@@ -26,13 +26,13 @@ from tse.library.core import Config
 from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 
-ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
-MOST_ODDS = 50.0  # ln: beyond it a probability is 1
+ROAD_PROBABILITY = 0.1  # prior, that a road's make_profile shows
+MAX_ODDS = 50.0  # ln: beyond it a probability is 1
 
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """A profile that the logs show: rms [rad] about its mean of each road with its 95 %
+    """A make_profile that the logs show: rms [rad] about its mean of each road with its 95 %
     interval, and what speaks for it."""
 
     effect: Effect
@@ -82,11 +82,13 @@ def find(
     say: Callable[[str], None] = lambda _: None,
     read: Sequence[CheckedLog] = (),
 ) -> Roads:
-    """Return the roads of logs as data.prepare() leaves them; of logs whose road is known, none.
+    """Return the roads of logs as data.prepare() leaves them; of logs whose road is
+    known, none.
 
     read: the same logs as they were read; with them laps of one road have one profile.
 
-    Cost: one fit of car and road, and where one of two profiles is not shown another."""
+    Cost: one fit of car and road, and where one of two profiles is not shown another.
+    """
     logs = list(logs)
     own = [add_missing_channels(log) for log in logs if log.stretches]
     if any(log.road for log in own):
@@ -120,16 +122,17 @@ def find(
     return Roads(logs)
 
 
-def _judged(kind: str, road: Knots, ended: CarFit, compute_road_sd: np.ndarray) -> FoundRoad:
-    """Return how large a profile is, and how likely it is that there is one.
+def _judged(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
+    """Return how large a make_profile is, and how likely it is that there is one.
 
-    The sd of the rms is that of independent values, each as sure as they are on average."""
+    The sd of the rms is that of independent values, each as sure as they are on average.
+    """
     places = [road.get_slice(r, kind) for r in range(len(road.count))]
     nats = sum(ended.equations.compute_road_evidence(p, ended.z, KNOT_SD) for p in places)
     size = float(np.sqrt(np.mean([np.var(ended.z[p]) for p in places])))
     values = sum(p.stop - p.start for p in places)
-    sd = float(np.sqrt(np.mean(np.concatenate([compute_road_sd[p] for p in places]) ** 2) / values))
-    odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MOST_ODDS)))
+    sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
+    odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MAX_ODDS)))
     ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
     return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
 

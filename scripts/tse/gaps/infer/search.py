@@ -4,16 +4,18 @@ ln evidence of a set = sum over channels of ln likelihood at the best fit
     + ln prior of what is fitted there + 1/2 ln det(2 pi H^-1), H the curvature
     + ln prior odds of its effects.
 
-The likelihood goes with the scales of the fit (identify/fit.py): a residual of rms r counts
+The likelihood goes with the scales of the fit (identify/fit.py): a residual of rms r
+counts
 with sd^2 = noise^2 + (r^2 - noise^2) V, V values in MODEL_TIME, so that
     d ln L/d(sum of squares) = -1/(2 sd^2),
     ln L = -n/(2 V) ln(1 + V (r^2/noise^2 - 1)),
-Where r^2 - noise^2 is below LASTING^2 noise^2, sd is that of LASTING: no model is nearer to
+Where r^2 - noise^2 is below LASTING^2 noise^2, sd is that of LASTING: no model is nearer
+to
 a car than that.
 
-All strengths are unknowns of every fit, small where an effect is not there. So one fit has
-the slopes of all effects, and the evidence of other sets follows by linear algebra (Around).
-Sets that are likeliest there are fitted in turn.
+All strengths are unknowns of every fit, small where an effect is not there. So one fit
+has the slopes of all effects, and the evidence of other sets follows by linear algebra
+(Around). Sets that are likeliest there are fitted in turn.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ from tse.gaps.problem import Problem
 from tse.identify import fit as engine
 from tse.identify.data import BLOCK_TIME
 
-MOST_EFFECTS = 12  # of a set
-MOST_ROUNDS = 12  # fits of ever better sets
+MAX_EFFECTS = 12  # of a set
+MAX_ROUNDS = 12  # fits of ever better sets
 PASSES = 4  # of them, each with what could be in the place of an effect
 AT_ONCE = 2  # changes of a set between two fits
 RIVALS = 2  # sets that are fitted in place of each effect
@@ -70,12 +72,17 @@ def together() -> float:
 
 
 def variance(square: float) -> float:
-    """Return sd^2, in units of the noise, with which a residual of this mean square counts."""
+    """Return sd^2, in units of the noise, with which a residual of this mean square
+    counts.
+    """
     return 1.0 + together() * max(square - 1.0, LASTING**2)
 
 
 def ln_likelihood(square: float, count: int) -> float:
-    """Return it of a channel. `square`: mean square of its residuals, in units of the noise."""
+    """Return it of a channel.
+
+    `square`: mean square of its residuals, in units of the noise.
+    """
     more = square - 1.0 - LASTING**2
     least = 1.0 + together() * LASTING**2
     above = float(np.log(least + together() * max(more, 0.0))) / together()
@@ -83,7 +90,9 @@ def ln_likelihood(square: float, count: int) -> float:
 
 
 def ln_sizes(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
-    """Return prior odds of effects and what their sizes cost, over the priors that a fit takes for them."""
+    """Return prior odds of effects and what their sizes cost, over the priors that a fit
+    takes for them.
+    """
     total = 0.0
     for h in effects:
         fitted = sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
@@ -105,7 +114,8 @@ def judge(
         A set that was fitted, which lends the slopes of what is in neither; None: all are
         simulated.
     rough
-        The slopes of `like` are those that the fit begins with, and that follow its steps.
+        The slopes of `like` are those that the fit begins with, and that follow its
+        steps.
     """
     lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
     space = Space(problem, asked, members, lent)
@@ -208,7 +218,8 @@ class Search:
     asked: Sequence[Hypothesis]
     say: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Judged] = field(default_factory=dict)  # fitted
-    near: dict[frozenset[str], Judged] = field(default_factory=dict)  # judged by the slopes of the best
+    # judged by the slopes of the best
+    near: dict[frozenset[str], Judged] = field(default_factory=dict)
 
     def judge(
         self,
@@ -225,8 +236,9 @@ class Search:
         return self.known[key]
 
     def run(self) -> Judged:
-        """Return the most probable set, by adding to nothing, or by taking away from all where
-        that leads further."""
+        """Return the most probable set, by adding to nothing, or by taking away from all
+        where that leads further.
+        """
         best = self._climbed(self.judge((), {}))
         best = max(best, self._pruned(best), key=lambda j: j.evidence)
         for _ in range(PASSES):
@@ -254,7 +266,7 @@ class Search:
 
     def _climbed(self, best: Judged) -> Judged:
         """Return the best set that adding, leaving out and exchanging effects reaches."""
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_ROUNDS):
             around = Around(best)
             self.near = {}
             there = self._best_near(around, best.ids, AT_ONCE)
@@ -268,8 +280,9 @@ class Search:
         return best
 
     def _alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
-        """Fit what the catalogue calls alike in the place of some effects: slopes do not show
-        what is not small."""
+        """Fit what the catalogue calls alike in the place of some effects: slopes do not
+        show what is not small.
+        """
         found = []
         for h in judged.effects:
             for o in h.effect.relatives if h.id in effects else ():
@@ -313,7 +326,7 @@ class Search:
         for _ in range(changes):
             out = [h.id for h in self.asked if h.id not in best]
             near = [best - {i} for i in best]
-            if len(best) < MOST_EFFECTS:
+            if len(best) < MAX_EFFECTS:
                 near += [best | {o} for o in out]
             near += [best - {i} | {o} for i in best for o in out]
             there = max(near, key=worth)

@@ -1,8 +1,8 @@
 """The logs of a gap with a set of effects, as tse.identify.fit takes a problem.
 
-Unknown are the stiffness of the axles, the strengths of all effects that are asked, and the
-shapes of those of the set. An effect of the set may have any size; one that is not in the
-set may have a size that does not matter (Parameter.negligible): no car is without it.
+Unknown are the stiffness of the axles, the strengths of all effects that are asked, and
+the shapes of those of the set. An effect of the set may have any size; one that is not in
+the set may have a size that does not matter (Parameter.negligible): no car is without it.
 """
 
 from __future__ import annotations
@@ -23,9 +23,12 @@ from tse.identify.unknowns import COMPLIANCE
 from tse.log.noise import compute_moving_average
 
 STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
-ABSENT = 0.5  # sd of the strength of an effect that is not there, over the size that is negligible
-LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5  # of the noise of a block: the error of any model, rms
-# steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+# sd of the strength of an effect that is not there, over the size that is negligible
+ABSENT = 0.5
+# of the noise of a block: the error of any model, rms
+LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
+# steps: a chord over a third of the typical size says more of an effect than its tangent
+# at zero
 REACH = 15.0
 
 
@@ -77,8 +80,9 @@ class Space:
         self._lay_out()
 
     def prior(self, members: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and sd of the unknowns with another set of effects; shapes of effects
-        that it lacks do not count."""
+        """Return mean and sd of the unknowns with another set of effects; shapes of
+        effects that it lacks do not count.
+        """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
         for p in self.parameters:
@@ -94,7 +98,8 @@ class Space:
     def _lay_out(self) -> None:
         rows = self.problem.rows
         self.groups: list[tuple[int, str]] = []
-        self._rows: list[np.ndarray] = []  # indices into the residual vector of the problem
+        # indices into the residual vector of the problem
+        self._rows: list[np.ndarray] = []
         for g in range(int(rows.group.max()) + 1 if len(rows.group) else 0):
             mine = np.flatnonzero((rows.group == g) & (self.problem.weight > 0))
             if len(mine) > 1:
@@ -120,8 +125,9 @@ class Space:
         return dict(zip(self.names, map(float, self.to_ln(x)), strict=True))
 
     def at(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return x of values; what they lack begins at its default, an effect of the set that
-        they do not have a little off it."""
+        """Return x of values; what they lack begins at its default, an effect of the set
+        that they do not have a little off it.
+        """
         there = {p.name for h in self.effects for p in h.effect.fitted}
         values = {p.name: values[p.name] for p in self.parameters if p.name in values}
         for h in self.effects:
@@ -148,13 +154,16 @@ class Space:
         return LASTING
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return measured less predicted in units of the noise, without bias, by group."""
+        """Return residuals without bias by group, in units of the noise."""
         whole = self.problem.residuals(self.values(x))
         return [whole[mine] for mine in self._rows]
 
     def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return d(residuals)/dx, a matrix per group. What is lent follows `x` no further: what
-        is not there has a size that does not matter."""
+        """Return d(residuals)/dx, a matrix per group.
+
+        What is lent follows `x` no further: what is not there has a size that does not
+        matter.
+        """
         if self.lent is None:
             return self.own_slopes(x, base)
         found = self._simulated(x, base, ((1.0, True),))
@@ -171,7 +180,9 @@ class Space:
     def _simulated(
         self, x: np.ndarray, base: list[np.ndarray], parts: Sequence[tuple[float, bool]]
     ) -> list[np.ndarray]:
-        """Return slopes over a reach of what is there (True), or is not; nothing of the others."""
+        """Return slopes over a reach of what is there (True), or is not; nothing of the
+        others.
+        """
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
         for mine, residual in zip(self._rows, base, strict=True):

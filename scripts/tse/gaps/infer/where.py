@@ -1,5 +1,7 @@
-"""Where simulation and measurement disagree: under which conditions the residual of a channel is large, and at which place of the
-car a disturbance explains accel_y and yaw_rate best."""
+"""Where simulation and measurement disagree: under which conditions the residual of a
+channel is large, and at which place of the car a disturbance explains accel_y and
+yaw_rate best.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +17,24 @@ from tse.identify.data import BLOCK_TIME
 from tse.library.core import library
 
 WINDOW = 1.0  # s: over which the energy of a residual is taken
-FALSE_DISCOVERIES = 0.01  # share of the conditions that may be there by chance (Benjamini-Hochberg)
-LEAST_CORRELATION = 0.15  # of ranks: a condition that goes less with the energy is not worth words
-FEWEST_WINDOWS = 20  # fewer do not show a channel's conditions
-# a road does not know of the steering wheel: of a bank, no more of the variance goes with the car's own turning
-MOST_FOLLOWED = 0.5
+# share of the conditions that may be there by chance (Benjamini-Hochberg)
+FALSE_DISCOVERIES = 0.01
+# of ranks: a condition that goes less with the energy is not worth words
+MIN_CORRELATION = 0.15
+MIN_WINDOWS = 20  # fewer do not show a channel's conditions
+# a road does not know of the steering wheel: of a bank, no more of the variance goes with
+# the car's own turning
+MAX_FOLLOWED = 0.5
 HAT = 10  # blocks: between two values of a disturbance, which is linear between them
 PLACES = {
-    "front axle": "front_angle", "rear axle": "rear_angle", "side force": "force_y", "yaw moment": "yaw_moment",
-    "road (bank)": ROAD, "sensor accel_y": "accel_y", "sensor yaw_rate": "yaw_rate",
-}  # fmt: skip
+    "front axle": "front_angle",
+    "rear axle": "rear_angle",
+    "side force": "force_y",
+    "yaw moment": "yaw_moment",
+    "road (bank)": ROAD,
+    "sensor accel_y": "accel_y",
+    "sensor yaw_rate": "yaw_rate",
+}
 
 
 @dataclass(frozen=True)
@@ -48,8 +58,10 @@ class Entry:
 
 
 def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
-    """What conditions are made of, from inputs and the simulation only: never from what was measured, whose noise is in the
-    residual, too."""
+    """Return the signals of conditions, from inputs and simulation.
+
+    Measurements are not among them: their noise is in the residual, too.
+    """
     predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.quantity("steer_angle")
     front = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
@@ -66,14 +78,17 @@ def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray
 
 
 def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
-    """Where the residual is large, strongest first; none that chance explains (Spearman; Benjamini-Hochberg)."""
+    """Return the conditions in which the residual is large, strongest first.
+
+    Those that chance explains are left out (Spearman; Benjamini-Hochberg).
+    """
     rows, found, p = problem.rows, [], []
     at = features(problem, values)
     for c, mine in problem.used():
         key = rows.log[mine] * 10_000_000 + (rows.time[mine] // WINDOW).astype(np.int64)
         _, index, count = np.unique(key, return_inverse=True, return_counts=True)
         enough = count >= 0.5 * count.max(initial=0)
-        if enough.sum() < FEWEST_WINDOWS:
+        if enough.sum() < MIN_WINDOWS:
             continue
         energy, *table = ((np.bincount(index, x) / count)[enough] for x in (
             residuals[mine] ** 2, *(np.nan_to_num(x[mine]) for x in at.values())))  # fmt: skip
@@ -83,15 +98,17 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
                 found.append(Condition(c, f"{'high' if rho > 0 else 'low'} {name}", float(rho)))
                 p.append(max(float(chance), 1e-300))
     kept = false_discovery_control(p) < FALSE_DISCOVERIES if p else ()
-    found = [c for c, k in zip(found, kept, strict=True) if k and abs(c.strength) >= LEAST_CORRELATION]
+    found = [c for c, k in zip(found, kept, strict=True) if k and abs(c.strength) >= MIN_CORRELATION]
     return sorted(found, key=lambda c: -abs(c.strength))
 
 
 def entries(problem: Problem, last: Fit) -> list[Entry]:
-    """Every place with the evidence for a disturbance there, best first, beside what `last` has fitted.
+    """Return every place with the evidence for a disturbance there, best first.
 
-    A disturbance is a sum of hats, one every HAT blocks, of normal size: residuals are linear in it, so its evidence is a sum over
-    the singular values of what the hats do (responses())."""
+    It is fitted beside everything in `last`. A disturbance is a sum of hats, one every
+    HAT blocks, of normal size. Residuals are linear in it, so its evidence is a sum over
+    the singular values of the responses to the hats (responses()).
+    """
     at, units = signals(problem, last.values), library().formula_places
     lateral = [
         (problem.rows.log == i) & (problem.rows.of("accel_y") | problem.rows.of("yaw_rate"))
@@ -111,7 +128,9 @@ def entries(problem: Problem, last: Fit) -> list[Entry]:
     found = []
     for place, id_ in PLACES.items():
         change = responses(problem, last.values, at, id_, hats)
-        parts = []  # of each log: singular values and directions, and how far the residual goes along them
+        # of each log: singular values and directions, and how far the residual goes along
+        # them
+        parts = []
         for i in there:
             q, _ = np.linalg.qr(last.jacobian[lateral[i]])
             own, r = (x - q @ (q.T @ x) for x in (change[lateral[i]], last.residuals[lateral[i]]))
@@ -135,8 +154,9 @@ def entries(problem: Problem, last: Fit) -> list[Entry]:
             if seen.any()
             else 0.0
         )
-        # a road does not know of the steering wheel: what follows the car's own turning came in elsewhere
-        last_of_all = id_ == ROAD and follows > MOST_FOLLOWED
+        # a road does not know of the steering wheel: what follows the car's own turning
+        # came in elsewhere
+        last_of_all = id_ == ROAD and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
         entry = Entry(place, nats(size), share, float(size), "m/s2" if id_ == ROAD else units[id_].unit)
         found.append((last_of_all, -entry.nats, entry))

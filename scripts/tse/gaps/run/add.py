@@ -1,6 +1,8 @@
-"""What was found, for those who use it: the improved vehicle file, and a C header that sets tse_config to it.
+"""What was found, for those who use it: the improved vehicle file, and a C header that
+sets tse_config to it.
 
-What has no name is not written; nor is a profile of the road, which is not of the car."""
+What has no name is not written; nor is a profile of the road, which is not of the car.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 
 
 def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
-    """Both files; the header is made from the vehicle file as it reads back."""
+    """Write both files. The header is made from the vehicle file as it reads back."""
     path = out / VEHICLE
     vehicle = read_vehicle(vehicle_path)
     formula = result.formula or vehicle.formula
@@ -57,12 +59,15 @@ def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tup
 
 
 def formula_files(out: Path, improved: Path) -> list[Path]:
-    """What was written of a formula."""
+    """Return the files of a formula."""
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
 def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
-    """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
+    """Return the vehicle file with fitted stiffness and the named effects.
+
+    `vehicle` is as the user wrote it, sensors not filled in.
+    """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]
     known = posterior(
@@ -106,7 +111,10 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
 
 
 def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
-    """Fitted stiffness as settings; the rear longitudinal one follows the front as the settings say."""
+    """Return the fitted stiffness as settings.
+
+    The rear longitudinal one follows the front as the settings say.
+    """
     found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
     follows = config.rear_longitudinal_follows_front
     rear = 1.0 + follows * (values.get("cx_front", 1.0) - 1.0)
@@ -119,7 +127,7 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _group(key: str) -> str:
-    """What a setting is of: a heading of effects.h."""
+    """Return the heading of a setting in effects.h."""
     if key in list_uncertainty_settings():
         return "how uncertain that is"
     if key in list_formula_settings():
@@ -130,8 +138,11 @@ def _group(key: str) -> str:
 
 
 def header(vehicle: Vehicle) -> str:
-    """A static inline function that sets tse_config as the estimator has it with the vehicle file: with the sds and the grip of the
-    posterior. Same file, same bytes: no date in it."""
+    """Return a C header whose function sets tse_config as the estimator has it.
+
+    It has the vehicle file with the sds and the grip of the posterior. The same file
+    gives the same bytes: there is no date in it.
+    """
     slug = re.sub(r"\W+", "_", vehicle.name.lower(), flags=re.ASCII).strip("_") or "car"
     guard = f"TSE_EFFECTS_{slug.upper()}_H"
     fields = Config().fields
@@ -149,12 +160,15 @@ def header(vehicle: Vehicle) -> str:
         number = f"{int(value)}" if f.is_integer else f"(tse_setting){float(value)!r}"
         unit = "" if f.unit in ("", "1") else f"{f.unit}: "
         body.append(
-            f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */"
+            f"  c->{key:<{width}} = {number};  /* "
+            f"{_plain(unit + (parameter.text if parameter else f.text))} */"
         )
     return "\n".join(
         [
-            f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of this car show.",
-            f" * Written by tselab gap {__version__} from {_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
+            f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of "
+            "this car show.",
+            f" * Written by tselab gap {__version__} from "
+            f"{_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
             " beside which it lies; whoever changes one makes the other again.",
             " *",
             " *   tse_config c;",
@@ -177,5 +191,5 @@ def header(vehicle: Vehicle) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that may stand in a comment of C."""
+    """Return text that may stand in a comment of C."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")

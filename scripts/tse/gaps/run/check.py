@@ -13,7 +13,7 @@ from tse.car.vehicle import read_vehicle
 from tse.gaps.catalogue import catalogue
 from tse.gaps.fit import fit, gap
 from tse.gaps.infer import detect
-from tse.gaps.infer.hypotheses import ABSORBED, threshold
+from tse.gaps.infer.hypotheses import threshold
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
 from tse.identify.data import prepare_all
@@ -36,10 +36,11 @@ class Check:
         """Of the command: can what is in these logs be named?"""
         if not any(d.visible for d in self.effects):
             return NOTHING
-        return USABLE if all(d.visible for d in self.effects if d.id not in ABSORBED) else IN_PART
+        searched = [d for d in self.effects if catalogue()[d.id].occurrence != "ABSORBED"]
+        return USABLE if all(d.visible for d in searched) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
-        """For programs."""
+        """Return the result for programs."""
         return {
             "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
             "gap": self.gap,
@@ -48,7 +49,7 @@ class Check:
         }
 
     def text(self) -> str:
-        """For people."""
+        """Return the result for people."""
         order = sorted(self.effects, key=lambda d: (not d.visible, d.smallest / d.typical))
         rows = [["effect", "parameter", "smallest that shows", "typical", "visible", "taken up by stiffness"]]
         for d in order:
@@ -59,7 +60,8 @@ class Check:
         lines = [text_table(rows, right=(2, 3, 5)), ""]
         seen = sum(d.visible for d in order)
         lines.append(
-            f"{seen} of {len(order)} effects would be named at their typical size ({threshold(len(order)):.1f} nats)."
+            f"{seen} of {len(order)} effects would be named at their typical size "
+            f"({threshold(len(order)):.1f} nats)."
         )
         if hidden := [d for d in order if not d.visible]:
             lines.append("The others would show in:")

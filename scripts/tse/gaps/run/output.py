@@ -1,5 +1,7 @@
-"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h, residuals.parquet, report.html, gap.png; and what the
-estimator gains by the improved vehicle."""
+"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h,
+residuals.parquet, report.html, gap.png; and what the estimator gains by the improved
+vehicle.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +40,18 @@ VERDICT, RESIDUALS, REPORT, PICTURE, ROAD = (
     "road.csv",
 )
 COLUMNS = (
-    "part", "log", "channel", "time", "block", "measured", "predicted_before", "predicted_after", "residual_before",
-    "residual_after", "noise",
-)  # fmt: skip
+    "part",
+    "log",
+    "channel",
+    "time",
+    "block",
+    "measured",
+    "predicted_before",
+    "predicted_after",
+    "residual_before",
+    "residual_after",
+    "noise",
+)
 BOTH = ("before", "after")
 
 
@@ -122,7 +133,7 @@ def road_files(out: Path, result: Result) -> list[Path]:
 
 
 def headline(result: Result) -> str:
-    """The verdict in a few words."""
+    """Return the verdict in a few words."""
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"
     if result.verdict == "not_in_catalogue":
@@ -140,11 +151,13 @@ def headline(result: Result) -> str:
 def table(
     parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]
 ) -> pd.DataFrame:
-    """`parts`: of each its logs on level roads, which are those before, and on the roads that were found.
+    """Return every block of 40 ms of every log and channel as a table.
 
-    Every block of 40 ms of every log and channel. predicted_*: with the bias of the log;
-    residual_*: measured less predicted over `noise`, which is what the sensor's noise
-    leaves of a block: 1 is nothing but noise. NaN: not measured."""
+    Columns predicted_* have the bias of the log. Columns residual_* are measured less
+    predicted over `noise`, the noise of the sensor in a block: 1 is noise alone. NaN is
+    not measured. `parts` has, of each part, its logs on level roads (before) and on the
+    roads that were found.
+    """
     frames = []
     for part, (level, problem) in parts.items():
         rows = problem.rows
@@ -173,7 +186,7 @@ def table(
 
 
 def log_names(problem: Problem) -> list[str]:
-    """Names of the logs; the same name from another folder gets a number."""
+    """Return the names of the logs. The same name from another folder gets a number."""
     seen: dict[str, int] = {}
     names = []
     for log in problem.logs:
@@ -182,8 +195,8 @@ def log_names(problem: Problem) -> list[str]:
     return names
 
 
-# ---- what the estimator itself gains. Without truth there are two witnesses. Evidence: how well each row was foreseen, in nats.
-# Valid: how much of the time it knows.
+# ---- gain of the estimator. Without truth it is shown by the evidence of the rows, in
+# nats, and by the share of the rows that are valid.
 
 
 def gain(
@@ -193,24 +206,31 @@ def gain(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """For verdict.json: of all logs together and of each, before and after: nats per row, and share of the rows that are valid.
-    `logs`: (part, name, log)."""
+    """Return evidence per row and share of valid rows, before and after.
+
+    Both are of all logs together and of each one. `logs`: (part, name, log).
+    """
 
     def one(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:
         (_, name, log), vehicle = task
         say(f"the estimator over {name}")
         return estimate(log, make_config(vehicle, log)[0]).table
 
-    with ThreadPoolExecutor(max(1, jobs)) as pool:  # the library runs without Python's lock
+    # the library runs without Python's lock
+    with ThreadPoolExecutor(max(1, jobs)) as pool:
         tables = list(pool.map(one, [(log, vehicle) for log in logs for vehicle in (before, after)]))
     drives = []
     for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
         # the same rows on both sides: where both used a measurement
         used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
-        drives.append({
-            "log": name, "part": part, "evidence": _both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
-            "valid": _both(pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}),
-        })  # fmt: skip
+        drives.append(
+            {
+                "log": name,
+                "part": part,
+                "evidence": _both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
+                "valid": _both(pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}),
+            }
+        )
     rows = [len(log) for _, _, log in logs]
 
     def mean(of: Callable[[dict[str, Any]], float]) -> float:
@@ -224,7 +244,7 @@ def gain(
 
 
 def words(gained: Mapping[str, Any]) -> list[str]:
-    """For the terminal."""
+    """Return the text for the terminal."""
     shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
     return [
         f"The estimator's {NAMES[k][0].lower() + NAMES[k][1:]}: valid {old:.0f} -> {new:.0f} % of the time."

@@ -14,9 +14,11 @@ from tse.gaps.fit import Change
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, picture_of, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
-HOLE = 1.0  # s without a value from which a line is broken: a log may not have the channel all the time
-MOST_LOGS = 12  # that can be chosen; of a fleet, the worst
+MAX_POINTS = 3000  # per line; longer logs are thinned, to their peaks
+# s without a value from which a line is broken: a log may not have the channel all the
+# time
+HOLE = 1.0
+MAX_LOGS = 12  # that can be chosen; of a fleet, the worst
 PICTURE_SECONDS = 8.0
 
 
@@ -25,14 +27,14 @@ def _channels(table: pd.DataFrame) -> list[str]:
 
 
 def _logs(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Part and name of every log, or of the worst of many."""
+    """Return part and name of every log, or of the worst of many."""
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
-    worst = energy.sort_values(ascending=False).head(MOST_LOGS).index
+    worst = energy.sort_values(ascending=False).head(MAX_LOGS).index
     return [key for key in energy.index if key in set(worst)]
 
 
 def overlay(table: pd.DataFrame) -> go.Figure:
-    """Measured, before, after, per channel; the log is chosen from a list."""
+    """Plot measured, before and after, per channel. The log is chosen from a list."""
     channels, logs = _channels(table), _logs(table)
     figure = make_subplots(len(channels), 1, shared_xaxes=True, vertical_spacing=0.05,
                            subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels])  # fmt: skip
@@ -43,15 +45,23 @@ def overlay(table: pd.DataFrame) -> go.Figure:
             t = mine[mine["channel"] == channel].sort_values("time")
             for source, colour in SOURCE.items():
                 y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32)
-                time, y = thin_line(t["time"].to_numpy(), y, MOST_POINTS, HOLE)
+                time, y = thin_line(t["time"].to_numpy(), y, MAX_POINTS, HOLE)
                 figure.add_trace(
                     go.Scatter(
-                        x=np.round(time, 3), y=y, name=source, mode="lines", legendgroup=source, showlegend=row == 1,
-                        visible=n == 0, line={"color": colour, "width": 2.0 if source == "measured" else 1.3},
-                        opacity=0.45 if source == "measured" else 1.0, connectgaps=False,
+                        x=np.round(time, 3),
+                        y=y,
+                        name=source,
+                        mode="lines",
+                        legendgroup=source,
+                        showlegend=row == 1,
+                        visible=n == 0,
+                        line={"color": colour, "width": 2.0 if source == "measured" else 1.3},
+                        opacity=0.45 if source == "measured" else 1.0,
+                        connectgaps=False,
                     ),
-                    row=row, col=1,
-                )  # fmt: skip
+                    row=row,
+                    col=1,
+                )
                 owner.append(n)
     buttons = [
         {"label": f"{log}{' (held out)' if part == 'held_out' else ''}", "method": "update",
@@ -68,7 +78,10 @@ def overlay(table: pd.DataFrame) -> go.Figure:
 
 
 def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
-    """Rms over noise before and after, per channel; the interval is that of the change (paired blocks)."""
+    """Plot rms over noise before and after, per channel.
+
+    The interval is that of the change (paired blocks).
+    """
     figure = make_subplots(1, len(parts), shared_yaxes=True, horizontal_spacing=0.06,
                            subplot_titles=[_part_title(p) for p in parts])  # fmt: skip
     for col, changes in enumerate(parts.values(), 1):
@@ -77,14 +90,40 @@ def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
         after = np.array([c.after for c in changes.values()])
         low = before * (1 + np.array([c.ci95[0] for c in changes.values()]))
         high = before * (1 + np.array([c.ci95[1] for c in changes.values()]))
-        figure.add_trace(go.Bar(x=names, y=before, name="before", marker_color=ORANGE, legendgroup="before", showlegend=col == 1,
-                                texttemplate="%{y:.2f}"), row=1, col=col)  # fmt: skip
         figure.add_trace(
-            go.Bar(x=names, y=after, name="after", marker_color=BLUE, legendgroup="after", showlegend=col == 1,
-                   texttemplate="%{y:.2f}", error_y={"type": "data", "symmetric": False, "array": np.maximum(high - after, 0),
-                            "arrayminus": np.maximum(after - low, 0), "color": INK, "thickness": 1.2}),
-            row=1, col=col,
-        )  # fmt: skip
+            go.Bar(
+                x=names,
+                y=before,
+                name="before",
+                marker_color=ORANGE,
+                legendgroup="before",
+                showlegend=col == 1,
+                texttemplate="%{y:.2f}",
+            ),
+            row=1,
+            col=col,
+        )
+        figure.add_trace(
+            go.Bar(
+                x=names,
+                y=after,
+                name="after",
+                marker_color=BLUE,
+                legendgroup="after",
+                showlegend=col == 1,
+                texttemplate="%{y:.2f}",
+                error_y={
+                    "type": "data",
+                    "symmetric": False,
+                    "array": np.maximum(high - after, 0),
+                    "arrayminus": np.maximum(after - low, 0),
+                    "color": INK,
+                    "thickness": 1.2,
+                },
+            ),
+            row=1,
+            col=col,
+        )
         figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1.2}, row=1, col=col)
     figure.update_yaxes(title_text="residual over sensor noise (rms)", rangemode="tozero", row=1, col=1)
     return layout(figure, 360, barmode="group")
@@ -98,7 +137,7 @@ def _part_title(part: str) -> str:
 
 
 def picture(path: Path, table: pd.DataFrame, title: str) -> None:
-    """gap.png: the moment in which the gap closed most."""
+    """Draw gap.png: the moment in which the gap closed most."""
     with picture_of(path) as plt:
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
@@ -128,7 +167,11 @@ def picture(path: Path, table: pd.DataFrame, title: str) -> None:
 
 
 def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
-    """The seconds in which most of the gap closed, on a held-out log if there is one; if none did, the worst."""
+    """Return the seconds in which most of the gap closed.
+
+    They are of a held-out log if there is one. If the gap closed nowhere, they are the
+    worst.
+    """
     t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
     won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)
     t = t.assign(won=won, window=np.floor(t["time"] / PICTURE_SECONDS))

@@ -1,7 +1,9 @@
 """`tselab gap plan`: the manoeuvre that tells two effects apart.
 
-A car that has A at typical size drives each manoeuvre; B is fitted to it together with the stiffness. What B cannot copy is
-worth nats at the noise of the sensors; the worse of the two directions counts."""
+A car that has A at typical size drives each manoeuvre; B is fitted to it together with
+the stiffness. What B cannot copy is worth nats at the noise of the sensors; the worse of
+the two directions counts.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,19 @@ from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
 NEED = 8.0  # nats: by which two effects are separable
-RIVAL_SHARE = 0.1  # of the nats by which an effect shows: the forms of a real car are not known better
+# of the nats by which an effect shows: the forms of a real car are not known better
+RIVAL_SHARE = 0.1
 NOTHING = 0.1  # nats: by which an effect shows: less is not excited
-EXACT = 1e-6  # relative change of the sum of squares at which a fit ends: without noise it is the whole difference
-MOST_STEPS = 30  # of a fit
+# relative change of the sum of squares at which a fit ends: without noise it is the whole
+# difference
+EXACT = 1e-6
+MAX_STEPS = 30  # of a fit
 SAME = (
-    0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
+    # of the nats by which an effect shows: less is the integration's steps, and no model
+    # is that good
+    0.02
 )
-LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
+MAX_NEEDED = 3600.0  # s: what takes longer cannot be separated by driving
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,8 @@ class Option:
     seconds: float
     nats: float  # of the worse direction
     shows: float  # nats by which the weaker of the two shows at all
-    share: float  # of the nats by which an effect shows, those that the other one cannot take over
+    # of the nats by which an effect shows, those that the other one cannot take over
+    share: float
 
     @property
     def needed(self) -> float:
@@ -60,10 +68,10 @@ class Plan:
 
     @property
     def separable(self) -> bool:
-        return bool(self.options) and self.options[0].needed <= LONGEST
+        return bool(self.options) and self.options[0].needed <= MAX_NEEDED
 
     def text(self, top: int) -> str:
-        """For people."""
+        """Return the plan for people."""
         pair = f"{self.first} and {self.second}"
         if not self.separable:
             shown = [o for o in self.options if o.shows >= NEED]
@@ -82,7 +90,7 @@ class Plan:
             ]
         ]
         for o in self.options[:top]:
-            long = f"{o.needed:.0f}" if o.needed <= LONGEST else "over an hour"
+            long = f"{o.needed:.0f}" if o.needed <= MAX_NEEDED else "over an hour"
             needed = "one run" if o.needed <= o.seconds else long
             rows.append([o.name, f"{o.nats:.1f}", needed, f"{100 * o.share:.0f} %"])
         best = self.options[0]
@@ -96,8 +104,10 @@ class Plan:
         ]
         if best.share < RIVAL_SHARE:
             lines.append(
-                f"The difference is only {100 * best.share:.0f} % of what either of them shows; 'tselab gap' asks for "
-                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: it will not exclude either."
+                f"The difference is only {100 * best.share:.0f} % of what either of them shows; "
+                "'tselab gap' asks for "
+                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: "
+                "it will not exclude either."
             )
         return "\n".join(lines)
 
@@ -105,7 +115,7 @@ class Plan:
 def plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
 ) -> Plan:
-    """Every manoeuvre of the library for two effects, "A,B"."""
+    """Return every manoeuvre of the library for two effects, "A,B"."""
     first, second = pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
     candidates = library(config)
@@ -133,7 +143,9 @@ def pair(separate: str) -> tuple[Effect, Effect]:
 
 
 def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
-    """Nats of the worse direction, and of the weaker effect against stiffness alone."""
+    """Return nats of the worse direction, and of the weaker effect against stiffness
+    alone.
+    """
     problem = Problem(prepared(candidate, config), config)
     both, shows, shares = [], [], []
     for hidden, other in ((first, second), (second, first)):
@@ -146,7 +158,7 @@ def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -
         shows.append(nats(problem, plain.residuals))
         shapes = [replace(p, low=p.typical_low, high=p.typical_high) for p in other.shapes]
         parameters = [*STIFFNESS, *problem.strengths(other), *shapes]
-        with_it = fit(problem, parameters, plain.values | typical(problem, other), MOST_STEPS, EXACT)
+        with_it = fit(problem, parameters, plain.values | typical(problem, other), MAX_STEPS, EXACT)
         left = min(nats(problem, with_it.residuals), shows[-1])
         both.append(left if left > SAME * shows[-1] else 0.0)
         shares.append(both[-1] / max(shows[-1], 1e-9))
@@ -154,7 +166,10 @@ def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -
 
 
 def nats(problem: Problem, residuals: np.ndarray) -> float:
-    """Expected for the true model against one that leaves this of a log without noise, when there is noise."""
+    """Return the expected evidence for the true model, in nats.
+
+    The other model leaves this residual of a log without noise.
+    """
     total = 0.0
     for c in np.unique(problem.rows.channel):
         mine = problem.rows.channel == c
@@ -164,7 +179,7 @@ def nats(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def typical(problem: Problem, e: Effect) -> dict[Key, float]:
-    """An effect at its typical size; a road goes up and down every WAVE metres."""
+    """Return an effect at its typical size. A road goes up and down every WAVE metres."""
     if e.id in PROFILES:
         p = e.strengths[0]
         amplitude = np.sqrt(2.0) * p.scale

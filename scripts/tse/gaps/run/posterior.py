@@ -1,8 +1,10 @@
-"""How well the improved car is known: the covariance of its stiffness, of what was named, and of what every car has a little of and
-these logs did not show, which moves no mean and widens the others.
+"""How well the improved car is known: the covariance of its stiffness, of what was named,
+and of what every car has a little of and these logs did not show, which moves no mean
+and widens the others.
 
-The covariance is that of the fit (identify/fit.py) at the values that stand. The prior of what has no name is what the vehicle
-file says of it in [uncertainty], or its class."""
+The covariance is that of the fit (identify/fit.py) at the values that stand. The prior of
+what has no name is what the vehicle file says of it in [uncertainty], or its class.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ from tse.identify.vehicle_file import estimate_model_sd
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
 
-# Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and what was known of it stays.
+# Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and
+# what was known of it stays.
 SCALE = "mass_sd"
 
 
@@ -44,13 +47,18 @@ class Posterior:
         return {str(n): float(x) for n, x in zip(self.names, self.values, strict=True) if n in NOMINAL}
 
     def sd(self, name: str) -> float:
-        """Of a parameter; of the scale of accel_y with what roll adds to it."""
+        """Return the sd of a parameter; of the scale of accel_y with the part of the
+        roll.
+        """
         weights = dict([(name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
         return float(np.sqrt(w @ self.covariance @ w))
 
     def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
-        """Settings of [uncertainty]: those of this posterior, not below what any model of a car leaves; the others as they were."""
+        """Return the settings of [uncertainty] by this posterior.
+
+        They are not below the limits of any model of a car. The others stay.
+        """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
             return v  # known exactly
@@ -62,7 +70,10 @@ class Posterior:
         }
 
     def calibration(self) -> dict[str, Any]:
-        """Names, mean and covariance as tse.calibration has them: stiffness in ln over this file's."""
+        """Return names, mean and covariance as calibration_toml() takes them.
+
+        Stiffness is in ln over that of this file.
+        """
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
         ln = np.array([self.names[k] in NOMINAL for k in mine])
@@ -79,13 +90,18 @@ def posterior(
     logs: Sequence[CheckedLog] = (),
     spread: np.ndarray | None = None,
 ) -> Posterior:
-    """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with; `logs`: that were fitted, as they were
-    read; `spread`: covariance of ln stiffness over what may be missing in the place of what was named.
+    """Return the posterior of the car: values, covariance and stiffness.
 
-    A formula is not in the estimator: what it explains is what the model does not, there.
+    `vehicle` is the file before. `settings` are those of a formula in the fit. `logs` are
+    the fitted ones as read. `spread` is the covariance of ln stiffness over effects in
+    the place of the named ones.
 
-    Where the model that wheels drive does not explain accel_x, its longitudinal stiffness is what smooths their noise, 13 .. 45 %
-    too soft of three multi-body cars: there it is what a calibration finds of the slip, or what was known before."""
+    The estimator has no formula: its part is model error there.
+
+    Where the model that wheels drive does not explain accel_x, its estimate_longitudinal stiffness
+    only smooths their noise and is 13 .. 45 % too soft, on three multi-body cars. Then
+    the stiffness is that of a calibration of the slip, or the one before.
+    """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}
     asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0)]

@@ -1,4 +1,6 @@
-"""DIR/report.html of the gap workflow: one file that needs nothing else, readable offline; the verdict first."""
+"""DIR/report.html of the gap workflow: one file that needs nothing else, readable
+offline; the verdict first.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ HEADLINE = {
     "possible": "Possible",
     "not_in_catalogue": "Not in the catalogue",
 }
-MOST_CONDITIONS = 12
+MAX_CONDITIONS = 12
 
 
 @dataclass
@@ -47,17 +49,34 @@ def write_report(path: Path, shown: Shown) -> None:
     result = shown.result
     claim = "" if result.naming.named else " Nothing was added: after is as before."
     sections = [
-        ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
-         f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
-        ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click "
-         "a name to hide it.", pictures.overlay(shown.table)),
-    ]  # fmt: skip
+        (
+            "The gap before and after",
+            "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
+            f"intervals: of the change, pairs of 2 s blocks resampled.{claim}",
+            pictures.gap_bars(shown.parts),
+        ),
+        (
+            "Measured and simulated",
+            "The simulation has the sensor biases of its log. Choose the log from the list; click "
+            "a name to hide it.",
+            pictures.overlay(shown.table),
+        ),
+    ]
     write_page(
-        path, "gap.html.j2", sections, filters={"percent": percent, "number": number, "by_size": by_size},
-        title=HEADLINE[result.verdict], shown=shown, result=result, naming=result.naming, catalogue=catalogue(),
-        most_conditions=MOST_CONDITIONS, gain=gain_rows(shown.gain), facts=facts(shown),
+        path,
+        "gap.html.j2",
+        sections,
+        filters={"percent": percent, "number": number, "by_size": by_size},
+        title=HEADLINE[result.verdict],
+        shown=shown,
+        result=result,
+        naming=result.naming,
+        catalogue=catalogue(),
+        most_conditions=MAX_CONDITIONS,
+        gain=gain_rows(shown.gain),
+        facts=facts(shown),
         place=library().formula_places[result.formula.place].text if result.formula else "",
-    )  # fmt: skip
+    )
 
 
 def percent(x: float) -> str:
@@ -65,17 +84,17 @@ def percent(x: float) -> str:
 
 
 def number(x: float, unit: str = "", digits: int = 3) -> str:
-    """A size with its unit; of what shows at no size: never."""
+    """Return a size with its unit, or never."""
     return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
 
 
 def by_size(found: Sequence[Any]) -> list[Any]:
-    """Effects by how small they show, over what is typical."""
+    """Sort effects by their smallest visible size over the typical one."""
     return sorted(found, key=lambda d: d.smallest / d.typical)
 
 
 def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """What the estimator gains, in rows: what, before, after."""
+    """Return rows of the gain of the estimator: quantity, before, after."""
 
     def row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
         return title, say(of["before"]), say(of["after"])

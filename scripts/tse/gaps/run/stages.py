@@ -24,8 +24,9 @@ EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_
 
 @dataclass(frozen=True)
 class Stage:
-    """Rms of a channel over some logs, as means over 40 ms: of the measurement about the mean
-    of each log, of the residuals in each stage, and of the noise of the sensor."""
+    """Rms of a channel over some logs, as means over 40 ms: of the measurement about the
+    mean of each log, of the residuals in each stage, and of the noise of the sensor.
+    """
 
     signal: float
     filed: float
@@ -40,7 +41,9 @@ class Stage:
 
 
 def calibrated(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, jobs: int) -> Config:
-    """Return the car with EVERY_CAR fitted to logs as data.prepare() leaves them, on level roads."""
+    """Return the car with EVERY_CAR fitted to logs as data.prepare() leaves them, on
+    level roads.
+    """
     prior = make_prior(vehicle, config).select(EVERY_CAR)
     problem = car.CarProblem(
         [log for log in ready if log.stretches], config, prior, jobs, road=False, lean=False
@@ -81,11 +84,24 @@ def stages(
     }
 
 
+def short(channels: Mapping[str, Stage], title: str) -> list[str]:
+    """Return a line for all channels of a part of the logs, and one for each."""
+    head = f"Off the simulation, {title}: as the file says, calibrated, with what is named (noise)"
+    rows = [
+        f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}"
+        f"({s.noise:.2g})"
+        for c, s in channels.items()
+    ]
+    return [head, *rows]
+
+
 def words(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
     """Return a line for each channel of each part of the logs. `title`: of a part."""
     return [
-        f"{c} of {title(part)}: {s.filed:.3g} {CHANNEL_UNIT[c]} off as the file says, {s.calibrated:.3g} calibrated, "
-        f"{s.named:.3g} with what is named; {s.noise:.2g} is noise. {100 * s.explained:.1f} % of the signal is explained."
+        f"{c} of {title(part)}: {s.filed:.3g} {CHANNEL_UNIT[c]} off as the file says, "
+        f"{s.calibrated:.3g} calibrated, "
+        f"{s.named:.3g} with what is named; {s.noise:.2g} is noise. {100 * s.explained:.1f} % of the "
+        "signal is explained."
         for part, channels in found.items()
         for c, s in channels.items()
     ]

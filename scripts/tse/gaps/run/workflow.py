@@ -12,7 +12,7 @@ import numpy as np
 from tse.car.formula import Formula
 from tse.car.vehicle import GRAVITY, Vehicle, fill_sensors, list_latency_settings, read_vehicle
 from tse.channels.agree import read_agreeing
-from tse.gaps.catalogue import Key, catalogue, of_the_car
+from tse.gaps.catalogue import Key, catalogue, of_the_car, signed_delays
 from tse.gaps.fit import NOISE_LIMIT, Change, Fit, compare, excess, gap
 from tse.gaps.infer import detect, remainder, where
 from tse.gaps.infer import formula_search as search
@@ -49,7 +49,8 @@ class Found:
     discovery: Discovery | None = (
         None  # a formula for what the names leave; None: nothing is left, or nobody asked
     )
-    rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
+    # names, formulas, both: how likely
+    rivals: list[dict[str, Any]] = field(default_factory=list)
     read: list[tuple[str, CheckedLog]] = field(default_factory=list)  # part, log
     roads: Roads | None = None  # under the fitted logs
 
@@ -95,11 +96,12 @@ class Result(Found):
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
-    held: Problem | None = None  # what was not, on the roads of the fitted logs where it is on one
+    # what was not, on the roads of the fitted logs where it is on one
+    held: Problem | None = None
     held_level: Problem | None = None  # the same on level roads
 
     def as_json(self) -> dict[str, Any]:
-        """DIR/verdict.json."""
+        """Return the content of DIR/verdict.json."""
         return {
             "verdict": self.verdict,
             "effects": [_as_json(n) for n in self.naming.named if not n.message],
@@ -156,7 +158,7 @@ def read(
     reading: Reading | None = None,
     notes: list[str] | None = None,
 ) -> tuple[list[CheckedLog], Config]:
-    """Logs that can be read, and the settings of the vehicle with sensors filled in from the first."""
+    """Read logs, and the vehicle with sensors filled in from the first log."""
     if not paths:
         raise UserError("no logs to fit: at least one is needed")
     logs = read_agreeing(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
@@ -265,21 +267,35 @@ def run(
         i for n in found.naming.named for i in n.look_alikes
     }  # of these the logs show one, and do not say which
     return Result(
-        **vars(found), verdict=verdict, exit_code=exit_code, words=words, problem=problem, level=level, stages=in_stages,
-        conditions=conditions, entries=entries, remainders=left, elsewhere=elsewhere,
+        **vars(found),
+        verdict=verdict,
+        exit_code=exit_code,
+        words=words,
+        problem=problem,
+        level=level,
+        stages=in_stages,
+        conditions=conditions,
+        entries=entries,
+        remainders=left,
+        elsewhere=elsewhere,
         fit_before=gap(level, found.naming.baseline.residuals),
-        fit_after=gap(problem, found.final.residuals), held_out=changes,
-        undetectable=[d for d in seen if not d.visible and d.id not in alike], detectable=seen, notes=notes, held=held,
+        fit_after=gap(problem, found.final.residuals),
+        held_out=changes,
+        undetectable=[d for d in seen if not d.visible and d.id not in alike],
+        detectable=seen,
+        notes=notes,
+        held=held,
         held_level=held_level,
-    )  # fmt: skip
+    )
 
 
 # ---- the steps of a run
 
 
 def closes_some(problem: Problem, level: Problem, baseline: Fit) -> bool:
-    """Return whether the plain car leaves less of the logs on the roads that were found than on level
-    ones."""
+    """Return whether the plain car leaves less of the logs on the roads that were found
+    than on level ones.
+    """
     return excess(problem, name.plain_car(problem).residuals) < excess(level, baseline.residuals)
 
 
@@ -291,7 +307,9 @@ def on_found(
     config: Config,
     notes: list[str],
 ) -> Problem:
-    """Return held-out logs on the roads that were found of the fitted ones, where they are on one of them."""
+    """Return held-out logs on the roads that were found of the fitted ones, where they
+    are on one of them.
+    """
     placed = []
     for log, one in zip(logs, ready, strict=True):
         for road in roads:
@@ -308,7 +326,10 @@ def on_found(
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
-    """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
+    """Return whether names that explain the fitted logs fail on held-out ones.
+
+    A patchwork of effects may do so.
+    """
     if held is None or not naming.named:
         return False
     return max(gap(held, held.residuals(of_the_car(naming.final.values))).values()) > NOISE_LIMIT
@@ -319,7 +340,7 @@ def _seconds(problem: Problem) -> float:
 
 
 def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
-    """After a fit, of channels where it is more than the sensors' own."""
+    """Return the remaining errors above the noise of the sensors after a fit."""
     return more_than_noise(remainder.remainder(problem, last.residuals, last.values, NOISE_LIMIT))
 
 
@@ -333,8 +354,10 @@ def judge(
     left: list[remainder.Remainder],
     elsewhere: Sequence[remainder.Remainder] = (),
 ) -> tuple[str, int, list[str]]:
-    """From what was found to verdict, exit code and words. `left`: after names and formula; `elsewhere`: the same of the held-out
-    logs."""
+    """Return verdict, exit code and words.
+
+    `left` is the error after names and formula, `elsewhere` that of the held-out logs.
+    """
     naming, formula = found.naming, found.formula
     remains = more_than_noise(left)
     words = [_sentence(n, found.most_laps) for n in naming.named]
@@ -355,18 +378,21 @@ def judge(
         words.append(f"All names together close {closed}; {left_over}.")
     elif verdict == "not_in_catalogue" and not (remains or formula):
         words.append(
-            "Something is missing: the model explains the fitted logs down to the sensors' noise, and not the held-out ones."
+            "Something is missing: the model explains the fitted logs down to the sensors' noise, "
+            "and not the held-out ones."
         )
     elif verdict == "not_in_catalogue":
         words.append("Something is missing, and none of the effects of the catalogue explains it.")
     elif verdict == "none":
         words.append(
-            "The model explains these logs down to the sensors' noise: nothing is missing that they could show."
+            "The model explains these logs down to the sensors' noise: nothing is missing that they "
+            "could show."
         )
     if verdict in ("possible", "not_in_catalogue") and naming.possible and not formula:
         best = naming.possible[0]
         words.append(
-            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
+            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because "
+            f"{best['why']}."
         )
     if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
         words.append(f"It acts like a disturbance at: {entries[0].place}.")
@@ -403,8 +429,10 @@ def _as_json(n: Named) -> dict[str, Any]:
 
 
 def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """How late channels are logged beyond what the vehicle file says, and a low pass that is none of the steering's: of names that
-    are no effects of the catalogue."""
+    """Return latencies of channels beyond the vehicle file, and low passes of the IMU.
+
+    They are of names that are no effects of the car.
+    """
     late = [n for n in naming.named if n.message]
     if not late:
         return []
@@ -417,14 +445,19 @@ def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
     ] + [
         {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
         for n in late
-        if n.effect.id == name.LOW_PASS
+        if n.effect.early
         for p in n.effect.strengths[:1]
+        if p.name not in signed_delays()
     ]
 
 
 def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
-    """Of the 95 % intervals of latencies, from those of the names that they are sums of, as if these were independent: a latency of
-    the steering may be that of the IMU and its own. Linear: a delay is far from changing its sign."""
+    """Return half of the 95 % intervals of latencies.
+
+    A latency may be the sum of several names, as of the IMU and of the steering. Their
+    intervals are added as if they were independent, and linearly: a delay is far from
+    changing its sign.
+    """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # s
     for n in naming.named:
@@ -443,14 +476,15 @@ ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
 
 
 def _road_sentence(n: Named, laps: int) -> str:
-    """Return it of a profile: its size, on how many laps it is the same, what it closes."""
+    """Return the sentence about a profile: size, laps that agree, share it closes."""
     ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
     same = f", the same on {laps} laps" if laps > 1 else ""
     if n.effect.id == "grade" and laps == 1:  # wheels give the speed: accel_x alone shows a grade
         same = f", or accel_x wanders by {GRAVITY * size:.2g} m/s2, which one lap does not tell apart"
     return (
-        f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees ({degrees}), rms{same} ({n.effect.id}); probability "
+        f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees ({degrees}), rms{same} "
+        f"({n.effect.id}); probability "
         f"{_percent(n.probability)}, it closes {100 * n.share:.0f} % of the gap."
     )
 
@@ -460,7 +494,8 @@ def _sentence(n: Named, laps: int = 1) -> str:
         return _road_sentence(n, laps)
     units = {p.name: p for p in n.effect.parameters}
     sizes = ", ".join(
-        f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
+        f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} "
+        f"({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
         for k, v in n.values.items()
         if units[k].strength
     )
@@ -484,7 +519,10 @@ def _of_axles(n: Named) -> str:
     inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
     if not inverse or not balance:
         return ""
-    return f", friction {1.0 / (inverse * (1.0 + balance)):.2f} in front and {1.0 / (inverse * (1.0 - balance)):.2f} in the rear"
+    return (
+        f", friction {1.0 / (inverse * (1.0 + balance)):.2f} in front and "
+        f"{1.0 / (inverse * (1.0 - balance)):.2f} in the rear"
+    )
 
 
 def _percent(p: float) -> str:

@@ -256,9 +256,9 @@ class Chart {
     const { g, ink } = this, valid = strip.valid();
     if (!valid) return;
     const { small } = this.columns((i) => valid[i], (i) => valid[i]);
-    const rowsPerPixel = this.dense;
+    const rowsPerPixel = this.dense, end = this.lastPixel();
     let last = NaN;
-    for (let k = 0; k < small.length; k++) {
+    for (let k = 0; k < small.length && k <= end; k++) {
       const v = Number.isNaN(small[k]) ? (rowsPerPixel ? NaN : last) : small[k];
       last = v;
       if (Number.isNaN(v)) continue;
@@ -278,8 +278,9 @@ class Chart {
       if (v) {
         const { large } = this.columns((k) => v[k], (k) => v[k]);
         g.fillStyle = ink[h.color];
+        const end = this.lastPixel();
         let last = 0;
-        for (let k = 0; k < large.length; k++) {
+        for (let k = 0; k < large.length && k <= end; k++) {
           const share = Number.isNaN(large[k]) ? (this.dense ? 0 : last) : large[k];
           last = share;
           const tall = share * (HEAT - 3);
@@ -295,6 +296,12 @@ class Chart {
       g.fillStyle = ink.ink;
       g.fillText(text, this.left + 5, y + HEAT - 6);
     });
+  }
+
+  // Pixel of the last row: while a drive goes on, nothing is drawn behind it.
+  lastPixel() {
+    const { t, n } = this.shown;
+    return n ? Math.floor(this.x(t[n - 1]) - this.left) : -1;
   }
 
   cursorRow() {

@@ -1,0 +1,28 @@
+"""Files of results, for commands that are built on tse: refuse early what cannot be
+written, and write a file completely or not at all."""
+
+from __future__ import annotations
+
+from tse.library.files import (
+    check_directory,
+    check_distinct,
+    check_writable,
+    explain_write_error,
+    is_parquet,
+    lock_file,
+    make_directory,
+    resolve_path,
+    write_atomically,
+)
+
+__all__ = [
+    "check_directory",
+    "check_distinct",
+    "check_writable",
+    "explain_write_error",
+    "is_parquet",
+    "lock_file",
+    "make_directory",
+    "resolve_path",
+    "write_atomically",
+]
