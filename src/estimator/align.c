@@ -24,6 +24,7 @@
 
 #define MAX_HOLE TSE_R(0.1) /* s: max time between two values of a channel logged in some rows only */
 
+/* Return the index in the ring of the row before, or after, the one at `at`. */
 static int32_t index_before(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
 static int32_t index_after(int32_t at) { return at + 1 < TSE_LATENCY_ROWS ? at + 1 : 0; }
 

@@ -23,6 +23,7 @@ static uint32_t mix_word(uint32_t h, uint32_t word)
   return h;
 }
 
+/* Mix the bytes of a setting into the fingerprint. */
 static uint32_t mix_setting(uint32_t h, tse_setting x)
 {
   uint32_t words[(sizeof(tse_setting) + 3) / 4];
@@ -31,6 +32,7 @@ static uint32_t mix_setting(uint32_t h, tse_setting x)
   return h;
 }
 
+/* Return the fingerprint of all settings. */
 static uint32_t compute_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
@@ -50,6 +52,7 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
   return mix_word(h, r_single_bits(value));
 }
 
+/* Return the fingerprint of the settings that define relative stiffness. */
 static uint32_t compute_vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
@@ -113,6 +116,7 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #define MAX_BIAS_VAR TSE_R(16777216) /* sigma^2: max initial bias variance, its square root the same */
 #define MAX_NOISE TSE_R(65536) /* noise_max squared: times FAULT_NOISE it is in range */
 
+/* Return whether the increment of a row is below one step of the format. */
 static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
 /* Return TSE_OK if the constants are within these limits. *wrong: a setting that is

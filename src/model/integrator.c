@@ -4,8 +4,9 @@
 #include "model/effects.h"
 
 /* State: [vx vy r], R omega of the wheels, the four LAG states */
-enum { TURNS = 3, LAGS = 5, MOTION = 9 };
+enum { TURNS = 3, LAGS = 5, STATE_SIZE = 9 };
 
+/* Return the torque of a brake, as that of wheels.brake [m/s2]. */
 static tse_real brake_torque(const wheels *w, int a, tse_real v)
 {
   return r_mul(w->brake[a], r_clamp(r_div(v, w->still[a]), TSE_R(-1), TSE_R(1)));
@@ -20,7 +21,7 @@ static tse_real brake_slope(const wheels *w, int a, tse_real v, int secant)
 }
 
 /* Compute the derivatives of the state: (1), (2), wheels and lags. */
-static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real f[MOTION])
+static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real f[STATE_SIZE])
 {
   const wheels *const w = &pt->w;
   const tse_real v[2] = { pt->u.v_front, pt->u.v_rear }, fx[2] = { pt->fx_front, pt->fx_rear };
@@ -41,13 +42,14 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2],
-      inv_turn[2]; /* gh times a tyre's damping of vx; 1/diagonal of a wheel, 0 where its speed is given */
+  tse_real pull[2];     /* gh times a tyre's damping of vx */
+  tse_real inv_turn[2]; /* 1/diagonal of a wheel, 0 where its speed is given */
   lateral_block side;
   tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
   int lags;
 } solver;
 
+/* Compute the factors of the LAG states. */
 static void factor_lags(const point *pt, tse_real gh, solver *m)
 {
   const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };
@@ -59,6 +61,7 @@ static void factor_lags(const point *pt, tse_real gh, solver *m)
   }
 }
 
+/* Compute the factors of 1 - gh J. secant: brakes by their secant */
 static solver factor_matrix(const point *pt, tse_real gh, int secant)
 {
   solver m;
@@ -76,9 +79,8 @@ static solver factor_matrix(const point *pt, tse_real gh, int secant)
     }
     m.pull[a] = m.inv_turn[a] = TSE_R(0);
     if (!w->turning) continue;
-    const tse_real held = TSE_R(1)
-        /* a wheel driven by the car reduces the damping of vx */
-        + r_mul(gh, brake_slope(w, a, v[a], secant));
+    /* a wheel that turns with the car reduces the damping of vx */
+    const tse_real held = TSE_R(1) + r_mul(gh, brake_slope(w, a, v[a], secant));
     m.pull[a] = r_mul(gh, x[a]);
     m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));
     x[a] = r_mul(x[a], r_mul(held, m.inv_turn[a]));
@@ -88,7 +90,8 @@ static solver factor_matrix(const point *pt, tse_real gh, int secant)
   return m;
 }
 
-static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
+/* Solve (1 - gh J) k = f. */
+static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STATE_SIZE])
 {
   const tse_params *const p = m->at->p;
   const tse_real *const load = m->at->w.load;
@@ -120,8 +123,8 @@ static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* Compute h df/dt, the change of the lags' derivatives due to the inputs until `to`. It
- * is added to the first stage of ROS2 and, times g, subtracted from the second, as in
+/* Compute h df/dt, the change of the lags' derivatives due to the inputs until `to`.
+ * Times g, it is added to the first stage of ROS2 and subtracted from the second, as in
  * Rosenbrock methods with explicit time. Without it, a lag much shorter than the step
  * would overshoot by 1/(2 g). */
 static void compute_input_drift(const point *at, const acting *to, tse_real ramp[4])
@@ -149,8 +152,8 @@ static int may_lock(const point *at, const wheels *w, tse_real h)
 /* Compute the point h later, at + dx.
  *   Updated:  b    all but what effects_at() evaluates
  *             end  LAG states there */
-static void move_point(const point *at, const tse_real lag[4], const tse_real dx[MOTION], const acting *to,
-    tse_real h, point *b, tse_real end[4])
+static void move_point(const point *at, const tse_real lag[4], const tse_real dx[STATE_SIZE],
+    const acting *to, tse_real h, point *b, tse_real end[4])
 {
   b->vx = at->vx + dx[0];
   b->vy = at->vy + dx[1];
@@ -173,10 +176,11 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
  * never turns a wheel into reverse, at any torque.
  *   Updated:  dx; at, where a wheel locks */
 static void compute_change(
-    tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[MOTION])
+    tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[STATE_SIZE])
 {
   const int locks = may_lock(at, &to->w, h);
-  tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
+  tse_real f[STATE_SIZE], k1[STATE_SIZE], k2[STATE_SIZE], lag[4],
+      ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
   point b;
   if (locks) {
     at->u.steer = to->u.steer;
@@ -188,15 +192,15 @@ static void compute_change(
   if (lu.lags && !locks) compute_input_drift(at, to, ramp);
   for (int i = 0; i < 4; i++) f[LAGS + i] += r_mul(ROS2, ramp[i]);
   solve(&lu, f, k1);
-  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(h, k1[i]);
+  for (int i = 0; i < STATE_SIZE; i++) dx[i] = r_mul(h, k1[i]);
   if (locks) return;
   move_point(at, m->lag, dx, to, h, &b, lag);
   effects_at(at->p, m, lag, k, &b);
   compute_derivatives(&b, lag, f);
-  for (int i = 0; i < MOTION; i++) f[i] = f[i] - k1[i] - k1[i];
+  for (int i = 0; i < STATE_SIZE; i++) f[i] = f[i] - k1[i] - k1[i];
   for (int i = 0; i < 4; i++) f[LAGS + i] = f[LAGS + i] - r_mul(ROS2, ramp[i]);
   solve(&lu, f, k2);
-  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
+  for (int i = 0; i < STATE_SIZE; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
 }
 
 /* Make one step. The point at its end is also the first stage of the next step. */
@@ -204,7 +208,7 @@ static void step(
     const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
-  tse_real dx[MOTION];
+  tse_real dx[STATE_SIZE];
   point b;
   compute_change(h, m, k, to, at, dx);
   move_point(at, m->lag, dx, to, h, &b, m->lag);
@@ -233,6 +237,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
   m->settled = 1;
 }
 
+/* Return a + share (b - a). */
 static tse_real interpolate(tse_real a, tse_real b, tse_real share) { return a + r_mul(share, b - a); }
 
 /* Return the inputs after k of these steps, linear from `from` to `to`. */

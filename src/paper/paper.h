@@ -167,6 +167,7 @@ void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, con
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 
+/* Return n rounded up to full lanes. */
 static inline int32_t pad_count(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 
 #endif

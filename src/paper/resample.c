@@ -12,6 +12,7 @@
 #include "paper/paper.h"
 #include "number/random.h"
 
+/* Return uniform number k of a step. */
 static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
 {
   uint32_t a, b;
@@ -25,6 +26,7 @@ static tse_real compute_position(tse_real share, int32_t k, tse_real u)
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
 }
 
+/* Choose ancestors by n sorted uniforms. */
 static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {
@@ -43,11 +45,13 @@ static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total
   }
 }
 
+/* Return floor(n q), the copies of a particle that are certain. */
 static int32_t count_whole_copies(tse_real weight, int32_t n, tse_real total)
 {
   return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total));
 }
 
+/* Choose the certain copies, and the rest stratified. */
 static void choose_residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {

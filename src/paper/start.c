@@ -13,8 +13,10 @@ static void draw_normals(const tse_params *p, uint32_t step, int32_t i, tse_real
   }
 }
 
+/* Clip a stiffness deviation to its limits. */
 static tse_real clip_stiffness(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
 
+/* Return the mean of both wheel speeds [m/s]. */
 static tse_real average_wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
 /* Initialise the motion of particle i about vel_x, no lateral speed, and the gyro. Given:
