@@ -38,19 +38,21 @@ static tyres compute_tyres(const tse_car *c, const tse_real x[TSE_VALUES])
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
   const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])));
   const tse_real front = r_mul(
-      r_mul(c->ky_front, exponential(x[LCF])), load_left(-r_mul(c->along_front, drive)));
-  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(r_mul(c->along_rear, drive)));
-  const tse_real square = lateral_square(
+      r_mul(c->ky_front, exponential(x[LCF])), compute_load_share(-r_mul(c->along_front, drive)));
+  const tse_real rear = r_mul(
+      r_mul(c->ky_rear, exponential(x[LCR])), compute_load_share(r_mul(c->along_rear, drive)));
+  const tse_real square = compute_lateral_square(
       r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
-  const tse_real load_front = load_left(-r_mul(c->height_front, drive)),
-                 load_rear = load_left(r_mul(c->height_rear, drive));
+  const tse_real load_front = compute_load_share(-r_mul(c->height_front, drive)),
+                 load_rear = compute_load_share(r_mul(c->height_rear, drive));
   const tse_real max_front = r_mul(r_mul(mu, c->end_front), load_front);
   const tse_real max_rear = r_mul(r_mul(mu, c->end_rear), load_rear);
   tyres t;
   t.x_front = compute_tyre(r_mul(r_mul(cx, c->kx_front), load_front), max_front, x[SF], c->shape);
   t.x_rear = compute_tyre(r_mul(r_mul(cx, c->kx_rear), load_rear), max_rear, x[SR], c->shape);
-  t.y_front = compute_tyre(r_mul(front, side_left(c->side_front, square)), max_front, x[AF], c->shape);
-  t.y_rear = compute_tyre(r_mul(rear, side_left(c->side_rear, square)), max_rear, x[AR], c->shape);
+  t.y_front = compute_tyre(
+      r_mul(front, compute_side_share(c->side_front, square)), max_front, x[AF], c->shape);
+  t.y_rear = compute_tyre(r_mul(rear, compute_side_share(c->side_rear, square)), max_rear, x[AR], c->shape);
   return t;
 }
 
@@ -148,7 +150,7 @@ static kinematic compute_kinematic_angle(tse_real side, tse_real vx)
 /* Return the roll acceleration phi''. */
 static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES], tse_real ay)
 {
-  return mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
+  return compute_mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
 /* Return whether the motion depends on column j. Biases and the front radius enter only
@@ -345,7 +347,7 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
-  const planar at_imu = force_at(f->x, f->y, lx, ly, r, f->yaw);
+  const planar at_imu = compute_force_at(f->x, f->y, lx, ly, r, f->yaw);
   const tse_real imu_x = at_imu.x + pitch;
   const tse_real imu_y = at_imu.y + r_mul(c->roll_leak, x[PHI])
       - r_mul(c->roll_height, compute_roll_swing(c, x, f->y));

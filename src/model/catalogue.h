@@ -170,8 +170,8 @@ static inline void tyre_saturation_grip(point *pt)
 static inline void longitudinal_load_transfer_stiffness(point *pt)
 {
   const tse_real ax = tyre_pull(r_mul(pt->k.x_front, pt->s.s_front) + r_mul(pt->k.x_rear, pt->s.s_rear));
-  pt->k.y_front = r_mul(pt->k.y_front, load_left(-r_mul(pt->p->car.along_front, ax)));
-  pt->k.y_rear = r_mul(pt->k.y_rear, load_left(r_mul(pt->p->car.along_rear, ax)));
+  pt->k.y_front = r_mul(pt->k.y_front, compute_load_share(-r_mul(pt->p->car.along_front, ax)));
+  pt->k.y_rear = r_mul(pt->k.y_rear, compute_load_share(r_mul(pt->p->car.along_rear, ax)));
 }
 
 /* lateral_load_transfer: cornering stiffness C (1 - k a^2), at least a tenth. a: lateral
@@ -182,9 +182,9 @@ static inline void lateral_load_transfer_stiffness(point *pt)
 {
   const tse_car *const c = &pt->p->car;
   const tse_real a0 = r_mul(pt->k.y_front, pt->s.a_front) + r_mul(pt->k.y_rear, pt->s.a_rear);
-  const tse_real square = lateral_square(pt->p->effects.lateral_load_transfer_gain, tyre_pull(a0));
-  pt->k.y_front = r_mul(pt->k.y_front, side_left(c->side_front, square));
-  pt->k.y_rear = r_mul(pt->k.y_rear, side_left(c->side_rear, square));
+  const tse_real square = compute_lateral_square(pt->p->effects.lateral_load_transfer_gain, tyre_pull(a0));
+  pt->k.y_front = r_mul(pt->k.y_front, compute_side_share(c->side_front, square));
+  pt->k.y_rear = r_mul(pt->k.y_rear, compute_side_share(c->side_rear, square));
 }
 
 /* aero_drag: m vx' - kd vx |vx|. Typical kd = 1/2 rho cd A: 0.35 .. 0.45 kg/m. */
@@ -256,7 +256,7 @@ static inline void aligning_moment_body(point *pt)
 static inline void imu_lever_arm_sensor(reading *z)
 {
   const tse_car *const c = &z->pt->p->car;
-  const planar there = force_at(z->y[0], z->y[1], c->lever_x, c->lever_y, z->pt->r, z->pt->force.yaw);
+  const planar there = compute_force_at(z->y[0], z->y[1], c->lever_x, c->lever_y, z->pt->r, z->pt->force.yaw);
   z->y[0] = there.x;
   z->y[1] = there.y;
 }
@@ -270,7 +270,7 @@ static inline void imu_lever_arm_sensor(reading *z)
  * gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
-  return mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
+  return compute_mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
 }
 
 static inline void body_roll_body(point *pt)

@@ -75,7 +75,8 @@ static inline void mode_step(
 }
 
 /* Return x'' of such a mode. Given: rate  natural frequency w [rad/s] */
-static inline tse_real mode_swing(tse_real x, tse_real speed, tse_real rate, tse_real damping, tse_real a)
+static inline tse_real compute_mode_swing(
+    tse_real x, tse_real speed, tse_real rate, tse_real damping, tse_real a)
 {
   return r_mul(r_mul(rate, rate), a - x) - r_mul(r_mul(TSE_R(2), r_mul(damping, rate)), speed);
 }
@@ -141,7 +142,7 @@ static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MAX_
 /* Return the square of the lateral acceleration a of tyres that lose the share k a^2 of
  * their stiffness. a0: acceleration without this loss. a = a0 (1 - k a^2) to first order,
  * solved as 2 a0/(1 + sqrt(1 + 4 k a0^2)). */
-static inline tse_real lateral_square(tse_real k, tse_real a0)
+static inline tse_real compute_lateral_square(tse_real k, tse_real a0)
 {
   const tse_real inside = r_max(TSE_R(1) + r_mul(r_mul(TSE_R(4), k), r_mul(a0, a0)), TSE_R(0));
   const tse_real a = r_div(a0 + a0, TSE_R(1) + r_sqrt(inside));
@@ -149,14 +150,14 @@ static inline tse_real lateral_square(tse_real k, tse_real a0)
 }
 
 /* Return the share of an axle's cornering stiffness that lateral load transfer leaves. */
-static inline tse_real side_left(tse_real k, tse_real square)
+static inline tse_real compute_side_share(tse_real k, tse_real square)
 {
   return r_max(TSE_R(1) - r_mul(k, square), MIN_SHARE_LEFT);
 }
 
 /* Return the share of an axle's load, or of a stiffness, that longitudinal transfer
  * leaves. */
-static inline tse_real load_left(tse_real more) { return r_max(TSE_R(1) + more, MIN_SHARE_LEFT); }
+static inline tse_real compute_load_share(tse_real more) { return r_max(TSE_R(1) + more, MIN_SHARE_LEFT); }
 
 /* ---- body and sensors */
 
@@ -182,14 +183,15 @@ static inline tse_real gravity_along(tse_real angle)
  *           ax        longitudinal acceleration */
 static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse_real ax)
 {
-  const tse_real swing = mode_swing(
+  const tse_real swing = compute_mode_swing(
       pitch[0], pitch[1], r_mul(TWO_PI, c->pitch_frequency), c->pitch_damping, ax);
   return r_mul(c->pitch_leak, pitch[0]) - r_mul(c->pitch_height, swing);
 }
 
 /* Return the specific force at the point (lx, ly) of a body with yaw rate r and yaw
  * acceleration yaw; (x, y): specific force at the centre of gravity. */
-static inline planar force_at(tse_real x, tse_real y, tse_real lx, tse_real ly, tse_real r, tse_real yaw)
+static inline planar compute_force_at(
+    tse_real x, tse_real y, tse_real lx, tse_real ly, tse_real r, tse_real yaw)
 {
   const tse_real spin = r_mul(r, r);
   const planar t = { x - r_mul(lx, spin) - r_mul(ly, yaw), y + r_mul(lx, yaw) - r_mul(ly, spin) };
