@@ -1,10 +1,10 @@
-# fmu/stage.cmake - lays out everything of an FMU but its binaries; called by fmu/CMakeLists.txt. Lists are separated by |.
-# The GUID is made of all that an importer can see: modelDescription.xml, which tells variables, ranges, starts and version.
+# fmu/stage.cmake - write all files of an FMU except its binaries. fmu/CMakeLists.txt calls it. Lists are
+# separated by |. The GUID is a hash of modelDescription.xml: variables, ranges, start values and version.
 foreach(list IN ITEMS sources files public_headers parts)
   string(REPLACE "|" ";" ${list} "${${list}}")
 endforeach()
 
-function(print result)                                   # what the description tool prints for these arguments
+function(print result)                                   # output of the description program
   execute_process(COMMAND "${describe}" ${ARGN} OUTPUT_VARIABLE text RESULT_VARIABLE failed)
   if(failed)
     message(FATAL_ERROR "describe ${ARGN} failed: ${failed}")
@@ -14,7 +14,7 @@ endfunction()
 
 set(listed "")
 if(fmi EQUAL 2)
-  set(listed ${sources})                                 # FMI 3.0 has them in buildDescription.xml only
+  set(listed ${sources})                                 # for FMI 3.0 in buildDescription.xml only
 endif()
 print(model model ${fmi} ${listed})
 string(UUID guid NAMESPACE 7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57 NAME "${model}" TYPE SHA1)
@@ -23,12 +23,12 @@ print(build build ${definitions} "${options}" ${sources})
 print(variables variables ${fmi})
 file(READ "${documentation}" page)
 file(READ "${style}" css)
-foreach(part IN LISTS parts)                             # @name@ stands for all of name.html
+foreach(part IN LISTS parts)                             # the content of name.html replaces @name@
   file(READ "${part}" text)
   get_filename_component(name "${part}" NAME_WE)
   string(REPLACE "@${name}@" "${text}" page "${page}")
 endforeach()
-# <!--2-->...<!--/2--> is for the page of FMI 2.0 only, and so is 3; @fmi@ is the version's number.
+# <!--2-->...<!--/2--> is for the page of FMI 2.0 only, <!--3--> for 3.0 only. @fmi@ is the version.
 math(EXPR other "5 - ${fmi}")
 set(suffix "")
 set(real Real)
@@ -65,7 +65,7 @@ endif()
 configure_file("${license}" "${stage}/documentation/licenses/license.txt" COPYONLY)
 configure_file("${notice}" "${stage}/documentation/licenses/notice.txt" COPYONLY)
 file(COPY ${public_headers} DESTINATION "${stage}/sources/tse")
-foreach(file IN LISTS files)                             # the core in the folders of src/, the rest flat
+foreach(file IN LISTS files)                             # the core in the folders of src/, other files flat
   file(RELATIVE_PATH below "${src}" "${file}")
   get_filename_component(folder "${below}" DIRECTORY)
   if(folder MATCHES "^\\.\\.")
@@ -74,7 +74,7 @@ foreach(file IN LISTS files)                             # the core in the folde
   file(COPY "${file}" DESTINATION "${stage}/sources/${folder}")
 endforeach()
 
-# A saved state is understood by what was made of the same sources only, whatever the description says.
+# A hash of all sources: a saved state is accepted only by FMUs of the same sources.
 file(GLOB_RECURSE all RELATIVE "${stage}/sources" "${stage}/sources/*.c" "${stage}/sources/*.h")
 list(SORT all)
 set(hashes "")
@@ -83,5 +83,6 @@ foreach(file IN LISTS all)
   string(APPEND hashes "${hash} ${file}\n")
 endforeach()
 string(SHA1 hashes "${hashes}")
-file(WRITE "${stage}/sources/fmu_guid.h" "#define FMU_GUID \"{${guid}}\"\n#define FMU_SOURCES \"${hashes}\"\n")
+file(WRITE "${stage}/sources/fmu_guid.h"
+  "#define FMU_GUID \"{${guid}}\"\n#define FMU_SOURCES \"${hashes}\"\n")
 configure_file("${stage}/sources/fmu_guid.h" "${generated}/fmu_guid.h" COPYONLY)

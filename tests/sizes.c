@@ -1,4 +1,5 @@
-/* sizes.c - memory a caller provides, as README states it. Compiled once per capacity. */
+/* tests/sizes.c - print the memory that a caller provides, for README. Compiled once per
+ * capacity. */
 #include <stdio.h>
 
 #include "tse/tse.h"

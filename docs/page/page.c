@@ -1,11 +1,11 @@
 /* docs/page/page.c - the library as WebAssembly for a page, with static memory.
  *
- * There is no C library. The few functions needed are in tests/embedded/wasm/string.h.
- * JavaScript finds the members of every struct by tse_describe(). page_layout() returns the
- * offsets of tse_field itself, and of structs without a table.
+ * tests/embedded/wasm/string.h replaces the C library. JavaScript finds the members of
+ * structs by tse_describe(). page_layout() returns the offsets of tse_field itself and of
+ * structs without a table.
  *
- * There are two independent desks, each with settings, filter, rows and a simulation. The page
- * estimates a log on one, and drives on the other. */
+ * Two independent desks hold settings, filter, rows and a simulation each. The page
+ * estimates a log on one desk and drives on the other. */
 #define WASM_STRING
 #include <stddef.h>
 #include <stdint.h>
@@ -15,7 +15,7 @@
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
 
-enum { DESKS = 2, ROWS = 256 }; /* rows per call: few, so that the page responds in between */
+enum { DESKS = 2, ROWS = 256 }; /* rows per call: few, to keep the page responsive */
 
 typedef struct desk {
   tse_config config;
@@ -59,12 +59,13 @@ static const char *const sensor_rows[] = {
 };
 static const char *const *const groups[] = { vehicle_rows, uncertainty_rows, sensor_rows };
 
-/* Return the setting names of a group: 0 vehicle, 1 uncertainty, 2 sensors. NULL: end. */
+/* Return the setting names of a group, with NULL at the end: 0 vehicle, 1 uncertainty,
+ * 2 sensors. */
 const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
 
-/* Offsets in tse_field: name, kind, offset, default, min, max, unit, text; its size. Rows per
- * call; bytes of an input and an output row. Offsets in a desk: config, row, out, sim_config,
- * sim_input, sim_output. */
+/* Offsets in tse_field: name, kind, offset, default, min, max, unit, text; its size. Rows
+ * per call; bytes of an input and of an output row. Offsets in a desk: config, row, out,
+ * sim_config, sim_input, sim_output. */
 static const int32_t layout[] = { (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind),
   (int32_t)offsetof(tse_field, offset), (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo),
   (int32_t)offsetof(tse_field, hi), (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text),
@@ -74,15 +75,20 @@ static const int32_t layout[] = { (int32_t)offsetof(tse_field, name), (int32_t)o
   (int32_t)offsetof(desk, sim_output) };
 const int32_t *EXPORT(page_layout)(void) { return layout; }
 
-static int32_t count, size;
+static int32_t count; /* fields of the last table */
+static int32_t size;  /* bytes of its struct */
+
+/* Return the fields of a struct (tse_struct). */
 const tse_field *EXPORT(page_fields)(int32_t which) { return tse_describe((tse_struct)which, &count, &size); }
-int32_t EXPORT(page_count)(void) { return count; } /* fields of the last table */
+/* Return the number of fields that the last page_fields() returned. */
+int32_t EXPORT(page_count)(void) { return count; }
 const char *EXPORT(page_version)(void)
 {
   static tse_build build;
   tse_describe_build(&build);
   return build.version;
 }
+/* Return the name of the last refused setting. */
 const char *EXPORT(page_wrong)(void) { return wrong; }
 int32_t EXPORT(page_self_test)(void) { return tse_self_test(&wrong); }
 
@@ -97,7 +103,7 @@ void EXPORT(page_defaults)(desk *d)
   tse_sim_config_default(&d->sim_config);
 }
 
-/* Set the car of the simulator, known exactly. */
+/* Set the defaults: the car of the simulator, known exactly. */
 void EXPORT(page_exact)(desk *d)
 {
   tse_config_exact(&d->config);
@@ -107,7 +113,7 @@ void EXPORT(page_exact)(desk *d)
 /* Replace unset settings by the values that the filter uses. */
 void EXPORT(page_complete)(desk *d) { tse_config_complete(&d->config); }
 
-/* Prepare a filter for its first row. Returned: a tse_status; negative: page_wrong() */
+/* Prepare a filter for its first row.   Returned: tse_status; < 0: see page_wrong() */
 int32_t EXPORT(page_start)(desk *d)
 {
   wrong = NULL;
@@ -115,7 +121,8 @@ int32_t EXPORT(page_start)(desk *d)
   return prepared < 0 ? prepared : tse_reset(&d->params, &d->filter, sizeof d->filter);
 }
 
-/* Run rows 0 .. n - 1 of the desk. A refused row only sets its status, as in `tselab estimate`. */
+/* Run rows 0 .. n - 1 of the desk. For a refused row, only the status is set, as in
+ * `tselab estimate`. */
 void EXPORT(page_step)(desk *d, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) {
@@ -124,14 +131,14 @@ void EXPORT(page_step)(desk *d, int32_t n)
   }
 }
 
-/* Start a simulated car with the settings of the desk. */
+/* Start a simulated car with the settings of the desk.   Returned: tse_status */
 int32_t EXPORT(page_sim_start)(desk *d)
 {
   wrong = NULL;
   return tse_sim_reset(&d->sim, &d->config, &d->sim_config, &wrong);
 }
 
-/* Simulate one row, and log it as row 0 of the desk. */
+/* Simulate a row and store it as row 0 of the desk.   Returned: tse_status */
 int32_t EXPORT(page_sim_step)(desk *d)
 {
   const tse_status status = tse_sim_step(&d->sim, &d->sim_input, &d->sim_output);

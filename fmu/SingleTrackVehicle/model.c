@@ -1,9 +1,10 @@
-/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model: the truth for
- * studies.
+/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model, the reference
+ * in studies.
  *
- * A step of h drives from t to t + h; outputs at t + h are the row that the car logs
- * then, and the truth. Inputs at t + h are those set at t plus h times their derivative,
- * where the importer gives one. How they get there is the parameter `ramp`. */
+ * A step simulates from t to t + h. The outputs at t + h are the row that the car logs at
+ * that time and the true values. The inputs at t + h are those set at t, plus h times
+ * their derivative if the importer sets one. The parameter `ramp` selects whether the
+ * inputs change linearly during the step or jump at its start. */
 #include <stdio.h>
 #include <string.h>
 
@@ -11,17 +12,24 @@
 #include "tables/columns.h"
 #include "tables/settings.h"
 
-#define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
+#define OUTPUT(name, kind, member, unit, text) \
+  { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
 /* Every variable of the FMU, in the order of its value references. */
 /* clang-format off */
 #define DRIVES(name, def, lo, hi, unit, text) \
-  { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), def, lo, hi, unit, text },
-#define LOGGED(name, drives, lo, hi, unit, text) OUTPUT("sensor." #name, 'r', y.row.name, unit, text ", as logged")
-#define NUMBER(group, name, member, unit, text) OUTPUT(#group "." #name, 'r', y.member, unit, text)
-#define STIFFNESS(group, name, member, si, unit, text) OUTPUT(#group "." #name, 'r', si, unit, text)
-#define SHARE(group, name, member, si, unit, text) OUTPUT(#group ".relative." #name, 'r', y.member, "1", text ", relative to nominal")
-#define EXACT(fmu, name, def, exact, lo, hi, unit, text) PARAMETER(fmu, name, exact, exact, lo, hi, unit, text)
+  { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), \
+    def, lo, hi, unit, text },
+#define LOGGED(name, drives, lo, hi, unit, text) \
+  OUTPUT("sensor." #name, 'r', y.row.name, unit, text ", as logged")
+#define NUMBER(group, name, member, unit, text) \
+  OUTPUT(#group "." #name, 'r', y.member, unit, text)
+#define STIFFNESS(group, name, member, si, unit, text) \
+  OUTPUT(#group "." #name, 'r', si, unit, text)
+#define SHARE(group, name, member, si, unit, text) \
+  OUTPUT(#group ".relative." #name, 'r', y.member, "1", text ", relative to nominal")
+#define EXACT(fmu, name, def, exact, lo, hi, unit, text) \
+  PARAMETER(fmu, name, exact, exact, lo, hi, unit, text)
 #define SIM_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
   { fmu, 'r', 'p', (int32_t)offsetof(model, sim_config.name), FMU_NO_RATE, def, lo, hi, unit, text },
 #define WHOLE_SIM_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
@@ -30,7 +38,7 @@
 const fmu_variable fmu_variables[] = {
   DRIVER(DRIVES)
   { "ramp", 'b', 'p', (int32_t)offsetof(model, ramp), FMU_NO_RATE, 1.0, 1.0, -1.0, "",
-    "true: during a step inputs change linearly from where they were, as a driver's do; false: at its start they jump to what was set" },
+    "true: inputs change linearly during a step; false: they jump to the values set at its start" },
 
   SETTINGS_VEHICLE(EXACT, WHOLE_PARAMETER) SETTINGS_SENSORS(EXACT, WHOLE_PARAMETER)
   SETTINGS_EFFECTS(EXACT, WHOLE_PARAMETER) SETTINGS_FORMULA(EXACT, WHOLE_PARAMETER)
@@ -51,24 +59,23 @@ const fmu_array fmu_arrays[] = {
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 
 const fmu_terminal fmu_terminals[] = {
-  { "driver", "_tse_driver", 'i', "", "what the driver does, and the road" },
-  { "sensors", "_tse_sensors", 'o', "sensor.", "what the car logs" },
-  { "truth", "_tse_truth", 'o', "true.", "what an estimator should find" },
+  { "driver", "_tse_driver", 'i', "", "inputs of the driver, and the road" },
+  { "sensors", "_tse_sensors", 'o', "sensor.", "sensors, as the car logs them" },
+  { "truth", "_tse_truth", 'o', "true.", "true values of the estimates" },
 };
 const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
 
 const fmu_info fmu_about = {
   "SingleTrackVehicle",
   "Single-track vehicle with tyres of random stiffness",
-  "A car to test an estimator on: single-track model with wheel dynamics, a tyre stiffness that is redrawn "
-  "at every sample, sensors "
-  "with noise and drifting bias, and all of it known",
+  "A car to test an estimator on: single-track model with wheel dynamics, tyre stiffness redrawn at every "
+  "sample, sensors with noise and drifting bias; all true values are outputs",
   10.0,
   0.01,
   1e-4,
 };
 
-void model_codes(fmu_code_row *row, void *to)
+void model_list_codes(fmu_code_row *row, void *to)
 {
   (void)row;
   (void)to;
@@ -76,13 +83,14 @@ void model_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_exact(&m->config); }
 
-void model_was_set(model *m, const fmu_variable *v, double value)
+void model_note_set(model *m, const fmu_variable *v, double value)
 {
   (void)m;
   (void)v;
   (void)value;
 }
 
+/* Compute the outputs in SI units. */
 static void derive_outputs(model *m)
 {
   tse_output relative;
@@ -93,50 +101,51 @@ static void derive_outputs(model *m)
   tse_stiffness_si(&m->config, &relative, m->drawn_si, NULL, NULL);
 }
 
-static double *input_at(tse_sim_input *u, const fmu_variable *v)
+/* Return the place of an input in a row. */
+static double *find_input(tse_sim_input *u, const fmu_variable *v)
 {
   return (double *)((char *)u + v->offset - offsetof(model, u));
 }
 
-/* The first input that is outside its range; NULL: none. The first variables are the
- * inputs. */
-static const fmu_variable *wrong_input(tse_sim_input u)
+/* Return the first input outside its range; NULL if all are valid. The inputs are the
+ * first variables. */
+static const fmu_variable *find_wrong_input(tse_sim_input u)
 {
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
-    if (!(*input_at(&u, v) >= v->lo && *input_at(&u, v) <= v->hi)) return v;
+    if (!(*find_input(&u, v) >= v->lo && *find_input(&u, v) <= v->hi)) return v;
   return NULL;
 }
 
 static fmu_result refuse_input(const fmu_variable *v, char text[FMU_TEXT])
 {
   char range[FMU_RANGE];
-  (void)snprintf(text, FMU_TEXT, "%s is not a number, or outside its range %s", v->name, fmu_range(v, range));
+  (void)snprintf(
+      text, FMU_TEXT, "%s is not a number, or outside its range %s", v->name, fmu_write_range(v, range));
   return FMU_ERROR;
 }
 
-/* Every input is in its range, and still. */
+/* Report that the motion diverged although all inputs are in range. */
 static fmu_result refuse_motion(char text[FMU_TEXT])
 {
   (void)snprintf(text, FMU_TEXT,
-      "parameters and inputs lead to what is no car any more: faster than 1000 m/s, turning faster than 200 "
-      "rad/s, "
-      "or a sensor whose value is no number");
+      "parameters and inputs lead to what is no car any more: faster than 1000 m/s, turning faster than "
+      "200 rad/s, or a sensor whose value is no number");
   return FMU_ERROR;
 }
 
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
-  const fmu_variable *const wrong_one = wrong_input(m->u);
+  const fmu_variable *const wrong_one = find_wrong_input(m->u);
   const char *wrong = NULL;
   (void)start;
   if (wrong_one) return refuse_input(wrong_one, text);
   tse_sim begun;
   const tse_status status = tse_sim_reset(&begun, &m->config, &m->sim_config, &wrong);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong ? wrong : ""), tse_status_text(status));
+    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_find_name(wrong ? wrong : ""), tse_status_text(status));
     return FMU_ERROR;
   }
-  if (tse_sim_step(&begun, &m->u, &m->y) < 0) return refuse_motion(text); /* logs the start */
+  if (tse_sim_step(&begun, &m->u, &m->y) < 0) return refuse_motion(text); /* row at the start */
   memcpy(&m->sim, &begun, sizeof begun);
   derive_outputs(m);
   return FMU_OK;
@@ -149,9 +158,9 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   (void)time;
   from.dt = to.dt = step;
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
-    *input_at(&to, v) += step * *(const double *)((const char *)m + v->rate);
-  wrong = wrong_input(from);
-  if (!wrong) wrong = wrong_input(to);
+    *find_input(&to, v) += step * *(const double *)((const char *)m + v->rate);
+  wrong = find_wrong_input(from);
+  if (!wrong) wrong = find_wrong_input(to);
   if (wrong) return refuse_input(wrong, text);
   if (!(step <= 1.0)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);
@@ -159,7 +168,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   }
   const tse_sim_input last = m->sim.last;
   if (!m->ramp) {
-    from.road_level = m->sim.last.road_level; /* that of the stiffness drawn for this step */
+    from.road_level = m->sim.last.road_level; /* as for the stiffness drawn for this step */
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;
   }
@@ -171,7 +180,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   return FMU_OK;
 }
 
-int model_sound(const model *m, int started)
+int model_check(const model *m, int started)
 {
   if (!started) return 1;
   const double *const rate = &m->rate.dt, *const end = (const double *)(&m->rate + 1);

@@ -1,9 +1,8 @@
 /* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
  *
- * A step from t to t + h takes the inputs as the sample of time t, as a log row of that
- * time; outputs at t + h are the estimate after that sample. dt of a sample is the time
- * since the sample before, so that a log that is replayed gives the same bits as through
- * tse_step(). */
+ * A step from t to t + h takes the inputs as the sample of time t, like a row of a log.
+ * The outputs at t + h are the estimate after that sample. dt of a sample is the time
+ * since the previous sample. A replayed log gives the same bits as with tse_step(). */
 #include <stdio.h>
 #include <string.h>
 
@@ -12,42 +11,52 @@
 #include "tables/settings.h"
 #include "tse/describe.h"
 
-#define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
+#define OUTPUT(name, kind, member, unit, text) \
+  { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
 /* Every variable of the FMU, in the order of its value references. */
 /* clang-format off */
-#define CHANNEL(name, drives, lo, hi, unit, text) INPUT(#name, name, lo, hi, unit, text "; not a number: missing")
+#define CHANNEL(name, drives, lo, hi, unit, text) \
+  INPUT(#name, name, lo, hi, unit, text "; not a number: missing")
 #define VELOCITY(name, drives, lo, hi, unit, text) INPUT("velocity." #name, name, lo, hi, unit, text COUNTS)
 #define PEDAL(name, drives, lo, hi, unit, text) INPUT("pedals." #name, name, lo, hi, unit, text COUNTS)
 #define ROAD(name, drives, lo, hi, unit, text) INPUT("road." #name, name, lo, hi, unit, text COUNTS)
-#define INPUT(name, member, lo, hi, unit, text) { name, 'r', 'i', (int32_t)offsetof(model, row.member), FMU_NO_RATE, 0.0, lo, hi, unit, text },
 #define COUNTS "; counts where its bit of given is set"
+#define INPUT(name, member, lo, hi, unit, text) \
+  { name, 'r', 'i', (int32_t)offsetof(model, row.member), FMU_NO_RATE, 0.0, lo, hi, unit, text },
+#define BITS(name, member, count, text) \
+  { name, 'i', 'i', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 0.0, (1 << (count)) - 1, "", text },
+#define ROADS_GIVEN (TSE_OPTIONALS - TSE_VELOCITIES - TSE_PEDALS)
 #define NUMBER(name, member, unit, text) OUTPUT("estimate." #name, 'r', y.member, unit, text)
 #define FLAG(name, member, text) OUTPUT("estimate." #name, 'b', y.member, "", text)
 #define CODE(name, member, type, text) OUTPUT("estimate." #name, 'e', y.member, type, text)
 #define STIFFNESS(name, member, si, unit, text) OUTPUT("estimate." #name, 'r', si, unit, text)
-#define SHARE(name, member, si, unit, text) OUTPUT("estimate.relative." #name, 'r', y.member, "1", text ", relative to nominal")
+#define SHARE(name, member, si, unit, text) \
+  OUTPUT("estimate.relative." #name, 'r', y.member, "1", text ", relative to nominal")
 #define REASON(name, member, valid, what) \
-  OUTPUT("estimate." #name "_valid", 'b', valid, "", what " may be used") OUTPUT("estimate." #name "_reason", 'e', y.member, "Reason", REASONS)
+  OUTPUT("estimate." #name "_valid", 'b', valid, "", what " may be used") \
+  OUTPUT("estimate." #name "_reason", 'e', y.member, "Reason", REASONS)
 
 const fmu_variable fmu_variables[] = {
   CHANNELS(CHANNEL)
-  { "missing", 'i', 'i', (int32_t)offsetof(model, row.missing), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_CHANNELS) - 1, "",
-    "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
-    "8 accel_x, 16 accel_y, 32 yaw_rate" },
-  { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_VELOCITIES) - 1, "",
-    "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
+  BITS("missing", row.missing, TSE_CHANNELS,
+    "channels that are missing, for importers that cannot send NaN: "
+    "sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, 8 accel_x, 16 accel_y, 32 yaw_rate")
+  BITS("velocity.given", row.given, TSE_VELOCITIES,
+    "velocities that are measured; 0: none, then they are not read: "
+    "sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course")
   VELOCITIES(VELOCITY)
-  { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_PEDALS) - 1, "",
-    "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
+  BITS("pedals.given", pedals_given, TSE_PEDALS,
+    "inputs of the pedals that are known; 0: none, then they are not read: "
+    "sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear")
   PEDALS(PEDAL)
-  { "road.given", 'i', 'i', (int32_t)offsetof(model, road_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES - TSE_PEDALS)) - 1, "",
-    "what of the road is known; 0: nothing, then it is not read: sum of 1 bank, 2 grade" },
+  BITS("road.given", road_given, ROADS_GIVEN,
+    "inputs of the road that are known; 0: none, then they are not read: sum of 1 bank, 2 grade")
   ROADS(ROAD)
 
   { "vehicle.exact", 'b', 'p', (int32_t)offsetof(model, exact), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
-    "false: an ordinary car, whose mass at least is to be set; true: a car that is known exactly: what is not set is that of "
-    "SingleTrackVehicle, with uncertainties of 0" },
+    "false: an ordinary car; set at least its mass; true: a car that is known exactly: parameters that are "
+    "not set are those of SingleTrackVehicle, with uncertainties of 0" },
   SETTINGS(PARAMETER, WHOLE_PARAMETER)
 
   OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)
@@ -65,7 +74,8 @@ const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_v
 
 #define ORDER "; order: longitudinal front, cornering front, cornering rear"
 #define ARRAY(name, kind, member, unit, text) \
-  { OUTPUT(name, kind, member, unit, text) (int32_t)(sizeof ((model *)0)->member / sizeof ((model *)0)->member[0]) }
+  { OUTPUT(name, kind, member, unit, text) \
+    (int32_t)(sizeof ((model *)0)->member / sizeof ((model *)0)->member[0]) }
 const fmu_array fmu_arrays[] = {
   ARRAY("estimate.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER),
   ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER),
@@ -83,12 +93,12 @@ const fmu_array fmu_arrays[] = {
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 
 const fmu_terminal fmu_terminals[] = {
-  { "sensors", "_tse_sensors", 'i', "", "what the car logs" },
-  { "velocity", "_tse_velocity", 'i', "velocity.", "a velocity that is measured" },
+  { "sensors", "_tse_sensors", 'i', "", "sensors, as the car logs them" },
+  { "velocity", "_tse_velocity", 'i', "velocity.", "measured velocity" },
   { "pedals", "_tse_pedals", 'i', "pedals.", "brake switch and wheel torques" },
-  { "road", "_tse_road", 'i', "road.", "bank and grade of a road that is known" },
+  { "road", "_tse_road", 'i', "road.", "bank and grade of a known road" },
   { "estimate", "_tse_estimate", 'o', "estimate.",
-      "stiffness, velocities, biases, and what the filter thinks of the road and its sensors" },
+      "stiffness, velocities, biases, and probabilities of changes and faults" },
 };
 const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
 
@@ -102,19 +112,16 @@ const fmu_info fmu_about = {
   "TireStiffnessEstimator",
   "Tyre stiffness estimator",
   "Estimates longitudinal and cornering stiffness of a car's tyres, their grip, sideslip angle and the "
-  "sensors' biases, each with its "
-  "standard deviation, from steering angle, wheel speeds, accelerometers and gyro, and the probability that "
-  "the road changed, a channel "
-  "is faulty or wheels slide: a Kalman filter of a single-track car, or the marginalized adaptive particle "
-  "filter of Berntorp and Di "
-  "Cairano" IN_FORMAT,
+  "sensors' biases, each with its standard deviation, from steering angle, wheel speeds, accelerometers and "
+  "gyro, and the probability that the road changed, a channel is faulty or wheels slide: a Kalman filter of "
+  "a single-track car, or the marginalized adaptive particle filter of Berntorp and Di Cairano" IN_FORMAT,
   10.0,
   0.01,
   1e-4,
 };
 
-/* Codes that the library describes: those of a step that was done. */
-static void described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
+/* List the codes that the library describes; of status codes those of completed steps. */
+static void list_described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
 {
   int32_t count;
   const tse_field *const code = tse_describe(which, &count, NULL);
@@ -122,7 +129,7 @@ static void described_codes(fmu_code_row *row, void *to, const char *type, tse_s
     if (code[i].offset >= 0) row(to, type, code[i].offset, code[i].name, code[i].text);
 }
 
-void model_codes(fmu_code_row *row, void *to)
+void model_list_codes(fmu_code_row *row, void *to)
 {
   static const char *const changes[][2] = {
     // clang-format off: table changes
@@ -136,8 +143,8 @@ void model_codes(fmu_code_row *row, void *to)
 #define FAULT(name, drives, lo, hi, unit, text) { #name, text },
   static const char *const faults[][2] = { { "none", "no channel is likely at fault, none is implausible" },
     CHANNELS(FAULT) VELOCITIES(FAULT) };
-  described_codes(row, to, "Status", TSE_STRUCT_STATUS);
-  described_codes(row, to, "Reason", TSE_STRUCT_REASON);
+  list_described_codes(row, to, "Status", TSE_STRUCT_STATUS);
+  list_described_codes(row, to, "Reason", TSE_STRUCT_REASON);
   for (int32_t i = 0; i < (int32_t)(sizeof changes / sizeof changes[0]); i++)
     row(to, "ChangeKind", i, changes[i][0], changes[i][1]);
   for (int32_t i = 0; i < (int32_t)(sizeof faults / sizeof faults[0]); i++)
@@ -146,41 +153,43 @@ void model_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
-/* Place of a parameter in model.set; -1: it is no setting. */
-static int place_of(const fmu_variable *v)
+/* Return the index of a parameter in model.set; -1 if it is not a setting. */
+static int find_place(const fmu_variable *v)
 {
   const int32_t at = v->offset - (int32_t)offsetof(model, config);
   return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t))
                                                                        : -1;
 }
 
-void model_was_set(model *m, const fmu_variable *v, double value)
+void model_note_set(model *m, const fmu_variable *v, double value)
 {
-  if (place_of(v) >= 0)
-    m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+  if (find_place(v) >= 0)
+    m->set[find_place(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
-/* The settings of the filter: exact: those of a car that is known exactly, and what the
- * importer has set. Of an importer that sets every parameter, as some do before anything,
- * nobody knows which were meant: those that are not at their start. */
-static void settings_used(const model *m, tse_config *used)
+/* Compute the settings of the filter. With m->exact, parameters replace the settings of
+ * tse_config_exact() if the importer has set them. Some importers first set every
+ * parameter to its start value. If all are set, only those that differ from their start
+ * values count. */
+static void compute_settings(const model *m, tse_config *used)
 {
-  int least = SET_TO_ANOTHER;
+  int min_set = SET_TO_ANOTHER;
   for (int i = 0; i < fmu_variable_count; i++)
-    if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET)
-      least = SET_TO_START;
+    if (find_place(&fmu_variables[i]) >= 0 && m->set[find_place(&fmu_variables[i])] == NOT_SET)
+      min_set = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
   if (m->exact) tse_config_exact(used);
   for (int i = 0; m->exact && i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const size_t at = (size_t)v->offset - offsetof(model, config);
-    if (place_of(v) >= 0 && m->set[place_of(v)] >= least)
+    if (find_place(v) >= 0 && m->set[find_place(v)] >= min_set)
       memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at,
           v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
   }
   tse_config_complete(used);
 }
 
+/* Compute the outputs in SI units and the valid flags. */
 static void derive_outputs(model *m)
 {
   tse_output secant = m->y;
@@ -195,7 +204,8 @@ static void derive_outputs(model *m)
   m->grip_valid = m->y.grip_reason == TSE_VALID;
 }
 
-/* What the filter says before the first row: as after one in which nothing is measured. */
+/* Set the outputs before the first row to the prior: as after a row without
+ * measurements. */
 static void report_prior(model *m)
 {
   static const tse_input nothing = { .missing = (1u << TSE_CHANNELS) - 1u };
@@ -211,13 +221,13 @@ static void report_prior(model *m)
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
   const char *wrong = "";
-  tse_config used; /* not m->used: a call that is refused changes nothing */
-  (void)start;     /* the first row's own time counts */
-  settings_used(m, &used);
+  tse_config used; /* copied to m->used when accepted: a refused call changes nothing */
+  (void)start;     /* time begins with the first row */
+  compute_settings(m, &used);
   const tse_status status = tse_prepare(&used, &m->params, &wrong);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s: %s (what is 0 follows from vehicle.mass, lf and lr)",
-        fmu_name_of(wrong), tse_status_text(status));
+        fmu_find_name(wrong), tse_status_text(status));
     return FMU_ERROR;
   }
   memcpy(&m->used, &used, sizeof used);
@@ -230,17 +240,18 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   return FMU_OK;
 }
 
-/* A sample in which what is out of range is missing, and the first channel that is.
- * tse_step() would refuse a steering angle or wheel speed out of range; a co-simulation
- * is not to end for a sensor fault. */
-static tse_input usable(const model *m, const fmu_variable **first)
+/* Return the sample with channels out of range marked as missing. tse_step() refuses a
+ * steering angle or wheel speed out of range, but a sensor fault must not end a
+ * co-simulation.
+ *   Returned:  first  first missing channel; NULL if there is none */
+static tse_input make_sample(const model *m, const fmu_variable **first)
 {
   tse_input u = m->row;
   u.missing &= (1u << TSE_CHANNELS) - 1u;
   u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & TSE_GIVEN_PEDALS)
       | (m->road_given << (TSE_VELOCITIES + TSE_PEDALS) & TSE_GIVEN_ROAD);
   *first = NULL;
-  for (int k = 0; k < TSE_CHANNELS; k++) { /* the first variables are the channels */
+  for (int k = 0; k < TSE_CHANNELS; k++) { /* the channels are the first variables */
     const fmu_variable *const v = &fmu_variables[k];
     const size_t at = (size_t)v->offset - offsetof(model, row);
     tse_real x;
@@ -258,11 +269,9 @@ static tse_input usable(const model *m, const fmu_variable **first)
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   const fmu_variable *first;
-  tse_input u = usable(m, &first);
-  if (!(time + step - time
-          /* the sample at its end would be refused: better now, while the importer's
-           * own text names the step */
-          <= TSE_LONGEST_DT)) {
+  tse_input u = make_sample(m, &first);
+  /* tse_step() would refuse the next sample. Refuse the step that is too long instead. */
+  if (!(time + step - time <= TSE_LONGEST_DT)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %d s", step, TSE_LONGEST_DT);
     return FMU_ERROR;
   }
@@ -273,33 +282,32 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
         tse_double_of(u.dt));
     return FMU_ERROR;
   }
-  memset(m->y.spread_seen + 3, 0,
-      sizeof m->y - offsetof(tse_output, spread_seen)
-          - sizeof m->y.spread_seen); /* padding is part of a saved state */
+  /* Clear the padding behind the last member: it is part of a saved state. */
+  memset(m->y.spread_seen + 3, 0, sizeof m->y - offsetof(tse_output, spread_seen) - sizeof m->y.spread_seen);
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* `status` is the gravest only: a channel can be missing behind it. A channel's text is
-   * the same whatever the car does, so that it is said once while it lasts. */
+  /* `status` is the most severe code and can hide a missing channel. Name the channel:
+   * the warning is then constant while the channel is missing, and is logged once. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)
-      (void)snprintf(
-          text, FMU_TEXT, "%s is missing or outside its range %s", first->name, fmu_range(first, range));
+      (void)snprintf(text, FMU_TEXT, "%s is missing or outside its range %s", first->name,
+          fmu_write_range(first, range));
     else (void)snprintf(text, FMU_TEXT, "%s", tse_status_text(status));
     return FMU_WARNING;
   }
   return FMU_OK;
 }
 
-int model_sound(const model *m, int started)
+int model_check(const model *m, int started)
 {
   tse_config used;
   tse_params anew;
   for (int i = 0; i < SETTINGS; i++)
     if (m->set[i] > SET_TO_ANOTHER) return 0;
   if (!started) return 1;
-  settings_used(m, &used);
+  compute_settings(m, &used);
   if (memcmp(&used, &m->used, sizeof used) != 0) return 0;
   if (tse_prepare(&used, &anew, NULL) < 0 || memcmp(&anew, &m->params, sizeof anew) != 0) return 0;
   if (!(m->rows == 0 || m->rows == 1) || !(m->time - m->time == 0.0)) return 0;

@@ -1,16 +1,15 @@
-/* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
+/* fmu/glue/describe.c - print the description of a model from its tables (fmu_model.h).
+ * The build runs it:
  *
- *   describe model 2 FILE.c ...        modelDescription.xml of FMI 2.0, with these source
- *                                      files; @GUID@ where it stands
- *   describe model 3                   the same of FMI 3.0, where buildDescription.xml
- *                                      names the source files
- *   describe terminals                 terminalsAndIcons.xml of FMI 3.0
- *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these
- *                                                      definitions, these compiler
- *                                                      options
- *                                      of gcc and clang, and these source files
- *   describe variables 2 or 3          rows of HTML tables for documentation/index.html
- * / */
+ *   describe model 2 FILE.c ...   modelDescription.xml of FMI 2.0, with these source
+ *                                 files and @GUID@ in place of the GUID
+ *   describe model 3              the same for FMI 3.0; source files are listed in
+ *                                 buildDescription.xml
+ *   describe terminals            terminalsAndIcons.xml of FMI 3.0
+ *   describe build NAME=VALUE,... OPTIONS FILE.c ...
+ *                                 buildDescription.xml, with these definitions, compiler
+ *                                 options (gcc, clang) and source files
+ *   describe variables 2|3        HTML tables of the variables for the documentation */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,13 +17,13 @@
 #include "fmu_model.h"
 #include "tse/version.h"
 
-/* Units as the tables of include/tse write them: FMI name, exponents of kg, m, s, rad
- * (none where they are no integers), type, display unit and display value per SI value. */
+/* A unit of the tables in include/tse. */
 typedef struct unit {
-  const char *name, *fmi, *type;
-  int has_base, kg, m, s, rad;
-  const char *display;
-  double factor;
+  const char *name, *fmi, *type; /* name in the tables; in FMI; type of its variables */
+  int has_base;                  /* 1: integer exponents of the base units follow */
+  int kg, m, s, rad;             /* exponents of the base units */
+  const char *display;           /* display unit; NULL: the unit itself */
+  double factor;                 /* display value of 1 in this unit */
 } unit;
 
 #define DEG 57.295779513082323
@@ -57,25 +56,26 @@ static const unit units[] = {
   /* clang-format on */
 };
 
-static const unit *unit_of(const fmu_variable *v)
+static const unit *find_unit(const fmu_variable *v)
 {
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
     if (strcmp(units[i].name, v->unit) == 0) return &units[i];
-  (void)fprintf(
-      stderr, "describe: %s has the unit '%s', which fmu/glue/describe.c does not know\n", v->name, v->unit);
+  (void)fprintf(stderr, "describe: %s has the unit '%s', which is not in the table of fmu/glue/describe.c\n",
+      v->name, v->unit);
   exit(1);
 }
 
-static int used(const unit *u, int fmi)
+/* Return 1 if a variable has this unit. */
+static int is_used(const unit *u, int fmi)
 {
-  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* of the time */
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* unit of fmu_time */
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].kind == 'r' && unit_of(&fmu_variables[i]) == u) return 1;
+    if (fmu_variables[i].kind == 'r' && find_unit(&fmu_variables[i]) == u) return 1;
   return 0;
 }
 
-/* The shortest decimal number that reads back as the same double. */
-static const char *number(double x)
+/* Return the shortest decimal number that reads back as the same double. */
+static const char *format_number(double x)
 {
   static char text[40];
   for (int digits = 6; digits <= 17; digits++) {
@@ -85,7 +85,8 @@ static const char *number(double x)
   return text;
 }
 
-static void escaped(const char *text)
+/* Print a text with the special characters of XML escaped. */
+static void print_escaped(const char *text)
 {
   for (; *text; text++) switch (*text) {
       case '&': (void)fputs("&amp;", stdout); break;
@@ -96,20 +97,19 @@ static void escaped(const char *text)
     }
 }
 
-static void attribute(const char *name, const char *value)
+static void print_attribute(const char *name, const char *value)
 {
   (void)printf(" %s=\"", name);
-  escaped(value);
+  print_escaped(value);
   (void)putchar('"');
 }
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
-/* Where the enumeration types are printed: of which FMI, and the type that is open; NULL:
- * none. */
+/* Progress of printing the enumeration types. */
 typedef struct enumerations {
-  int fmi;
-  const char *open;
+  int fmi;          /* version of FMI: 2 or 3 */
+  const char *open; /* type whose element is open; NULL before the first */
 } enumerations;
 
 static void end_type(enumerations *e)
@@ -118,7 +118,7 @@ static void end_type(enumerations *e)
   e->open = NULL;
 }
 
-static void code_item(void *to, const char *type, int32_t code, const char *name, const char *text)
+static void print_code(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   enumerations *const e = to;
   if (!e->open || strcmp(e->open, type) != 0) {
@@ -129,9 +129,9 @@ static void code_item(void *to, const char *type, int32_t code, const char *name
     e->open = type;
   }
   (void)printf("      <Item");
-  attribute("name", name);
+  print_attribute("name", name);
   (void)printf(" value=\"%d\"", (int)code);
-  attribute("description", text);
+  print_attribute("description", text);
   (void)puts("/>");
 }
 
@@ -141,7 +141,7 @@ static void print_units(int fmi)
   (void)puts("  <UnitDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
-    if (!used(u, fmi)) continue;
+    if (!is_used(u, fmi)) continue;
     (void)printf("    <Unit name=\"%s\"", u->fmi);
     if (!u->has_base) {
       (void)puts("/>");
@@ -153,24 +153,25 @@ static void print_units(int fmi)
     if (u->s) (void)printf(" s=\"%d\"", u->s);
     if (u->rad) (void)printf(" rad=\"%d\"", u->rad);
     (void)printf("/>");
-    if (u->display) (void)printf("<DisplayUnit name=\"%s\" factor=\"%s\"/>", u->display, number(u->factor));
+    if (u->display)
+      (void)printf("<DisplayUnit name=\"%s\" factor=\"%s\"/>", u->display, format_number(u->factor));
     (void)puts("</Unit>");
   }
   (void)puts("  </UnitDefinitions>\n  <TypeDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
-    if (!used(u, fmi)) continue;
+    if (!is_used(u, fmi)) continue;
     (void)printf(fmi == 2 ? "    <SimpleType name=\"%s\"><Real" : "    <Float64Type name=\"%s\"", u->type);
     (void)printf(" quantity=\"%s\" unit=\"%s\"", u->type, u->fmi);
     if (u->display) (void)printf(" displayUnit=\"%s\"", u->display);
     (void)puts(fmi == 2 ? "/></SimpleType>" : "/>");
   }
-  model_codes(code_item, &types);
+  model_list_codes(print_code, &types);
   end_type(&types);
   (void)puts("  </TypeDefinitions>");
 }
 
-static const char *type_name(const fmu_variable *v, int fmi)
+static const char *name_type(const fmu_variable *v, int fmi)
 {
   switch (v->kind) {
     case 'b': return "Boolean";
@@ -180,57 +181,59 @@ static const char *type_name(const fmu_variable *v, int fmi)
   }
 }
 
-/* What FMI 2.0 says of a variable and FMI 3.0 says alike. */
-static void what_it_is(const fmu_variable *v, int32_t reference)
+/* Print the attributes of a variable that FMI 2.0 and 3.0 share. */
+static void print_identity(const fmu_variable *v, int32_t reference)
 {
   (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
-  attribute("description", v->text);
-  attribute("causality",
+  print_attribute("description", v->text);
+  print_attribute("causality",
       v->role == 'p' ? "parameter"
                      : (v->role == 'i' ? "input" : (v->role == 'o' ? "output" : "independent")));
-  attribute("variability", v->role == 'p' ? "fixed" : (v->kind == 'r' ? "continuous" : "discrete"));
-  if (v->role == 'p' || v->role == 'o') attribute("initial", v->role == 'p' ? "exact" : "calculated");
+  print_attribute("variability", v->role == 'p' ? "fixed" : (v->kind == 'r' ? "continuous" : "discrete"));
+  if (v->role == 'p' || v->role == 'o') print_attribute("initial", v->role == 'p' ? "exact" : "calculated");
 }
 
-static void what_it_holds(const fmu_variable *v)
+/* Print the attributes of a variable's type: unit, range, start value. */
+static void print_type(const fmu_variable *v)
 {
   if (v->kind == 'r') {
-    const unit *const u = unit_of(v);
-    attribute("declaredType", u->type);
-    attribute("unit", u->fmi);
-    if (u->display) attribute("displayUnit", u->display);
+    const unit *const u = find_unit(v);
+    print_attribute("declaredType", u->type);
+    print_attribute("unit", u->fmi);
+    if (u->display) print_attribute("displayUnit", u->display);
   }
-  if (v->kind == 'e') attribute("declaredType", v->unit);
+  if (v->kind == 'e') print_attribute("declaredType", v->unit);
   if (v->hi >= v->lo && v->kind != 'b') {
-    attribute("min", number(v->start < v->lo ? v->start : v->lo));
-    attribute("max", number(v->hi));
+    print_attribute("min", format_number(v->start < v->lo ? v->start : v->lo));
+    print_attribute("max", format_number(v->hi));
   }
   if (v->role == 'p' || v->role == 'i')
-    attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
+    print_attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : format_number(v->start));
 }
 
 static void print_variable2(int32_t index)
 {
   const fmu_variable *const v = &fmu_variables[index];
   (void)printf("    <ScalarVariable");
-  what_it_is(v, index);
-  (void)printf(">\n      <%s", type_name(v, 2));
-  what_it_holds(v);
+  print_identity(v, index);
+  (void)printf(">\n      <%s", name_type(v, 2));
+  print_type(v);
   (void)puts("/>\n    </ScalarVariable>");
 }
 
-/* FMI 3.0 has the variables of 2.0 with the same names and references, behind them arrays
- * of some, and the time. */
+/* Print a variable for FMI 3.0. Variables of 2.0 have the same names and references here;
+ * arrays and the time follow. */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
-  (void)printf("    <%s", type_name(v, 3));
-  what_it_is(v, reference);
-  what_it_holds(v);
-  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, type_name(v, 3));
+  (void)printf("    <%s", name_type(v, 3));
+  print_identity(v, reference);
+  print_type(v);
+  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, name_type(v, 3));
   else (void)puts("/>");
 }
 
-static int takes_rates(void)
+/* Return 1 if an input accepts time derivatives. */
+static int has_rates(void)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].rate != FMU_NO_RATE) return 1;
@@ -250,14 +253,14 @@ static void print_head(int fmi)
 {
   (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
   (void)printf("<fmiModelDescription fmiVersion=\"%d.0\"", fmi);
-  attribute("modelName", fmu_about.identifier);
+  print_attribute("modelName", fmu_about.identifier);
   (void)printf(" %s=\"@GUID@\"", fmi == 2 ? "guid" : "instantiationToken");
-  attribute("description", fmu_about.description);
-  attribute("author", "the tse authors");
-  attribute("version", TSE_VERSION);
-  attribute("copyright", "the tse authors");
-  attribute("license", "Apache-2.0, see documentation/licenses");
-  attribute("generationTool", "tse " TSE_VERSION);
+  print_attribute("description", fmu_about.description);
+  print_attribute("author", "the tse authors");
+  print_attribute("version", TSE_VERSION);
+  print_attribute("copyright", "the tse authors");
+  print_attribute("license", "Apache-2.0, see documentation/licenses");
+  print_attribute("generationTool", "tse " TSE_VERSION);
   (void)puts(" variableNamingConvention=\"structured\">");
 }
 
@@ -269,14 +272,15 @@ static void print_middle(int fmi)
   FMU_LOG_CATEGORIES(X)
 #undef X
   (void)puts("  </LogCategories>");
-  (void)printf("  <DefaultExperiment startTime=\"0\" stopTime=\"%s\"", number(fmu_about.stop_time));
-  (void)printf(" tolerance=\"%s\"", number(fmu_about.tolerance));
-  (void)printf(" stepSize=\"%s\"/>\n", number(fmu_about.step_size));
+  (void)printf("  <DefaultExperiment startTime=\"0\" stopTime=\"%s\"", format_number(fmu_about.stop_time));
+  (void)printf(" tolerance=\"%s\"", format_number(fmu_about.tolerance));
+  (void)printf(" stepSize=\"%s\"/>\n", format_number(fmu_about.step_size));
   (void)puts("  <ModelVariables>");
 }
 
-/* Outputs: what is set at a communication point is seen at the next. At the start they
- * depend on parameters and inputs: on any of them. */
+/* Dependencies of the outputs. At a communication point: none, because inputs take effect
+ * at the next point. Initially: all parameters and inputs, the default of the
+ * attribute. */
 #define AT_STEPS " dependencies=\"\""
 #define AT_START ""
 
@@ -291,7 +295,7 @@ static void print_model2(int files, char **file)
       "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" "
       "providesDirectionalDerivative=\"false\">\n"
       "    <SourceFiles>\n",
-      fmu_about.identifier, takes_rates() ? "true" : "false");
+      fmu_about.identifier, has_rates() ? "true" : "false");
   for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
   (void)puts("    </SourceFiles>\n  </CoSimulation>");
   print_middle(2);
@@ -347,10 +351,10 @@ static void print_terminals(void)
     const fmu_terminal *const t = &fmu_terminals[k];
     const size_t length = strlen(t->prefix);
     (void)printf("    <Terminal");
-    attribute("name", t->name);
-    attribute("matchingRule", "bus"); /* an importer connects what both have */
-    attribute("terminalKind", t->kind);
-    attribute("description", t->text);
+    print_attribute("name", t->name);
+    print_attribute("matchingRule", "bus"); /* connect the members that both terminals have */
+    print_attribute("terminalKind", t->kind);
+    print_attribute("description", t->text);
     (void)puts(">");
     for (int32_t i = 0; i < fmu_variable_count; i++) {
       const fmu_variable *const v = &fmu_variables[i];
@@ -385,7 +389,7 @@ static void print_build(char *definitions, const char *options, int files, char 
   (void)printf(
       "  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
       fmu_about.identifier);
-  attribute("compilerOptions", options);
+  print_attribute("compilerOptions", options);
   (void)puts(">");
   for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
   for (char *d = strtok(definitions, ","); d; d = strtok(NULL, ",")) print_definition(d);
@@ -394,14 +398,14 @@ static void print_build(char *definitions, const char *options, int files, char 
 
 /* ------------------------------------------------------------------------------------------- HTML */
 
-static void cell(const char *text)
+static void print_cell(const char *text)
 {
   (void)fputs("<td>", stdout);
-  escaped(text);
+  print_escaped(text);
   (void)fputs("</td>", stdout);
 }
 
-static void code_row(void *to, const char *type, int32_t code, const char *name, const char *text)
+static void print_code_row(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   const char **const last = to;
   if (!*last || strcmp(*last, type) != 0) {
@@ -417,33 +421,33 @@ static void code_row(void *to, const char *type, int32_t code, const char *name,
     *last = type;
   }
   (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
-  cell(text);
+  print_cell(text);
   (void)puts("</tr>");
 }
 
-/* The part of a structured name that comes before its last dot: its group. */
-static size_t group_length(const char *name)
+/* Return the length of the group in a structured name: the part before the last dot. */
+static size_t find_group_length(const char *name)
 {
   const char *const dot = strrchr(name, '.');
   return dot ? (size_t)(dot - name) : 0;
 }
 
-static int same_group(const fmu_variable *a, const fmu_variable *b)
+static int is_same_group(const fmu_variable *a, const fmu_variable *b)
 {
-  const size_t length = group_length(a->name);
-  return a->role == b->role && length == group_length(b->name) && strncmp(a->name, b->name, length) == 0;
+  const size_t length = find_group_length(a->name);
+  return a->role == b->role && length == find_group_length(b->name) && strncmp(a->name, b->name, length) == 0;
 }
 
-static void variable_row(const fmu_variable *v, int fmi, int32_t count)
+static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
 {
-  const size_t group = group_length(v->name);
+  const size_t group = find_group_length(v->name);
   char size[16] = "";
   if (count > 1) (void)snprintf(size, sizeof size, "[%d]", (int)count);
   (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name,
-      group ? ".<wbr>" : "", v->name + group + (group > 0), type_name(v, fmi), size,
-      v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+      group ? ".<wbr>" : "", v->name + group + (group > 0), name_type(v, fmi), size,
+      v->kind == 'r' ? find_unit(v)->fmi : ""); /* <wbr>: long names may break there */
   if (v->role != 'o') {
-    const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
+    const int digits = v->kind == 'r' ? 6 : 10; /* all digits are in modelDescription.xml */
     (void)fputs("<td class=\"number\">", stdout);
     if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
     else (void)printf("%.*g", digits, v->start);
@@ -451,11 +455,11 @@ static void variable_row(const fmu_variable *v, int fmi, int32_t count)
     if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.*g to %.*g", digits, v->lo, digits, v->hi);
     (void)fputs("</td>", stdout);
   }
-  cell(v->text);
+  print_cell(v->text);
   (void)puts("</tr>");
 }
 
-/* A table per role; in it groups in the order of their first member. */
+/* Print a table for each role, with its groups in the order of their first members. */
 static void print_variables(int fmi)
 {
   static const struct {
@@ -473,15 +477,15 @@ static void print_variables(int fmi)
     for (int32_t first = 0; first < fmu_variable_count; first++) {
       const fmu_variable *const head = &fmu_variables[first];
       int32_t before = 0;
-      while (before < first && !same_group(&fmu_variables[before], head)) before++;
+      while (before < first && !is_same_group(&fmu_variables[before], head)) before++;
       if (head->role != roles[k].role || before < first) continue;
       (void)puts("<tbody>");
-      const int length = (int)group_length(head->name);
+      const int length = (int)find_group_length(head->name);
       if (length > 0)
         (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4,
             length, head->name);
       for (int32_t i = first; i < fmu_variable_count; i++)
-        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i], fmi, 1);
+        if (is_same_group(&fmu_variables[i], head)) print_variable_row(&fmu_variables[i], fmi, 1);
       (void)puts("</tbody>");
     }
     (void)puts("</table>");
@@ -490,12 +494,13 @@ static void print_variables(int fmi)
     (void)puts("<h3 id=\"arrays\">Arrays, and the time</h3>\n<table "
                "class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>"
                "<th>meaning</th></tr></thead>\n<tbody>");
-    for (int32_t k = 0; k < fmu_array_count; k++) variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
-    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", type_name(&fmu_time, fmi));
-    cell(fmu_time.text);
+    for (int32_t k = 0; k < fmu_array_count; k++)
+      print_variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
+    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", name_type(&fmu_time, fmi));
+    print_cell(fmu_time.text);
     (void)puts("</tr></tbody></table>");
   }
-  model_codes(code_row, &table);
+  model_list_codes(print_code_row, &table);
   if (table) (void)puts("</table>");
 }
 

@@ -1,5 +1,5 @@
-/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation: its types and its names
- * around what glue.c does. */
+/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation, as calls of glue.c with
+ * the types and names of this version. */
 #include <stdio.h>
 
 #include "fmi2Functions.h"
@@ -33,11 +33,11 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 void fmi2FreeInstance(fmi2Component c) { glue_free(c); }
 
 GLUE_LIFE(fmi2)
-DOES(fmi2SetupExperiment,
+GLUE_CALL(fmi2SetupExperiment,
     (fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop,
         fmi2Real stop),
-    glue_setup(s, function, start, has_stop, stop))
-DOES(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initialization(s, function))
+    glue_set_times(s, function, start, has_stop, stop))
+GLUE_CALL(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initialization(s, function))
 
 /* ------------------------------------------------------------------------------------------ values */
 
@@ -46,10 +46,10 @@ GLUE_TYPE(fmi2, Real, 'r', (fmi2Real)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)
 
-/* No model has a String. */
-GLUE_ABSENT(fmi2GetString, (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]),
-    "String", nvr)
-GLUE_ABSENT(fmi2SetString,
+/* The type String: no variable has it. */
+GLUE_REFUSE_TYPE(fmi2GetString,
+    (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]), "String", nvr)
+GLUE_REFUSE_TYPE(fmi2SetString,
     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[]), "String", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
@@ -59,10 +59,11 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
 {
   static const char function[] = "fmi2SetRealInputDerivatives";
   char text[FMU_TEXT];
-  instance *const s = glue_instance_of(c);
-  if (!s || !glue_allowed(s, GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi2Error;
+  instance *const s = glue_find_instance(c);
+  if (!s || !glue_check_phase(s, GLUE_INITIALIZING | GLUE_STEPPING, function)) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (!glue_given(s, order, "order", function) || !glue_listed(s, vr, nvr, value, nvr, 'r', "Real", function))
+  if (!glue_check_pointer(s, order, "order", function)
+      || !glue_check_variables(s, vr, nvr, value, nvr, 'r', "Real", function))
     return fmi2Error;
   for (size_t i = 0; i < nvr; i++) {
     const fmu_variable *const v = &fmu_variables[vr[i]];
@@ -75,59 +76,59 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
   return fmi2OK;
 }
 
-DOES(fmi2GetRealOutputDerivatives,
+GLUE_CALL(fmi2GetRealOutputDerivatives,
     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[], fmi2Real value[]),
     nvr == 0 ? GLUE_OK
              : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
 
-DOES(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
+GLUE_CALL(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
     glue_step(s, function, time, step))
-DOES(fmi2CancelStep, (fmi2Component c), glue_refuse(s, function, "no step is ever pending"))
-/* Steps are done when fmi2DoStep returns, so there is nothing to ask but how far the
- * simulation has got. */
-static fmi2Status no_status(fmi2Component c, const char *function)
+GLUE_CALL(fmi2CancelStep, (fmi2Component c), glue_refuse(s, function, "no step is ever pending"))
+/* Refuse a status other than the last successful time. Steps are synchronous: a step is
+ * complete when fmi2DoStep returns. */
+static fmi2Status refuse_status(fmi2Component c, const char *function)
 {
-  const instance *const s = glue_instance_of(c);
+  const instance *const s = glue_find_instance(c);
   if (!s) return fmi2Error;
-  glue_say(s, GLUE_DISCARD, GLUE_LOG_WARNING, function);
+  glue_log(s, GLUE_DISCARD, GLUE_LOG_WARNING, function);
   return fmi2Discard;
 }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
 {
-  const instance *const s = glue_instance_of(c);
-  if (!s || !glue_given(s, value, "value", "fmi2GetRealStatus")) return fmi2Error;
+  const instance *const s = glue_find_instance(c);
+  if (!s || !glue_check_pointer(s, value, "value", "fmi2GetRealStatus")) return fmi2Error;
   if (kind != fmi2LastSuccessfulTime)
-    return no_status(c, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is kept");
-  *value = glue_time(s);
+    return refuse_status(c, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is kept");
+  *value = glue_get_time(s);
   return fmi2OK;
 }
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
-  return no_status(c, "fmi2GetStatus: no step is ever pending");
+  return refuse_status(c, "fmi2GetStatus: no step is ever pending");
 }
 
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
 {
-  return no_status(c, "fmi2GetIntegerStatus: there is no such status");
+  return refuse_status(c, "fmi2GetIntegerStatus: there is no such status");
 }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
 {
-  const instance *const s = glue_instance_of(c);
-  if (!s || !glue_given(s, value, "value", "fmi2GetBooleanStatus")) return fmi2Error;
-  if (kind != fmi2Terminated) return no_status(c, "fmi2GetBooleanStatus: only fmi2Terminated is kept");
+  const instance *const s = glue_find_instance(c);
+  if (!s || !glue_check_pointer(s, value, "value", "fmi2GetBooleanStatus")) return fmi2Error;
+  if (kind != fmi2Terminated) return refuse_status(c, "fmi2GetBooleanStatus: only fmi2Terminated is kept");
   *value = fmi2False;
   return fmi2OK;
 }
 
 fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
 {
-  return no_status(c, "fmi2GetStringStatus: no step is ever pending");
+  return refuse_status(c, "fmi2GetStringStatus: no step is ever pending");
 }
 
-DOES(fmi2GetDirectionalDerivative,
+GLUE_CALL(fmi2GetDirectionalDerivative,
     (fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns, const fmi2ValueReference known_[],
         size_t knowns, const fmi2Real dknown[], fmi2Real dunknown[]),
     glue_refuse(s, function, "not provided (providesDirectionalDerivative is false)"))

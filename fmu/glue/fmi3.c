@@ -1,12 +1,12 @@
-/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation: its types and its names
- * around what glue.c does. No event mode, no clocks, no early return, no intermediate
- * update: a step is a sample, and nothing happens between two of them. */
+/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation, as calls of glue.c with
+ * the types and names of this version. A step is one sample. Event mode, clocks, early
+ * return and intermediate update are not supported. */
 #include "fmi3Functions.h"
 #include "glue.h"
 
 typedef fmi3Status fmi_status;
 
-/* The importer knows by the environment which instance it is. */
+/* Log a text. The importer identifies the instance by its environment. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
     const char *category, const char *text)
 {
@@ -58,8 +58,8 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
     fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
 {
   static const char function[] = "fmi3EnterInitializationMode";
-  instance *const s = glue_instance_of(c);
-  if (!s || glue_setup(s, function, start, has_stop, stop) != GLUE_OK) return fmi3Error;
+  instance *const s = glue_find_instance(c);
+  if (!s || glue_set_times(s, function, start, has_stop, stop) != GLUE_OK) return fmi3Error;
   return (fmi3Status)glue_enter_initialization(s, function);
 }
 
@@ -72,43 +72,48 @@ GLUE_TYPE(fmi3, Int64, 'e', (fmi3Int64)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Boolean, 'b', number > 0.0, value[i], COUNT, count)
 
 /* Types that no variable has. */
-#define NO_TYPE(Type)                                                                                                            \
-  GLUE_ABSENT(fmi3Get##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), #Type, count) \
-  GLUE_ABSENT(fmi3Set##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count), #Type, count)
-NO_TYPE(Float32)
-NO_TYPE(Int8)
-NO_TYPE(UInt8)
-NO_TYPE(Int16)
-NO_TYPE(UInt16)
-NO_TYPE(UInt32)
-NO_TYPE(UInt64)
-NO_TYPE(String)
-GLUE_ABSENT(fmi3GetBinary,
+#define REFUSE_TYPE(Type)                                                                              \
+  GLUE_REFUSE_TYPE(fmi3Get##Type,                                                                       \
+      (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), \
+      #Type, count)                                                                                \
+  GLUE_REFUSE_TYPE(fmi3Set##Type,                                                                       \
+      (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[],        \
+          size_t count),                                                                           \
+      #Type, count)
+REFUSE_TYPE(Float32)
+REFUSE_TYPE(Int8)
+REFUSE_TYPE(UInt8)
+REFUSE_TYPE(Int16)
+REFUSE_TYPE(UInt16)
+REFUSE_TYPE(UInt32)
+REFUSE_TYPE(UInt64)
+REFUSE_TYPE(String)
+GLUE_REFUSE_TYPE(fmi3GetBinary,
     (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[],
         size_t count),
     "Binary", count)
-GLUE_ABSENT(fmi3SetBinary,
+GLUE_REFUSE_TYPE(fmi3SetBinary,
     (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[],
         const fmi3Binary value[], size_t count),
     "Binary", count)
-GLUE_ABSENT(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]),
+GLUE_REFUSE_TYPE(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]),
     "Clock", nvr)
-GLUE_ABSENT(fmi3SetClock,
+GLUE_REFUSE_TYPE(fmi3SetClock,
     (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[]), "Clock", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
-/* What nobody wants to know may be NULL. */
+/* Run a step. Pointers to results may be NULL. */
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state,
     fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
-  instance *const s = glue_instance_of(c);
+  instance *const s = glue_find_instance(c);
   if (!s) return fmi3Error;
   const glue_status status = glue_step(s, "fmi3DoStep", time, step);
   if (event) *event = fmi3False;
   if (terminate) *terminate = fmi3False;
   if (early) *early = fmi3False;
-  if (last) *last = glue_time(s);
+  if (last) *last = glue_get_time(s);
   return (fmi3Status)status;
 }
 
@@ -116,9 +121,9 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
 
 GLUE_STATES(fmi3, FMUState, DeserializeFMUState)
 
-/* ------------------------------------------------------------------- what there is not, and is refused */
+/* ----------------------------------------------------------------------------- refused: not supported */
 
-#define REFUSES(name, arguments, why) DOES(name, arguments, glue_refuse(s, function, why))
+#define REFUSE(name, arguments, why) GLUE_CALL(name, arguments, glue_refuse(s, function, why))
 static const char no_events[] = "there is no event mode (hasEventMode is false)";
 static const char no_exchange[] = "only co-simulation is supported";
 static const char no_adjoint[] = "not provided (providesAdjointDerivatives is false)";
@@ -126,61 +131,61 @@ static const char no_directional[] = "not provided (providesDirectionalDerivativ
 static const char no_dependencies[] = "not provided (providesPerElementDependencies is false)";
 static const char no_structure[] = "there are no structural parameters";
 
-DOES(fmi3GetOutputDerivatives,
+GLUE_CALL(fmi3GetOutputDerivatives,
     (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[],
         size_t count),
-    nvr == 0 ? glue_none(s, count, function)
+    nvr == 0 ? glue_check_empty(s, count, function)
              : glue_refuse(s, function, "outputs have no derivatives (maxOutputDerivativeOrder is 0)"))
-REFUSES(fmi3GetDirectionalDerivative,
+REFUSE(fmi3GetDirectionalDerivative,
     (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[],
         size_t knowns, const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[],
         size_t sensitivities),
     no_directional)
-REFUSES(fmi3GetAdjointDerivative,
+REFUSE(fmi3GetAdjointDerivative,
     (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[],
         size_t knowns, const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[],
         size_t sensitivities),
     no_adjoint)
-REFUSES(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference vr, size_t *count),
+REFUSE(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference vr, size_t *count),
     no_dependencies)
-REFUSES(fmi3GetVariableDependencies,
+REFUSE(fmi3GetVariableDependencies,
     (fmi3Instance c, fmi3ValueReference dependent, size_t elements[], fmi3ValueReference independents[],
         size_t of[], fmi3DependencyKind kinds[], size_t count),
     no_dependencies)
-REFUSES(fmi3EnterConfigurationMode, (fmi3Instance c), no_structure)
-REFUSES(fmi3ExitConfigurationMode, (fmi3Instance c), no_structure)
-REFUSES(fmi3EnterEventMode, (fmi3Instance c), no_events)
-REFUSES(fmi3EnterStepMode, (fmi3Instance c), no_events)
-REFUSES(fmi3EvaluateDiscreteStates, (fmi3Instance c), no_events)
-REFUSES(fmi3UpdateDiscreteStates,
+REFUSE(fmi3EnterConfigurationMode, (fmi3Instance c), no_structure)
+REFUSE(fmi3ExitConfigurationMode, (fmi3Instance c), no_structure)
+REFUSE(fmi3EnterEventMode, (fmi3Instance c), no_events)
+REFUSE(fmi3EnterStepMode, (fmi3Instance c), no_events)
+REFUSE(fmi3EvaluateDiscreteStates, (fmi3Instance c), no_events)
+REFUSE(fmi3UpdateDiscreteStates,
     (fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals, fmi3Boolean *values,
         fmi3Boolean *has_next, fmi3Float64 *next),
     no_events)
 
-/* Functions of clocks: about none of them there is nothing to do. */
-#define NO_CLOCK(name, ...)                                                                  \
-  DOES(name, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__), \
+/* Functions of clocks. A call without variables succeeds. */
+#define REFUSE_CLOCK(name, ...)                                                                  \
+  GLUE_CALL(name, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__), \
        nvr == 0 ? GLUE_OK : glue_refuse(s, function, "there are no clocks"))
-NO_CLOCK(fmi3GetIntervalDecimal, fmi3Float64 interval[], fmi3IntervalQualifier qualifier[])
-NO_CLOCK(fmi3GetShiftFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[])
-NO_CLOCK(fmi3SetIntervalFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
-NO_CLOCK(fmi3SetShiftFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
-NO_CLOCK(fmi3GetShiftDecimal, fmi3Float64 shift[])
-NO_CLOCK(fmi3SetIntervalDecimal, const fmi3Float64 interval[])
-NO_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
-NO_CLOCK(
+REFUSE_CLOCK(fmi3GetIntervalDecimal, fmi3Float64 interval[], fmi3IntervalQualifier qualifier[])
+REFUSE_CLOCK(fmi3GetShiftFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[])
+REFUSE_CLOCK(fmi3SetIntervalFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
+REFUSE_CLOCK(fmi3SetShiftFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
+REFUSE_CLOCK(fmi3GetShiftDecimal, fmi3Float64 shift[])
+REFUSE_CLOCK(fmi3SetIntervalDecimal, const fmi3Float64 interval[])
+REFUSE_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
+REFUSE_CLOCK(
     fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
-/* Model exchange. Some importers load these names without asking what the FMU is. */
-REFUSES(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
-REFUSES(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
-REFUSES(fmi3CompletedIntegratorStep,
+/* Model exchange. Some importers load these functions from every FMU. */
+REFUSE(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
+REFUSE(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
+REFUSE(fmi3CompletedIntegratorStep,
     (fmi3Instance c, fmi3Boolean no_earlier_state, fmi3Boolean *event, fmi3Boolean *terminate), no_exchange)
-REFUSES(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), no_exchange)
-REFUSES(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 values[], size_t count), no_exchange)
-REFUSES(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
-REFUSES(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
-REFUSES(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
-REFUSES(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
-REFUSES(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *count), no_exchange)
-REFUSES(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *count), no_exchange)
+REFUSE(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), no_exchange)
+REFUSE(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 values[], size_t count), no_exchange)
+REFUSE(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSE(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSE(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSE(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSE(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *count), no_exchange)
+REFUSE(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *count), no_exchange)

@@ -1,4 +1,4 @@
-/* fmu/glue/fmu_model.c - what models share. */
+/* fmu/glue/fmu_model.c - functions shared by all models. */
 #include "fmu_model.h"
 
 #include <stdio.h>
@@ -6,7 +6,8 @@
 
 const fmu_variable fmu_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
 
-/* Is `name` without its first part the setting, with a dot where that has an underscore? */
+/* Return 1 if a variable's name without its group is this setting. Dots in the name match
+ * underscores in the setting. */
 static int is_setting(const char *name, const char *setting)
 {
   const char *at = strchr(name, '.');
@@ -15,7 +16,7 @@ static int is_setting(const char *name, const char *setting)
   return !*at && !*setting;
 }
 
-const char *fmu_name_of(const char *setting)
+const char *fmu_find_name(const char *setting)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].role == 'p' && is_setting(fmu_variables[i].name, setting))
@@ -23,9 +24,9 @@ const char *fmu_name_of(const char *setting)
   return setting;
 }
 
-const char *fmu_range(const fmu_variable *v, char text[FMU_RANGE])
+const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE])
 {
-  const char *const unit = strcmp(v->unit, "1") == 0 ? "" : v->unit; /* nobody says "0 to 2 ones" */
+  const char *const unit = strcmp(v->unit, "1") == 0 ? "" : v->unit; /* no unit for ratios */
   (void)snprintf(text, FMU_RANGE, "%.10g .. %.10g%s%s", v->lo, v->hi, *unit ? " " : "", unit);
   return text;
 }

@@ -1,5 +1,5 @@
-/* fmu/glue/glue.c - what the functions of all versions of FMI do (glue.h), around any
- * model of fmu_model.h. */
+/* fmu/glue/glue.c - code shared by FMI 2.0 and 3.0 (glue.h), for any model that
+ * implements fmu_model.h. */
 #include <stdio.h>
 #include <string.h>
 
@@ -9,8 +9,8 @@
 #define STATE_MAGIC 0x32657374u /* "tse2" */
 #define STATE_FORMAT 1u
 
-#define PHASE 40
-static const char *phase_name(const instance *s, char text[PHASE])
+#define PHASE 40 /* bytes of a phase in a message */
+static const char *name_phase(const instance *s, char text[PHASE])
 {
   switch (s->c.phase) {
     case GLUE_INSTANTIATED: return "before initialization";
@@ -20,6 +20,7 @@ static const char *phase_name(const instance *s, char text[PHASE])
   }
 }
 
+/* A place for a saved state. */
 typedef struct snapshot {
   volatile long taken;
   const instance *owner;
@@ -29,7 +30,7 @@ typedef struct snapshot {
 static instance instances[FMU_INSTANCES];
 static snapshot snapshots[FMU_STATES];
 
-/* Take a free place, also when another thread looks for one at the same time. */
+/* Take a place if it is free. Atomic: several threads may look for a place. */
 #if defined(__GNUC__)
 static int take(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
 static void give_back(volatile long *taken) { __sync_lock_release(taken); }
@@ -37,7 +38,7 @@ static void give_back(volatile long *taken) { __sync_lock_release(taken); }
 #include <intrin.h>
 static int take(volatile long *taken) { return _InterlockedCompareExchange(taken, 1L, 0L) == 0L; }
 static void give_back(volatile long *taken) { _InterlockedExchange(taken, 0L); }
-#else /* instances are then to be made in one thread at a time */
+#else /* without atomic operations, only one thread at a time may create instances */
 static int take(volatile long *taken) { return *taken ? 0 : (*taken = 1, 1); }
 static void give_back(volatile long *taken) { *taken = 0; }
 #endif
@@ -50,9 +51,9 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* The text goes out as it is, without arguments: not every importer formats it, so '%'
- * and '#' must not be in it. */
-static void put(const glue_api *api, glue_function *logger, void *environment, const char *name,
+/* Log a text without arguments. Replace '%' and '#', which FMI gives a meaning and which
+ * importers treat differently. */
+static void emit_line(const glue_api *api, glue_function *logger, void *environment, const char *name,
     glue_status status, int category, const char *text)
 {
   char clean[FMU_TEXT + 128];
@@ -64,24 +65,25 @@ static void put(const glue_api *api, glue_function *logger, void *environment, c
   api->emit(logger, environment, name, status, categories[category], clean);
 }
 
-void glue_say(const instance *s, glue_status status, int category, const char *text)
+void glue_log(const instance *s, glue_status status, int category, const char *text)
 {
-  if (s->wanted >> category & 1u) put(s->api, s->logger, s->environment, s->name, status, category, text);
+  if (s->wanted >> category & 1u)
+    emit_line(s->api, s->logger, s->environment, s->name, status, category, text);
 }
 
 glue_status glue_refuse(const instance *s, const char *function, const char *text)
 {
   char line[FMU_TEXT + 64];
   (void)snprintf(line, sizeof line, "%s: %s", function, text);
-  glue_say(s, GLUE_ERROR, GLUE_LOG_ERROR, line);
+  glue_log(s, GLUE_ERROR, GLUE_LOG_ERROR, line);
   return GLUE_ERROR;
 }
 
-glue_status glue_debug_logging(
+glue_status glue_set_logging(
     instance *s, const char *function, int on, size_t count, const char *const names[])
 {
   unsigned mask = 0;
-  if (count > 0 && !glue_given(s, names, "categories", function)) return GLUE_ERROR;
+  if (count > 0 && !glue_check_pointer(s, names, "categories", function)) return GLUE_ERROR;
   for (size_t i = 0; i < count; i++) {
     unsigned k = 0;
     while (k < GLUE_LOG_CATEGORIES && (!names[i] || strcmp(names[i], categories[k]) != 0)) k++;
@@ -95,23 +97,23 @@ glue_status glue_debug_logging(
 
 /* ------------------------------------------------------------------------------------- arguments */
 
-instance *glue_instance_of(const void *c)
+instance *glue_find_instance(const void *c)
 {
   for (size_t i = 0; i < FMU_INSTANCES; i++)
     if (c == &instances[i] && instances[i].taken) return &instances[i];
   return NULL;
 }
 
-int glue_allowed(const instance *s, int phases, const char *function)
+int glue_check_phase(const instance *s, int phases, const char *function)
 {
   char text[FMU_TEXT], phase[PHASE];
   if (s->c.phase & phases) return 1;
-  (void)snprintf(text, sizeof text, "wrong call order: not allowed %s", phase_name(s, phase));
+  (void)snprintf(text, sizeof text, "wrong call order: not allowed %s", name_phase(s, phase));
   (void)glue_refuse(s, function, text);
   return 0;
 }
 
-int glue_given(const instance *s, const void *argument, const char *name, const char *function)
+int glue_check_pointer(const instance *s, const void *argument, const char *name, const char *function)
 {
   char text[FMU_TEXT];
   if (argument) return 1;
@@ -120,7 +122,7 @@ int glue_given(const instance *s, const void *argument, const char *name, const 
   return 0;
 }
 
-const fmu_variable *glue_variable(const instance *s, uint32_t vr)
+const fmu_variable *glue_find_variable(const instance *s, uint32_t vr)
 {
   const uint32_t scalars = (uint32_t)fmu_variable_count, arrays = (uint32_t)fmu_array_count;
   if (vr < scalars) return &fmu_variables[vr];
@@ -128,13 +130,14 @@ const fmu_variable *glue_variable(const instance *s, uint32_t vr)
   return vr < scalars + arrays ? &fmu_arrays[vr - scalars].of : &fmu_time;
 }
 
-int32_t glue_elements(const instance *s, uint32_t vr)
+int32_t glue_count_elements(const instance *s, uint32_t vr)
 {
   const uint32_t scalars = (uint32_t)fmu_variable_count, arrays = (uint32_t)fmu_array_count;
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
-static int counted(const instance *s, size_t values, size_t wanted, const char *function)
+/* Check the number of values that a call passes. */
+static int check_count(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
   if (values == wanted) return 1;
@@ -144,7 +147,7 @@ static int counted(const instance *s, size_t values, size_t wanted, const char *
   return 0;
 }
 
-static const char *kind_name(const instance *s, char kind)
+static const char *name_kind(const instance *s, char kind)
 {
   switch (kind) {
     case 'r': return s->api->real;
@@ -154,68 +157,71 @@ static const char *kind_name(const instance *s, char kind)
   }
 }
 
-/* FMI 2.0 has no functions for enumerations: those of Integer read them. */
+/* Return 1 if functions of this kind access the variable. FMI 2.0 reads enumerations with
+ * the functions of Integer. */
 static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
 {
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
 }
 
-int glue_listed(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
+int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
     char kind, const char *type, const char *function)
 {
   char text[FMU_TEXT];
   size_t wanted = 0;
-  if (!glue_given(s, vr, s->api->references, function) || !glue_given(s, value, s->api->values, function))
+  if (!glue_check_pointer(s, vr, s->api->references, function)
+      || !glue_check_pointer(s, value, s->api->values, function))
     return 0;
   for (size_t i = 0; i < nvr; i++) {
-    const fmu_variable *const v = glue_variable(s, vr[i]);
+    const fmu_variable *const v = glue_find_variable(s, vr[i]);
     if (!v) (void)snprintf(text, sizeof text, "unknown value reference %lu", (unsigned long)vr[i]);
     else if (!is_of_kind(s, v, kind))
       (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s",
-          (unsigned long)vr[i], v->name, kind_name(s, v->kind), type);
+          (unsigned long)vr[i], v->name, name_kind(s, v->kind), type);
     else {
-      wanted += (size_t)glue_elements(s, vr[i]);
+      wanted += (size_t)glue_count_elements(s, vr[i]);
       continue;
     }
     (void)glue_refuse(s, function, text);
     return 0;
   }
-  return counted(s, count, wanted, function);
+  return check_count(s, count, wanted, function);
 }
 
-glue_status glue_none(const instance *s, size_t count, const char *function)
+glue_status glue_check_empty(const instance *s, size_t count, const char *function)
 {
-  return counted(s, count, 0, function) ? GLUE_OK : GLUE_ERROR;
+  return check_count(s, count, 0, function) ? GLUE_OK : GLUE_ERROR;
 }
 
 /* -------------------------------------------------------------------------------------- values */
 
-static void *place(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
+static void *find_place(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
 
-/* Real variables of FMI are double; a model keeps parameters as tse_setting, all others
- * as tse_real, of which fixed point has less. */
+/* Return an element as double, the type of FMI's real variables. A model stores
+ * parameters as tse_setting and other real variables as tse_real, with less precision in
+ * fixed point. */
 static double get_number(glue_content *c, const fmu_variable *v, int32_t element)
 {
   if (v->role == 't') return c->phase & (GLUE_STEPPING | GLUE_TERMINATED) ? c->now : c->start;
-  if (v->kind != 'r') return (double)((int32_t *)place(c, v->offset))[element];
-  return v->role == 'p' ? tse_double_of_setting(((tse_setting *)place(c, v->offset))[element])
-                        : tse_double_of(((tse_real *)place(c, v->offset))[element]);
+  if (v->kind != 'r') return (double)((int32_t *)find_place(c, v->offset))[element];
+  return v->role == 'p' ? tse_double_of_setting(((tse_setting *)find_place(c, v->offset))[element])
+                        : tse_double_of(((tse_real *)find_place(c, v->offset))[element]);
 }
 
 static void set_real(glue_content *c, int32_t offset, double value)
 {
-  *(tse_real *)place(c, offset) = tse_real_of(value);
+  *(tse_real *)find_place(c, offset) = tse_real_of(value);
 }
 
 static void set_number(glue_content *c, const fmu_variable *v, double value)
 {
-  if (v->kind != 'r') *(int32_t *)place(c, v->offset) = (int32_t)value;
-  else if (v->role == 'p') *(tse_setting *)place(c, v->offset) = tse_setting_of(value);
+  if (v->kind != 'r') *(int32_t *)find_place(c, v->offset) = (int32_t)value;
+  else if (v->role == 'p') *(tse_setting *)find_place(c, v->offset) = tse_setting_of(value);
   else set_real(c, v->offset, value);
 }
 
 double glue_get(instance *s, const fmu_variable *v, int32_t element) { return get_number(&s->c, v, element); }
-double glue_time(const instance *s)
+double glue_get_time(const instance *s)
 {
   return s->c.phase & (GLUE_STEPPING | GLUE_TERMINATED) ? s->c.now : s->c.start;
 }
@@ -223,27 +229,27 @@ double glue_time(const instance *s)
 void glue_set(instance *s, const fmu_variable *v, double value)
 {
   set_number(&s->c, v, value);
-  if (v->role == 'p') model_was_set(&s->c.m, v, value);
+  if (v->role == 'p') model_note_set(&s->c.m, v, value);
 }
 
 void glue_set_rate(instance *s, const fmu_variable *v, double rate) { set_real(&s->c, v->rate, rate); }
 
-void glue_was_set(instance *s)
+void glue_mark_stale(instance *s)
 {
   if (s->c.phase != GLUE_STEPPING) s->c.stale = 1;
 }
 
-int glue_settable(const instance *s, const fmu_variable *v, double value, const char *function)
+int glue_check_value(const instance *s, const fmu_variable *v, double value, const char *function)
 {
   char text[FMU_TEXT], range[FMU_RANGE], phase[PHASE];
   if (v->role == 't') (void)snprintf(text, sizeof text, "%s is set by the steps", v->name);
   else if (v->role == 'o') (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
   else if (v->role == 'p' && !(s->c.phase & (GLUE_INSTANTIATED | GLUE_INITIALIZING)))
     (void)snprintf(
-        text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s, phase));
+        text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, name_phase(s, phase));
   else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi) && value != v->start)
     (void)snprintf(
-        text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
+        text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_write_range(v, range));
   else return 1;
   (void)glue_refuse(s, function, text);
   return 0;
@@ -251,6 +257,7 @@ int glue_settable(const instance *s, const fmu_variable *v, double value, const 
 
 /* -------------------------------------------------------------------------------------- life cycle */
 
+/* Reset the content to that of a new instance. */
 static void restart(glue_content *c)
 {
   memset(c, 0, sizeof *c);
@@ -261,8 +268,8 @@ static void restart(glue_content *c)
     if (fmu_variables[i].role != 'o') set_number(c, &fmu_variables[i], fmu_variables[i].start);
 }
 
-/* Compute the outputs anew, if something was set before the first step. */
-static int refresh(instance *s, const char *function)
+/* Compute the outputs again if a value was set before the first step. */
+static int update_outputs(instance *s, const char *function)
 {
   char text[FMU_TEXT] = "";
   if (!s->c.stale) return 1;
@@ -274,9 +281,9 @@ static int refresh(instance *s, const char *function)
   return 1;
 }
 
-int glue_readable(instance *s, const char *function)
+int glue_update_outputs(instance *s, const char *function)
 {
-  return s->c.phase != GLUE_INITIALIZING || refresh(s, function);
+  return s->c.phase != GLUE_INITIALIZING || update_outputs(s, function);
 }
 
 instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported,
@@ -302,7 +309,7 @@ instance *glue_instantiate(const glue_api *api, const char *name, const char *to
     s->wanted = 1u << GLUE_LOG_ERROR | 1u << GLUE_LOG_WARNING | (logging ? 1u << GLUE_LOG_EVENT : 0u);
     s->warned[0] = '\0';
     restart(&s->c);
-    glue_say(s, GLUE_OK, GLUE_LOG_EVENT, "instantiated");
+    glue_log(s, GLUE_OK, GLUE_LOG_EVENT, "instantiated");
     return s;
   }
   if (!wrong) {
@@ -310,22 +317,22 @@ instance *glue_instantiate(const glue_api *api, const char *name, const char *to
         "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES", FMU_INSTANCES);
     wrong = text;
   }
-  put(api, logger, environment, name ? name : "", GLUE_ERROR, GLUE_LOG_ERROR, wrong);
+  emit_line(api, logger, environment, name ? name : "", GLUE_ERROR, GLUE_LOG_ERROR, wrong);
   return NULL;
 }
 
 void glue_free(const void *c)
 {
-  instance *const s = glue_instance_of(c);
+  instance *const s = glue_find_instance(c);
   if (!s) return;
   for (size_t i = 0; i < FMU_STATES; i++)
     if (snapshots[i].taken && snapshots[i].owner == s) give_back(&snapshots[i].taken);
   give_back(&s->taken);
 }
 
-glue_status glue_setup(instance *s, const char *function, double start, int has_stop, double stop)
+glue_status glue_set_times(instance *s, const char *function, double start, int has_stop, double stop)
 {
-  if (!glue_allowed(s, GLUE_INSTANTIATED, function)) return GLUE_ERROR;
+  if (!glue_check_phase(s, GLUE_INSTANTIATED, function)) return GLUE_ERROR;
   if (!(start - start == 0.0)) return glue_refuse(s, function, "startTime is not a finite number");
   if (has_stop && !(stop >= start)) return glue_refuse(s, function, "stopTime is before startTime");
   s->c.start = start;
@@ -334,25 +341,25 @@ glue_status glue_setup(instance *s, const char *function, double start, int has_
 
 glue_status glue_enter_initialization(instance *s, const char *function)
 {
-  if (!glue_allowed(s, GLUE_INSTANTIATED, function)) return GLUE_ERROR;
+  if (!glue_check_phase(s, GLUE_INSTANTIATED, function)) return GLUE_ERROR;
   s->c.phase = GLUE_INITIALIZING;
   return GLUE_OK;
 }
 
 glue_status glue_exit_initialization(instance *s, const char *function)
 {
-  if (!glue_allowed(s, GLUE_INITIALIZING, function) || !refresh(s, function)) return GLUE_ERROR;
+  if (!glue_check_phase(s, GLUE_INITIALIZING, function) || !update_outputs(s, function)) return GLUE_ERROR;
   s->c.phase = GLUE_STEPPING;
   s->c.now = s->c.start;
-  glue_say(s, GLUE_OK, GLUE_LOG_EVENT, "initialized");
+  glue_log(s, GLUE_OK, GLUE_LOG_EVENT, "initialized");
   return GLUE_OK;
 }
 
 glue_status glue_terminate(instance *s, const char *function)
 {
-  if (!glue_allowed(s, GLUE_STEPPING, function)) return GLUE_ERROR;
+  if (!glue_check_phase(s, GLUE_STEPPING, function)) return GLUE_ERROR;
   s->c.phase = GLUE_TERMINATED;
-  glue_say(s, GLUE_OK, GLUE_LOG_EVENT, "terminated");
+  glue_log(s, GLUE_OK, GLUE_LOG_EVENT, "terminated");
   return GLUE_OK;
 }
 
@@ -368,16 +375,17 @@ glue_status glue_reset(instance *s)
 glue_status glue_step(instance *s, const char *function, double time, double step)
 {
   char text[FMU_TEXT] = "", reason[FMU_TEXT] = "";
-  if (!glue_allowed(s, GLUE_STEPPING, function)) return GLUE_ERROR;
+  if (!glue_check_phase(s, GLUE_STEPPING, function)) return GLUE_ERROR;
   if (!(step > 0.0) || !(step - step == 0.0)) {
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return glue_refuse(s, function, text);
   }
-  /* Importers sum steps up in different ways: what is off by less than a hundredth of the
-   * step, or by what a double of that size can hold, is the same point. */
-  const double off = time - s->c.now, size = time < 0.0 ? -time : time;
-  const double most = 0.01 * step + 1e-14 * size;
-  if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
+  /* Importers add up steps in different ways. Tolerance: 1 % of the step, plus the
+   * rounding error of a sum of many steps in double. */
+  const double error = time - s->c.now, size = time < 0.0 ? -time : time;
+  const double tolerance = 0.01 * step + 1e-14 * size;
+  const int is_finite = time - time == 0.0; /* an infinite time has an infinite tolerance */
+  if (!(error <= tolerance && error >= -tolerance) || !is_finite) {
     (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g",
         time, s->c.now);
     return glue_refuse(s, function, text);
@@ -385,12 +393,12 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
   const fmu_result result = model_step(&s->c.m, time, step, reason);
   if (result == FMU_ERROR) return glue_refuse(s, function, reason);
   s->c.now = time + step;
+  /* Derivatives of inputs hold for one step. */
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].rate != FMU_NO_RATE)
-      set_real(&s->c, fmu_variables[i].rate, 0.0); /* it was that of this point */
+    if (fmu_variables[i].rate != FMU_NO_RATE) set_real(&s->c, fmu_variables[i].rate, 0.0);
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
     (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
-    glue_say(s, GLUE_WARNING, GLUE_LOG_WARNING, text);
+    glue_log(s, GLUE_WARNING, GLUE_LOG_WARNING, text);
   }
   memcpy(s->warned, reason, sizeof s->warned);
   return result == FMU_WARNING ? GLUE_WARNING : GLUE_OK;
@@ -398,14 +406,16 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
 
 /* ------------------------------------------------------------------------------------------- state */
 
-static snapshot *snapshot_of(const void *state)
+/* Return the saved state at a pointer; NULL if the pointer is invalid or was freed. */
+static snapshot *find_snapshot(const void *state)
 {
   for (size_t i = 0; i < FMU_STATES; i++)
     if (state == &snapshots[i] && snapshots[i].taken) return &snapshots[i];
   return NULL;
 }
 
-static snapshot *free_snapshot(const instance *s, const char *function)
+/* Return a free place for a saved state; NULL if all are in use. */
+static snapshot *take_snapshot(const instance *s, const char *function)
 {
   char text[FMU_TEXT];
   for (size_t i = 0; i < FMU_STATES; i++)
@@ -419,53 +429,55 @@ static snapshot *free_snapshot(const instance *s, const char *function)
   return NULL;
 }
 
-static int is_state(const instance *s, const void *state, const char *function)
+static int check_state(const instance *s, const void *state, const char *function)
 {
-  if (snapshot_of(state)) return 1;
+  if (find_snapshot(state)) return 1;
   (void)glue_refuse(s, function, "not a state that this FMU has saved");
   return 0;
 }
 
-glue_status glue_save(const instance *s, const char *function, void **state)
+glue_status glue_save_state(const instance *s, const char *function, void **state)
 {
-  if (!glue_given(s, state, s->api->state, function)) return GLUE_ERROR;
-  if (*state && !is_state(s, *state, function)) return GLUE_ERROR;
-  snapshot *const t = *state ? snapshot_of(*state) : free_snapshot(s, function);
+  if (!glue_check_pointer(s, state, s->api->state, function)) return GLUE_ERROR;
+  if (*state && !check_state(s, *state, function)) return GLUE_ERROR;
+  snapshot *const t = *state ? find_snapshot(*state) : take_snapshot(s, function);
   if (!t) return GLUE_ERROR;
   memcpy(&t->c, &s->c, sizeof t->c);
   *state = t;
   return GLUE_OK;
 }
 
-glue_status glue_restore(instance *s, const char *function, const void *state)
+glue_status glue_restore_state(instance *s, const char *function, const void *state)
 {
-  if (!glue_given(s, state, s->api->state, function) || !is_state(s, state, function)) return GLUE_ERROR;
-  memcpy(&s->c, &snapshot_of(state)->c, sizeof s->c);
+  if (!glue_check_pointer(s, state, s->api->state, function) || !check_state(s, state, function))
+    return GLUE_ERROR;
+  memcpy(&s->c, &find_snapshot(state)->c, sizeof s->c);
   return GLUE_OK;
 }
 
-glue_status glue_drop(const instance *s, const char *function, void **state)
+glue_status glue_free_state(const instance *s, const char *function, void **state)
 {
   if (!state || !*state) return GLUE_OK;
-  if (!is_state(s, *state, function)) return GLUE_ERROR;
-  give_back(&snapshot_of(*state)->taken);
+  if (!check_state(s, *state, function)) return GLUE_ERROR;
+  give_back(&find_snapshot(*state)->taken);
   *state = NULL;
   return GLUE_OK;
 }
 
-/* A serialized state: this frame, then the content. Machines with the same layout of
- * `glue_content` and the same byte order understand each other's. */
+/* Header of a serialized state. The content follows. Machines with the same byte order
+ * and the same layout of `glue_content` can exchange serialized states. */
 typedef struct frame {
-  uint32_t magic, format; /* the magic number also tells the byte order */
-  uint64_t bytes;         /* of the content                             */
-  uint64_t model;         /* hash of the GUID and of all sources        */
-  uint64_t sum;           /* hash of the content                        */
+  uint32_t magic;  /* STATE_MAGIC; differs on a machine of another byte order */
+  uint32_t format; /* STATE_FORMAT */
+  uint64_t bytes;  /* size of the content */
+  uint64_t model;  /* hash of the GUID and of all sources */
+  uint64_t sum;    /* hash of the content */
 } frame;
 #define STATE_BYTES (sizeof(frame) + sizeof(glue_content))
 #define MADE_OF FMU_GUID FMU_SOURCES
 
-/* FNV-1a: a change of any one byte changes it. */
-static uint64_t hash(const void *bytes, size_t count)
+/* Return the FNV-1a hash. It changes with every single byte. */
+static uint64_t hash_bytes(const void *bytes, size_t count)
 {
   const unsigned char *const b = (const unsigned char *)bytes;
   uint64_t h = 14695981039346656037u;
@@ -473,44 +485,44 @@ static uint64_t hash(const void *bytes, size_t count)
   return h;
 }
 
-glue_status glue_state_size(const instance *s, const char *function, const void *state, size_t *size)
+glue_status glue_get_state_size(const instance *s, const char *function, const void *state, size_t *size)
 {
-  if (!glue_given(s, size, "size", function) || !glue_given(s, state, s->api->state, function)
-      || !is_state(s, state, function))
+  if (!glue_check_pointer(s, size, "size", function) || !glue_check_pointer(s, state, s->api->state, function)
+      || !check_state(s, state, function))
     return GLUE_ERROR;
   *size = STATE_BYTES;
   return GLUE_OK;
 }
 
-glue_status glue_serialize(
+glue_status glue_serialize_state(
     const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size)
 {
   frame f;
-  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function)
-      || !is_state(s, state, function))
+  if (!glue_check_pointer(s, bytes, "serializedState", function)
+      || !glue_check_pointer(s, state, s->api->state, function) || !check_state(s, state, function))
     return GLUE_ERROR;
   if (size < STATE_BYTES) return glue_refuse(s, function, "the buffer is smaller than a saved state");
   memset(&f, 0, sizeof f);
   f.magic = STATE_MAGIC;
   f.format = STATE_FORMAT;
   f.bytes = sizeof(glue_content);
-  f.model = hash(MADE_OF, sizeof MADE_OF);
-  f.sum = hash(&snapshot_of(state)->c, sizeof(glue_content));
+  f.model = hash_bytes(MADE_OF, sizeof MADE_OF);
+  f.sum = hash_bytes(&find_snapshot(state)->c, sizeof(glue_content));
   memcpy(bytes, &f, sizeof f);
-  memcpy(bytes + sizeof f, &snapshot_of(state)->c, sizeof(glue_content));
+  memcpy(bytes + sizeof f, &find_snapshot(state)->c, sizeof(glue_content));
   return GLUE_OK;
 }
 
-/* The edge of a parameter's range as a model that keeps less than double has it. */
-static double kept(const fmu_variable *v, double edge)
+/* Round a limit of a parameter as the model rounds the parameter. */
+static double round_limit(const fmu_variable *v, double limit)
 {
-  return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(edge)) : edge;
+  return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(limit)) : limit;
 }
 
-/* Whoever made the bytes, and their checksum: is this a state that this FMU could have
- * been in? Outputs are not looked at, nothing
- * depends on them.   Returned: wrong  the variable outside its range, if it is one */
-static int sound(glue_content *c, const fmu_variable **wrong)
+/* Check that this FMU can be in a deserialized state. The bytes may be forged, with a
+ * matching checksum. Outputs are not checked: no later value depends on them.
+ *   Returned:  wrong  variable outside its range; unchanged for another defect */
+static int check_content(glue_content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;
   if (c->phase != GLUE_INSTANTIATED && c->phase != GLUE_INITIALIZING && !ready) return 0;
@@ -521,43 +533,45 @@ static int sound(glue_content *c, const fmu_variable **wrong)
     const fmu_variable *const v = &fmu_variables[i];
     const double value = get_number(c, v, 0);
     if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
-    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi))
-        && value != kept(v, v->start)) {
+    if (v->role == 'p' && v->hi >= v->lo
+        && !(value >= round_limit(v, v->lo) && value <= round_limit(v, v->hi))
+        && value != round_limit(v, v->start)) {
       *wrong = v;
       return 0;
     }
   }
-  return model_sound(&c->m, !c->stale);
+  return model_check(&c->m, !c->stale);
 }
 
-glue_status glue_deserialize(
+glue_status glue_deserialize_state(
     const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state)
 {
   frame f;
-  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function))
+  if (!glue_check_pointer(s, bytes, "serializedState", function)
+      || !glue_check_pointer(s, state, s->api->state, function))
     return GLUE_ERROR;
   if (size < sizeof f) return glue_refuse(s, function, "too short to be a saved state");
   memcpy(&f, bytes, sizeof f);
   if (f.magic != STATE_MAGIC)
     return glue_refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
-  if (f.format != STATE_FORMAT || f.model != hash(MADE_OF, sizeof MADE_OF))
+  if (f.format != STATE_FORMAT || f.model != hash_bytes(MADE_OF, sizeof MADE_OF))
     return glue_refuse(s, function, "the state of another FMU, or of another version of this one");
   if (f.bytes != sizeof(glue_content) || size < STATE_BYTES)
     return glue_refuse(s, function, "the state has another size than this build's");
-  if (f.sum != hash(bytes + sizeof f, sizeof(glue_content)))
+  if (f.sum != hash_bytes(bytes + sizeof f, sizeof(glue_content)))
     return glue_refuse(s, function, "the state is damaged: its checksum differs");
-  snapshot *const t = free_snapshot(s, function);
+  snapshot *const t = take_snapshot(s, function);
   if (!t) return GLUE_ERROR;
   memcpy(&t->c, bytes + sizeof f, sizeof(glue_content));
   const fmu_variable *wrong = NULL;
-  if (!sound(&t->c, &wrong)) {
+  if (!check_content(&t->c, &wrong)) {
     char text[FMU_TEXT] =
-        "the state is not one that this FMU can be in: something in it is outside its range",
-         range[FMU_RANGE];
+        "the state is not one that this FMU can be in: something in it is outside its range";
+    char range[FMU_RANGE];
     if (wrong)
       (void)snprintf(text, sizeof text,
           "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
-          get_number(&t->c, wrong, 0), fmu_range(wrong, range));
+          get_number(&t->c, wrong, 0), fmu_write_range(wrong, range));
     give_back(&t->taken);
     return glue_refuse(s, function, text);
   }

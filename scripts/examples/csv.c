@@ -3,7 +3,9 @@
 #include <stdlib.h>
 #include "tse/tse.h"
 
-int main(void) /* log.csv in, stiffness of the front tyres at its end out */
+/* Read log.csv from standard input and print the front cornering stiffness at its end.
+ * Columns: time, then the channels in the order below; SI units, ISO 8855. */
+int main(void)
 {
   static tse_filter f;
   tse_config c;
@@ -13,8 +15,8 @@ int main(void) /* log.csv in, stiffness of the front tyres at its end out */
   const char *wrong;
   char line[512];
   double before = NAN;
-  tse_config_default(&c); /* every setting, of an ordinary car: include/tse/config.h */
-  c.mass = 1900;          /* your car; without a mass no stiffness is valid */
+  tse_config_default(&c); /* an ordinary car; all settings: include/tse/config.h */
+  c.mass = 1900;          /* set your car; without a mass no stiffness is valid */
   c.lf = 1.25;
   c.lr = 1.5;
   c.wheel_radius_front = c.wheel_radius_rear = 0.33;
@@ -24,14 +26,14 @@ int main(void) /* log.csv in, stiffness of the front tyres at its end out */
   tse_input_default(&u);
   double *const channel[] = { &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear, &u.accel_x,
     &u.accel_y, &u.yaw_rate };
-  while (fgets(line, sizeof line, stdin)) { /* time, then the channels in this order; SI units, ISO 8855 */
+  while (fgets(line, sizeof line, stdin)) {
     char *end, *cell = line;
     const double time = strtod(cell, &end);
-    if (end == cell) continue; /* the header */
+    if (end == cell) continue; /* header */
     for (int i = 0; i < 6; i++) {
       cell = end + (*end == ',');
       *channel[i] = strtod(cell, &end);
-      if (end == cell) *channel[i] = NAN; /* an empty cell: missing */
+      if (end == cell) *channel[i] = NAN; /* empty cell: missing */
     }
     u.dt = isnan(before) ? c.sample_time : time - before;
     if (tse_step(&p, &f, &u, &y) >= 0) before = time;

@@ -1,6 +1,8 @@
 #include <stdio.h>
 #include "tse/tse.h"
-int main(void) /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
+
+/* Estimate from a log on standard input: header, a row each 10 ms, SI units, ISO 8855. */
+int main(void)
 {
   static tse_filter f; /* the caller owns all memory */
   tse_config c;
@@ -9,19 +11,24 @@ int main(void) /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
   tse_output y = { 0 };
   tse_setting k[3], sd[3];
   double time;
-  int cells, row = 2; /* the first is the header */
-  tse_config_default(
-      &c); /* ordinary: 132 +- 25 kN/rad. Python calibrates it on the log: 114 +- 14; true: 120 */
-  c.mass = 1900, c.lf = 1.25, c.lr = 1.5, c.wheel_radius_front = c.wheel_radius_rear = 0.33;
+  int cells;
+  int row = 2; /* row 1 is the header */
+  /* Ordinary car: 132 +- 25 kN/rad. Python calibrates it on the log: 114 +- 14; true: 120 */
+  tse_config_default(&c);
+  c.mass = 1900;
+  c.lf = 1.25;
+  c.lr = 1.5;
+  c.wheel_radius_front = c.wheel_radius_rear = 0.33;
   tse_input_default(&u);
-  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0)
-    return 1; /* header */
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;
+  if (scanf("%*[^\n]") < 0) return 1; /* header */
   while ((cells = scanf("%lf,%lf,%lf,%lf,%lf,%lf,%lf%*[^\n]", &time, &u.steer_angle, &u.wheel_speed_front,
               &u.wheel_speed_rear, &u.accel_x, &u.accel_y, &u.yaw_rate))
       == 7) {
+    /* < 0: row refused. > 0: warning; check y.reason before use */
     if (tse_step(&p, &f, &u, &y) < 0)
       return fprintf(stderr, "row %d: %s\n", row, tse_status_text(y.status)), 1;
-    row++; /* a status above 0 is a caution, and no word on use */
+    row++;
   }
   if (cells != EOF) return fprintf(stderr, "row %d, cell %d: empty, or no number\n", row, cells + 1), 1;
   tse_stiffness_si(&c, &y, k, sd, NULL);

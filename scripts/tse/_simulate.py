@@ -23,7 +23,7 @@ from tse.report.plots import layout, lines
 from tse.report.results import plain
 from tse.roads.road import Road
 from tse.simulation import along, maneuvers
-from tse.simulation.simulate import Simulation, add_references
+from tse.simulation.simulate import WHEEL_NOISE, Simulation, add_references
 from tse.simulation.simulate import simulate as _simulate
 
 
@@ -98,6 +98,8 @@ def simulate(
         (s, factor): from then on all stiffness is nominal times the factor.
     settings
         Any of the simulator (`tselab settings --simulator`) or of the car.
+        `wheel_speed_sd` is 0.02 rad/s unless it is set here: real wheel speeds have noise,
+        and the filter takes a channel that repeats a number exactly for frozen.
     road
         road.csv: its bank and grade lie under the car, by the distance that it has
         travelled; the log has its positions.
@@ -115,7 +117,7 @@ def simulate(
         An unknown manoeuvre or setting, or a value outside its range.
     """
     car = make_default_vehicle() if vehicle is None else read_vehicle(vehicle)
-    config, sim = Config.exact(car.values), SimConfig({"seed": seed})
+    config, sim = Config.exact(car.values), SimConfig({"seed": seed, "wheel_speed_sd": WHEEL_NOISE})
     for name, value in check_names(settings).items():
         (sim if name in sim else config).set(name, value)
     if duration is not None and not config.sample_time <= duration <= maneuvers.MAX_DRIVE_SECONDS:

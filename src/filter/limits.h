@@ -134,9 +134,11 @@
 #define COMPLETE_TIME TSE_R(1)     /* s: four times SMOOTH_TIME: all channels are smoothed alike then */
 #define LATE_TIME TSE_R(15)       /* s: of USUAL_TIME, that is 28 s of driving: several bends */
 #define LATE_SHOWN TSE_R(8)        /* m2/s5: two minutes of a motorway, five seconds of a mountain road */
+#define ACCEL_SHOWN TSE_R(25)      /* m2/s5: min excitation of a late accel_y: two corners of a town (one
+                                    * that leans makes 0.2 s) */
 #define LATE_SD TSE_R(0.2)         /* s m/s2.5: three sd of a lateness times the root of the square that
                                     * shows it, on cars of tests/cars */
-#define ACCEL_SD TSE_R(1.75)       /* 1: of accel_y so many times that: roads that begin to lean are in it */
+#define ACCEL_SD TSE_R(1.75)       /* 1: factor of LATE_SD for accel_y: roads whose bank changes */
 #define ACCEL_LATE TSE_R(0.01)     /* s: what a bus leaves beside the others here: messages are 0 .. 60 ms
                                     * late, each for itself */
 #define SOFTER TSE_R(0.4)          /* 1: rear tyres by so much softer than nominal, of a class or on a wet
@@ -144,9 +146,10 @@
 #define LEVER TSE_R(0.7)           /* m: so far behind the centre of gravity an IMU may be that nobody has
                                     * stated */
 #define STEER_LATE TSE_R(0.05)     /* s: the yaw rate of a car is 0 .. 130 ms behind its steering angle */
-#define YAW_LATE TSE_R(0.07)       /* s: behind accel_y, as ACCEL_LATE, */
-#define YAW_LATE_TWICE TSE_R(0.2)  /* s: and that with what it is behind the steering angle: cars have up
-                                    * to 0.16 */
+#define YAW_LATE TSE_R(0.11)       /* s: max latency behind accel_y: bus, stiff tyres, an IMU ahead of the
+                                    * centre of gravity */
+#define YAW_LATE_TWICE TSE_R(0.3)  /* s: max sum of that and of the latency behind the steering angle: cars
+                                    * have up to 0.24 */
 #define FORGOTTEN 12               /* 1: halvings of what the gravity of a road has in common with the
                                     * state, where a given road begins or ends */
 #define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */

@@ -209,9 +209,10 @@ static int late_channel(const tse_params *p, const tse_agreement *a)
   if (!is_long || !(asked > LATE_SHOWN)) return 0;
   if (-behind > r_mul(STEER_LATE, asked) + r_mul(LATE_SD, r_sqrt(asked))) return LATE_STEER;
   if (!(square > LATE_SHOWN)) return 0;
-  const tse_real sd = r_mul(LATE_SD, r_sqrt(square)),
-                 settings = r_mul(TSE_R(3), p->uncertain[CONSIDER_ACCEL_LATE]);
-  if (late > r_mul(r_max(ACCEL_LATE, settings), square) + a->lags + r_mul(ACCEL_SD, sd)) return LATE_ACCEL;
+  const tse_real sd = r_mul(r_mul(ACCEL_SD, LATE_SD), r_sqrt(square));
+  const tse_real settings = r_mul(TSE_R(3), p->uncertain[CONSIDER_ACCEL_LATE]);
+  const tse_real limit = r_mul(r_max(ACCEL_LATE, settings), square) + a->lags + sd;
+  if (square > ACCEL_SHOWN && late > limit) return LATE_ACCEL;
   const tse_real both = r_mul(r_div(behind, asked), square) - late;
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
 }

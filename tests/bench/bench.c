@@ -1,14 +1,14 @@
-/* tests/bench/bench.c - time of a row, over the rows of the paper's study (square waves).
- *   bench robust             a line per particle count of the robust form: particles, ns
- *                            per particle-step (fastest of the repetitions)
- *   bench default            ns per row of the settings as they come
- *   bench ekf                ns per row of a plain extended Kalman filter (ekf.h)
- *   bench ratio              both, turn by turn, and the ratio: default, ekf, default
- *                            over ekf
- *   bench PARTICLES ROWS     run the robust form once without a clock, for a tool that
- *                            counts instructions; so do
- *   bench default ROWS       these
- *   bench ekf ROWS */
+/* tests/bench/bench.c - measure the time per row, for the rows of the paper's study
+ * (square waves).
+ *   bench robust           a line per number of particles of the robust filter:
+ *   particles, ns per particle and step (fastest repetition)
+ *   bench default          ns per row of the Kalman filter
+ *   bench ekf              ns per row of a plain extended Kalman filter (ekf.h)
+ *   bench ratio            both in turn: default, ekf, default over ekf
+ * Without a clock, for tools that count instructions:
+ *   bench PARTICLES ROWS   run the robust filter
+ *   bench default ROWS     run the Kalman filter
+ *   bench ekf ROWS         run the plain extended Kalman filter */
 #if !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 199309L
 #endif
@@ -21,12 +21,12 @@
 #include "tse/simulate.h"
 
 #define ROWS 400
-#define DRIVE 2000 /* rows after which both square waves are where they began */
+#define DRIVE 2000 /* rows: both square waves are at their start again */
 #define REPETITIONS 7
 #define CHUNK 50 /* rows */
 
 static tse_input rows[DRIVE];
-static tse_filter_paper memory; /* enough for every form */
+static tse_filter_paper memory; /* large enough for all filters */
 static tse_params params;
 static ekf kalman;
 
@@ -60,7 +60,7 @@ static void run(void (*settings)(tse_config *c), int particles, int count)
   for (int i = 0; i < count; i++) tse_step(&params, &memory.filter, &rows[i % ROWS], &y);
 }
 
-/* Rows from .. to, as they come; the drive starts over when it has ended. */
+/* Run rows from .. to - 1. The drive starts over at its end. */
 static void run_default(int from, int to)
 {
   tse_output y;
@@ -95,9 +95,9 @@ static double seconds(void)
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Nanoseconds a row over the whole drive: of every chunk the fastest of the repetitions,
- * so that a busy machine, which interrupts the long runs rather than the short ones, does
- * not decide a ratio. */
+/* Measure the time per row [ns] over the whole drive: for each chunk the fastest
+ * repetition. Interruptions on a busy machine affect long runs more than short ones, and
+ * would bias a ratio. */
 static void time_rows(void (*run_rows)(int from, int to), double best[DRIVE / CHUNK])
 {
   for (int k = 0; k < DRIVE / CHUNK; k++) {
@@ -115,7 +115,7 @@ static double sum(const double best[DRIVE / CHUNK])
   return total;
 }
 
-/* What `which` asks for; the two turn by turn. */
+/* Print the result that `which` selects; both filters run in turn. */
 static void rows_of(const char *which)
 {
   double of_ekf[DRIVE / CHUNK], of_default[DRIVE / CHUNK];

@@ -10,7 +10,7 @@ static void read_inputs(const ekf *f, const tse_input *row, tse_real u[3])
   u[2] = f->radius_rear * row->wheel_speed_rear;
 }
 
-/* Slip of an axle and its derivative by vel_x. */
+/* Return the slip of an axle and its derivative with respect to vel_x. */
 static tse_real slip(tse_real roll, tse_real vx, tse_real *by_vx)
 {
   if (roll > vx) {
@@ -21,8 +21,8 @@ static tse_real slip(tse_real roll, tse_real vx, tse_real *by_vx)
   return (roll - vx) / vx;
 }
 
-/* accel_x, accel_y, yaw acceleration at (x, stiffness), and their derivatives by these
- * six. */
+/* accel_x, accel_y, yaw acceleration at (x, stiffness), and their derivatives with
+ * respect to these six. */
 static void accelerations(
     const ekf *f, const tse_real x[9], const tse_real u[3], tse_real a[3], tse_real d[3][6])
 {
@@ -33,8 +33,8 @@ static void accelerations(
                  tr = (x[1] - f->lr * x[2]) * inv; /* minus the rear slip angle */
   const tse_real kf = f->kx_front * x[3], kr = f->kx_rear * (TSE_R(1) + f->follows * (x[3] - TSE_R(1)));
   const tse_real cf = f->ky_front * x[4], cr = f->ky_rear * x[5];
-  /* force over mass: front and rear longitudinal, front and rear lateral; and its
-   * derivatives */
+  /* Force over mass: front and rear longitudinal, front and rear lateral; and its
+   * derivatives. */
   const tse_real force[4] = { kf * sf, kr * sr, cf * (u[0] - tf), -cr * tr };
   const tse_real by[4][6] = {
     { kf * sf_vx, 0, 0, f->kx_front * sf, 0, 0 },
@@ -57,7 +57,7 @@ static void accelerations(
   }
 }
 
-/* x' and its derivatives by (x, stiffness). */
+/* x' and its derivatives with respect to (x, stiffness). */
 static void rate(const ekf *f, const tse_real x[9], const tse_real u[3], tse_real dx[3], tse_real d[3][6])
 {
   accelerations(f, x, u, dx, d);
@@ -69,8 +69,8 @@ static void rate(const ekf *f, const tse_real x[9], const tse_real u[3], tse_rea
   d[1][2] -= x[0];
 }
 
-/* Midpoint rule, inputs linear between rows; its exact derivative; P <- F P F' + G
- * spread^2 G' + walk. */
+/* Midpoint rule with linear inputs between rows, and its exact derivative; P <- F P F' +
+ * G spread^2 G' + walk. */
 static void predict(ekf *f, const tse_real u[3], tse_real dt)
 {
   const tse_real half = TSE_R(0.5) * dt;

@@ -1,8 +1,7 @@
-/* tests/dropin/same.c - what the library does, as a few numbers: linked once with its
- * sources and once with the two files of scripts/dev/amalgamate.py, it must print the
- * same.
- *   same DRIVE      tests/replay/drive.csv through every form of the filter; what was
- *                   learnt; tables; sizes; simulator */
+/* tests/dropin/same.c - print hashes of the results of the library. They must be the same
+ * with its sources and with the two files of scripts/dev/amalgamate.py.
+ *   same DRIVE      run tests/replay/drive.csv through all filters; hash outputs, learnt
+ *                   state, tables, sizes and simulator */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,7 +38,7 @@ static int rows_of(const char *path, tse_input *rows)
   while (n < ROWS_MOST && fgets(line, sizeof line, file)) {
     const char *at = line;
     tse_real value[1 + TSE_CHANNELS];
-    if (line[0] < '0' || line[0] > '9') continue; /* comment, names */
+    if (line[0] < '0' || line[0] > '9') continue; /* comment or header */
     memset(&rows[n], 0, sizeof rows[n]);
     for (int k = 0; k < 1 + TSE_CHANNELS; k++) {
       char *end;
@@ -61,7 +60,8 @@ static int rows_of(const char *path, tse_input *rows)
   return n;
 }
 
-/* told: of effects, so that the model with them is called, too. */
+/* Run a drive and print the hash of all outputs.
+ *   Given:  told  1: with effects of the car, to cover the model with effects */
 static void drive(const char *name, void (*settings)(tse_config *c), const tse_input *rows, int n, int told)
 {
   static tse_filter_paper memory;
@@ -75,7 +75,10 @@ static void drive(const char *name, void (*settings)(tse_config *c), const tse_i
   settings(&c);
   c.particles = 50;
 #if !defined(TSE_NO_EFFECTS)
-  if (told) { c.body_roll_gain = TSE_S(0.01), c.relaxation_length = TSE_S(0.3); }
+  if (told) {
+    c.body_roll_gain = TSE_S(0.01);
+    c.relaxation_length = TSE_S(0.3);
+  }
 #else
   (void)told;
 #endif
@@ -137,7 +140,8 @@ int main(int argc, char **argv)
   tse_sim_config_default(&truth);
   c.body_roll_gain = TSE_S(0.01);
   if (tse_sim_reset(&car, &c, &truth, NULL) < 0) return 1;
-  u.dt = TSE_R(0.01), u.road_level = TSE_R(1);
+  u.dt = TSE_R(0.01);
+  u.road_level = TSE_R(1);
   for (int k = 0; k < 500; k++) {
     u.steer_angle = k / 100 % 2 ? TSE_R(0.03) : TSE_R(-0.03);
     u.wheel_torque_front = k / 150 % 2 ? TSE_R(-600) : TSE_R(700);

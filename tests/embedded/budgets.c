@@ -1,8 +1,7 @@
-/* tests/embedded/budgets.c - instructions that every row of the recorded drive takes, and
- * those of rows which no drive has: the longest that are accepted. And stack. On a port
- * that counts: cortex_m.c.
+/* tests/embedded/budgets.c - count the instructions per row of the recorded drive and of
+ * extreme rows, and the stack. Needs a port that counts instructions: cortex_m.c.
  *
- *   ROWS         of the drive; else all */
+ *   ROWS   number of rows of the drive; default: all */
 #include <string.h>
 
 #include "drive.h"
@@ -21,7 +20,7 @@ static tse_filter filter;
 static tse_params params;
 static uint32_t calibration, overhead;
 
-/* Two instructions a turn, and two to come and go. */
+/* Execute n loop passes of two instructions each, plus two for call and return. */
 static __attribute__((noinline)) void turns(uint32_t n)
 {
   __asm__ volatile(".syntax unified\n1: subs %0, #1\n bne 1b" : "+r"(n));
@@ -29,6 +28,7 @@ static __attribute__((noinline)) void turns(uint32_t n)
 
 static uint32_t since(uint32_t start) { return port_instructions() - start - overhead; }
 
+/* Measure the overhead of counting, and the instructions of a known loop. */
 static void calibrate(void)
 {
   uint32_t start = port_instructions();
@@ -43,6 +43,7 @@ typedef struct tally {
   uint64_t sum;
 } tally;
 
+/* Run a row and count its instructions.   Returned: 1 if the row is refused */
 static int step(const tse_input *u, tally *t)
 {
   static tse_output y;
@@ -56,7 +57,10 @@ static int step(const tse_input *u, tally *t)
     port_say("\n");
     return 1;
   }
-  if (took > t->longest) { t->longest = took, t->longest_at = t->rows; }
+  if (took > t->longest) {
+    t->longest = took;
+    t->longest_at = t->rows;
+  }
   if (t->rows == 0 || took < t->shortest) t->shortest = took;
   t->sum += took;
   t->rows++;
@@ -82,16 +86,19 @@ static int start_over(int is_late)
 {
   tse_config c;
   tse_config_default(&c);
-  c.mass = TSE_S(1900); /* an ordinary car, with the curve of its tyres, roll and relaxation */
-  if (is_late) { c.steer_angle_latency = TSE_S(0.02), c.accel_x_latency = TSE_S(0.015); }
+  c.mass = TSE_S(1900); /* an ordinary car, with tyre saturation, roll and relaxation */
+  if (is_late) {
+    c.steer_angle_latency = TSE_S(0.02);
+    c.accel_x_latency = TSE_S(0.015);
+  }
   return tse_prepare(&c, &params, NULL) < 0 || tse_reset(&params, &filter, sizeof filter) < 0;
 }
 
-/* ---- rows that the recorded drive has not */
+/* ---- extreme rows, which the recorded drive does not contain */
 
 static uint32_t state = 1;
 
-/* -n .. n, evenly: Numerical Recipes' generator */
+/* Return a uniform random number in -n .. n (generator of Numerical Recipes). */
 static int32_t noise(int32_t n)
 {
   state = state * 1664525u + 1013904223u;
@@ -104,21 +111,22 @@ enum { LONG, SLOW, ABSURD, BREAKS, MISSING, KINDS };
 static const char *const kind_names[KINDS] = { "long", "slow", "absurd", "breaks", "missing" };
 enum { OF_EACH = 250 };
 
-/* Walking pace or town, 0.1 s or 0.01 s to a row; what the sensors say fits, but for what
- * the kind of row is about. */
+/* Make row k of a kind: at walking pace or in town, every 0.1 s or 0.01 s. Sensor values
+ * are consistent, except for the disturbance of the kind. */
 static void odd_row(int kind, int k, tse_input *u)
 {
   const int32_t speed = kind == SLOW || (kind == LONG && k % 100 < 50) ? 2200 : 9000; /* mm/s */
   const int32_t steer = k % 40 < 20 ? 60 : -60, ms = kind == LONG || kind == ABSURD ? 100 : 10;
   memset(u, 0, sizeof *u);
-  u->dt = thousandths(ms), u->steer_angle = thousandths(steer);
+  u->dt = thousandths(ms);
+  u->steer_angle = thousandths(steer);
   u->wheel_speed_front = thousandths(speed / 300 * 1000 + noise(90));
   u->wheel_speed_rear = thousandths(speed / 300 * 1000 + noise(90));
   u->accel_x = thousandths(noise(200));
   u->accel_y = thousandths(speed / 1000 * (speed / 1000) * steer / 3 + noise(200));
   u->yaw_rate = thousandths(speed * steer / 3000 + noise(5));
   if (kind == ABSURD) {
-    if (k % 30 > 20) u->steer_angle = thousandths(250); /* faults that leave an input unknown */
+    if (k % 30 > 20) u->steer_angle = thousandths(250); /* faults that make an input unusable */
     if (k % 50 > 40) u->wheel_speed_front = thousandths(90000);
     if (k % 70 > 60) u->accel_y = thousandths(noise(30000));
   }
@@ -140,7 +148,7 @@ static int odd_rows(void)
   return 0;
 }
 
-/* From .. to of the recorded drive. */
+/* Run rows from .. to - 1 of the recorded drive. */
 static int rows_of_drive(const char *name, int from, int to)
 {
   tally t = { 0, 0, 0, 0, 0 };

@@ -1,8 +1,7 @@
-/* tests/embedded/can_board.c - scripts/dropin/can on an emulated board: the timer's
- * interrupt brings the frames of a recorded drive, as a CAN controller would, then calls
- * the loop; the main program waits for interrupts, and works when there is a row.
- * frames.h is what scripts/dev/machines.py makes of tests/replay/drive.csv: FRAME(period,
- * id, bytes ...). */
+/* tests/embedded/can_board.c - run scripts/dropin/can on an emulated board. The timer
+ * interrupt delivers the frames of a recorded drive, like a CAN controller, and calls the
+ * loop. The main program waits for interrupts and processes rows. scripts/dev/machines.py
+ * writes frames.h from tests/replay/drive.csv: FRAME(period, id, bytes ...). */
 #include "control_loop.h"
 #include "port.h"
 #include "replay_hash.h"
@@ -28,8 +27,8 @@ void port_period(void)
   loop_period(&loop);
 }
 
-/* Until the next interrupt; also when it comes between the question and the rest, since
- * one that is masked ends a wfi, too. */
+/* Wait for the next interrupt. Interrupts are masked between check and wfi, so that none
+ * is missed: a masked interrupt also ends wfi. */
 static void wait(void)
 {
   __asm__ volatile("cpsid i" ::: "memory");

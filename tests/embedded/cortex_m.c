@@ -1,6 +1,6 @@
-/* tests/embedded/cortex_m.c - port.h on a Cortex-M under qemu-system-arm: start,
- * semihosting, SysTick. No board support package, so that all which runs is in this
- * folder. Places: cortex_m.ld. */
+/* tests/embedded/cortex_m.c - implement port.h for a Cortex-M under qemu-system-arm:
+ * startup, semihosting, SysTick. All code is in this folder, without a board support
+ * package. Memory layout: cortex_m.ld. */
 #include <stddef.h>
 
 #include "port.h"
@@ -20,8 +20,8 @@ static void semihost(uint32_t what, uint32_t with)
 
 void port_say(const char *text) { semihost(SYS_WRITE0, (uint32_t)text); }
 
-/* ---- instructions: with -icount shift=6 each takes 64 ns of the machine's time, which
- * SysTick counts by the processor's clock */
+/* ---- instructions. With -icount shift=6, each takes 64 ns of emulated time. SysTick
+ * counts this time in cycles of the processor's clock. */
 
 #define SYST_CSR (*(volatile uint32_t *)0xe000e010u)
 #define SYST_RVR (*(volatile uint32_t *)0xe000e014u)
@@ -30,11 +30,11 @@ void port_say(const char *text) { semihost(SYS_WRITE0, (uint32_t)text); }
 #ifndef ICOUNT_SHIFT
 #define ICOUNT_SHIFT 6
 #endif
-#ifndef NS_OF_TICK /* in quarters of a nanosecond: 25 MHz are 160 */
+#ifndef NS_OF_TICK /* [0.25 ns] period of the processor's clock; 160: 25 MHz */
 #define NS_OF_TICK 160u
 #endif
 
-#if defined(PERIOD_MS) /* a program that works by the clock; its period is no more than SysTick can count */
+#if defined(PERIOD_MS) /* the program has a timer; the period must fit the 24 bits of SysTick */
 #define SYST_FULL (PERIOD_MS * 4000000u / NS_OF_TICK - 1u)
 #else
 #define SYST_FULL 0xffffffu
@@ -75,8 +75,8 @@ uint32_t port_stack(void)
   return used;
 }
 
-/* newlib's sqrt says here that its argument was negative; its own place for that would
- * bring 1 kB of other things along. */
+/* Place of errno, which newlib's sqrt sets for negative arguments. newlib's own would
+ * link 1 kB of other code. */
 int *__errno(void);
 int *__errno(void)
 {
@@ -99,12 +99,12 @@ static void start(void)
   for (uint32_t *to = data_start; to < data_end; to++) *to = *from++;
   for (uint32_t *to = bss_start; to < bss_end; to++) *to = 0;
 #if defined(__ARM_FP)
-  *(volatile uint32_t *)0xe000ed88u |= 0xfu << 20; /* CPACR: the floating-point unit may be used */
+  *(volatile uint32_t *)0xe000ed88u |= 0xfu << 20; /* CPACR: enable the floating-point unit */
   __asm__ volatile("dsb\n isb");
 #endif
   SYST_RVR = SYST_FULL;
   SYST_CVR = 0;
-  SYST_CSR = 7; /* on, interrupt, processor clock */
+  SYST_CSR = 7; /* enable, with interrupt, processor clock */
   semihost(SYS_EXIT, program() == 0 ? EXIT_WELL : EXIT_BADLY);
   for (;;) {}
 }

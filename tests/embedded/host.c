@@ -1,6 +1,6 @@
-/* tests/embedded/host.c - port.h on a system with a C library.
- *   FLUSH_DENORMALS   numbers below the least normal one are zero (FTZ, DAZ), as in
- *                     threads of audio software and some processors */
+/* tests/embedded/host.c - implement port.h on a system with a C library.
+ *   FLUSH_DENORMALS   treat denormal numbers as zero (FTZ, DAZ), as some processors and
+ *                     threads of audio software do */
 #include <stdio.h>
 #if defined(FLUSH_DENORMALS)
 #include <xmmintrin.h>

@@ -1,26 +1,26 @@
-/* tests/embedded/port.h - what a machine has to offer so that a program says what it
- * found: host.c, cortex_m.c, wasm.c. */
+/* tests/embedded/port.h - functions that a machine provides to the test programs:
+ * host.c, cortex_m.c, wasm.c. */
 #ifndef PORT_H
 #define PORT_H
 
 #include <stdint.h>
 
-/* Text goes to whoever started the machine. */
+/* Print a text. */
 void port_say(const char *text);
 
-/* Instructions executed since the start, modulo 2^32; 0 where they are not counted. */
+/* Return the number of instructions since the start, modulo 2^32; 0 if not counted. */
 uint32_t port_instructions(void);
 
-/* Bytes of stack that have been written since the last call, below the caller; 0 where it
- * cannot be seen. */
+/* Return the bytes of stack written since the last call, below the caller; 0 if not
+ * measured. */
 uint32_t port_stack(void);
 
-/* Only cortex_m.c with PERIOD_MS: who is called in the timer's interrupt, and how many
- * instructions there are between two. */
+/* With PERIOD_MS, in cortex_m.c only: the program's function for the timer interrupt, and
+ * the number of instructions between two interrupts. */
 void port_period(void);
 uint32_t port_period_instructions(void);
 
-/* What the program is.   Returned: 0 when it went well */
+/* Run the test program.   Returned: 0 on success */
 int program(void);
 
 static inline void say_number(const char *before, uint32_t n)

@@ -1,15 +1,14 @@
-/* tests/embedded/profile.c - a plugin of qemu (its interface, version 1): how often each
- * block of instructions was executed, for `scripts/dev/budgets.py --profile`. Only
- * between the passes FROM and TO (counted from 0) of the instruction at MARK, which is
- * where a row begins.
- *   -plugin profile.so,mark=ADDRESS,from=N,to=N,out=FILE      FILE: address, instructions
- *   of the block, times */
+/* tests/embedded/profile.c - plugin of qemu (interface version 1): count how often each
+ * block of instructions is executed, for `scripts/dev/budgets.py --profile`. Counts only
+ * between passes FROM and TO, from 0, of the instruction at MARK, the start of a row.
+ *   -plugin profile.so,mark=ADDRESS,from=N,to=N,out=FILE
+ *   FILE: a line per block with its address, number of instructions, executions */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* What is used of the interface; qemu has the functions. */
+/* The part of qemu's plugin interface that is used. */
 typedef uint64_t plugin_id;
 struct qemu_plugin_tb;
 typedef void (*on_translation)(plugin_id id, struct qemu_plugin_tb *tb);
@@ -46,7 +45,10 @@ static void translated(plugin_id id, struct qemu_plugin_tb *tb)
   (void)id;
   for (uint64_t k = at * 2654435761u % BLOCKS, n = 0; n < BLOCKS; k = (k + 1) % BLOCKS, n++) {
     block *const b = &blocks[k];
-    if (b->instructions == 0) { b->at = at, b->instructions = count; }
+    if (b->instructions == 0) {
+      b->at = at;
+      b->instructions = count;
+    }
     if (b->at != at || b->instructions != count) continue;
     qemu_plugin_register_vcpu_tb_exec_cb(tb, executed, 0, b);
     return;

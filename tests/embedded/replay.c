@@ -1,13 +1,12 @@
-/* tests/embedded/replay.c - the recorded drive of tests/replay through the filter, on any
- * machine: tse.h and tse.c of scripts/dev/amalgamate.py, rows.h of
- * scripts/dev/machines.py, and one port.
+/* tests/embedded/replay.c - run the recorded drive of tests/replay on any machine, with
+ * tse.h and tse.c of scripts/dev/amalgamate.py, rows.h of scripts/dev/machines.py, and a
+ * port.
  *
- * Says what identifies the result: the hash of every bit of every output after each PART
- * rows, so that two machines that differ show where, and that of the whole drive, which
- * is the one of the golden replay.
- *   ALL_FORMS   also a car that nobody has calibrated, and the form with particles, with
- *               each way of resampling; else the default form
- *               alone, in a tse_filter, which is what a microcontroller has room for */
+ * Prints a hash of all bits of all outputs after each PART rows, to locate differences
+ * between machines, and after the whole drive, where it equals that of the golden replay.
+ *   ALL_FORMS   also run an uncalibrated car, and the particle filter with each method of
+ *               resampling. Otherwise the Kalman filter only, in a tse_filter, as on a
+ *               microcontroller */
 #include "drive.h"
 #include "port.h"
 #include "replay_hash.h"
@@ -88,7 +87,7 @@ int program(void)
   if (status < 0) return refused("tse_self_test", status, wrong);
   if (run("default", tse_config_exact, 0)) return 1;
 #if defined(ALL_FORMS)
-#if !defined(TSE_NO_EFFECTS) /* which such a car is told of */
+#if !defined(TSE_NO_EFFECTS) /* such a car has effects */
   if (run("uncalibrated", uncalibrated, 0)) return 1;
 #endif
   for (int32_t scheme = 0; scheme < SCHEMES; scheme++)

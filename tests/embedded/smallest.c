@@ -1,5 +1,5 @@
-/* tests/embedded/smallest.c - what a control unit links: settings, reset, step, and what
- * was learnt kept over a stop. Its size is the flash that the library takes
+/* tests/embedded/smallest.c - the functions that a control unit links: settings, reset,
+ * step, and the learnt state saved over a stop. Its size is the flash of the library
  * (scripts/dev/budgets.py). */
 #include <string.h>
 

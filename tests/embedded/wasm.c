@@ -1,5 +1,5 @@
-/* tests/embedded/wasm.c - port.h in WebAssembly, which wasm.js runs. There is no C
- * library: what a compiler makes calls of is in wasm/string.h. */
+/* tests/embedded/wasm.c - implement port.h in WebAssembly, which wasm.js runs. There is
+ * no C library: wasm/string.h has the functions that compilers call. */
 #define WASM_STRING
 #include <string.h>
 

@@ -1,4 +1,4 @@
-// node wasm.js PROGRAM.wasm
+// Run a program with the port of wasm.c: node wasm.js PROGRAM.wasm
 const { readFileSync } = require("node:fs");
 
 let memory;

@@ -1,30 +1,27 @@
-/* tests/fmu/client.c - a small importer of co-simulation, FMI 2.0 and 3.0, for platforms
- * where nothing else runs (qemu-user, wine).
+/* tests/fmu/client.c - a small importer for co-simulation, FMI 2.0 and 3.0, for platforms
+ * without another one (qemu-user, wine).
  *
  *   client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60,b61]
  *   [--save FILE@ROW] [--restore FILE@ROW]
  *
- *   BINARY      the shared library inside the FMU: binaries/linux64/X.so,
- *               binaries/win64/X.dll ...
- *   GUID        as in modelDescription.xml; of FMI 3.0 the instantiation token
- *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real or Float64, i Integer or Int32,
- *                                            b Boolean, e Enumeration) and value
- *                                            reference of what each
- *               column sets. One row per step: set, fmi2DoStep(time, to the time of the
- *               next row; the last step is as long as the one before).
- *               An empty cell of a Real is NaN, of others: not set.
- *   OUTPUT.csv  header: time,status,r50,i60 ...    then per row its time, the fmi2Status
- *                                                  of its step, the values after it
- *   --set       a parameter, before initialization
- *   --outputs   which variables to write; without it all there are: value references are
- *               tried from 0 on until there is none
- *   --save      the serialized state as it is before row ROW (0: the first) is set
- *   --restore   go on with row ROW from a saved state; rows before it are not done
+ *   BINARY      shared library in the FMU: binaries/linux64/X.so, binaries/win64/X.dll
+ *   ...
+ *   GUID        as in modelDescription.xml; for FMI 3.0 the instantiation token
+ *   INPUT.csv   header: time,r3,r4,i6 ... Type (r Real or Float64, i Integer or Int32, b
+ *   Boolean, e Enumeration) and value reference of each column. One row per step: set the
+ *   values, then fmi2DoStep() to the time of the next row. The last step is as long as
+ *   the one before. An empty cell is NaN for a Real, and is not set for other types
+ *   OUTPUT.csv  header: time,status,r50,i60 ... For each row its time, the fmi2Status of
+ *   its step, and the values after it
+ *   --set       set a parameter before initialization
+ *   --outputs   variables to write; default: all, found by trying value references from 0
+ *   --save      save the serialized state before the inputs of row ROW (0: the first)
+ *   --restore   continue with row ROW from a saved state, without the rows before it
  *
- * Reals are read as decimal numbers or as x and the 16 hexadecimal digits of their bits
- * (x3ff0000000000000 is 1), and written in the latter form, so that outputs of all
- * platforms compare byte by byte whatever their printf() does. What the FMU logs goes to
- * stderr. Exit: 0 done, 1 something was refused, 2 usage. */
+ * Reals are read as decimal numbers, or as x and the 16 hexadecimal digits of their bits
+ * (x3ff0000000000000 is 1). They are written in the latter form, so that outputs of all
+ * platforms can be compared byte by byte. Log messages of the FMU go to stderr. Exit
+ * code: 0 done, 1 a call was refused, 2 usage. */
 #if !defined(_WIN32)
 #define _POSIX_C_SOURCE 200112L
 #endif
@@ -34,7 +31,7 @@
 #include <string.h>
 
 #include "fmi2FunctionTypes.h"
-#if defined(CLIENT_FMI3) /* its headers are there */
+#if defined(CLIENT_FMI3) /* the headers of FMI 3.0 are available */
 #include "fmi3FunctionTypes.h"
 #endif
 
@@ -60,18 +57,20 @@ static const char *why(void) { return dlerror(); }
 
 /* ---- the functions of the FMU */
 
-#define FUNCTIONS2(X)                                                                                                             \
-  X(Instantiate) X(FreeInstance) X(SetupExperiment) X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(GetReal)  \
-  X(GetInteger) X(GetBoolean) X(SetReal) X(SetInteger) X(SetBoolean) X(DoStep) X(GetFMUstate) X(SetFMUstate) X(FreeFMUstate)      \
-  X(SerializedFMUstateSize) X(SerializeFMUstate) X(DeSerializeFMUstate)
+#define FUNCTIONS2(X) \
+  X(Instantiate) X(FreeInstance) X(SetupExperiment) X(EnterInitializationMode) X(ExitInitializationMode) \
+  X(Terminate) X(GetReal) X(GetInteger) X(GetBoolean) X(SetReal) X(SetInteger) X(SetBoolean) X(DoStep) \
+  X(GetFMUstate) X(SetFMUstate) X(FreeFMUstate) X(SerializedFMUstateSize) X(SerializeFMUstate) \
+  X(DeSerializeFMUstate)
 #define X(name) static fmi2##name##TYPE *two##name;
 FUNCTIONS2(X)
 #undef X
 #if defined(CLIENT_FMI3)
-#define FUNCTIONS3(X)                                                                                                             \
-  X(InstantiateCoSimulation) X(FreeInstance) X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(GetFloat64)      \
-  X(GetInt32) X(GetInt64) X(GetBoolean) X(SetFloat64) X(SetInt32) X(SetBoolean) X(DoStep) X(GetFMUState) X(SetFMUState) X(FreeFMUState)       \
-  X(SerializedFMUStateSize) X(SerializeFMUState) X(DeserializeFMUState)
+#define FUNCTIONS3(X) \
+  X(InstantiateCoSimulation) X(FreeInstance) X(EnterInitializationMode) X(ExitInitializationMode) \
+  X(Terminate) X(GetFloat64) X(GetInt32) X(GetInt64) X(GetBoolean) X(SetFloat64) X(SetInt32) \
+  X(SetBoolean) X(DoStep) X(GetFMUState) X(SetFMUState) X(FreeFMUState) X(SerializedFMUStateSize) \
+  X(SerializeFMUState) X(DeserializeFMUState)
 #define X(name) static fmi3##name##TYPE *three##name;
 FUNCTIONS3(X)
 #undef X
@@ -110,7 +109,7 @@ static void load(const char *path)
 #undef X
 }
 
-static int quiet; /* while value references are tried */
+static int quiet; /* 1: while value references are tried */
 
 static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
     fmi2String category, fmi2String text, ...)
@@ -131,7 +130,7 @@ static void logger3(
 #define BY_VERSION(call3, call2) (call2)
 #endif
 
-/* The two versions under one name; their statuses have the same numbers. */
+/* The two versions under one name. Their statuses have the same numbers. */
 static void *instantiate(const char *guid)
 {
   static const fmi2CallbackFunctions callbacks = { logger, NULL, NULL, NULL, NULL };
@@ -287,7 +286,7 @@ static int columns_of(const char *text, column *to)
   return n;
 }
 
-/* A number; *given 0 where the cell is empty.   Returned: where the next cell starts. */
+/* Read a number. Returned: start of the next cell; given 0 if the cell is empty */
 static const char *number(const char *text, double *value, int *given)
 {
   char *end;
@@ -345,7 +344,7 @@ static void print(FILE *to, void *c, column v)
   }
 }
 
-/* What there is, when nobody says it: of FMI 3.0 up to its first array. */
+/* List all variables, if none are requested; for FMI 3.0 up to the first array. */
 static void try_all(void *c)
 {
   quiet = 1;
@@ -446,7 +445,7 @@ int main(int count, char **argument)
     }
   }
   if (output_count == 0) try_all(c);
-  FILE *const out = fopen(argument[4], "wb"); /* b: the same line ends everywhere */
+  FILE *const out = fopen(argument[4], "wb"); /* b: the same line ends on all platforms */
   if (!out) stop("cannot write", argument[4]);
   (void)fputs("time,status", out);
   for (int k = 0; k < output_count; k++)
@@ -467,7 +466,7 @@ int main(int count, char **argument)
     if (!started && !from) need(enter(c, time), "initialization");
     if (row == save_row && started) save(c, to);
     for (int k = 0; k < input_count;
-        k++) { /* the first row's also before initialization ends, as start values */
+        k++) { /* those of the first row also before initialization ends, as start values */
       cell = number(cell, &value, &given);
       if (inputs[k].type == 'r' || given) need(put(c, inputs[k], value), "an input");
     }

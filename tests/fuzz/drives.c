@@ -1,16 +1,16 @@
-/* tests/fuzz/drives.c - long random drives of the default filter and of the one with
- * particles: any settings, thousands of rows, faults, pauses, optional channels, learnt
- * state. What must be true of every row: the estimates are numbers within their ranges; a
- * stiffness that is valid has an sd within the bound; tse_filter_check() accepts the
- * filter's own state; a refused row changes nothing.
+/* tests/fuzz/drives.c - long random drives through the Kalman filter and the particle
+ * filter: random settings, thousands of rows, faults, pauses, optional channels, learnt
+ * states. Checks for every row: the estimates are finite and within their ranges; the sd
+ * of a valid stiffness is below its limit; tse_filter_check() accepts the state; a
+ * refused row changes nothing.
  *
- *   drives ROWS [FIRST_DRIVE]   exit code 1 with drive and row of what was found, at most
- *                               ten of them;
- *                               a drive is found again by its number */
+ *   drives ROWS [FIRST_DRIVE]   exit code 1 on failures, with drive and row of the first
+ *                               ten. The number of a drive reproduces it. */
 #include "fuzz.h"
 
 enum { MOST_FOUND = 10 };
 
+/* The drive in progress. */
 static struct {
   tse_config c;
   tse_params p;
@@ -21,6 +21,7 @@ static struct {
   int found;
 } d;
 
+/* Return a uniform random number in 0 .. 1 (xorshift64). */
 static double uniform(void)
 {
   d.word ^= d.word << 13;
@@ -32,6 +33,7 @@ static double between(double lo, double hi) { return lo + (hi - lo) * uniform();
 static int chance(double share) { return uniform() < share; }
 static uint32_t below(uint32_t n) { return (uint32_t)(uniform() * n) % n; }
 
+/* Report a failed check. */
 static void found(const char *what, double value, const tse_input *u)
 {
   d.found++;
@@ -44,6 +46,7 @@ static void found(const char *what, double value, const tse_input *u)
 
 /* ---- settings */
 
+/* Choose settings: default or exact, with up to 20 of them changed at random. */
 static void any_settings(void)
 {
   uint32_t count;
@@ -61,7 +64,7 @@ static void any_settings(void)
   d.c.particles = 16 + (int32_t)below(48);
 }
 
-/* ---- rows: a car that follows its steering, and what happens to its log */
+/* ---- rows: a car that follows its steering, and disturbances of its log */
 
 typedef struct car {
   double t, v, yaw, steer, pace, along, noise;
@@ -78,6 +81,7 @@ static double noise(const car *c, double sd)
   return c->noise * sd * (uniform() + uniform() + uniform() - 1.5) * 2;
 }
 
+/* Return the next row of the car. */
 static tse_input car_row(car *c, double dt)
 {
   const double h = dt < 1 ? dt : 1, steer = c->steer * sin(c->pace * c->t),
@@ -89,15 +93,17 @@ static tse_input car_row(car *c, double dt)
       -9 / fmax(fabs(c->v), 3), fmin(9 / fmax(fabs(c->v), 3), c->v * steer / (2.75 + 0.0025 * c->v * c->v)));
   c->yaw += (turn - c->yaw) * h / (h + 0.1);
   tse_input_default(&u);
-  u.dt = real_of(dt), u.steer_angle = real_of(steer);
+  u.dt = real_of(dt);
+  u.steer_angle = real_of(steer);
   u.wheel_speed_front = real_of(c->v / 0.33 * (1 + 0.006 * along) + noise(c, 0.1));
   u.wheel_speed_rear = real_of(c->v / 0.33 + noise(c, 0.1));
-  u.accel_x = real_of(along + noise(c, 0.15)), u.accel_y = real_of(c->yaw * c->v + noise(c, 0.15));
+  u.accel_x = real_of(along + noise(c, 0.15));
+  u.accel_y = real_of(c->yaw * c->v + noise(c, 0.15));
   u.yaw_rate = real_of(c->yaw + noise(c, 0.004));
   return u;
 }
 
-/* Optional channels as the car would give them. */
+/* Add these optional channels to a row, consistent with the car. */
 static void give(tse_input *u, const car *c, uint32_t given)
 {
 #if defined(TSE_NO_VELOCITY)
@@ -105,15 +111,18 @@ static void give(tse_input *u, const car *c, uint32_t given)
 #endif
   if (d.c.form) given = 0;
   u->given = given;
-  u->ins_vel_x = real_of(c->v + noise(c, 0.1)), u->ins_vel_y = real_of(noise(c, 0.3));
-  u->gnss_speed = real_of(fabs(c->v) + noise(c, 0.1)),
+  u->ins_vel_x = real_of(c->v + noise(c, 0.1));
+  u->ins_vel_y = real_of(noise(c, 0.3));
+  u->gnss_speed = real_of(fabs(c->v) + noise(c, 0.1));
   u->gnss_course = real_of(6.28 * (uniform() - 0.5) * (chance(0.01) ? 1 : 0.01));
-  u->brake = real_of(c->v < 10), u->wheel_torque_front = real_of(between(-100, 100)),
+  u->brake = real_of(c->v < 10);
+  u->wheel_torque_front = real_of(between(-100, 100));
   u->wheel_torque_rear = real_of(between(-100, 3000));
-  u->bank = real_of(0.05 * sin(0.1 * c->t)), u->grade = real_of(0.05 * cos(0.1 * c->t));
+  u->bank = real_of(0.05 * sin(0.1 * c->t));
+  u->grade = real_of(0.05 * cos(0.1 * c->t));
 }
 
-/* What happens for a while. */
+/* Kinds of disturbances, each for a number of rows. */
 enum {
   NOTHING,
   STUCK,
@@ -144,6 +153,7 @@ static event any_event(void)
   return e;
 }
 
+/* Disturb a row. */
 static void spoil(const event *e, tse_input *u, const tse_input *last)
 {
   static const double sizes[] = { 0.5, 100, 100, 20, 20, 3 };
@@ -179,7 +189,7 @@ static void spoil(const event *e, tse_input *u, const tse_input *last)
   }
 }
 
-/* Any row that is accepted. */
+/* Replace channels by random values within their ranges. */
 static void any_row(tse_input *u, int pause)
 {
   for (uint32_t k = 0; k < TSE_CHANNELS; k++)
@@ -188,7 +198,7 @@ static void any_row(tse_input *u, int pause)
   if (chance(0.2)) u->missing = below(64);
 }
 
-/* ---- what must be true */
+/* ---- checks */
 
 static void expect(int true_of_it, const char *what, double value, const tse_input *u)
 {
@@ -200,14 +210,14 @@ static void expect_within(tse_real x, double lo, double hi, const char *what, co
   expect(is_number(x) && number(x) >= lo && number(x) <= hi, what, number(x), u);
 }
 
-#define MOST_SD 1e9    /* what is lost may be off by anything: its sd is a number that float squares */
+#define MOST_SD 1e9 /* largest sd, of a lost state; its square fits in float */
 
 static void check_estimates(const tse_output *y, int status, const tse_input *u)
 {
   const double most = 1.001 * tse_double_of_setting(d.c.stiffness_max),
                start = 0.999 * tse_double_of_setting(d.c.stiffness_min);
   const double least = d.c.form == 1 && !d.c.reflect_draws && 2.0 - most < start ? 2.0 - most : start;
-  const double most_ratio = 1.01 * most / (start > 1e-3 ? start : 1e-3); /* from end to end */
+  const double most_ratio = 1.01 * most / (start > 1e-3 ? start : 1e-3); /* from one limit to the other */
   const double valid = tse_double_of_setting(d.c.valid_sd);
   for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++)
     expect(is_number(*x), "an estimate", (double)(x - &y->sideslip), u);
@@ -254,6 +264,7 @@ static void check_estimates(const tse_output *y, int status, const tse_input *u)
   expect(y->status == status && status <= TSE_W_IMPLAUSIBLE, "status", status, u);
 }
 
+/* Run a row and check the results. */
 static void step(const tse_input *u)
 {
   tse_output y, untouched;
@@ -271,7 +282,7 @@ static void step(const tse_input *u)
   expect(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state, refused", status, u);
 }
 
-/* End the drive and begin the next with what was learnt. */
+/* Save the learnt state and load it into a new drive. */
 static void to_the_next_drive(const tse_input *u)
 {
   uint8_t learnt[TSE_LEARNT_BYTES];
@@ -285,16 +296,17 @@ static void to_the_next_drive(const tse_input *u)
   expect(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "a loaded state, refused", loaded, u);
 }
 
-/* Drive once.   Returned: rows */
+/* Run a random drive.   Returned: number of rows */
 static uint32_t drive_once(uint32_t drive)
 {
   const int had = d.found;
   d.word = 88172645463325252u ^ ((uint64_t)drive * 0x9e3779b97f4a7c15u);
   if (d.word == 0) d.word = 1;
   for (int i = 0; i < 20; i++) (void)uniform();
-  d.drive = drive, d.row = 0;
+  d.drive = drive;
+  d.row = 0;
   any_settings();
-  if (tse_prepare(&d.c, &d.p, NULL) < 0) return 0; /* latencies, a formula, no room in fixed point */
+  if (tse_prepare(&d.c, &d.p, NULL) < 0) return 0; /* latencies, a formula, overflow in fixed point */
   d.bytes = d.c.form ? sizeof(tse_filter_paper) : sizeof(tse_filter);
   (void)tse_reset(&d.p, &d.f.filter, d.bytes);
   const double dt = tse_double_of_setting(d.c.sample_time);
@@ -303,8 +315,9 @@ static uint32_t drive_once(uint32_t drive)
   event e = any_event();
   uint32_t given = chance(0.5) ? 0 : below(1u << TSE_OPTIONALS);
   tse_input last = car_row(&c, dt);
-  const double wild = chance(0.3) ? between(0, 1) : 0,
-               pauses = chance(0.5) ? 0 : between(0, 0.5); /* shares of the rows of the whole drive */
+  /* shares of random rows and of pauses in them, for the whole drive */
+  const double wild = chance(0.3) ? between(0, 1) : 0;
+  const double pauses = chance(0.5) ? 0 : between(0, 0.5);
   for (uint32_t n = 0, left = e.rows; n < rows && d.found == had; n++, left--) {
     if (left == 0) {
       e = any_event();

@@ -1,9 +1,9 @@
-/* tests/fuzz/fuzz.h - what the fuzz targets share: bytes become settings and rows, and
- * what must be true of every estimate.
+/* tests/fuzz/fuzz.h - shared by the fuzz targets: make settings and rows from bytes, and
+ * check the estimates.
  *
- * A target is a function of bytes (LLVMFuzzerTestOneInput). With libFuzzer it looks for
- * bytes that break something; with run.c it goes through those that are kept, in every
- * preset. It stops at the first thing that is not as it must be. */
+ * A target is a function of bytes (LLVMFuzzerTestOneInput). libFuzzer searches for bytes
+ * that fail a check. run.c runs the stored ones in every preset. A target aborts at the
+ * first failure. */
 #ifndef FUZZ_H
 #define FUZZ_H
 
@@ -21,6 +21,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
+/* Abort with a message unless a condition holds. */
 #define MUST(what, ...)                       \
   do {                                        \
     if (!(what)) {                            \
@@ -30,13 +31,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
     }                                         \
   } while (0)
 
-/* ---- bytes; behind the last all are 0 */
+/* ---- bytes, with zeros after the last */
 
 typedef struct bytes {
   const uint8_t *at;
   size_t left;
 } bytes;
 
+/* Take `count` bytes as an unsigned integer. */
 static inline uint32_t take(bytes *b, int count)
 {
   uint32_t word = 0;
@@ -48,7 +50,7 @@ static inline double take_share(bytes *b) { return take(b, 2) / 65535.0; } /* 0 
 
 static inline double take_between(bytes *b, double lo, double hi) { return lo + (hi - lo) * take_share(b); }
 
-/* What nobody sends on purpose. */
+/* Take a special number: NaN, infinity, denormal, limits of types ... */
 static inline double take_odd(bytes *b)
 {
   const double zero = 0,
@@ -57,7 +59,7 @@ static inline double take_odd(bytes *b)
   return odd[take(b, 1) & 15u];
 }
 
-/* In place of x: any number as it could stand there. */
+/* Return a forged number in place of x. */
 static inline double forged(bytes *b, uint32_t how, double x)
 {
   switch (how & 7u) {
@@ -69,7 +71,8 @@ static inline double forged(bytes *b, uint32_t how, double x)
   }
 }
 
-/* What is too large is infinite in float, and in fixed point the largest that there is. */
+/* Convert a double. Overflow gives infinity in float, and the largest number in fixed
+ * point. */
 static inline tse_real real_of(double x) { return tse_real_of(x); }
 static inline double number(tse_real x) { return tse_double_of(x); }
 
@@ -103,7 +106,8 @@ static inline double get_setting(const tse_config *c, const setting *s)
   return tse_double_of_setting(value);
 }
 
-/* Up to 15 settings other than the default; hostile: also out of range. */
+/* Take settings: those of tse_config_exact() with up to 15 changed.
+ *   Given:  hostile  1: also values out of range */
 static inline void take_settings(bytes *b, tse_config *c, int hostile)
 {
   uint32_t count;
@@ -135,7 +139,7 @@ static inline void take_settings(bytes *b, tse_config *c, int hostile)
   }
 }
 
-/* ---- rows: a plausible drive, and what may happen to it */
+/* ---- rows: a plausible drive, and disturbances */
 
 typedef struct road {
   double time, speed, steer, pace, slip, yaw_offset, noise;
@@ -162,6 +166,7 @@ static inline double road_noise(road *r)
   return r->noise * (((r->word ^ (r->word >> 15)) & 0xffffu) / 32768.0 - 1);
 }
 
+/* Return the next row of a plausible drive. */
 static inline tse_input road_row(road *r, double dt)
 {
   tse_input u;
@@ -169,7 +174,8 @@ static inline tse_input road_row(road *r, double dt)
   r->time += dt < 1 ? dt : 1;
   const double steer = r->steer * sin(r->pace * r->time),
                turn = r->speed * steer / (2.75 + 0.0025 * r->speed * r->speed);
-  u.dt = real_of(dt), u.steer_angle = real_of(steer);
+  u.dt = real_of(dt);
+  u.steer_angle = real_of(steer);
   u.wheel_speed_front = real_of(r->speed / 0.33 * (1 + r->slip * cos(0.7 * r->time)));
   u.wheel_speed_rear = real_of(r->speed / 0.33);
   u.accel_x = real_of(9 * r->slip * cos(0.7 * r->time) + 0.15 * road_noise(r));
@@ -178,16 +184,17 @@ static inline tse_input road_row(road *r, double dt)
   return u;
 }
 
+/* Return the description of a channel. The channels follow dt. */
 static inline const tse_field *channel_field(uint32_t k)
 {
   return tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + k % TSE_CHANNELS;
-} /* behind dt */
-static inline tse_real *channel_of(tse_input *u, uint32_t k)
-{
-  return &u->steer_angle + k % TSE_CHANNELS;
-} /* one behind the other */
+}
 
-/* Every channel anywhere in its range, and a little beyond. */
+/* Return the place of a channel in a row. The channels are neighbouring members. */
+static inline tse_real *channel_of(tse_input *u, uint32_t k) { return &u->steer_angle + k % TSE_CHANNELS; }
+
+/* Take a row with random channels.
+ *   Given:  beyond  factor on the ranges of the channels */
 static inline tse_input wild_row(bytes *b, double beyond)
 {
   tse_input u;
@@ -199,10 +206,10 @@ static inline tse_input wild_row(bytes *b, double beyond)
   return u;
 }
 
-/* ---- what must be true */
+/* ---- checks */
 
-/* In fixed point a result that has stopped at the end of its range is what an infinity is
- * (src/number/fixed.h). */
+/* Return 1 if a result is finite. In fixed point, a result at the limit of its range
+ * counts as infinite (src/number/fixed.h). */
 #if defined(TSE_REAL_FIXED)
 #define END_OF_RANGE ((tse_real)1 << 59)
 static inline int is_number(tse_real x) { return x < END_OF_RANGE && x > -END_OF_RANGE; }
@@ -210,16 +217,18 @@ static inline int is_number(tse_real x) { return x < END_OF_RANGE && x > -END_OF
 static inline int is_number(tse_real x) { return x - x == 0; }
 #endif
 
-#define FASTEST 200.0001       /* m/s: no car is faster (src/model/vehicle.h); a mean is rounded   */
-#define FASTEST_TURN 20.00001  /* rad/s                                                             */
+#define FASTEST 200.0001      /* [m/s] max speed (src/model/vehicle.h), plus rounding of a mean */
+#define FASTEST_TURN 20.00001 /* [rad/s] max yaw rate, plus rounding */
+
+/* Check that the estimates are finite and within their ranges. */
 
 static inline void must_be_estimates(const tse_config *c, const tse_output *y, int status)
 {
   const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise,
     y->discrepancy };
   const double most = 1.001 * tse_double_of_setting(c->stiffness_max);
-  /* draws as printed have no bound below but -w_max, which keeps w a number
-   * (src/EQUATIONS.md, reflection); the start has */
+  /* The start is limited below. Draws without reflection are limited at -w_max only, to
+   * keep w finite (src/EQUATIONS.md, reflection). */
   const double start = 0.999 * tse_double_of_setting(c->stiffness_min);
   const double least = c->form == 1 && !c->reflect_draws && 2.0 - most < start ? 2.0 - most : start;
   for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++) /* all of one type */
@@ -250,7 +259,7 @@ static inline void must_be_estimates(const tse_config *c, const tse_output *y, i
       (int)y->status, status);
 }
 
-/* FNV-1a: two runs with the same rows have the same. */
+/* Update an FNV-1a hash. Two runs with the same rows must have the same hash. */
 static inline uint64_t mixed(uint64_t h, const void *at, size_t count)
 {
   for (size_t i = 0; i < count; i++) h = (h ^ ((const uint8_t *)at)[i]) * 1099511628211u;

@@ -1,5 +1,5 @@
-/* tests/fuzz/fuzz_fmu.h - what the targets of the FMI functions share: an importer that
- * listens. Linked with the glue and one model. */
+/* tests/fuzz/fuzz_fmu.h - shared by the targets of the FMI functions: an importer that
+ * checks the log. Linked with the glue and one model. */
 #ifndef FUZZ_FMU_H
 #define FUZZ_FMU_H
 
@@ -8,8 +8,9 @@
 #include "fmu_model.h"
 #include "fuzz.h"
 
-static int said, odd_lines;
-static char last_text[600];
+static int said;            /* number of messages since it was reset */
+static int odd_lines;       /* number of messages with characters of a format */
+static char last_text[600]; /* last message */
 
 static inline void listen(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
     fmi2String category, fmi2String text, ...)
@@ -18,12 +19,13 @@ static inline void listen(fmi2ComponentEnvironment environment, fmi2String name,
   (void)name;
   (void)status;
   (void)category;
-  if (strpbrk(text, "%#")) odd_lines++; /* an importer may take it for a format */
+  if (strpbrk(text, "%#")) odd_lines++; /* importers may interpret them as a format */
   (void)snprintf(last_text, sizeof last_text, "%s", text);
   said++;
 }
 static const fmi2CallbackFunctions callbacks = { listen, NULL, NULL, NULL, NULL };
 
+/* Return a new instance. */
 static inline fmi2Component made(void)
 {
   fmi2Component const c = fmi2Instantiate(
@@ -32,8 +34,7 @@ static inline fmi2Component made(void)
   return c;
 }
 
-/* All that an instance holds, serialized into a buffer of the caller.   Returned: how
- * many bytes */
+/* Serialize the state of an instance into a buffer.   Returned: number of bytes */
 static inline size_t serialized(fmi2Component c, fmi2Byte *at, size_t most)
 {
   fmi2FMUstate state = NULL;
@@ -46,13 +47,14 @@ static inline size_t serialized(fmi2Component c, fmi2Byte *at, size_t most)
   return count;
 }
 enum {
-  MOST_BYTES = 1 << 18,
-  FRAME = 32,
-  SUM = 24
-}; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/glue.c */
+  MOST_BYTES = 1 << 18, /* max size of a serialized state */
+  FRAME = 32,           /* size of its header: `frame` in fmu/glue/glue.c */
+  SUM = 24              /* offset of the checksum in the header */
+};
 
-/* The same without frame and checksum, which cost more than all calls together: a saved
- * state holds, a few words behind its beginning, what is serialized. */
+/* Copy the state of an instance without header and checksum, which take longer than all
+ * calls together. A saved state contains the serialized bytes, a few words after its
+ * start. */
 static inline size_t bytes_of(fmi2Component c, fmi2Byte *at, size_t most)
 {
   static size_t offset, count;
@@ -62,14 +64,14 @@ static inline size_t bytes_of(fmi2Component c, fmi2Byte *at, size_t most)
   MUST(count <= most && fmi2GetFMUstate(c, &state) == fmi2OK, "no state: %s", last_text);
   while (once[0] && memcmp((const fmi2Byte *)state + offset, once + FRAME, count) != 0)
     MUST((offset += 8) <= 64, "the content of a state is nowhere");
-  once[0] = 0; /* found */
+  once[0] = 0; /* the offset is known now */
   memcpy(at, (const fmi2Byte *)state + offset, count);
   MUST(fmi2FreeFMUstate(c, &state) == fmi2OK, "not freed: %s", last_text);
   return count;
 }
 
-/* Before the first step outputs are computed when they are asked for, and refused while
- * an input is out of range. */
+/* Check that all outputs are finite. Before the first step, reading an output computes
+ * all of them, and is refused while an input is out of range. */
 static inline void must_put_out_numbers(fmi2Component c, const char *when)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++) {
@@ -81,7 +83,7 @@ static inline void must_put_out_numbers(fmi2Component c, const char *when)
   }
 }
 
-/* Usually inside its range. */
+/* Take a value for a variable, most often within its range. */
 static inline double take_value(bytes *b, const fmu_variable *v)
 {
   const double lo = v->hi >= v->lo ? v->lo : -100.0, hi = v->hi >= v->lo ? v->hi : 100.0;

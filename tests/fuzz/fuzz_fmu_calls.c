@@ -1,6 +1,6 @@
-/* tests/fuzz/fuzz_fmu_calls.c - importers that call anything in any order, with any
- * values, on two instances: every call is done, or refused with one sentence and nothing
- * changed; what is put out are numbers. */
+/* tests/fuzz/fuzz_fmu_calls.c - call FMI functions in any order, with any values, on two
+ * instances. Every call succeeds, or is refused with one message and changes nothing.
+ * Outputs are finite. */
 #include "fuzz_fmu.h"
 
 typedef struct slot {
@@ -10,7 +10,7 @@ typedef struct slot {
 static fmi2Byte before[MOST_BYTES], after[MOST_BYTES], kept_bytes[MOST_BYTES];
 static size_t kept_count;
 
-/* One that is none: not of this FMU, already freed. */
+/* Take a saved state: own, of the other instance, NULL, or an invalid pointer. */
 static fmi2FMUstate take_state(bytes *b, slot *s, slot *other)
 {
   static int nothing;
@@ -69,13 +69,13 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
       const fmi2Integer k = (fmi2Integer)(take(b, 2)) - 32768;
       return what & 32u ? fmi2SetBoolean(c, &vr, 1, &k) : fmi2SetInteger(c, &vr, 1, &k);
     }
-    case 13: { /* one of them is refused: then none is set */
+    case 13: { /* if one value is refused, none may be set */
       const fmi2ValueReference vr[2] = { take(b, 1), take(b, 2) };
       const fmi2Real x[2] = { take_share(b), take_odd(b) };
       return fmi2SetReal(c, vr, 2, x);
     }
     case 14: kept_count = serialized(c, kept_bytes, sizeof kept_bytes); return fmi2OK;
-    case 15: { /* back from bytes, some of which are others now */
+    case 15: { /* deserialize, with some bytes changed */
       fmi2FMUstate state = NULL;
       if (!kept_count) return fmi2OK;
       for (uint32_t n = what >> 5; n > 0; n--) kept_bytes[take(b, 3) % kept_count] ^= (fmi2Byte)take(b, 1);
@@ -96,7 +96,7 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
     case 20:
     case 21:
     case 22: return set_one(c, b, take(b, 2));
-    default: { /* inputs, then a step or a few */
+    default: { /* set inputs, then run some steps */
       fmi2Status status = fmi2OK;
       for (int32_t i = 0; i < fmu_variable_count; i++)
         if (fmu_variables[i].role == 'i' && fmu_variables[i].kind == 'r' && (take(b, 1) & 3u) == 0)

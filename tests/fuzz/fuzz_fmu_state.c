@@ -1,16 +1,18 @@
-/* tests/fuzz/fuzz_fmu_state.c - a state from a stranger, its checksum in order: refused
- * with one sentence and nothing changed, or an FMU that goes on, whose outputs are
- * numbers. */
+/* tests/fuzz/fuzz_fmu_state.c - deserialize a forged state with a correct checksum. It is
+ * refused with one message and changes nothing, or the FMU continues with finite
+ * outputs. */
 #include "fuzz_fmu.h"
 
 static fmi2Byte saved[MOST_BYTES], before[MOST_BYTES], after[MOST_BYTES];
 
+/* Write the checksum. */
 static void seal(fmi2Byte *at, size_t count)
 {
   const uint64_t sum = mixed(FRESH, at + FRAME, count - FRAME);
   memcpy(at + SUM, &sum, sizeof sum);
 }
 
+/* Replace up to 8 numbers of a state. */
 static void forge(bytes *b, fmi2Byte *at, size_t count)
 {
   for (uint32_t n = 1 + (take(b, 1) & 7u); n > 0; n--) {

@@ -1,6 +1,6 @@
-/* tests/fuzz/fuzz_learnt.c - bytes that anybody may have written as a learnt state.
- * Refused: the filter is as before. Accepted: a drive from it gives estimates, and what
- * it taught can be saved and loaded. */
+/* tests/fuzz/fuzz_learnt.c - load any bytes as a learnt state. If they are refused, the
+ * filter is unchanged. If they are accepted, a drive gives valid estimates, and its
+ * learnt state can be saved and loaded. */
 #include "estimator/stages.h"
 #include "fuzz.h"
 
@@ -12,7 +12,7 @@ static void put(uint8_t *at, uint32_t word)
   for (int i = 0; i < 4; i++) at[i] = (uint8_t)(word >> (8 * i));
 }
 
-/* Its frame is right, so that what is in it counts. */
+/* Make a learnt state with correct header and checksum and any content. */
 static size_t made(bytes *b, uint8_t at[TSE_LEARNT_BYTES])
 {
   memset(at, 0, TSE_LEARNT_BYTES);
@@ -24,7 +24,7 @@ static size_t made(bytes *b, uint8_t at[TSE_LEARNT_BYTES])
   return TSE_LEARNT_BYTES;
 }
 
-/* A state that was saved, with a few numbers in it replaced. */
+/* Make a learnt state by a drive, with a few numbers replaced. */
 static size_t changed(bytes *b, uint8_t at[TSE_LEARNT_BYTES])
 {
   static const uint32_t odd[] = { 0, 1, 0xffffffffu, 0x7fffffffu, 0x80000000u, 0x01000000u, 0xff000000u,

@@ -1,6 +1,6 @@
-/* tests/fuzz/fuzz_replay.c - tse_replay() on any log, with any car, start and profiles:
- * refused by a row that there is, or numbers everywhere; nothing behind the arrays is
- * touched; the same bytes give the same bits. */
+/* tests/fuzz/fuzz_replay.c - tse_replay() with any log, car, start and profiles. It
+ * refuses an existing row, or all results are finite. It does not write beyond the
+ * arrays. The same input gives the same bits. */
 #include "fuzz.h"
 #include "tse/replay.h"
 
@@ -40,7 +40,7 @@ static uint64_t run(const uint8_t *data, size_t size)
     for (int k = 4; k < 11; k++)
       given[k][i] = real_of(what & 64u ? take_odd(&b) : 0.05 * sin(0.3 * i + k) * (what & 32u ? 100 : 1));
   }
-  for (; arrays < (int32_t)(sizeof log / sizeof log.dt); arrays++) /* the first four are needed */
+  for (; arrays < (int32_t)(sizeof log / sizeof log.dt); arrays++) /* the first four are required */
     if (arrays < 4 || (profiles >> (arrays % 8) & 1u)) (&log.dt)[arrays] = given[arrays];
   memset(made, 0x5a, sizeof made);
   arrays = 0;

@@ -1,5 +1,6 @@
-/* tests/fuzz/fuzz_settings.c - any settings: refused with the name of one that is wrong,
- * and nothing is changed; or accepted, and then a drive gives estimates. */
+/* tests/fuzz/fuzz_settings.c - any settings. They are refused with the name of a wrong
+ * setting, and nothing changes; or they are accepted, and a drive gives valid
+ * estimates. */
 #include "fuzz.h"
 
 static tse_filter_paper f;
@@ -13,15 +14,15 @@ static const setting *named(const char *name)
   return NULL;
 }
 
-/* Is `wrong` a stiffness that is not set, so that its value follows from mass and axles
- * and may be outside its range? */
+/* Return 1 if `wrong` is a stiffness that is not set. Its value follows from mass and
+ * axles and may be outside its range. */
 static int of_the_class(const tse_config *c, const char *wrong)
 {
   return strstr(wrong, "_stiffness_") && !(get_setting(c, named(wrong)) > 0);
 }
 
-/* Is it said rightly? The first that is outside its range; else what depends on several:
- * latencies, a formula, a stiffness of the class. */
+/* Check the setting that is named as wrong: the first outside its range; otherwise one
+ * that depends on others: a latency, the formula, a stiffness of the class. */
 static void must_be_wrong(const tse_config *c, const char *wrong)
 {
   const setting *const s = named(wrong);
@@ -48,8 +49,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   const char *wrong = "";
   const uint32_t first = take(&b, 1);
   take_settings(&b, &c, 1);
-  if (first & 1u) take_settings(&b, &c, 0);                                   /* all inside: the more go on */
-  if (c.particles > 64 && c.particles <= TSE_MAX_PARTICLES) c.particles = 64; /* more are the same, slower */
+  if (first & 1u) take_settings(&b, &c, 0); /* all within their ranges, so that more are accepted */
+  if (c.particles > 64 && c.particles <= TSE_MAX_PARTICLES) c.particles = 64; /* for speed */
   memset(&p, 0x5a, sizeof p);
   untouched = p;
   const tse_status status = tse_prepare(&c, &p, &wrong);
@@ -71,7 +72,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (k == 30) u.dt = real_of(take_between(&b, 0.01, 3600));
     if (k % 8 == 5) u = wild_row(&b, 1.0);
     const tse_status done = tse_step(&p, &f.filter, &u, &y);
-    if (done < 0) continue; /* a wheel that is faster than a row may say */
+    if (done < 0) continue; /* a wheel speed out of range */
     must_be_estimates(&c, &y, (int)done);
     MUST(tse_filter_check(&p, &f.filter, sizeof f) == TSE_OK, "its own state is refused, row %d", k);
   }

@@ -1,11 +1,10 @@
-/* tests/fuzz/fuzz_state.c - a filter that somebody forged: tse_filter_check() refuses it,
- * or tse_step() goes on with it, without a place in memory that is none of its own, and
- * to estimates that are numbers. */
+/* tests/fuzz/fuzz_state.c - a forged filter state. tse_filter_check() refuses it, or
+ * tse_step() continues without memory errors and with finite estimates. */
 #include "fuzz.h"
 
 static tse_filter_paper f;
 
-/* A few members replaced: any bytes, or a number as it could stand there. */
+/* Replace a few members by any bytes or by a forged number. */
 static void forge(bytes *b, uint8_t *at, size_t count)
 {
   for (uint32_t n = 1 + (take(b, 1) & 7u); n > 0; n--) {
@@ -54,8 +53,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (k % 8 == 7) u.missing = take(&b, 1);
     const tse_status status = tse_step(&p, &f.filter, &u, &y);
     if (status >= 0) must_be_estimates(&c, &y, (int)status);
-    (void)tse_filter_check(
-        &p, &f.filter, count); /* it may have become one that is refused, of what was forged */
+    (void)tse_filter_check(&p, &f.filter, count); /* may refuse a state that a forged one led to */
   }
   return 0;
 }

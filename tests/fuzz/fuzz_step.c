@@ -1,11 +1,11 @@
-/* tests/fuzz/fuzz_step.c - drives of any kind through any form of the filter: gaps,
- * nonsense, values that repeat themselves, channels that are missing, restarts,
- * snapshots, learnt states. What is refused changes nothing; the rest is estimates, and a
- * state that tse_filter_check() accepts; the same bytes give the same bits. */
+/* tests/fuzz/fuzz_step.c - any drives through both filters: gaps, random values, stuck
+ * and missing channels, restarts, copies of the filter, learnt states. Refused rows
+ * change nothing. Other rows give valid estimates and a state that tse_filter_check()
+ * accepts. The same input gives the same bits. */
 #include "model/state.h"
 #include "fuzz.h"
 
-#define MOST_ROWS 160 /* of an input: a second of the sanitized filter is 2000 rows or so */
+#define MOST_ROWS 160 /* max rows of an input; with sanitizers a second has about 2000 rows */
 
 typedef struct drive {
   tse_config c;
@@ -17,6 +17,7 @@ typedef struct drive {
 } drive;
 static drive d;
 
+/* Run a row and check the results. */
 static void step(const tse_input *u)
 {
   tse_output y, untouched;
@@ -40,7 +41,7 @@ static void step(const tse_input *u)
       (unsigned)d.f.filter.step);
 }
 
-/* The filter, its copy, the same row: the same. */
+/* Check that the filter and a copy of it give the same result for the same row. */
 static void go_on_from_a_copy(const tse_input *u)
 {
   static tse_filter_paper copy;
@@ -54,6 +55,7 @@ static void go_on_from_a_copy(const tse_input *u)
   memcpy(&d.f, &copy, d.bytes);
 }
 
+/* Save the learnt state and load it into a new drive. */
 static void to_the_next_drive(uint32_t age)
 {
   uint8_t learnt[TSE_LEARNT_BYTES];
@@ -70,10 +72,11 @@ static uint64_t run(const uint8_t *data, size_t size)
 {
   bytes b = { data, size };
   tse_input last;
-  d.rows = 0, d.digest = FRESH;
+  d.rows = 0;
+  d.digest = FRESH;
   const uint32_t first = take(&b, 1);
   take_settings(&b, &d.c, 0);
-  d.c.form = (int32_t)(first % 5 < 3 ? 0 : 1); /* mostly the default form */
+  d.c.form = (int32_t)(first % 5 < 3 ? 0 : 1); /* more often the Kalman filter */
   if (d.c.form) d.c.particles = 16 + (int32_t)(first >> 3) % (TSE_MAX_PARTICLES - 15);
   if (tse_prepare(&d.c, &d.p, NULL) < 0) return 0; /* latencies, a formula: fuzz_settings.c */
   d.bytes = d.c.form ? sizeof(tse_filter_paper) : sizeof(tse_filter);
@@ -86,7 +89,7 @@ static uint64_t run(const uint8_t *data, size_t size)
     switch (what & 15u) {
       case 0:
       case 1:
-      case 2: /* on and on */
+      case 2: /* undisturbed rows */
         for (uint32_t k = 0; k < 1 + (what >> 3); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           step(&u);
@@ -113,7 +116,7 @@ static uint64_t run(const uint8_t *data, size_t size)
         u.dt = real_of(what & 16u ? take_odd(&b) : pow(10, take_between(&b, -4, 3.6)));
         step(&u);
         break;
-      case 8: /* stuck: one channel, or all */
+      case 8: /* one channel stuck, or all */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 4); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           if (which & 8u) u = last;
@@ -126,7 +129,7 @@ static uint64_t run(const uint8_t *data, size_t size)
       case 11: MUST(tse_reset(&d.p, &d.f.filter, d.bytes) == TSE_OK, "reset"); break;
       case 12: go_on_from_a_copy(&u); break;
       case 13: to_the_next_drive(what & 16u ? 0xffffffffu : take(&b, 4)); break;
-      case 14: /* a channel that jumps from one end to the other */
+      case 14: /* a channel jumps between the limits of its range */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 5); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           *channel_of(&u, which) = real_of((k & 1u ? -1 : 1)
@@ -137,7 +140,7 @@ static uint64_t run(const uint8_t *data, size_t size)
           step(&u);
         }
         break;
-      default: /* without any measurement, or standing */
+      default: /* no measurement, or standstill */
         for (uint32_t k = 0; k < 1 + (what >> 3); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           if (what & 16u) u.missing = 56;

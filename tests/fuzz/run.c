@@ -1,10 +1,10 @@
-/* tests/fuzz/run.c - a fuzz target without a fuzzer: through its inputs in a file, a line
- * each: target, name, bytes in hexadecimal. */
+/* tests/fuzz/run.c - run a fuzz target on stored inputs, without a fuzzer. Each line of
+ * the file is an input: target, name, bytes in hexadecimal. */
 #include "fuzz.h"
 
 enum { MOST_BYTES = 1 << 16 };
 
-/* Return the value of a hexadecimal digit; -1 if it is none. */
+/* Return the value of a hexadecimal digit; -1 for other characters. */
 static int digit(char c)
 {
   static const char digits[] = "0123456789abcdef";
@@ -12,8 +12,7 @@ static int digit(char c)
   return at ? (int)(at - digits) : -1;
 }
 
-/* Return 1 if the rest of a line, name and bytes, was an input and the target has gone
- * through it. */
+/* Run the target on the rest of a line, name and bytes. Returned: 0 if it is no input */
 static int through(const char *line)
 {
   static uint8_t data[MOST_BYTES];
@@ -39,11 +38,11 @@ int main(int argc, char **argv)
   while (fgets(line, sizeof line, file)) {
     if (strncmp(line, argv[2], name) || line[name] != ' ') continue;
     line[strcspn(line, "\r\n")] = '\0';
-    (void)fprintf(stderr, "%d: %.60s\n", done + 1, line); /* the last one is that which breaks it */
+    (void)fprintf(stderr, "%d: %.60s\n", done + 1, line); /* after a failure, the last line names the input */
     if (!through(line + name + 1)) return 1;
     done++;
   }
   (void)fclose(file);
   (void)printf("%d inputs\n", done);
-  return done == 0; /* nothing to go through is no test */
+  return done == 0; /* fail without inputs */
 }

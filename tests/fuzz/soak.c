@@ -1,19 +1,18 @@
-/* tests/fuzz/soak.c - millions of rows of simulated drives through the default filter,
- * with what happens to cars and sensors, and what should not: how often an estimate is no
- * number, and how often the filter says that all was lost when nothing had happened.
+/* tests/fuzz/soak.c - millions of rows of simulated drives through the Kalman filter,
+ * with disturbances of cars and sensors. Counts estimates that are not finite, and
+ * recoveries (states started over) without a cause.
  *
- *   soak ROWS [FIRST_DRIVE]     prints a Markdown table; exit code 1 when anything is
- *                               counted that must not be */
+ *   soak ROWS [FIRST_DRIVE]   print a Markdown table; exit code 1 if a count that must be
+ *                             0 is not */
 #include "fuzz.h"
 #include "tse/simulate.h"
 
-enum {
-  DRIVE_ROWS = 6000
-}; /* a minute                                                                              */
-#define DT 0.01
-#define AFTERMATH 15.0       /* s behind the end of an event in which a recovery is of it: births need
-                              * samples to show */
-#define SETTLED 5.0          /* s from the start of a drive: before, stiffness and noise are the settings' */
+enum { DRIVE_ROWS = 6000 }; /* rows of a drive: one minute */
+#define DT 0.01             /* [s] */
+#define AFTERMATH 15.0      /* [s] a recovery within this time after an event is caused by it */
+#define SETTLED 5.0         /* [s] before this time, stiffness and noise are those of the settings */
+
+/* Disturbances: name, description. */
 
 #define EVENTS(X)                                                                         \
   X(calm,       "nothing: 0.6 .. 1.2 of nominal stiffness, up to 6 m/s2 sideways")         \
@@ -49,6 +48,7 @@ static const char *const texts[] = {
 };
 
 static uint32_t word;
+/* Return a uniform random number in 0 .. 1. */
 static double uniform(void)
 {
   word = word * 1664525u + 1013904223u;
@@ -56,8 +56,8 @@ static double uniform(void)
 }
 static double between(double lo, double hi) { return lo + (hi - lo) * uniform(); }
 
-static uint64_t regimes[TSE_REGIMES],
-    out_of_range; /* rows in which each was the likeliest; rows in which a number left its range */
+static uint64_t regimes[TSE_REGIMES]; /* number of rows in which each was the most probable */
+static uint64_t out_of_range;         /* number of rows in which a number left its range */
 
 static void count_regime(const tse_output *y, tse_status status)
 {
@@ -71,10 +71,9 @@ static void count_regime(const tse_output *y, tse_status status)
 typedef struct tally {
   uint64_t rows, refused, valid, no_number, unsound, recoveries, false_recoveries;
   struct {
-    uint64_t rows, holds;
-    double error, half; /* sums, relative to the truth: errors, half the 95 % interval */
-  } cornering
-      [2]; /* front, rear: valid rows of the first 0.12 s of each second from the start of the event on */
+    uint64_t rows, holds; /* number of rows; of those with the true value in the 95 % interval */
+    double error, half;   /* sums, relative to the true value: error, half the 95 % interval */
+  } cornering[2];         /* front, rear: valid rows of the first 0.12 s of each second since the event */
 } tally;
 static tally all[KINDS];
 
@@ -95,12 +94,13 @@ static event any_event(uint32_t drive)
   return e;
 }
 
-/* Share of the rows that come late. */
+/* Return the share of rows that are late. */
 static double late_share(int kind)
 {
   return kind == EVENT_late_1 ? 0.01 : kind == EVENT_late_10 ? 0.1 : kind == EVENT_late_30 ? 0.3 : 0;
 }
 
+/* Compare valid cornering stiffnesses with their true values. */
 static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
 {
   const double truth[2] = { tse_double_of_setting(s->true_cy_front), tse_double_of_setting(s->true_cy_rear) };
@@ -115,7 +115,8 @@ static void compare(tally *n, const tse_output *y, const tse_sim_config *s)
   }
 }
 
-/* The driver: a speed to hold, and a sum of sines whose lateral acceleration is bounded. */
+/* Return the inputs of a driver who holds a speed and steers by a sum of sines with
+ * limited lateral acceleration. */
 static tse_sim_input drive_on(
     const event *e, double t, double speed, const double pace[3], double sideways, double now)
 {
@@ -133,7 +134,8 @@ static tse_sim_input drive_on(
   return u;
 }
 
-/* What happens to the row on its way.   hold: values of the row before the event */
+/* Disturb a row.
+ *   Given:  hold  last row before the event */
 static void spoil(const event *e, double t, tse_input *u, const tse_input *hold)
 {
   static const double ranges[] = { 0.2, 20, 20, 5, 5, 1 }, noise[] = { 0.002, 0.1, 0.1, 0.15, 0.15, 0.0035 };
@@ -158,6 +160,7 @@ static void spoil(const event *e, double t, tse_input *u, const tse_input *hold)
   }
 }
 
+/* Return 1 if the estimates are finite. */
 static int is_whole(const tse_output *y)
 {
   for (int a = 0; a < 3; a++)
@@ -182,7 +185,9 @@ static void drive_once(uint32_t drive)
   const event e = any_event(drive);
   const double speed = between(8, 40), sideways = between(1, 6),
                pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };
-  s.speed = tse_setting_of(speed), s.seed = (int32_t)(drive + 1), s.substep = tse_setting_of(0.002);
+  s.speed = tse_setting_of(speed);
+  s.seed = (int32_t)(drive + 1);
+  s.substep = tse_setting_of(0.002);
   s.true_cx_front = tse_setting_of(between(0.6, 1.2));
   s.true_cy_front = tse_setting_of(between(0.6, 1.2));
   s.true_cy_rear = tse_setting_of(between(0.6, 1.2));
@@ -191,11 +196,12 @@ static void drive_once(uint32_t drive)
   now.vel_x = real_of(speed);
   tally *const n = &all[e.kind];
   int was = 0;
-  double pause = 0, behind = 0; /* s without a row */
+  double pause = 0;
+  double behind = 0; /* [s] time since the last row */
   for (int k = 0; k < DRIVE_ROWS; k++) {
     const double t = k * DT;
     const tse_sim_input u = drive_on(&e, t, speed, pace, sideways, number(now.vel_x));
-    if (tse_sim_step(&sim, &u, &now) < 0) continue; /* a car that has turned over is no drive any more */
+    if (tse_sim_step(&sim, &u, &now) < 0) continue; /* the simulated car has diverged */
     tse_input row = now.row;
     behind += DT;
     if (t >= e.from && late_share(e.kind) > 0) {
@@ -275,8 +281,9 @@ int main(int argc, char **argv)
       x[a][1] = 100 * all[k].cornering[a].error / rows_;
       x[a][2] = 100 * all[k].cornering[a].half / rows_;
       x[a][3] = 100 * (double)all[k].cornering[a].holds / rows_;
-      const int ordinary = k == EVENT_calm
-          || late_share(k) > 0; /* nothing but the rows' times; of the others one drive may be far off */
+      /* undisturbed, or only the times of rows: with other events a single drive may be
+       * far off */
+      const int ordinary = k == EVENT_calm || late_share(k) > 0;
       biased = biased || (ordinary && fabs(x[a][1]) > x[a][2]);
     }
     if (x[0][0] + x[1][0] > 0)

@@ -391,7 +391,7 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
 
 
 def drive(told, seconds: float = 200.0):
-    """CheckedLog and estimates with all list_columns that the report draws."""
+    """CheckedLog and estimates with all columns that the report draws."""
     table = table_of_events(told, seconds)
     log, other = made_up(len(table))
     rest = other[[c for c in other if c not in table]]

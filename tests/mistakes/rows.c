@@ -1,7 +1,7 @@
-/* tests/mistakes/rows.c - a log through the library, as a program of C has it.
- *   rows KNOWN MASS LF LR RADIUS_FRONT RADIUS_REAR DRIVEN_AXLE < log.csv     time and six
- *   channels, a row each 10 ms, after a line of names
- * Prints of each row its status, the reasons of three stiffnesses, fault_channel and
+/* tests/mistakes/rows.c - run a log through the library, as a C program does.
+ *   rows KNOWN MASS LF LR RADIUS_FRONT RADIUS_REAR DRIVEN_AXLE < log.csv
+ *   log.csv: header, then time and six channels, a row each 10 ms
+ * Prints for each row: status, reasons of the three stiffnesses, fault_channel,
  * fault_factor. */
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,8 +17,12 @@ int main(int argc, char **argv)
   if (argc != 8) return 2;
   if (atoi(argv[1])) tse_config_exact(&c);
   else tse_config_default(&c);
-  c.mass = atof(argv[2]), c.lf = atof(argv[3]), c.lr = atof(argv[4]);
-  c.wheel_radius_front = atof(argv[5]), c.wheel_radius_rear = atof(argv[6]), c.driven_axle = atoi(argv[7]);
+  c.mass = atof(argv[2]);
+  c.lf = atof(argv[3]);
+  c.lr = atof(argv[4]);
+  c.wheel_radius_front = atof(argv[5]);
+  c.wheel_radius_rear = atof(argv[6]);
+  c.driven_axle = atoi(argv[7]);
   tse_input_default(&u);
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || scanf("%*[^\n]") < 0) return 1;
   while (scanf("%*f,%lf,%lf,%lf,%lf,%lf,%lf", &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear,

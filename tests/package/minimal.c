@@ -1,6 +1,6 @@
 #include <math.h>
 #include <stdio.h>
-#include "tse/simulate.h" /* a car to estimate; with real sensors tse/tse.h is enough */
+#include "tse/simulate.h" /* a car to estimate; with real sensors, tse/tse.h is enough */
 
 int main(void)
 {
@@ -13,7 +13,7 @@ int main(void)
   tse_sim_output log;
   tse_sim_input drive = { .dt = TSE_R(0.01), .road_level = TSE_R(1) };
 
-  tse_config_exact(&c); /* the simulator's car; a real one: tse_config_default(), and its mass */
+  tse_config_exact(&c); /* the simulator's car; for a real one tse_config_default() and its mass */
   c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = 0.7; /* start 30 % too low */
   tse_sim_config_default(&truth);
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0
@@ -31,5 +31,5 @@ int main(void)
   printf(
       "front longitudinal %.0f +- %.0f N, front cornering %.0f +- %.0f, rear cornering %.0f +- %.0f N/rad\n",
       (double)mean[0], (double)sd[0], (double)mean[1], (double)sd[1], (double)mean[2], (double)sd[2]);
-  return fabs((double)y.stiffness[1] - 1.0) < 0.1 ? 0 : 2; /* the truth is 1 */
+  return fabs((double)y.stiffness[1] - 1.0) < 0.1 ? 0 : 2; /* the true value is 1 */
 }

@@ -1,23 +1,22 @@
-/* What Frama-C's EVA is asked: may these functions go wrong in memory or in whole
- * numbers, whatever they are handed?
+/* tests/proof/eva.c - programs for Frama-C's EVA: prove that these functions have no
+ * errors of memory or of integer arithmetic, for any arguments.
  *
- *   PROVE_PREPARE     tse_config_check(), any bits as settings; tse_prepare(),
- *                     tse_reset(): any real settings
- *   PROVE_LEARNT      tse_learnt_load(): any bytes, any number of them up to twice a
- *                     state's, any age
- *   PROVE_STEP        tse_step(), default form, no velocity measured yet; PROVE_SMALL the
- *                     same of a build with TSE_SMALL
- *   PROVE_VELOCITY    the same with states of a measured velocity; and the row that
- *                     brings them into use, from there on
- *   PROVE_PARTICLES   tse_step(), form 1, without effects
- *   PROVE_NUMBERS     product, quotient and root of fixed point, of any sum of fifteen
- *                     results; in all the others these give any result
+ *   PROVE_PREPARE     tse_config_check() with any bits as settings; tse_prepare(),
+ *                     tse_reset() with any settings of type real
+ *   PROVE_LEARNT      tse_learnt_load() with any bytes, of any number up to twice the
+ *                     size of a learnt state, and any age
+ *   PROVE_STEP        tse_step() of the Kalman filter, before the first measured
+ *                     velocity; PROVE_SMALL the same in a build with TSE_SMALL
+ *   PROVE_VELOCITY    the same with the states of a measured velocity, and the row that
+ *                     starts them
+ *   PROVE_PARTICLES   tse_step() of the particle filter, without effects
+ *   PROVE_NUMBERS     product, quotient and root in fixed point, of any sum of fifteen
+ *                     results. In the other programs these return any result
  *
- * Settings, rows and every real number of parameters and filter may be any bits, NaN and
- * infinite ones, too (fixed: any number that an operation of number/fixed.h may give).
- * Whole numbers lie where tse_prepare() and tse_filter_check() want them, and it is
- * asserted that they do so after the row: so what holds for one row holds for every row
- * after it. */
+ * Settings, rows and all real numbers of parameters and filter have any bits, including
+ * NaN and infinity (fixed point: any result of an operation of number/fixed.h). Integers
+ * are in the ranges that tse_prepare() and tse_filter_check() enforce. After the row,
+ * assertions check that they still are: by induction, the proof holds for all rows. */
 #include "model/state.h"
 #include "tse/learnt.h"
 #include "tse/tse.h"
@@ -27,7 +26,7 @@
 
 #include "__fc_builtin.h"
 
-/* Any bits: what is asked here does not depend on a square root. */
+/* Return any bits. The properties proven do not depend on square roots. */
 double sqrt(double x)
 {
   Frama_C_make_unknown((char *)&x, sizeof x);
@@ -39,7 +38,7 @@ float sqrtf(float x)
   return x;
 }
 
-/* any number that an operation may give: `+` is native, and says nothing when it overflows */
+/* Set any results of operations. `+` is native and does not saturate. */
 #if defined(TSE_REAL_FIXED)
 #include "number/real_ops.h"
 static void any_numbers(void *at, size_t bytes)
@@ -94,7 +93,7 @@ static void any_params(int32_t form)
   p.effects.mask = 0;
 }
 
-/* The ranges of host/sound.c. */
+/* Set any filter with integers in the ranges that host/sound.c checks. */
 static void any_filter(int32_t extras)
 {
   ANY(all);
@@ -115,7 +114,7 @@ static void any_filter(int32_t extras)
   }
 }
 
-/* What any_filter() took for granted, of the filter that the row leaves. */
+/* Check the assumptions of any_filter() for the filter after the row. */
 static void still_so(void)
 {
   //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
@@ -127,8 +126,9 @@ static void still_so(void)
 }
 
 #define WITHIN(fmu, name, def, exact, lo, hi, unit, text) c.name = in(lo, hi);
-#if defined(TSE_REAL_FIXED) /* a sum of numbers of any size says nothing when it overflows */
-#define REAL_WITHIN(fmu, name, def, exact, lo, hi, unit, text) c.name = Frama_C_long_long_interval(TSE_S(lo), TSE_S(hi));
+#if defined(TSE_REAL_FIXED) /* sums of unlimited numbers could overflow */
+#define REAL_WITHIN(fmu, name, def, exact, lo, hi, unit, text) \
+  c.name = Frama_C_long_long_interval(TSE_S(lo), TSE_S(hi));
 #else
 #define REAL_WITHIN NO_ROW
 #endif
@@ -139,10 +139,9 @@ static void prove_prepare(void)
   const char *wrong;
   ANY(c);
   if (tse_config_check(&c, &wrong) < 0) return;
-  SETTINGS(REAL_WITHIN,
-      /* which it holds them to, by a loop over a table; EVA does not see that a copy
-       * of a number is the number */
-      WITHIN)
+  /* tse_config_check() ensures these ranges in a loop over a table, on copies of the
+   * settings. EVA does not relate a copy to its original. */
+  SETTINGS(REAL_WITHIN, WITHIN)
   if (tse_prepare(&c, &p, &wrong) < 0) return;
   //@ assert whole: 0 <= p.form <= 1 && 0 <= p.car.driven <= 2;
   //@ assert whole: 16 <= p.particles <= TSE_MAX_PARTICLES && 0 <= p.resampling <= 3;
@@ -160,8 +159,8 @@ static void prove_learnt(void)
   //@ assert whole: 0 <= f->start.loaded <= 1;
 }
 
-/* given: bits of tse_input.given that may be there. The first row, and one that
-     * starts the filter again, has no states of a velocity. */
+/* Prove tse_step(). The first row and a row after a restart have no states of a velocity.
+ *   Given:  given  bits of tse_input.given that may be set */
 static void prove_step(int32_t form, int32_t extras, uint32_t given)
 {
   any_params(form);
@@ -205,7 +204,7 @@ int main(void)
 #elif defined(PROVE_PARTICLES)
   prove_step(in(1, 2), 0, UINT32_MAX);
 #else
-#error "say what is to be proven"
+#error "define one of PROVE_PREPARE .. PROVE_NUMBERS"
 #endif
   return 0;
 }

@@ -1,6 +1,6 @@
-/* tests/replay/replay.h - a recorded drive through the filter, and what identifies the
- * result: for tests/unit/estimator/test_replay.c, which compares with the golden
- * estimates, and for update.c, which writes them. */
+/* tests/replay/replay.h - run a recorded drive and hash the outputs.
+ * tests/unit/estimator/test_replay.c compares them with the golden estimates, which
+ * update.c writes. */
 #ifndef REPLAY_H
 #define REPLAY_H
 
@@ -15,15 +15,16 @@
 #include "tse/convert.h"
 
 enum {
-  REPLAY_ROWS_MOST = 4000,
-  REPLAY_EVERY = 25,
-  REPLAY_PARTICLES = 150,
-  REPLAY_SCHEMES = 4,
-  REPLAY_COLUMNS = REPLAY_OUTPUTS
-}; /* of the golden table */
+  REPLAY_ROWS_MOST = 4000,        /* max number of rows */
+  REPLAY_EVERY = 25,              /* the golden table has every 25th row */
+  REPLAY_PARTICLES = 150,         /* not a multiple of eight: includes padding */
+  REPLAY_SCHEMES = 4,             /* methods of resampling */
+  REPLAY_COLUMNS = REPLAY_OUTPUTS /* of the golden table */
+};
 
-/* Read drive.csv: dt, then the channels of tse_input; an empty field is missing.
- * Returned: rows, or 0. */
+/* Read drive.csv: dt, then the channels of tse_input. An empty field is a missing
+ * channel.
+ *   Returned:  number of rows; 0 if the file cannot be read */
 static inline int replay_read(const char *path, tse_input *rows)
 {
   char line[256];
@@ -33,7 +34,7 @@ static inline int replay_read(const char *path, tse_input *rows)
   while (n < REPLAY_ROWS_MOST && fgets(line, sizeof line, file)) {
     tse_real value[1 + TSE_CHANNELS];
     char *at = line;
-    if (line[0] < '0' || line[0] > '9') continue; /* comment, names */
+    if (line[0] < '0' || line[0] > '9') continue; /* comment or header */
     for (int k = 0; k < 1 + TSE_CHANNELS; k++) {
       char *end;
       const double x = strtod(at, &end);
@@ -43,13 +44,14 @@ static inline int replay_read(const char *path, tse_input *rows)
     memset(&rows[n], 0, sizeof rows[n]);
     int k = 0;
     rows[n].dt = value[k++];
-    for (; k <= TSE_CHANNELS; k++) (&rows[n].steer_angle)[k - 1] = value[k]; /* one behind the other */
+    for (; k <= TSE_CHANNELS; k++) (&rows[n].steer_angle)[k - 1] = value[k]; /* neighbouring members */
     n++;
   }
   (void)fclose(file);
   return n;
 }
 
+/* Write the outputs as a row of the golden table. */
 static inline void replay_columns(const tse_output *y, double column[])
 {
   for (int k = 0; k < REPLAY_COLUMNS; k++) {
@@ -62,13 +64,14 @@ static inline void replay_columns(const tse_output *y, double column[])
   }
 }
 
-/* The forms of the filter; the first one gives the golden table. */
+/* Set an uncalibrated car: the Kalman filter considers all uncertain parameters. */
 static inline void replay_uncalibrated(tse_config *c)
 {
   tse_config_default(c);
   c->mass = TSE_S(1900);
 }
 
+/* Settings to replay. The first form gives the golden table. */
 typedef struct replay_form {
   const char *name;
   void (*settings)(tse_config *c);
@@ -77,25 +80,25 @@ static const replay_form replay_forms[] = {
   { "default", tse_config_exact },
   { "robust", tse_config_robust },
   { "paper", tse_config_paper },
-  { "uncalibrated",
-      replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is
-                              * uncertain is considered */
+  { "uncalibrated", replay_uncalibrated },
 };
 enum { REPLAY_FORMS = 4, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };
 
-/* A form's settings, but fewer particles than a multiple of eight, so that padding takes
- * part. Returned: hash of every output of every row; table: each REPLAY_EVERY-th row,
- * unless NULL; met: rows by status, unless NULL. 0 if something was refused. */
+/* Run the rows with the settings of a form and REPLAY_PARTICLES particles.
+ *   Returned:  hash of all outputs of all rows; 0 if settings or a row are refused
+ *              table  every REPLAY_EVERY-th row; may be NULL
+ *              met    number of rows by status, added up; may be NULL */
 static inline uint64_t replay_run(
     const tse_input *rows, int n, int form, int32_t scheme, double table[][REPLAY_COLUMNS], int *met)
 {
-  static tse_filter_paper memory; /* enough for every form */
+  static tse_filter_paper memory; /* large enough for all filters */
   static tse_params p;
   tse_config config;
   tse_output y;
   uint64_t hash = REPLAY_HASH_EMPTY;
   replay_forms[form].settings(&config);
-  config.particles = REPLAY_PARTICLES, config.resampling = scheme;
+  config.particles = REPLAY_PARTICLES;
+  config.resampling = scheme;
   if (tse_prepare(&config, &p, NULL) < 0 || tse_reset(&p, &memory.filter, sizeof memory) < 0) return 0;
   for (int i = 0; i < n; i++) {
     if (tse_step(&p, &memory.filter, &rows[i], &y) < 0) return 0;

@@ -1,6 +1,5 @@
-/* tests/replay/replay_hash.h - one number for every bit of what the filter puts out. No
- * more than the compiler brings along, so that it runs on a machine without files and
- * without a C library, too (tests/embedded). */
+/* tests/replay/replay_hash.h - hash all bits of the outputs. Runs without files and
+ * without a C library (tests/embedded). */
 #ifndef REPLAY_HASH_H
 #define REPLAY_HASH_H
 
@@ -12,7 +11,8 @@
 
 #define REPLAY_HASH_EMPTY 14695981039346656037u
 
-/* FNV-1a, 64 bits, over the values' bytes, low one first whatever the machine's order. */
+/* Update an FNV-1a hash of 64 bits by the bytes of a value, low byte first on all
+ * machines. */
 static inline uint64_t replay_mix(uint64_t hash, uint64_t bits, int bytes)
 {
   for (int i = 0; i < bytes; i++) hash = (hash ^ (bits >> (8 * i) & 255u)) * 1099511628211u;
@@ -31,8 +31,7 @@ static inline uint64_t replay_mix_real(uint64_t hash, tse_real x)
   return replay_mix(hash, narrow, 4);
 }
 
-/* Of which time the estimates are is none of them: no channel is late in the recorded
- * drive. */
+/* The outputs, except estimate_age: no channel is late in the recorded drive. */
 static const struct {
   const char *name;
   size_t at;

@@ -1,14 +1,14 @@
-/* tests/replay/update.c - writes what tests/unit/estimator/test_replay.c compares with;
+/* tests/replay/update.c - write the reference of tests/unit/estimator/test_replay.c.
  * tests/replay/update.py compiles and runs it.
- *   update drive             a new drive from the simulator, as CSV on stdout
- *   update golden DRIVE      the estimates of that drive in the format this program is
- *                            compiled for */
+ *   update drive          print a new drive of the simulator as CSV
+ *   update golden DRIVE   print the estimates of that drive, in the number format that
+ *                         this program is compiled for */
 #include "replay.h"
 #include "tse/describe.h"
 #include "tse/simulate.h"
 
-/* 30 s: standstill, acceleration with torque steps, two lane changes, braking to a stop,
- * a little backwards. */
+/* Torque of a drive of 30 s: standstill, acceleration with torque steps, two lane
+ * changes, braking to a stop, a short reverse. */
 static double torque_at(double t)
 {
   if (t < 1.5) return 0.0;
@@ -39,15 +39,19 @@ static int write_drive(void)
   tse_sim_config truth;
   tse_config_exact(&config);
   tse_sim_config_default(&truth);
-  truth.speed = tse_setting_of(0), truth.true_cx_front = tse_setting_of(0.9);
-  truth.true_cy_front = tse_setting_of(1.15), truth.true_cy_rear = tse_setting_of(0.85);
-  truth.true_bias_accel_x = tse_setting_of(0.03), truth.true_bias_yaw_rate = tse_setting_of(-0.002);
-  truth.bias_walk = tse_setting_of(1), truth.wheel_speed_sd = tse_setting_of(0.01);
+  truth.speed = tse_setting_of(0);
+  truth.true_cx_front = tse_setting_of(0.9);
+  truth.true_cy_front = tse_setting_of(1.15);
+  truth.true_cy_rear = tse_setting_of(0.85);
+  truth.true_bias_accel_x = tse_setting_of(0.03);
+  truth.true_bias_yaw_rate = tse_setting_of(-0.002);
+  truth.bias_walk = tse_setting_of(1);
+  truth.wheel_speed_sd = tse_setting_of(0.01);
   if (tse_sim_reset(&sim, &config, &truth, NULL) < 0) return 1;
 
   printf("# recorded from the simulator (update.c); an empty field is missing\ndt");
   for (int k = 0; k < TSE_CHANNELS; k++)
-    printf(",%s", tse_describe(TSE_STRUCT_INPUT, NULL, NULL)[1 + k].name); /* behind dt */
+    printf(",%s", tse_describe(TSE_STRUCT_INPUT, NULL, NULL)[1 + k].name); /* after dt */
   printf("\n");
   double gap = 0.0;
   for (int i = 0; i <= 3000; i++) {
@@ -55,13 +59,16 @@ static int write_drive(void)
     tse_sim_input u;
     tse_sim_output y;
     memset(&u, 0, sizeof u);
-    u.dt = tse_real_of(0.01), u.steer_angle = tse_real_of(steer_at(t));
-    u.wheel_torque_front = tse_real_of(torque_at(t)), u.brake_torque_front = tse_real_of(0.6 * brake_at(t));
-    u.brake_torque_rear = tse_real_of(0.4 * brake_at(t)), u.road_level = tse_real_of(1);
+    u.dt = tse_real_of(0.01);
+    u.steer_angle = tse_real_of(steer_at(t));
+    u.wheel_torque_front = tse_real_of(torque_at(t));
+    u.brake_torque_front = tse_real_of(0.6 * brake_at(t));
+    u.brake_torque_rear = tse_real_of(0.4 * brake_at(t));
+    u.road_level = tse_real_of(1);
     if (tse_sim_step(&sim, &u, &y) < 0) return 1;
     gap += 0.01;
-    if (within(t, 13.1, 13.5) || within(t, 16.0, 16.03) || within(t, 18.0, 18.06))
-      continue; /* rows lost: steps to 0.41 s */
+    /* lost rows: steps up to 0.41 s */
+    if (within(t, 13.1, 13.5) || within(t, 16.0, 16.03) || within(t, 18.0, 18.06)) continue;
     const double channel[6] = { tse_double_of(y.row.steer_angle), tse_double_of(y.row.wheel_speed_front),
       tse_double_of(y.row.wheel_speed_rear), tse_double_of(y.row.accel_x), tse_double_of(y.row.accel_y),
       tse_double_of(y.row.yaw_rate) };

@@ -1,6 +1,5 @@
-/* tests/unit/driven.h - a car that the simulator drives as in the paper's Sec. IV-A: a
- * square wave of 4 s in steering, of 5 s in front torque. Included once, after
- * unit_support.h. */
+/* tests/unit/driven.h - drive the simulator as in Sec. IV-A of the paper: square waves of
+ * 4 s in steering and of 5 s in front torque. Include it once, after unit_support.h. */
 #ifndef DRIVEN_H
 #define DRIVEN_H
 

@@ -1,4 +1,4 @@
-/* tests/unit/effect_support.h - what the tests of effects share. Included once, after
+/* tests/unit/effect_support.h - shared by the tests of effects. Include it once, after
  * unit_support.h. */
 #ifndef EFFECT_SUPPORT_H
 #define EFFECT_SUPPORT_H
@@ -10,7 +10,7 @@
 
 enum { LOG_MOST = 20000 };
 
-/* Rows of a log and what comes of them. */
+/* Rows of a log, and the results of their replay. */
 static tse_real log_dt[LOG_MOST], log_steer[LOG_MOST], log_front[LOG_MOST], log_rear[LOG_MOST];
 static tse_real got_x[LOG_MOST], got_y[LOG_MOST], got_r[LOG_MOST], got_vx[LOG_MOST], got_vy[LOG_MOST],
     got_yaw[LOG_MOST];
@@ -39,7 +39,7 @@ static inline tse_replay_start the_start(void)
   return s;
 }
 
-/* A replay that must succeed. */
+/* Run a replay that must succeed. */
 static inline void replay_with(
     const tse_config *c, const tse_replay_log *log, int rows, const tse_replay_start *s)
 {
@@ -56,7 +56,7 @@ static inline void replay(const tse_config *c, int rows)
   replay_with(c, &log, rows, &s);
 }
 
-/* What a replay read, kept beside the next one's. */
+/* Keep the results of a replay, to compare them with the next one. */
 static tse_real kept_x[LOG_MOST], kept_y[LOG_MOST], kept_r[LOG_MOST];
 
 static inline void keep_readings(void)
@@ -66,7 +66,8 @@ static inline void keep_readings(void)
   memcpy(kept_r, got_r, sizeof got_r);
 }
 
-/* Straight on at this speed, wheels rolling at their stated radius. */
+/* Make a log of straight driving at this speed, with wheels rolling at their nominal
+ * radius. */
 static inline void straight(const tse_config *c, double speed, double dt, int rows)
 {
   for (int i = 0; i < rows; i++) {

@@ -1,5 +1,5 @@
-/* tests/unit/filter_support.h - what tests of src/filter share: dense matrices in double,
- * and a car of the filter's own model that is driven. Included once, after
+/* tests/unit/filter_support.h - shared by the tests of src/filter: dense matrices in
+ * double, and a simulated car of the filter's own model. Include it once, after
  * unit_support.h. */
 #ifndef FILTER_SUPPORT_H
 #define FILTER_SUPPORT_H
@@ -24,7 +24,7 @@ static inline double number_of_slope(tse_short x) { return ldexp(x, -SLOPE_BITS)
 static inline double number_of_slope(tse_short x) { return number(x); }
 #endif
 
-/* U D U' multiplied out. */
+/* Multiply out U D U'. */
 static inline dense dense_of(const tse_ud *p)
 {
   dense m;
@@ -47,7 +47,7 @@ static inline void expect_dense(
     for (int k = 0; k < STATES; k++) expect_near(expected->p[i][k], m.p[i][k], tolerance, what, 100 * i + k);
 }
 
-/* Numbers of the size that a covariance in units of the state has. */
+/* Fill a matrix with numbers of the size of a covariance in units of the state. */
 static inline void any_covariance(tse_ud *p, uint32_t *seed)
 {
   for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = short_of(next_between(seed, -0.5, 0.5));
@@ -55,14 +55,14 @@ static inline void any_covariance(tse_ud *p, uint32_t *seed)
   p->extras = 0;
 }
 
-/* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no
- * error of the estimate. */
+/* Slopes with respect to a stiffness: of its slip or slip angle, squared, the share that
+ * is not estimation error. */
 static inline void weaken(tse_real (*slopes)[PLACES], int rows, const tse_kalman *k)
 {
   const dense m = dense_of(&k->ud);
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
-    double signal = 0, error = 1e-6; /* as in signal_shares(): never 0 over 0 */
+    double signal = 0, error = 1e-6; /* as in signal_shares(): avoids 0/0 */
     for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
       signal += pow(number(k->x[of[a][n]]) / number(state_unit[of[a][n]]), 2);
       error += m.p[of[a][n]][of[a][n]];
@@ -78,12 +78,12 @@ typedef struct truth {
   tse_params p;
   tse_real x[TSE_VALUES];
   double t, steer, amplitude, frequency, throttle; /* [s] [rad] [rad] [Hz] [1] of slip */
-  double noise;                                    /* [1] over the settings' */
+  double noise;                                    /* [1] over that of the settings */
   uint32_t seed;
 } truth;
 
-/* A car that is in no state known exactly: drawn from the prior, parameters and all.
- * spread: over the prior's sd. */
+/* A car drawn from the prior, with all states and parameters.
+ *   Given:  spread  factor on the sd of the prior */
 static inline void truth_start(truth *w, tse_config c, double speed, double spread, uint32_t seed)
 {
   memset(w, 0, sizeof *w);
@@ -100,7 +100,8 @@ static inline void truth_start(truth *w, tse_config c, double speed, double spre
 
 static inline double truth_noise(truth *w, double sd) { return w->noise * sd * next_normal(&w->seed); }
 
-/* The row after dt. Speed is held by the driver, who brakes and accelerates in turn. */
+/* Return the row after dt. The driver holds the speed by braking and accelerating in
+ * turn. */
 static inline tse_input truth_row(truth *w, double dt)
 {
   tse_short M[MOTION][PLACES];
@@ -110,7 +111,7 @@ static inline tse_input truth_row(truth *w, double dt)
   double left = dt, reading[TSE_SENSORS];
   steering last;
   memset(&last, 0, sizeof last);
-  while (left > 1e-9) { /* in steps of a row, as long as the filter is not asked */
+  while (left > 1e-9) { /* in steps of a row, until the filter gets a row */
     const double h = fmin(left, 0.01), from = w->steer;
     w->t += h;
     w->steer = w->amplitude * sin(6.283185307179586 * w->frequency * w->t);
@@ -132,7 +133,7 @@ static inline tse_input truth_row(truth *w, double dt)
 
 static inline double truth_stiffness(const truth *w, int a) { return exp(number(w->x[stiffness_at(a)])); }
 
-/* Every output is a number. */
+/* Check that every output is finite. */
 static inline void expect_estimates_are_numbers(const tse_output *y, const char *what)
 {
   TEST_ASSERT_TRUE_MESSAGE(outputs_are_finite(y), what);

@@ -4,14 +4,16 @@
  *     [ A     A d'                          ]        A = (1 + gamma)/nut Lambda
  *     [ d A   d A d' + (nut-2)/nut (R + P)  ]
  * so w given y is Student-t, too (Kotz and Nadarajah, Multivariate t Distributions, 2004,
- * section 1.11). The program under test whitens, works in log2 and in scalar steps.
- * Numbers have 24 bits: every format starts from the same. After unit_support.h. */
+ * section 1.11). The code under test whitens, and works in log2 and scalar steps. Numbers
+ * have 24 bits, so they are exact in every format. Include it after unit_support.h. */
 #ifndef PAPER_CASES_H
 #define PAPER_CASES_H
 
-#define PAPER_SETTINGS(X)                                                                                                          \
-  X(mass) X(lf) X(lr) X(wheel_radius_front) X(wheel_radius_rear) X(longitudinal_stiffness_front) X(longitudinal_stiffness_rear)   \
-  X(cornering_stiffness_front) X(cornering_stiffness_rear) X(rear_longitudinal_follows_front) X(accel_x_sd) X(accel_y_sd) X(yaw_rate_sd)
+#define PAPER_SETTINGS(X) \
+  X(mass) X(lf) X(lr) X(wheel_radius_front) X(wheel_radius_rear) \
+  X(longitudinal_stiffness_front) X(longitudinal_stiffness_rear) \
+  X(cornering_stiffness_front) X(cornering_stiffness_rear) X(rear_longitudinal_follows_front) \
+  X(accel_x_sd) X(accel_y_sd) X(yaw_rate_sd)
 
 typedef struct paper_car {
 #define X(name) double name;
@@ -24,7 +26,7 @@ typedef struct paper_particle {
 } paper_particle;
 
 typedef struct paper_prior {
-  double nu, gamma, bias_var[3]; /* of all particles; bias_var in squared sensor sd */
+  double nu, gamma, bias_var[3]; /* shared by all particles; bias_var in squared sensor sd */
 } paper_prior;
 
 static inline double any(uint32_t *seed, double lo, double hi) { return single(next_between(seed, lo, hi)); }
@@ -51,7 +53,8 @@ static inline tse_config config_of(const paper_car *car, int32_t particles)
   return c;
 }
 
-/* Near the speed of the wheels; sds of the stiffness between those given. */
+/* Draw a particle with speeds near those of the wheels and sds of the stiffness within
+ * these limits. */
 static inline paper_particle any_particle(
     uint32_t *seed, const paper_car *car, const double u[3], double low, double high)
 {
@@ -75,7 +78,7 @@ static inline paper_particle any_particle(
   return q;
 }
 
-/* h and d of (9); u: steering angle, wheel speeds. Where speeds are above 1 m/s. */
+/* h and d of (9), for speeds above 1 m/s. u: steering angle, wheel speeds. */
 static inline void regressors(
     const paper_car *c, const double x[3], const double u[3], double h[3], double d[3][3])
 {
@@ -93,7 +96,7 @@ static inline void regressors(
   h[2] = x[2];
 }
 
-/* What a sample says of w under one particle: log density of the sample, and the
+/* Information of a sample about w under one particle: log density of the sample, and the
  * conditional of w: mean, degrees of freedom, inverse of the Cholesky factor of its
  * scale. */
 typedef struct conditional {
@@ -154,7 +157,7 @@ static inline conditional conditional_of(const paper_car *c, const paper_prior *
   return r;
 }
 
-/* Of a sample that its particle could have made, two of its sds off. */
+/* Draw a sample that its particle could have produced, with a distance of two sds. */
 static inline void any_sample(
     uint32_t *seed, const paper_car *c, const paper_particle *q, const double u[3], double y[3])
 {

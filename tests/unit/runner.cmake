@@ -1,6 +1,7 @@
-# cmake -DSOURCE=test_x.c -DRUNNER=FILE -P runner.cmake: write the program that runs the tests of SOURCE, every `static void test_...(void)`
-# in their order, under the same #if; before them its `suiteSetUp()`, as Unity calls it; all of them again while its `again()` says so.
-# A SOURCE with a main() of its own is that program.
+# cmake -DSOURCE=test_x.c -DRUNNER=FILE -P runner.cmake
+# Write the program that runs the tests of SOURCE: every `static void test_...(void)` in this order, under
+# the same #if. `suiteSetUp()` of Unity runs before them. They are repeated while `again()` returns 1. If
+# SOURCE has its own main(), that is the program.
 file(READ "${SOURCE}" text)
 set(tests "#include \"${SOURCE}\"\n")
 if(NOT text MATCHES "\nint main\\(void\\)")

@@ -1,7 +1,7 @@
 /* tests/unit/single_track.h - the single-track model (1)-(4) in another form than
- * src/model/vehicle.h: forces in newtons, mass and inertia, slip over at least 1 m/s,
- * absolute speeds; integrated by Runge and Kutta in a 200th of the fastest tyre mode; and
- * a Kalman filter of it. Included once, after unit_support.h. */
+ * src/model/vehicle.h: forces in newtons, mass and inertia, slip relative to at least 1
+ * m/s, absolute speeds. It is integrated by Runge-Kutta in steps of 1/200 of the fastest
+ * tyre mode. A Kalman filter of it. Include it once, after unit_support.h. */
 #ifndef SINGLE_TRACK_H
 #define SINGLE_TRACK_H
 
@@ -15,7 +15,7 @@ static const double car_table[3][9] = {
   { 2600.0, 5200.0, 1.625, 1.375, 210000.0, 240000.0, 150000.0, 170000.0, 0.5 },
 };
 
-/* Car k of it with the default sensors. */
+/* Settings of car k with the default sensors. */
 static inline tse_config config_of_table(int k)
 {
   const double *const t = car_table[k];
@@ -27,9 +27,12 @@ static inline tse_config config_of_table(int k)
   return c;
 }
 
-/* x: vel_x, vel_y, yaw rate; u: steering angle, R omega front and rear; w: deviations of
- * the stiffness. slip: front, rear, slip angle front, rear; accel: accel_x, accel_y, yaw
- * acceleration. */
+/* Equations of motion.
+ *   Given:     x      vel_x, vel_y, yaw rate
+ *              u      steering angle, R omega front and rear
+ *              w      deviations of the stiffness
+ *   Returned:  slip   front, rear, slip angle front, rear
+ *              accel  accel_x, accel_y, yaw acceleration */
 static inline void single_track(const double *car, const double x[3], const double u[3], const double w[3],
     double slip[4], double accel[3])
 {
@@ -46,7 +49,7 @@ static inline void single_track(const double *car, const double x[3], const doub
   accel[2] = (lf * across - lr * fy_rear) / car[1];
 }
 
-/* x after dt by Runge and Kutta, inputs linear in between. */
+/* Return x after dt by Runge-Kutta, with linear inputs. */
 static inline void track_move(const double *car, double x[3], const double w[3], const double u0[3],
     const double u1[3], double dt, int steps)
 {
@@ -69,9 +72,9 @@ static inline void track_move(const double *car, double x[3], const double w[3],
 
 enum { DRIVES = 11 };
 
-/* Drive i: car | duration | state at the start (3) | inputs at the start (3), at the end
- * (3), linear between | w (3) | state at the end (3) | time constant of the fastest tyre
- * mode at the start. */
+/* Drive i: car | duration | state at the start (3) | inputs at the start (3) and at the
+ * end (3), linear in between | w (3) | state at the end (3) | time constant of the
+ * fastest tyre mode at the start. */
 static inline const double *single_track_drive(int i)
 {
   static const double drives[DRIVES][4] = {
@@ -96,7 +99,7 @@ static inline const double *single_track_drive(int i)
   t[0] = i % 3;
   t[1] = drives[i][1];
   t[2] = speed, t[3] = 0.02 * steer * speed, t[4] = 0.3 * steer;
-  t[5] = 0.2 * steer; /* driving or braking from the start: no corner of max() is crossed */
+  t[5] = 0.2 * steer; /* driving or braking from the start on: avoids the corners of max() */
   t[6] = fabs(speed) < 1 ? speed + 0.02 * way : speed + 0.004 * way * fabs(speed);
   t[7] = fabs(speed) < 1 ? speed + 0.02 * way : speed + 0.006 * way * fabs(speed);
   t[8] = steer, t[9] = t[6] + change, t[10] = t[7] + 1.1 * change;
@@ -107,19 +110,18 @@ static inline const double *single_track_drive(int i)
   return t;
 }
 
-/* An extended Kalman filter of nine states in dense matrices, for who checks a filter:
- * the model above, differentiated by differences. States: vel_x, vel_y, yaw rate;
- * deviations of the stiffness; biases. The deviations are constant and the tyres scatter
- * about them by `spread`, or they are white noise of that sd, which is estimated with the
- * sample that it disturbs: so the correlation of process and measurement noise is
- * carried. */
+/* An extended Kalman filter of nine states in dense matrices, to test filters: the model
+ * above, with slopes by differences. States: vel_x, vel_y, yaw rate; deviations of the
+ * stiffness; biases. Either the deviations are constant and the tyres scatter about them
+ * by `spread`, or they are white noise of that sd, estimated with the sample that they
+ * affect. So the correlation of process and measurement noise is included. */
 typedef struct dense_kalman {
-  const double *car; /* of car_table */
+  const double *car; /* row of car_table */
   double mean[9], cov[9][9], sd[3], walk[3], spread;
   int white;
 } dense_kalman;
 
-/* What accelerometer and gyro read, biases and all. */
+/* Return the readings of accelerometers and gyro, with biases. */
 static inline void dense_observe(const double *car, const double s[9], const double u[3], double y[3])
 {
   double slip[4];

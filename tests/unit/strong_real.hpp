@@ -1,8 +1,9 @@
-// strong_real.hpp - a double that has lost * and /.
+// tests/unit/strong_real.hpp - a double without the operators * and /.
 //
-// include/tse/real.h uses it as tse_real when TSE_REAL_STRONG is defined, and the core is compiled as C++:
-// a product written with an operator, or a bare literal in place of TSE_R(), is then a compile error.
-// The functions of src/number/real_ops.h, for a double in a namespace of their own, are wrapped here: the one place that looks inside.
+// include/tse/real.h uses it as tse_real if TSE_REAL_STRONG is defined, and the core is
+// compiled as C++. A product written with an operator, or a literal without TSE_R(), is
+// then a compile error. Only this file reads the double: it wraps the functions of
+// src/number/real_ops.h for double, in a namespace of their own.
 #ifndef TSE_STRONG_REAL_HPP
 #define TSE_STRONG_REAL_HPP
 
@@ -13,7 +14,7 @@
 
 #include <type_traits>
 
-#if defined(TSE_REAL_OPS_H) // it includes this file, and goes on afterwards
+#if defined(TSE_REAL_OPS_H) // real_ops.h includes this file and continues after it
 #undef TSE_REAL_OPS_H
 #define INCLUDED_BY_REAL_OPS
 #endif
@@ -24,7 +25,7 @@ typedef double tse_setting;
 #include "number/real_ops.h"
 #undef TSE_REAL_PLAIN
 } // namespace plain
-#if !defined(INCLUDED_BY_REAL_OPS) // else nobody has written yet what is made of these functions alone
+#if !defined(INCLUDED_BY_REAL_OPS) // otherwise functions made of these are defined later
 #undef TSE_REAL_OPS_H
 #endif
 
@@ -80,7 +81,10 @@ static inline int r_is_finite(tse_real x) { return plain::r_is_finite(tse_real::
 static inline int r_is_nan(tse_real x) { return plain::r_is_nan(tse_real::raw(x)); }
 static inline int32_t r_floor_to_int(tse_real x) { return plain::r_floor_to_int(tse_real::raw(x)); }
 static inline tse_real r_from_int(int32_t n) { return tse_real::wrap(n); }
-static inline tse_real r_share(tse_real x, int32_t n) { return tse_real::wrap(plain::r_share(tse_real::raw(x), n)); }
+static inline tse_real r_share(tse_real x, int32_t n)
+{
+  return tse_real::wrap(plain::r_share(tse_real::raw(x), n));
+}
 static inline tse_real r_uniform(uint32_t word) { return tse_real::wrap(plain::r_uniform(word)); }
 static inline int32_t r_to_q24(tse_real x) { return plain::r_to_q24(tse_real::raw(x)); }
 static inline tse_real r_from_q24(int32_t n) { return tse_real::wrap(plain::r_from_q24(n)); }

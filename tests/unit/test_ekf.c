@@ -1,6 +1,6 @@
-/* tests/unit/test_ekf.c <-> tests/bench/ekf.c: what the cost of a row is measured against
- * does what it says: the estimates of a filter in dense matrices (single_track.h) on a
- * drive with the noise that the settings say. */
+/* tests/unit/test_ekf.c <-> tests/bench/ekf.c: the reference filter of the benchmark
+ * gives the estimates of a filter in dense matrices (single_track.h), on a drive with the
+ * noise of the settings. */
 #include "unit_support.h"
 #include "../bench/ekf.c"
 #include "single_track.h"
@@ -14,8 +14,8 @@ static void inputs_of_row(int k, double u[3]) /* steering angle, R omega */
   u[2] = 0.33 * single((speed - 0.02) / 0.33);
 }
 
-/* The midpoint rule is off by 0.2 (rate dt)^3 of what decays within a row: 0.3 mm/s, and
- * with it a thousandth of Cx, which lives on the slip. */
+/* The midpoint rule has an error of 0.2 (rate dt)^3 of what decays within a row: 0.3
+ * mm/s, and 1e-3 of Cx, which depends on the slip. */
 static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
 {
   const double sd[9] = { 0.05, 0.1, 0.01, 0.2, 0.2, 0.2, 0.05, 0.05, 0.002 }, spread = 0.05,
@@ -25,7 +25,7 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
   double truth[9] = { 0 };
   uint32_t seed = 27;
   tse_config c = config_by(tse_config_exact);
-  ekf f; /* of whom the car is */
+  ekf f; /* its car is used */
   c.accel_x_sd = c.accel_y_sd = setting(0.15), c.yaw_rate_sd = setting(0.0035);
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05), c.yaw_rate_bias_sd = setting(0.002);
   c.accel_x_bias_walk = c.accel_y_bias_walk = setting(0.002), c.yaw_rate_bias_walk = setting(0.0001);
@@ -61,5 +61,5 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
     for (int a = 0; a < 3; a++) truth[6 + a] += d.walk[a] * 0.1 * next_normal(&seed);
   }
   for (int a = 3; a < 6; a++)
-    TEST_ASSERT_TRUE(sqrt(d.cov[a][a]) < 0.1); /* the drive teaches all stiffnesses */
+    TEST_ASSERT_TRUE(sqrt(d.cov[a][a]) < 0.1); /* the drive excites all stiffnesses */
 }

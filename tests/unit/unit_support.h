@@ -1,5 +1,5 @@
-/* tests/unit/unit_support.h - what several unit tests need. Each test file includes it
- * once, after the headers of src/. */
+/* tests/unit/unit_support.h - shared by the unit tests. Each test file includes it once,
+ * after the headers of src/. */
 #ifndef UNIT_SUPPORT_H
 #define UNIT_SUPPORT_H
 
@@ -23,19 +23,19 @@ void tearDown(void) {}
 
 #define ROWS(table) ((int)(sizeof(table) / sizeof((table)[0])))
 
-/* A figure for each number format. */
+/* Select a value for the number format. */
 #if defined(TSE_REAL_FLOAT) \
-    || defined(TSE_REAL_FIXED) /* whose absolute resolution is a thousandth of float's at 1 */
+    || defined(TSE_REAL_FIXED) /* its absolute resolution is a thousandth of float's at 1 */
 #define BY_FORMAT(in_double, in_float) (in_float)
 #else
 #define BY_FORMAT(in_double, in_float) (in_double)
 #endif
 #if defined(TSE_REAL_FIXED)
 #define BY_NUMBER(in_double, in_float, in_fixed) (in_fixed)
-#define QUANTUM ldexp(1, -TSE_FRACTION_BITS) /* a number's resolution, whatever its size */
+#define QUANTUM ldexp(1, -TSE_FRACTION_BITS) /* resolution of a number of any size */
 #else
 #define BY_NUMBER(in_double, in_float, in_fixed) BY_FORMAT(in_double, in_float)
-#define QUANTUM 0.0 /* in place of it there is the relative tolerance */
+#define QUANTUM 0.0 /* the relative tolerance replaces it */
 #endif
 
 static inline tse_real real(double x) { return tse_real_of(x); }
@@ -43,11 +43,10 @@ static inline double number(tse_real x) { return tse_double_of(x); }
 static inline tse_setting setting(double x) { return tse_setting_of(x); }
 static inline double of_setting(tse_setting x) { return tse_double_of_setting(x); }
 
-/* What a computation that went wrong leaves behind: NaN; in fixed point, which has none,
- * the number at which results stop. */
+/* Result of an invalid computation: NaN; in fixed point the largest number. */
 static inline tse_real broken(void) { return BY_NUMBER(real((double)NAN), real((double)NAN), real(1e30)); }
 
-/* The neighbour of x as the format holds it; of a setting. */
+/* Return the neighbour of x in the number format; of a setting. */
 static inline tse_real neighbour(double x, double direction)
 {
 #if defined(TSE_REAL_FLOAT)
@@ -80,8 +79,8 @@ static inline void expect_near(double expected, double actual, double tolerance,
   TEST_FAIL_MESSAGE(text);
 }
 
-/* Moments of n samples, which lie within so many standard errors of those that are asked
- * for: missed by chance with probability 1e-5. */
+/* Moments of n samples must lie within so many standard errors of their nominal values:
+ * missed by chance with probability 1e-5. */
 #define SIGMAS 4.42
 
 static inline double mean_of(const double *x, int n)
@@ -146,15 +145,15 @@ static inline double quantile_of(double (*cdf)(double, double), double nu, doubl
   return high;
 }
 
-/* Bit for bit; in fixed point, where a product that lies halfway goes up on both sides,
- * but for the rounding of some hundred steps, whose errors forces make larger. */
+/* Compare bit for bit. In fixed point, products halfway between two numbers are rounded
+ * up for both signs: tolerance of some hundred steps, amplified by forces. */
 static inline void expect_mirrored(tse_real left, tse_real right, const char *what)
 {
   if (BY_NUMBER(0, 0, 1)) expect_near(number(left), number(right), 4096 * QUANTUM, what, 0);
   else TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&left, &right, sizeof left, what);
 }
 
-/* Full-period generator of test words; the library's own is tested elsewhere. */
+/* Full-period generator of test words. The library's generator has its own tests. */
 static inline uint32_t next_word(uint32_t *state)
 {
   *state = *state * 1664525u + 1013904223u;
@@ -177,14 +176,14 @@ static inline double next_normal(uint32_t *seed)
   return r * cos(6.283185307179586 * next_uniform(seed));
 }
 
-/* x with 24 bits: every format starts from the same number. */
+/* Return x with 24 bits, exact in every format. */
 static inline double single(double x)
 {
-  volatile float y = (float)x; /* gcc 12 leaves out some of several in a row with -O3 -mavx2 */
+  volatile float y = (float)x; /* gcc 12 with -O3 -mavx2 omits some of several conversions in a row */
   return y;
 }
 
-/* Lower triangle of Cholesky; l x = b. */
+/* Lower triangle of the Cholesky factorisation; solve l x = b. */
 static inline void cholesky(double l[3][3], int n)
 {
   for (int i = 0; i < n; i++)
@@ -203,7 +202,7 @@ static inline void forward(double l[3][3], int n, const double *b, double *x)
   }
 }
 
-/* to = F P F', all n x n, row by row; `to` may be P. */
+/* Compute to = F P F', all n x n by rows; `to` may be P. */
 static inline void conjugate(int n, const double *F, const double *P, double *to)
 {
   static double half[64 * 64];
@@ -218,7 +217,8 @@ static inline void conjugate(int n, const double *F, const double *P, double *to
       }
 }
 
-/* Every real output is a number: all of one type lie between whole numbers. */
+/* Check that every real output is finite. They are neighbouring members between the
+ * integers. */
 static inline int outputs_are_finite(const tse_output *y)
 {
   int fine = 1;
@@ -227,7 +227,8 @@ static inline int outputs_are_finite(const tse_output *y)
   return fine;
 }
 
-/* A member as tse_describe() has it, by its name; the test ends where there is none. */
+/* Return the description of a member by its name (tse_describe()); the test fails without
+ * one. */
 static inline const tse_field *field_of(tse_struct which, const char *name)
 {
   int32_t count;
@@ -238,14 +239,16 @@ static inline const tse_field *field_of(tse_struct which, const char *name)
   return NULL;
 }
 
-/* For each member of a struct, f: its row of tse_describe(). */
+/* Loop over the members of a struct; f: description. */
 #define EACH_FIELD(f, which)                                                  \
-  for (int32_t count_##f, end_##f = (tse_describe(which, &count_##f, NULL), count_##f), i_##f = 0; i_##f < end_##f; i_##f++) \
+  for (int32_t count_##f, end_##f = (tse_describe(which, &count_##f, NULL), count_##f), i_##f = 0; \
+       i_##f < end_##f; i_##f++) \
     for (const tse_field *f = tse_describe(which, NULL, NULL) + i_##f; f; f = NULL)
 
-/* For each parameter of an effect; each setting of tse_config. */
+/* Loop over the parameters of effects; over the settings of tse_config. */
 #define EACH_PARAMETER(e) \
-  for (int32_t count_##e, end_##e = (tse_describe_effect_parameters(&count_##e), count_##e), i_##e = 0; i_##e < end_##e; i_##e++) \
+  for (int32_t count_##e, end_##e = (tse_describe_effect_parameters(&count_##e), count_##e), i_##e = 0; \
+       i_##e < end_##e; i_##e++) \
     for (const tse_effect_parameter *e = tse_describe_effect_parameters(NULL) + i_##e; e; e = NULL)
 #define EACH_SETTING(f) EACH_FIELD(f, TSE_STRUCT_CONFIG)
 
@@ -285,7 +288,7 @@ static inline tse_real real_field(const void *from, const tse_field *f)
   return x;
 }
 
-/* Of whole numbers, one step off; of others, bit for bit. */
+/* Integers: within one step. Others: bit for bit. */
 static inline int same_at(const void *a, const void *b, const tse_field *f)
 {
   const size_t bytes = f->kind == 's' ? sizeof(tse_setting)
@@ -299,7 +302,7 @@ static inline void put_parameter(tse_config *c, const tse_effect_parameter *e, d
   put_field(c, field_of(TSE_STRUCT_CONFIG, e->setting), x);
 }
 
-/* A setting of an effect: 0 none, 1 a shape, 2 a strength. */
+/* Role of a setting in an effect: 0 none, 1 shape, 2 strength. */
 static inline int kind_of_effect_setting(const char *name)
 {
   EACH_PARAMETER(e)
@@ -307,8 +310,7 @@ static inline int kind_of_effect_setting(const char *name)
   return 0;
 }
 
-/* For settings anywhere in their ranges: latencies as large as the memory of a filter
- * holds of its sample_time. */
+/* Limit latencies to the memory of a filter at its sample_time, for random settings. */
 static inline void fit_together(tse_config *c)
 {
   const tse_setting most = setting((TSE_LATENCY_ROWS - 5) * of_setting(c->sample_time) / 2.001);
@@ -325,7 +327,7 @@ static inline void fit_together(tse_config *c)
   *codes[0] = 1 | 16 << 8 | 34 << 16; /* a steer_angle mul */
 }
 
-/* The settings that tse_config_exact(), tse_config_paper() and so on make. */
+/* Return the settings of tse_config_exact(), tse_config_paper() etc. */
 static inline tse_config config_by(void (*make)(tse_config *))
 {
   tse_config c;
@@ -333,8 +335,8 @@ static inline tse_config config_by(void (*make)(tse_config *))
   return c;
 }
 
-/* The default car with the kinematics of (1)-(4), the oracle of most tests, to which a
- * test adds its effects. */
+/* The default car with the kinematics of (1)-(4), the reference of most tests. Tests add
+ * effects. */
 static inline tse_config default_car(void)
 {
   tse_config c = config_by(tse_config_exact);
@@ -351,7 +353,7 @@ static inline tse_sim_config still_sim(double speed) /* no noise, no spread */
   return s;
 }
 
-/* Rows and outputs of zeros, padding included. */
+/* Rows and outputs of zeros, including padding. */
 #define BLANK(type, name)                               \
   static inline type name(void)                         \
   {                                                     \
@@ -363,14 +365,14 @@ BLANK(tse_input, blank_row)
 BLANK(tse_sim_input, blank_sim_input)
 BLANK(tse_output, blank_output)
 
-/* Forms of the filter that the build has: 0 .. MOST_FORM. */
+/* Filters in this build: 0 .. MOST_FORM. */
 #if defined(TSE_NO_PARTICLES)
 #define MOST_FORM 0
 #else
 #define MOST_FORM 2
 #endif
 
-/* Parameters from settings that must be right. */
+/* Prepare settings that must be accepted. */
 static inline tse_params prepared(tse_config c)
 {
   tse_params p;
@@ -379,8 +381,9 @@ static inline tse_params prepared(tse_config c)
   return p;
 }
 
-/* Parameters, where the number format of the build holds them. Returned: 0 when
- * tse_prepare() says that it does not, and only that. */
+/* Prepare settings if the number format can represent them.
+ *   Returned:  0 if tse_prepare() refuses them for the number format, and only for
+ *   that */
 static inline int prepared_if_held(const tse_config *c, tse_params *p)
 {
   const char *wrong = NULL;
@@ -395,7 +398,8 @@ static inline int prepared_if_held(const tse_config *c, tse_params *p)
   return 1;
 }
 
-/* A row with these inputs and measurements; which of them are used: bits of mask. */
+/* Make a row of these inputs and measurements.
+ *   Given:  mask  bits of the channels that are used */
 static inline sample sample_of_row(const tse_params *p, const double u[3], const double y[3], int mask)
 {
   sample s;

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+/* All channels missing. */
 #define NOTHING (TSE_MISSING_steer_angle | TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear | \
                  TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate)
 
@@ -10,32 +11,32 @@ tse_status loop_start(control_loop *loop, const tse_config *c, const char **wron
 {
   memset(loop, 0, sizeof *loop);
   loop->coming.missing = NOTHING;
-  tse_status status = tse_self_test(wrong); /* does this compiler round as it should? */
+  tse_status status = tse_self_test(wrong); /* checks the rounding of this build */
   if (status >= 0) status = tse_prepare(c, &loop->params, wrong);
   if (status >= 0) status = tse_reset(&loop->params, &loop->filter, sizeof loop->filter);
   return status;
 }
 
-/* of / per: the number nearest to what the sensor meant, which a product with 1e-5 is not
- * always. |of| < 2^31. */
-static tse_real quotient(int32_t of, int32_t per)
+/* Return raw / per, rounded to nearest. Division: raw * 1e-5 is not always the nearest
+ * number. */
+static tse_real divide(int32_t raw, int32_t per)
 {
 #if defined(TSE_REAL_FIXED)
-  const int64_t twice = (int64_t)of * ((int64_t)1 << TSE_FRACTION_BITS) / (per / 2),
-                half = twice < 0 ? -1 : 1; /* rounded to nearest */
+  const int64_t twice = (int64_t)raw * ((int64_t)1 << TSE_FRACTION_BITS) / (per / 2);
+  const int64_t half = twice < 0 ? -1 : 1;
   return (twice + half) / 2;
 #else
-  return (tse_real)of / (tse_real)per;
+  return (tse_real)raw / (tse_real)per;
 #endif
 }
 
-/* Number k of a frame, in `per` to the unit. */
+/* Read number k of a frame, in 1/per units, into a channel. */
 static void decode(tse_input *u, const can_frame *f, int k, int32_t per, uint32_t bit, tse_real *to)
 {
   const uint8_t *const b = &f->data[3 * k];
   const int32_t raw = (int32_t)((uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16);
   if (f->data[6] >> k & 1u) return;
-  *to = quotient(raw >= 1 << 23 ? raw - (1 << 24) : raw, per);
+  *to = divide(raw >= 1 << 23 ? raw - (1 << 24) : raw, per); /* two's complement of 24 bits */
   u->missing &= ~bit;
 }
 
@@ -53,21 +54,20 @@ void loop_received(control_loop *loop, const can_frame *f)
       decode(u, f, 1, 1000, TSE_MISSING_accel_y, &u->accel_y);
       break;
     case CAN_GYRO: decode(u, f, 0, 100000, TSE_MISSING_yaw_rate, &u->yaw_rate); break;
-    default: break; /* others talk on this bus, too */
+    default: break; /* frames for other receivers */
   }
 }
 
-/* A period in which nothing came makes no row: the next one says how long ago the last
- * was. */
+/* Complete a row. A period without frames makes no row: dt of the next row spans it. */
 void loop_period(control_loop *loop)
 {
   loop->periods++;
   if (loop->coming.missing == NOTHING) return;
   if (loop->is_ready) {
-    loop->overruns++; /* what came is kept, and time goes on: the filter sees a longer step */
+    loop->overruns++; /* keep the readings; the next row has a longer step */
     return;
   }
-  loop->coming.dt = quotient((int32_t)(loop->periods * LOOP_MS), 1000);
+  loop->coming.dt = divide((int32_t)(loop->periods * LOOP_MS), 1000);
   loop->row = loop->coming;
   loop->coming.missing = NOTHING;
   loop->periods = 0;
@@ -79,10 +79,9 @@ int loop_work(control_loop *loop)
   if (!loop->is_ready) return 0;
   loop->row.dt += loop->lost;
   const tse_status status = tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate);
-  if (status < 0) loop->refused++; /* the estimate stays */
-  loop->lost = status == TSE_E_INPUT
-      ? loop->row.dt
-      : TSE_R(0); /* time that the filter has not seen belongs to the next row */
+  if (status < 0) loop->refused++; /* the estimate is unchanged */
+  /* The next row's step includes the time of a refused row. */
+  loop->lost = status == TSE_E_INPUT ? loop->row.dt : TSE_R(0);
   loop->rows++;
   loop->is_ready = 0;
   return 1;

@@ -174,7 +174,7 @@ class Problem:
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """Return an input or a measurement in average_blocks, a value per entry of residuals."""
+        """Return an input or a measurement in blocks, a value per entry of residuals."""
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))

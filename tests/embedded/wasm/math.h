@@ -1,4 +1,4 @@
-/* What the library takes of libm, where there is none: an instruction of the machine. */
+/* The functions of libm that the library uses, as instructions of the machine. */
 double sqrt(double x);
 float sqrtf(float x);
 #define sqrt(x) __builtin_sqrt(x)

@@ -1,5 +1,5 @@
-/* What the library takes of string.h, where there is none; a program has the functions in
- * the file that defines WASM_STRING. */
+/* The functions of string.h that the library uses, without a C library. Define
+ * WASM_STRING in one file of a program. */
 #include <stddef.h>
 void *memset(void *to, int byte, size_t count);
 void *memcpy(void *restrict to, const void *restrict from, size_t count);
@@ -12,7 +12,8 @@ void *memset(void *to, int byte, size_t count)
 {
   unsigned char *const at = to;
   for (size_t i = 0; i < count; i++)
-    ((volatile unsigned char *)at)[i] = (unsigned char)byte; /* volatile: not a call of itself */
+    ((volatile unsigned char *)at)[i] = (unsigned char)
+        byte; /* volatile: the compiler must not replace the loop by memset */
   return to;
 }
 

@@ -1,6 +1,6 @@
-/* tests/fmu/unit/fmu_case.h - what the tests of the FMI functions share. They are linked
- * with the glue and one model each, and run for every model: what is true of one is true
- * of both. Each test file includes this once. */
+/* tests/fmu/unit/fmu_case.h - shared by the tests of the FMI functions. They are linked
+ * with the glue and one model each, and run for every model. Each test file includes it
+ * once. */
 #ifndef FMU_CASE_H
 #define FMU_CASE_H
 
@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "model/state.h" /* some tests forge what a model holds */
+#include "model/state.h" /* some tests forge the content of a model */
 #include "fmi2Functions.h"
 #include "fmu_guid.h"
 #include "fmu_model.h"
@@ -38,7 +38,7 @@ static const fmi2ValueReference NO_SUCH = 1000000u;
 #define A_FLAG "ramp"
 #endif
 
-/* ---- what the FMU said */
+/* ---- messages of the FMU */
 
 typedef struct log_line {
   void *environment;
@@ -47,7 +47,7 @@ typedef struct log_line {
 } log_line;
 static log_line lines[1000];
 static int said;
-static int bad_lines; /* with a character that an importer may take for a format, or of an unknown category */
+static int bad_lines; /* with a character of a format, or of an unknown category */
 
 static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
     fmi2String category, fmi2String text, ...)
@@ -67,7 +67,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
 static int here; /* its address is the environment */
 static const fmi2CallbackFunctions callbacks = { logger, NULL, NULL, NULL, &here };
 
-/* ---- instances; what a test leaves behind is freed */
+/* ---- instances; those that a test leaves are freed */
 
 static fmi2Component made[64];
 static int made_count;
@@ -101,8 +101,8 @@ static inline const char *last_line(void)
   return said > 0 && said <= COUNT(lines) ? lines[said - 1].text : "";
 }
 
-/* The call was refused with fmi2Error, and one line was said, that holds all these words
- * (up to a NULL). */
+/* Check that a call was refused with fmi2Error and one message that contains all these
+ * words (up to a NULL). */
 static inline void expect_refused(fmi2Status status, int said_before, const char *word, ...)
 {
   va_list words;
@@ -165,7 +165,7 @@ static inline double value_of(fmi2Component c, const fmu_variable *v)
   return value;
 }
 
-/* ---- phases, and what a refusal says of each; `fmi`: how the functions' names begin */
+/* ---- phases, and the message of a refusal in each; `fmi`: prefix of the functions */
 
 enum { BEFORE = 1, INIT = 2, STEPS = 4, ENDED = 8, EVER = 15 };
 typedef struct named_phase {
@@ -178,8 +178,8 @@ typedef struct named_phase {
     { ENDED, "after " fmi "Terminate" }                                                              \
   }
 
-/* Values by name, of any type; a table that ends with NULL. SET(c, { "vehicle.mass", 1700
- * }, { "ramp", 0 }) */
+/* Values by name, of any type, in a table that ends with NULL. SET(c, { "vehicle.mass",
+ * 1700 }, { "ramp", 0 }) */
 typedef struct named {
   const char *name;
   double value;
@@ -203,7 +203,7 @@ static inline void begin(fmi2Component c)
   OK(fmi2ExitInitializationMode(c));
 }
 
-/* Frees the instance that was made last. */
+/* Free the last instance. */
 static inline void drop(fmi2Component c)
 {
   fmi2FreeInstance(c);
@@ -227,7 +227,7 @@ static inline void set_inputs(fmi2Component c, int k)
 static inline void initialized(fmi2Component c)
 {
 #if defined(CASE_ESTIMATOR)
-  OK(put_integer(c, "filter.particles", 60)); /* no multiple of eight: padding takes part */
+  OK(put_integer(c, "filter.particles", 60)); /* not a multiple of eight: includes padding */
 #endif
   OK(fmi2SetupExperiment(c, fmi2False, 0.0, 0.0, fmi2False, 0.0));
   begin(c);
@@ -261,7 +261,7 @@ static inline saved_bytes bytes_of(fmi2Component c)
   fmi2FMUstate state = NULL;
   OK(fmi2GetFMUstate(c, &state));
   OK(fmi2SerializedFMUstateSize(c, state, &b.count));
-  b.at = malloc(b.count); /* exactly: sanitizers see what is written beyond */
+  b.at = malloc(b.count); /* exact size: sanitizers detect writes beyond it */
   TEST_ASSERT_NOT_NULL(b.at);
   OK(fmi2SerializeFMUstate(c, state, b.at, b.count));
   OK(fmi2FreeFMUstate(c, &state));
@@ -276,7 +276,7 @@ static inline void expect_same_and_free(saved_bytes a, saved_bytes b, const char
   if (!same && a.count == b.count) {
     size_t i = 0;
     while (i < a.count && (i < 32 || a.at[i] == b.at[i]))
-      i++; /* 32: behind the frame, whose checksum differs anyway */
+      i++; /* 32: after the header, whose checksum differs anyway */
     (void)snprintf(text, sizeof text, "%s: states differ from byte %lu of %lu on", what, (unsigned long)i,
         (unsigned long)a.count);
   } else {
@@ -287,8 +287,8 @@ static inline void expect_same_and_free(saved_bytes a, saved_bytes b, const char
   if (!same) TEST_FAIL_MESSAGE(text);
 }
 
-/* The state is what it was, bit for bit; `before` is freed where it is not, so that a
- * sanitizer's leak does not hide the failure. */
+/* Check that the state is unchanged, bit for bit. `before` is freed on failure, so that a
+ * leak reported by a sanitizer does not hide the failure. */
 static inline void expect_unchanged(fmi2Component c, saved_bytes *before, const char *what)
 {
   const saved_bytes now = bytes_of(c);

@@ -297,7 +297,7 @@ static void test_a_missing_argument_is_named(void)
   REFUSED(fmi2SerializeFMUstate(c, NULL, &byte, 1), "FMUstate is NULL");
   REFUSED(fmi2DeSerializeFMUstate(c, NULL, 1, &state), "serializedState is NULL");
   REFUSED(fmi2DeSerializeFMUstate(c, &byte, 1, NULL), "FMUstate is NULL");
-  OK(fmi2FreeFMUstate(c, NULL)); /* as free(NULL) */
+  OK(fmi2FreeFMUstate(c, NULL)); /* like free(NULL) */
   expect_unchanged_and_free(c, &before, "after refusals");
 }
 
@@ -325,7 +325,7 @@ static void test_the_experiment_must_have_numbers_in_order(void)
   REFUSED(fmi2SetupExperiment(c, fmi2False, 0, 1.0, fmi2True, 0.5), "stopTime");
   REFUSED(fmi2SetupExperiment(c, fmi2False, 0, 1.0, fmi2True, (double)NAN), "stopTime");
   OK(fmi2SetupExperiment(
-      c, fmi2True, 1e-6, 1.0, fmi2False, 0.5)); /* a stop time that is not given does not count */
+      c, fmi2True, 1e-6, 1.0, fmi2False, 0.5)); /* a stop time is ignored unless it is given */
   OK(fmi2SetupExperiment(c, fmi2False, (double)NAN, -3.0, fmi2True, -3.0));
   begin(c);
   fmi2Real time = 0;
@@ -367,17 +367,17 @@ static void test_the_communication_point_may_be_off_by_what_summing_costs_and_no
   OK(fmi2DoStep(c, 2 * STEP + 0.009 * STEP, STEP, fmi2True));
   fmi2Real time = 0;
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
-  TEST_ASSERT_TRUE(
-      time == 2 * STEP + 0.009 * STEP + STEP); /* the importer's times count, so that nothing adds up */
+  /* the importer's times count, so that differences do not add up */
+  TEST_ASSERT_TRUE(time == 2 * STEP + 0.009 * STEP + STEP);
   set_inputs(c, 3);
-  OK(fmi2DoStep(c, 3 * STEP, STEP, fmi2True)); /* 0.009 of a step less than where that one ended */
+  OK(fmi2DoStep(c, 3 * STEP, STEP, fmi2True)); /* 0.009 of a step before the end of the last one */
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
   TEST_ASSERT_TRUE(time == 3 * STEP + STEP);
 }
 
 static void test_times_far_from_zero_are_compared_with_what_they_can_hold(void)
 {
-  const double start = 1.7e9; /* seconds since 1970: neighbours are 2.4e-7 apart */
+  const double start = 1.7e9; /* [s] since 1970: neighbours are 2.4e-7 apart */
   fmi2Component const c = instantiated();
   OK(fmi2SetupExperiment(c, fmi2False, 0, start, fmi2False, 0));
   begin(c);
@@ -446,7 +446,7 @@ static void test_the_logger_gets_environment_name_status_and_category(void)
                           "second", fmi2CoSimulation, FMU_GUID, "", &its, fmi2False, fmi2True);
   TEST_ASSERT_NOT_NULL(b);
   made[made_count++] = b;
-  TEST_ASSERT_EQUAL_INT(1, said); /* only b asked for events */
+  TEST_ASSERT_EQUAL_INT(1, said); /* only b has events switched on */
   TEST_ASSERT_EQUAL_STRING("logEvents", lines[0].category);
   TEST_ASSERT_EQUAL_INT(fmi2OK, lines[0].status);
   TEST_ASSERT_EQUAL_STRING("instantiated", lines[0].text);
@@ -508,7 +508,7 @@ static void test_the_platform_is_the_standard_one(void)
   TEST_ASSERT_EQUAL_STRING("2.0", fmi2GetVersion());
 }
 
-/* ---- instances do not know each other */
+/* ---- instances are independent */
 
 static void test_instances_in_turn_do_what_each_does_alone(void)
 {

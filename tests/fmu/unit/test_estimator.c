@@ -1,5 +1,5 @@
-/* tests/fmu/unit/test_estimator.c - TireStiffnessEstimator beside tse_step(), and what it
- * does with sensors that fail. */
+/* tests/fmu/unit/test_estimator.c - TireStiffnessEstimator, compared with tse_step(), and
+ * its response to sensor faults. */
 #include "fmu_case.h"
 #include "replay.h"
 #include "tse/describe.h"
@@ -12,10 +12,10 @@ static tse_input rows[REPLAY_ROWS_MOST];
 static void put_row(fmi2Component c, const tse_input *u)
 {
   for (int k = 0; k < TSE_CHANNELS; k++)
-    OK(put_real(c, fmu_variables[k].name, (&u->steer_angle)[k])); /* one behind the other */
+    OK(put_real(c, fmu_variables[k].name, (&u->steer_angle)[k])); /* neighbouring members */
   OK(put_integer(c, "missing", (int)u->missing));
   const tse_field *const given = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + TSE_CHANNELS
-      + 2; /* behind dt, channels, missing and given */
+      + 2; /* after dt, channels, missing and given */
   for (int k = 0; k < TSE_OPTIONALS; k++) {
     char name[40];
     const char *const group = k < TSE_VELOCITIES ? "velocity"
@@ -29,8 +29,8 @@ static void put_row(fmi2Component c, const tse_input *u)
       { "road.given", (int)(u->given >> (TSE_VELOCITIES + TSE_PEDALS)) });
 }
 
-/* A velocity in every tenth row, of the wheels, and the pedals in rows that come and go;
- * what is not given may be anything. */
+/* A velocity in every tenth row, from the wheels, and pedals in some rows. Values that
+ * are not given are random. */
 static void measure(tse_input *u, int row, const tse_config *config)
 {
   const tse_real v = (tse_real)(config->wheel_radius_rear * u->wheel_speed_rear);
@@ -58,7 +58,7 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
       config->cornering_stiffness_rear }[a]
         * y->stiffness_secant[a];
   (void)snprintf(what, sizeof what, "row %d", row);
-#define EXPECT_REAL(name, value)                                                                                                 \
+#define EXPECT_REAL(name, value) \
   TEST_ASSERT_EQUAL_HEX64_ARRAY_MESSAGE(&(double[]){ value }, &(double[]){ real_of(c, name) }, 1, what);
   int32_t count;
   const tse_field *const rows_of_y = tse_describe(TSE_STRUCT_OUTPUT, &count, NULL);
@@ -101,9 +101,9 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
   EXPECT_REAL("estimate.nominal.cy_rear", config->cornering_stiffness_rear)
 }
 
-/* The recorded drive, with lost channels, lost rows, standstill and reverse, through an
- * instance in which its parameters are set and through a filter of this configuration:
- * every output has the bits of tse_step(). */
+/* Run the recorded drive, with lost channels, lost rows, standstill and reverse, through
+ * an instance with its parameters set, and through a filter of this configuration: every
+ * output has the bits of tse_step(). */
 static void drive_measured(fmi2Component c, const tse_config *config, int measured)
 {
   static tse_filter_paper memory;
@@ -126,7 +126,7 @@ static void drive_measured(fmi2Component c, const tse_config *config, int measur
     const fmi2Status status = fmi2DoStep(c, time, next - time, fmi2True);
     TEST_ASSERT_TRUE_MESSAGE(status == fmi2OK || status == fmi2Warning, last_line());
     static double last;
-    u.dt = i > 0 ? time - last : 0.0; /* as the FMU can know it: from communication points */
+    u.dt = i > 0 ? time - last : 0.0; /* as the FMU determines it: from communication points */
     last = time;
     TEST_ASSERT_TRUE(tse_step(&p, filter, &u, &y) >= 0);
     expect_outputs(c, config, &y, i);
@@ -135,13 +135,13 @@ static void drive_measured(fmi2Component c, const tse_config *config, int measur
   }
   TEST_ASSERT_TRUE(warned > 100 && warned < n);
   TEST_ASSERT_TRUE(filter->step > 2000
-      && y.stiffness[1] != (tse_real)config->initial_cy_front); /* something was estimated */
+      && y.stiffness[1] != (tse_real)config->initial_cy_front); /* the estimate has changed */
   said = 0;
 }
 
 static void drive_beside(fmi2Component c, const tse_config *config) { drive_measured(c, config, 0); }
 
-static tse_config small_config(void) /* as initialized() has it */
+static tse_config small_config(void) /* as in initialized() */
 {
   tse_config config;
   tse_config_exact(&config);
@@ -177,7 +177,7 @@ static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(
   config.particles = 60;
   config.mass = 1650, config.lf = 1.2, config.cornering_stiffness_rear = 140000, config.cg_sd = 0,
   config.initial_cy_front = 0.9;
-  tse_config_complete(&config); /* for what is said of it */
+  tse_config_complete(&config); /* for the output of its values */
   fmi2Component const c = instantiated();
   OK(put_real(c, "uncertainty.cg_sd", 0.0)); /* in any order */
   SET(c, { "vehicle.cornering_stiffness_rear", 140000 }, { "vehicle.lf", 1.2 }, { "vehicle.mass", 1650 },
@@ -185,7 +185,7 @@ static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(
   drive_beside(c, &config);
 }
 
-/* ---- what a car is that nobody has calibrated */
+/* ---- an uncalibrated car */
 
 static tse_config used_by(fmi2Component c)
 {
@@ -231,7 +231,7 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
       real_of(c, "vehicle.cornering_stiffness_front") == 0); /* a parameter reads as it was set */
   TEST_ASSERT_TRUE(real_of(c, "estimate.nominal.cy_front") == (double)ordinary.cornering_stiffness_front);
 
-  OK(put_boolean(c, "vehicle.exact", fmi2True)); /* and back: nothing is lost on the way */
+  OK(put_boolean(c, "vehicle.exact", fmi2True)); /* and back: nothing is lost */
   (void)real_of(c, "estimate.cy_front");
   got = used_by(c);
   expect_config(&known, &got);
@@ -252,7 +252,7 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
 
   OK(fmi2ExitInitializationMode(c));
   OK(fmi2Terminate(c));
-  OK(fmi2Reset(c)); /* forgets what was set */
+  OK(fmi2Reset(c)); /* clears the marks of parameters that were set */
   begin(c);
   tse_config_default(&ordinary);
   tse_config_complete(&ordinary);
@@ -260,7 +260,7 @@ static void test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins
   expect_config(&ordinary, &got);
 }
 
-/* Some importers set all there is, before anything. */
+/* Some importers first set all parameters. */
 static void test_an_importer_that_sets_every_parameter_to_its_start_has_set_none(void)
 {
   tse_config ordinary, got;
@@ -289,10 +289,10 @@ static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
   OK(fmi2ExitInitializationMode(c));
   OK(fmi2Reset(c));
   REFUSED(put_real(c, "vehicle.mass", 1.65), "vehicle.mass",
-      "50 .. 50000 kg"); /* tonnes: 0 is not set, nothing near it */
+      "50 .. 50000 kg"); /* tonnes: 0 means not set; values near 0 are refused */
 }
 
-/* The prior: the start of each, as uncertain as it is told at the least. */
+/* The prior: the start values, with at least the set uncertainty. */
 static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
 {
   fmi2Component const c = instantiated();
@@ -322,7 +322,7 @@ static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
   TEST_ASSERT_EQUAL_INT(0, boolean_of(c, "estimate.valid"));
 }
 
-/* Which inputs are wrong in step k of a fault; the text that must be said. */
+/* Wrong inputs in step k of a fault, and the expected message. */
 typedef struct fault {
   const char *name;
   double value;
@@ -358,7 +358,7 @@ static void test_a_failing_sensor_is_a_warning_said_once(void)
     TEST_ASSERT_EQUAL_STRING("logStatusWarning", lines[0].category);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(lines[0].text, faults[f].name), lines[0].text);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(lines[0].text, "at 0.3 s"), lines[0].text);
-    stepped(c, 36, 38); /* well again */
+    stepped(c, 36, 38); /* without fault again */
     set_inputs(c, 38);
     OK(put_real(c, faults[f].name, faults[f].value));
     TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 38 * STEP, STEP, fmi2True));
@@ -367,8 +367,8 @@ static void test_a_failing_sensor_is_a_warning_said_once(void)
   }
 }
 
-/* Longer than max_gap nobody knows where the wheels point: nothing is learnt, and that is
- * said. */
+/* After max_gap the steering angle is unknown: nothing is learnt, and the reason reports
+ * it. */
 static void test_a_steering_angle_that_is_gone_is_not_guessed(void)
 {
   fmi2Component const c = stepping();
@@ -385,8 +385,8 @@ static void test_a_steering_angle_that_is_gone_is_not_guessed(void)
     const double now[3] = { real_of(c, "estimate.cx_front"), real_of(c, "estimate.cy_front"),
       real_of(c, "estimate.cy_rear") };
     if (k > 330) TEST_ASSERT_EQUAL_INT(0, memcmp(mean + 1, now + 1, 2 * sizeof now[0]));
-    /* tyres wander meanwhile, and the more they may have, the more of what was seen along
-     * the car was theirs */
+    /* The stiffness is a random walk meanwhile. The larger its possible change, the
+     * larger its share of the earlier longitudinal estimate. */
     if (k > 330) TEST_ASSERT_TRUE(fabs(mean[0] - now[0]) < 1e-5 * now[0]);
     memcpy(mean, now, sizeof now);
   }
@@ -407,8 +407,7 @@ static void test_of_several_missing_channels_the_first_is_named(void)
   TEST_ASSERT_NOT_NULL(strstr(last_line(), "accel_y is missing"));
 }
 
-/* Who comes after it, in the same place or after a reset, has not been told yet; at
- * standstill, too. */
+/* A new instance in the same place, or a reset, has to warn again, at standstill, too. */
 static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
 {
   fmi2Component c = instantiated();
@@ -428,7 +427,7 @@ static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
   }
 }
 
-/* At a limit of the range a channel is still used. */
+/* At a limit of its range a channel is still used. */
 static void test_the_ends_of_a_range_belong_to_it(void)
 {
   const tse_field *const channels = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1;
@@ -442,7 +441,7 @@ static void test_the_ends_of_a_range_belong_to_it(void)
     }
 }
 
-/* The mask says the same as NaN, bit for bit; bits beyond the channels say nothing. */
+/* The mask is equivalent to NaN, bit for bit. Bits beyond the channels are ignored. */
 static void test_the_mask_of_missing_channels_is_as_good_as_nan(void)
 {
   const tse_field *const channels = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1;
@@ -470,8 +469,8 @@ static void test_the_mask_of_missing_channels_is_as_good_as_nan(void)
   }
 }
 
-/* A wheel speed that is missing while the car stops and starts is one fault, not one for
- * every status on the way. */
+/* A wheel speed that is missing while the car stops and starts is one fault. It is not
+ * logged again for every status in between. */
 static void test_a_fault_that_lasts_is_said_once_whatever_the_car_does_meanwhile(void)
 {
   fmi2Component const c = stepping();
@@ -496,8 +495,8 @@ static void test_a_gap_is_bridged_or_restarts_and_a_longer_one_than_an_hour_is_r
   expect_unchanged_and_free(c, &before, "after a refused step");
   OK(fmi2DoStep(c, 3 * STEP, 3599.0, fmi2True)); /* the sample of 0.03 s */
   set_inputs(c, 4);
-  TEST_ASSERT_EQUAL_INT(
-      fmi2Warning, fmi2DoStep(c, 3 * STEP + 3599.0, STEP, fmi2True)); /* the next is not refused for it */
+  TEST_ASSERT_EQUAL_INT(fmi2Warning,
+      fmi2DoStep(c, 3 * STEP + 3599.0, STEP, fmi2True)); /* the next is not refused because of it */
 
   fmi2Component const d = stepping();
   stepped(d, 0, 3);

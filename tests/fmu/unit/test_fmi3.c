@@ -1,6 +1,6 @@
-/* tests/fmu/unit/test_fmi3.c - the functions of FMI 3.0, by an importer that does what it
- * may not, and beside those of 2.0, which are linked with the same model: what is set,
- * stepped and read through both has the same bits. */
+/* tests/fmu/unit/test_fmi3.c - the functions of FMI 3.0, called by an importer in allowed
+ * and forbidden ways, and compared with those of 2.0, which are linked with the same
+ * model: the same inputs and steps give the same bits. */
 #include "fmi3Functions.h"
 #include "fmu_case.h"
 
@@ -12,8 +12,8 @@ static void logger3(
   logger(environment, "", (fmi2Status)status, category, text);
 }
 
-/* Tests free what they leave behind by the functions of 2.0 (tearDown): one pool holds
- * the instances of both. */
+/* Tests free their remaining instances by the functions of 2.0 (tearDown): one pool holds
+ * the instances of both versions. */
 static fmi3Instance instantiated3(void)
 {
   fmi3Instance const c = fmi3InstantiateCoSimulation("three", FMU_GUID, "/nowhere/resources/", fmi3False,
@@ -51,7 +51,7 @@ static double number3(fmi3Instance c, fmi3ValueReference vr, char kind)
   return kind == 'r' ? real : kind == 'i' ? (double)integer : kind == 'e' ? (double)code : (double)flag;
 }
 
-/* Compares bits: two NaN are the same. */
+/* Compare bits: two NaN are equal. */
 static void expect_same_number(double a, double b, const char *name)
 {
   TEST_ASSERT_TRUE_MESSAGE(memcmp(&a, &b, sizeof a) == 0, name);
@@ -82,7 +82,7 @@ static void prepare3(fmi3Instance c)
 #endif
 }
 
-/* The inputs of set_inputs(): what 2.0 has, 3.0 gets. */
+/* Set the inputs of set_inputs() in both versions. */
 static void copy_inputs(fmi2Component from, fmi3Instance to)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
@@ -114,7 +114,7 @@ static fmi3Status step3(fmi3Instance c, int k)
   return status;
 }
 
-/* From step `first` to before `last`, beside an instance of 2.0 whose inputs it takes. */
+/* Run steps `first` .. `last` - 1, beside an instance of 2.0 with the same inputs. */
 static void stepped3(fmi3Instance c, int first, int last)
 {
   fmi2Component const source = instantiated();
@@ -173,7 +173,7 @@ static void test_every_variable_has_the_bits_of_fmi_2_over_a_drive(void)
   OK3(fmi3Terminate(three));
 }
 
-/* Each element of an array is the output that lies at its place. */
+/* Each element of an array equals the output in its place. */
 static void test_an_array_is_the_outputs_that_it_is_made_of(void)
 {
   fmi3Instance const c = stepping3();
@@ -421,25 +421,31 @@ static fmi3Status call_state(fmi3Instance c)
 }
 static fmi3Status call_logging(fmi3Instance c) { return fmi3SetDebugLogging(c, fmi3False, 0, NULL); }
 
-/* What no phase allows, with arguments that it is not to look at. */
+/* Functions that are refused in every phase, without reading their arguments. */
 #define NEVER(DO) \
-  DO(EnterConfigurationMode, (c)) DO(ExitConfigurationMode, (c)) DO(EnterEventMode, (c)) DO(EnterStepMode, (c)) \
-  DO(EvaluateDiscreteStates, (c)) DO(UpdateDiscreteStates, (c, NULL, NULL, NULL, NULL, NULL, NULL)) \
+  DO(EnterConfigurationMode, (c)) DO(ExitConfigurationMode, (c)) DO(EnterEventMode, (c)) \
+  DO(EnterStepMode, (c)) DO(EvaluateDiscreteStates, (c)) \
+  DO(UpdateDiscreteStates, (c, NULL, NULL, NULL, NULL, NULL, NULL)) \
   DO(GetOutputDerivatives, (c, NULL, 1, NULL, NULL, 1)) \
   DO(GetDirectionalDerivative, (c, NULL, 0, NULL, 0, NULL, 0, NULL, 0)) \
-  DO(GetAdjointDerivative, (c, NULL, 0, NULL, 0, NULL, 0, NULL, 0)) DO(GetNumberOfVariableDependencies, (c, 0, NULL)) \
-  DO(GetVariableDependencies, (c, 0, NULL, NULL, NULL, NULL, 0)) DO(GetIntervalDecimal, (c, NULL, 1, NULL, NULL)) \
-  DO(GetIntervalFraction, (c, NULL, 1, NULL, NULL, NULL)) DO(GetShiftDecimal, (c, NULL, 1, NULL)) \
-  DO(GetShiftFraction, (c, NULL, 1, NULL, NULL)) DO(SetIntervalDecimal, (c, NULL, 1, NULL)) \
-  DO(SetIntervalFraction, (c, NULL, 1, NULL, NULL)) DO(SetShiftDecimal, (c, NULL, 1, NULL)) \
-  DO(SetShiftFraction, (c, NULL, 1, NULL, NULL)) DO(ActivateModelPartition, (c, 0, 0.0)) \
-  DO(EnterContinuousTimeMode, (c)) DO(CompletedIntegratorStep, (c, fmi3True, NULL, NULL)) DO(SetTime, (c, 1.0)) \
+  DO(GetAdjointDerivative, (c, NULL, 0, NULL, 0, NULL, 0, NULL, 0)) \
+  DO(GetNumberOfVariableDependencies, (c, 0, NULL)) \
+  DO(GetVariableDependencies, (c, 0, NULL, NULL, NULL, NULL, 0)) \
+  DO(GetIntervalDecimal, (c, NULL, 1, NULL, NULL)) DO(GetIntervalFraction, (c, NULL, 1, NULL, NULL, NULL)) \
+  DO(GetShiftDecimal, (c, NULL, 1, NULL)) DO(GetShiftFraction, (c, NULL, 1, NULL, NULL)) \
+  DO(SetIntervalDecimal, (c, NULL, 1, NULL)) DO(SetIntervalFraction, (c, NULL, 1, NULL, NULL)) \
+  DO(SetShiftDecimal, (c, NULL, 1, NULL)) DO(SetShiftFraction, (c, NULL, 1, NULL, NULL)) \
+  DO(ActivateModelPartition, (c, 0, 0.0)) DO(EnterContinuousTimeMode, (c)) \
+  DO(CompletedIntegratorStep, (c, fmi3True, NULL, NULL)) DO(SetTime, (c, 1.0)) \
   DO(SetContinuousStates, (c, NULL, 0)) DO(GetContinuousStateDerivatives, (c, NULL, 0)) \
   DO(GetEventIndicators, (c, NULL, 0)) DO(GetContinuousStates, (c, NULL, 0)) \
   DO(GetNominalsOfContinuousStates, (c, NULL, 0)) DO(GetNumberOfEventIndicators, (c, NULL)) \
   DO(GetNumberOfContinuousStates, (c, NULL))
-#define CALL(name, arguments) static fmi3Status never_##name(fmi3Instance c) { return fmi3##name arguments; }
-#define ROW(name, arguments) { "fmi3" #name, 0, never_##name },
+#define CALL(name, arguments) \
+  static fmi3Status never_##name(fmi3Instance c) \
+  { return fmi3##name arguments; }
+#define ROW(name, arguments) \
+  { "fmi3" #name, 0, never_##name },
 NEVER(CALL)
 
 static const struct {
@@ -579,7 +585,7 @@ static void test_a_serialized_state_goes_on_bit_for_bit_in_another_instance(void
   TEST_ASSERT_TRUE(same_state(b, &before));
   OK3(fmi3Reset(b));
   TEST_ASSERT_FALSE(same_state(b, &before));
-  OK3(fmi3SetFMUState(b, state)); /* the phase belongs to the state */
+  OK3(fmi3SetFMUState(b, state)); /* the phase is part of the state */
   stepped3(b, 15, 30);
   TEST_ASSERT_TRUE(same_state(b, &before));
   OK3(fmi3FreeFMUState(b, &state));

@@ -1,7 +1,7 @@
 /* tests/fmu/unit/test_state.c - saved, restored and serialized states. */
 #include "fmu_case.h"
 
-#define FRAME 32 /* saved_bytes before the content: magic, format, bytes, model, sum */
+#define FRAME 32 /* bytes of the header: magic, format, bytes, model, sum */
 
 static void test_a_restored_state_goes_on_as_if_nothing_had_happened(void)
 {
@@ -16,7 +16,7 @@ static void test_a_restored_state_goes_on_as_if_nothing_had_happened(void)
   const saved_bytes again = bytes_of(a);
   OK(fmi2Terminate(a));
   OK(fmi2Reset(a));
-  OK(fmi2SetFMUstate(a, state)); /* the phase belongs to the state */
+  OK(fmi2SetFMUstate(a, state)); /* the phase is part of the state */
   stepped(a, 15, 30);
   expect_same_and_free(bytes_of(a), again, "restored after a reset");
   stepped(b, 0, 30);
@@ -139,14 +139,14 @@ static void test_equal_histories_have_equal_bytes(void)
   fmi2Component const a = stepping();
   stepped(a, 0, 10);
   char dirt[4096];
-  memset(dirt, 0x5a, sizeof dirt); /* what the stack held before must not show */
+  memset(dirt, 0x5a, sizeof dirt); /* uninitialised stack must not show */
   TEST_ASSERT_EQUAL_INT(0x5a, dirt[said % 100]);
   fmi2Component const b = stepping();
   stepped(b, 0, 10);
   expect_same_and_free(bytes_of(a), bytes_of(b), "the same run twice");
 }
 
-/* Refused with one line, no place of the pool used. */
+/* Check that a call is refused with one message and uses no place of the pool. */
 static void expect_bytes_refused(fmi2Component c, const fmi2Byte *at, size_t count, const char *words)
 {
   fmi2FMUstate state = NULL;
@@ -180,7 +180,8 @@ static void test_every_changed_byte_is_noticed(void)
   fmi2FMUstate all[FMU_STATES];
   for (int i = 0; i < FMU_STATES; i++) {
     all[i] = NULL;
-    OK(fmi2DeSerializeFMUstate(c, b.at, b.count, &all[i])); /* untouched again; and no refusal took a place */
+    OK(fmi2DeSerializeFMUstate(
+        c, b.at, b.count, &all[i])); /* original again; the refusals have used no place */
   }
   for (int i = 0; i < FMU_STATES; i++) OK(fmi2FreeFMUstate(c, &all[i]));
   expect_unchanged(c, &before, "after refused bytes");
@@ -218,7 +219,7 @@ static void test_truncated_bytes_are_refused_and_not_read_beyond(void)
   const size_t counts[] = { 0, 1, 7, FRAME - 1, FRAME, FRAME + 1, b.count / 2, b.count - 1 };
   for (int i = 0; i < COUNT(counts); i++) {
     fmi2Byte *const part = malloc(
-        counts[i] + (counts[i] == 0)); /* exactly: sanitizers see what is read beyond */
+        counts[i] + (counts[i] == 0)); /* exact size: sanitizers detect reads beyond it */
     TEST_ASSERT_NOT_NULL(part);
     memcpy(part, b.at, counts[i]);
     expect_bytes_refused(c, part, counts[i], counts[i] < FRAME ? "too short" : "size");
@@ -248,9 +249,9 @@ static void test_a_larger_buffer_is_fine_a_smaller_one_is_refused_and_untouched(
   free(buffer);
 }
 
-/* ---- forged: the content is another's, the checksum is right */
+/* ---- forged: changed content with a correct checksum */
 
-#define MODEL (FRAME + 24) /* after phase, outputs' age, start time and time of the content */
+#define MODEL (FRAME + 24) /* after phase, age of the outputs, start time and time of the content */
 
 static void sign(saved_bytes b)
 {
@@ -279,14 +280,14 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
     { FRAME + 16, 8, &none },
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1e9 } },
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8,
-        (const double[]){ 1234.5 } }, /* in range, but not what the rest was made of */
+        (const double[]){ 1234.5 } }, /* in range, but inconsistent with the rest */
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, &none },
 #if defined(CASE_ESTIMATOR)
     { MODEL + offsetof(model, config.particles), 4, (const int32_t[]){ 100000 } },
     { MODEL + offsetof(model, params.particles), 4, (const int32_t[]){ 100000 } },
     { MODEL + offsetof(model, set), 1, (const uint8_t[]){ SET_TO_ANOTHER + 1 } },
     { MODEL + offsetof(model, exact), 4, (const int32_t[]){ 2 } },
-    { MODEL + offsetof(model, exact), 4, (const int32_t[]){ 1 } }, /* what is used follows from it */
+    { MODEL + offsetof(model, exact), 4, (const int32_t[]){ 1 } }, /* the settings in use depend on it */
     { MODEL + offsetof(model, used.mass), 8, (const double[]){ 1234.5 } },
     { MODEL + offsetof(model, params.fingerprint), 4, (const int32_t[]){ 1 } },
     { MODEL + offsetof(model, memory.filter.fingerprint), 4, (const int32_t[]){ 1 } },
@@ -319,7 +320,7 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
   memcpy(b.at + MODEL + (size_t)v->offset, (const double[]){ 1e9 }, 8);
   sign(b);
   expect_bytes_refused(c, b.at, b.count, v->name);
-  expect_bytes_refused(c, b.at, b.count, fmu_range(v, range));
+  expect_bytes_refused(c, b.at, b.count, fmu_write_range(v, range));
   memcpy(b.at, before.at, b.count);
   expect_unchanged(c, &before, "after forged states");
   fmi2FMUstate state = NULL;
@@ -328,7 +329,7 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
   free(before.at);
 }
 
-/* What is accepted is gone on with: under the sanitizers no forged word may do more than
+/* The FMU continues from an accepted state. Under the sanitizers, a forged word may only
  * make an estimate wrong. */
 static void go_on_with_forged_words(int form)
 {

@@ -1,4 +1,5 @@
-/* tests/fmu/unit/test_values.c - getting and setting: references, types, ranges, phases. */
+/* tests/fmu/unit/test_values.c - getting and setting: references, types, ranges,
+ * phases. */
 #include "fmu_case.h"
 
 static void test_the_table_is_sound(void)
@@ -19,7 +20,8 @@ static void test_the_table_is_sound(void)
     if (v->role == 'p' && v->kind != 'b') TEST_ASSERT_TRUE_MESSAGE(v->hi >= v->lo, v->name);
     for (int32_t k = 0; k < i; k++) {
       TEST_ASSERT_TRUE_MESSAGE(strcmp(v->name, fmu_variables[k].name) != 0, v->name);
-      TEST_ASSERT_TRUE_MESSAGE(v->offset != fmu_variables[k].offset, v->name); /* no two share a place */
+      TEST_ASSERT_TRUE_MESSAGE(
+          v->offset != fmu_variables[k].offset, v->name); /* no two variables share a place */
       TEST_ASSERT_TRUE_MESSAGE(v->rate == FMU_NO_RATE || v->rate != fmu_variables[k].rate, v->name);
     }
   }
@@ -41,8 +43,8 @@ static void test_starts_are_there_from_the_start_and_after_a_reset(void)
   }
 }
 
-/* Every parameter and input takes a value of its own and gives it back; none disturbs
- * another. */
+/* Every parameter and input takes its own value and returns it, without changing another
+ * one. */
 static void test_every_variable_has_a_place_of_its_own(void)
 {
   fmi2Component const c = instantiated();
@@ -83,7 +85,7 @@ static void test_every_parameter_is_refused_beyond_its_range_and_taken_at_its_en
     }
   }
   REFUSED(put_real(c, A_PARAMETER, -7.5), A_PARAMETER " = -7.5 is outside its range " A_RANGE);
-  TEST_ASSERT_NULL(strstr(last_line(), A_RANGE " 1")); /* 1 is no unit that one says */
+  TEST_ASSERT_NULL(strstr(last_line(), A_RANGE " 1")); /* ranges of ratios have no unit */
   REFUSED(put_real(c, ANOTHER_PARAMETER, 1.0), "50 .. 50000 kg");
 }
 
@@ -182,8 +184,8 @@ static void test_booleans_are_true_or_false_whatever_number_says_so(void)
   }
 }
 
-/* What derives from settings is there in initialization mode, and follows a setting that
- * is changed there. */
+/* Values derived from settings are available in initialization mode, and follow changed
+ * settings. */
 static void test_outputs_follow_parameters_in_initialization_mode(void)
 {
   fmi2Component const c = instantiated();
@@ -202,8 +204,8 @@ static void test_outputs_follow_parameters_in_initialization_mode(void)
   TEST_ASSERT_TRUE(real_of(c, output) == 8e4);
 }
 
-/* However often outputs were asked for and settings changed back and forth before the
- * start, the run is the same. */
+/* Reading outputs and changing settings back and forth before the start do not affect the
+ * run. */
 static void test_what_was_tried_before_the_start_leaves_no_trace(void)
 {
   fmi2Component const a = instantiated(), b = instantiated();

@@ -1,5 +1,5 @@
-/* tests/fmu/unit/test_vehicle.c - SingleTrackVehicle beside tse_sim_step(), ramps,
- * derivatives of inputs, wrong inputs. */
+/* tests/fmu/unit/test_vehicle.c - SingleTrackVehicle, compared with tse_sim_step();
+ * ramps, derivatives of inputs, wrong inputs. */
 #include "fmu_case.h"
 #include "tse/describe.h"
 
@@ -10,7 +10,7 @@ static tse_sim sim;
 static void put_inputs(fmi2Component c, const tse_sim_input *u)
 {
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
-    OK(put_real(c, v->name, (&u->steer_angle)[v - fmu_variables])); /* one behind the other */
+    OK(put_real(c, v->name, (&u->steer_angle)[v - fmu_variables])); /* neighbouring members */
 }
 
 static tse_sim_input input_of(int k)
@@ -46,8 +46,7 @@ static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
   }
   int32_t count;
   const tse_field *const row = tse_describe(TSE_STRUCT_SIM_OUTPUT, &count, NULL);
-  for (int32_t i = TSE_CHANNELS; i < count;
-      i++) { /* behind what the car logs: true_vel_x, drawn_cx_front ... */
+  for (int32_t i = TSE_CHANNELS; i < count; i++) { /* after the sensors: true_vel_x, drawn_cx_front ... */
     const size_t group = strcspn(row[i].name, "_");
     const char *const own = row[i].name + group + 1;
     const int share = strcmp(own, "cx_front") == 0 || strcmp(own, "cy_front") == 0
@@ -66,7 +65,8 @@ static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
   expect_real(c, "drawn.cy_rear", drawn_si(2), k);
 }
 
-/* Both with settings that differ from the defaults, at the start with inputs of row 0. */
+/* Both with settings that differ from the defaults, at the start with the inputs of row
+ * 0. */
 static fmi2Component start_both(tse_sim_output *y)
 {
   const tse_sim_input u = input_of(0);
@@ -74,7 +74,7 @@ static fmi2Component start_both(tse_sim_output *y)
   tse_config_exact(&config);
   tse_sim_config_default(&sim_config);
   config.mass = 1700, config.accel_x_sd = 0.2;
-  config.rear_longitudinal_follows_front = 0.4; /* else the road under the rear axle does not show */
+  config.rear_longitudinal_follows_front = 0.4; /* otherwise the road under the rear axle has no effect */
   sim_config.seed = 9, sim_config.speed = 15, sim_config.bias_walk = 2, sim_config.true_bias_accel_y = 0.1;
   sim_config.true_cy_rear = 0.9;
   SET(c, { "vehicle.mass", 1700 }, { "sensors.accel_x_sd", 0.2 },
@@ -93,8 +93,8 @@ static void go(fmi2Component c)
   begin(c);
 }
 
-/* An importer sets the inputs of t, steps to t + h: with ramp those inputs are reached at
- * t + h, from those of before. */
+/* An importer sets the inputs at t and steps to t + h. With ramp, they change linearly
+ * from the previous inputs and reach these values at t + h. */
 static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
 {
   tse_sim_output y;
@@ -113,7 +113,7 @@ static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
   }
 }
 
-/* The driver jumps at the start of a step; the road of a step is that on which its
+/* The driver jumps at the start of a step. The road of a step is that for which its
  * stiffness was drawn. */
 static void jump(const tse_sim_input *u)
 {
@@ -121,8 +121,8 @@ static void jump(const tse_sim_input *u)
   sim.last = *u, sim.last.road_level = level;
 }
 
-/* Held inputs: what was set at t acts all through the step, as a simulator shows that is
- * told twice. */
+/* Held inputs: the inputs set at t act during the whole step, as in a simulator that gets
+ * them twice. */
 static void test_without_ramp_inputs_are_held_during_the_step(void)
 {
   tse_sim_output y;
@@ -140,9 +140,9 @@ static void test_without_ramp_inputs_are_held_during_the_step(void)
   }
 }
 
-/* A car that rolls straight, pushed by a constant torque on wheels of known inertia,
- * gains T/R over its whole mass. Held, a torque set at t acts from t on: after n steps as
- * after n steps; as a ramp from zero the first step has half of it. */
+/* A car rolls straight, with a constant torque on wheels of known inertia: its total mass
+ * is accelerated by T/R. Held, a torque set at t acts from t on: after n steps for n
+ * steps. As a ramp from zero, the first step has half of it. */
 static void test_a_held_torque_acts_from_its_communication_point_on(void)
 {
   const double torque = 330.0, radius = 0.33, mass = 1900.0, inertia = 2 * 2.4;
@@ -184,8 +184,9 @@ static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void
     tse_sim_input to = u;
     put_inputs(c, &u);
     jump(&u);
-    if (k % 4 != 3) { /* without one, an input is held; a derivative is that of one communication point */
-      for (int n = 0; n < COUNT(rates); n++) { /* inputs one behind the other */
+    if (k % 4
+        != 3) { /* without a derivative an input is held; a derivative holds for one communication point */
+      for (int n = 0; n < COUNT(rates); n++) { /* neighbouring members */
         OK(put_rate(c, fmu_variables[n].name, rates[n]));
         (&to.steer_angle)[n] += STEP * rates[n];
       }
@@ -193,7 +194,7 @@ static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void
     OK(fmi2DoStep(c, k * STEP, STEP, fmi2True));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &to, &y));
     expect_outputs(c, &y, k);
-    expect_real(c, "steer_angle", u.steer_angle, k); /* what was set is not overwritten */
+    expect_real(c, "steer_angle", u.steer_angle, k); /* the value set is unchanged */
   }
 }
 
@@ -264,7 +265,7 @@ static void test_a_derivative_that_leads_out_of_range_is_an_error_too(void)
   saved_bytes before = bytes_of(c);
   REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "steer_angle");
   expect_unchanged_and_free(c, &before, "a derivative out of range");
-  OK(put_real(c, "steer_angle", 1.25)); /* and one that leads back into it helps nothing */
+  OK(put_real(c, "steer_angle", 1.25)); /* a derivative that leads back into the range does not help */
   OK(put_rate(c, "steer_angle", -20.0));
   REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "steer_angle");
   OK(put_real(c, "steer_angle", 0.0));
@@ -290,7 +291,7 @@ static void test_wrong_inputs_and_settings_at_the_start_are_refused_by_name(void
   OK(put_real(c, "road_level", (double)NAN));
   OK(fmi2EnterInitializationMode(c));
   REFUSED(fmi2ExitInitializationMode(c), "fmi2ExitInitializationMode", "road_level", "0.02 .. 10");
-  TEST_ASSERT_NULL(strstr(last_line(), "10 1")); /* 1 is no unit that one says */
+  TEST_ASSERT_NULL(strstr(last_line(), "10 1")); /* ranges of ratios have no unit */
   fmi2Real value;
   const fmi2ValueReference vr = ref(AN_OUTPUT);
   REFUSED(fmi2GetReal(c, &vr, 1, &value), "fmi2GetReal", "road_level");

@@ -1,5 +1,5 @@
-/* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and what tse_step() makes
- * of it. Expected rows are read from a whole log with absolute times, in double; expected
+/* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and its use in tse_step().
+ * Expected rows are interpolated in double from a whole log with absolute times. Expected
  * estimates are those of a log without delays. */
 #include "model/car.h"
 #include "unit_support.h"
@@ -16,14 +16,14 @@ static size_t bytes_of_form(int32_t form) { return form ? sizeof late_one : size
 static tse_config settings(int32_t form)
 {
   tse_config c;
-  if (form == 2) tse_config_robust(&c); /* form 1, too */
+  if (form == 2) tse_config_robust(&c); /* the particle filter, too */
   else if (form == 1) tse_config_paper(&c);
   else tse_config_exact(&c);
   c.particles = 60;
   return c;
 }
 
-/* Latencies of steering angle, wheels and accelerometers, in seconds. */
+/* Set the latencies of steering angle, wheels and accelerometers [s]. */
 static void tell(tse_config *c, const double late[5])
 {
   c->steer_angle_latency = setting(late[0]), c->wheel_speed_front_latency = setting(late[1]);
@@ -38,8 +38,8 @@ static tse_real *channel(tse_input *u, int k)
   return at[k];
 }
 
-/* What a channel truly is at a time: smooth, so that interpolation can be told from the
- * neighbours. */
+/* Return the true value of a channel at a time. It is smooth and curved, so that
+ * interpolated values differ from neighbouring ones. */
 static double truth(int k, double t)
 {
   switch (k) {
@@ -52,7 +52,7 @@ static double truth(int k, double t)
   }
 }
 
-/* A row of a noisy drive; some of its channels are missing now and then. */
+/* Return a row of a noisy drive, with some channels missing now and then. */
 static tse_input noisy_row(int k)
 {
   static const double sd[6] = { 0, 0.01, 0.01, 0.15, 0.15, 0.0035 };
@@ -81,7 +81,8 @@ static void start_late(tse_config c, const double late[5])
 
 /* ------------------------------------------------------------------------------------------- whole rows */
 
-/* Each channel `rows[c]` rows late. Returned: how many rows were compared. */
+/* Log each channel `rows[c]` rows late.
+ *   Returned:  number of rows compared */
 static int compare_shifted(tse_config c, const int rows[6], double sample_time)
 {
   double late[5];
@@ -96,7 +97,7 @@ static int compare_shifted(tse_config c, const int rows[6], double sample_time)
   const tse_params plain = p;
   start_late(c, late);
   for (int k = 0; k < LOG; k++) {
-    tse_input u, v = noisy_row(k - latest); /* what the filter without delays sees */
+    tse_input u, v = noisy_row(k - latest); /* row of the filter without delays */
     tse_output y, x;
     memset(&u, 0, sizeof u);
     u.dt = v.dt = real(sample_time);
@@ -136,11 +137,11 @@ static void test_channels_late_by_whole_rows_give_the_same_bits_later(void)
 typedef struct book {
   double t[LOG], value[LOG][6];
   int missing[LOG][6], rows;
-} book; /* what was logged when */
+} book; /* times of the logged rows */
 
-/* A channel at a time, from the whole log, and by how much interpolation lowers the
- * variance of white noise. Returned: 1 known, 0 missing, -1: so near to a row that both
- * are right */
+/* Interpolate a channel of the whole log at a time.
+ *   Returned:  1 known; 0 missing; -1 so near to a row that both are correct
+ *              lost  reduction of the variance of white noise by interpolation */
 static int read_book(const book *b, int k, double t, double *value, double *lost)
 {
   const int from = 0;
@@ -151,8 +152,8 @@ static int read_book(const book *b, int k, double t, double *value, double *lost
     *value = b->value[at][k];
     return -1;
   }
-  /* the two rows on both sides; or the nearer one, and the next that has it beyond the
-   * other, up to 0.1 s from it */
+  /* Use the rows on both sides. If one of them lacks the channel, use the nearer one and
+   * the next beyond it that has it, up to 0.1 s away. */
   int before = i - 1, after = i;
   const int oldest = b->rows - TSE_LATENCY_ROWS > 0 ? b->rows - TSE_LATENCY_ROWS : 0;
   const int is_after = t - b->t[before] > b->t[after] - t, here = is_after ? after : before;
@@ -169,8 +170,8 @@ static int read_book(const book *b, int k, double t, double *value, double *lost
   return 1;
 }
 
-/* How old a row is when it is read: the least that is enough for every channel and by
- * whole rows more than accel_x is late. */
+/* Return the delay with which a row is read: the smallest that suffices for all channels
+ * and differs from the latency of accel_x by whole rows. */
 static double age_of(const double late[5], double sample_time)
 {
   double least = 0, age = late[3] - 40 * sample_time;
@@ -179,8 +180,8 @@ static double age_of(const double late[5], double sample_time)
   return age;
 }
 
-/* Irregular rows of 0.6 .. 1.6 sample times with these latencies, of which none comes so
- * close that it is left out. */
+/* Log irregular rows, 0.6 .. 1.6 sample times apart, with these latencies. No rows are
+ * close enough to be left out. */
 static void compare_interpolated(const double late[5], uint32_t seed)
 {
   static book b;
@@ -223,7 +224,7 @@ static void compare_interpolated(const double late[5], uint32_t seed)
   TEST_ASSERT_TRUE(steps > 340);
 }
 
-/* Whatever the latencies, where rows are sample_time apart accel_x is as it was logged. */
+/* With rows at the sample time, accel_x is used as logged, for any latencies. */
 static void test_accel_x_is_not_interpolated_in_even_rows(void)
 {
   static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 },
@@ -268,14 +269,13 @@ static void test_a_value_is_missing_where_the_nearer_row_lacks_it(void)
       if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
       const int gyro = (row.missing & TSE_MISSING_yaw_rate) == 0,
                 wheel = (row.missing & TSE_MISSING_wheel_speed_rear) == 0;
-      TEST_ASSERT_EQUAL_INT(k != 11, gyro);  /* 6 ms late: the row before is nearer */
-      TEST_ASSERT_EQUAL_INT(k != 15, wheel); /* the latest is read as it comes */
+      TEST_ASSERT_EQUAL_INT(k != 11, gyro);  /* 6 ms late: the previous row is nearer */
+      TEST_ASSERT_EQUAL_INT(k != 15, wheel); /* the latest value is used as logged */
     }
   }
 }
 
-/* A slow message: its channel is known as often as it comes, at its time, whatever its
- * latency. */
+/* A slow message: its channel is known at its own rate and time, for any latency. */
 static void test_a_channel_in_every_second_or_fifth_row_is_known_as_often(void)
 {
   for (int every = 2; every <= 5; every += 3)
@@ -290,8 +290,7 @@ static void test_a_channel_in_every_second_or_fifth_row_is_known_as_often(void)
         if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
         rows++;
         if (row.missing & TSE_MISSING_wheel_speed_front) continue;
-        known++; /* half a row off at most, where the memory does not reach the value before: 2 m/s at 0.9
-                  * rad/s */
+        known++; /* at most half a row off where the memory lacks the value before: 2 m/s at 0.9 rad/s */
         expect_near(truth(1, 0.01 * k - age_of(late, 0.01) + late[1]), number(row.wheel_speed_front), 0.01,
             "wheel speed", k);
       }
@@ -315,8 +314,7 @@ static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
 
 /* ------------------------------------------------------------------------------------------- odd rows */
 
-/* An initial stiffness outside of what the filter may find is reported where it starts:
- * at the bound. */
+/* An initial stiffness outside the limits of the filter is reported at the limit. */
 static void test_a_start_beyond_a_bound_is_reported_at_it(void)
 {
   static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
@@ -329,8 +327,8 @@ static void test_a_start_beyond_a_bound_is_reported_at_it(void)
     for (int k = 0; k < 6; k++) {
       const tse_input u = noisy_row(k);
       TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, tse_step(&p, &late_one.filter, &u, &y));
-      expect_near(1.25, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "at the upper bound",
-          k); /* the exponential of a logarithm, in float */
+      expect_near(
+          1.25, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "at the upper bound", k); /* exp(log(x)) in float */
       expect_near(0.75, number(y.stiffness[TSE_CY_REAR]), 1e-6, "at the lower bound", k);
     }
   }
@@ -376,7 +374,7 @@ static void test_nothing_is_read_across_a_gap(void)
   enum { GAP = 600 };
   for (int32_t form = 0; form <= MOST_FORM; form += 2) {
     tse_output y;
-    double waited = 0.04; /* whole rows */
+    double waited = 0.04; /* [s] whole rows */
     tse_real last = TSE_R(0);
     start_late(settings(form), late);
     for (int k = 0; k < GAP + 20; k++) {
@@ -395,8 +393,8 @@ static void test_nothing_is_read_across_a_gap(void)
         expect_near(waited, number(y.estimate_age), 1e-5, "age", k - GAP);
         expect_near(number(last), number(y.stiffness[1]), 0.02, "stiffness", k - GAP);
       } else {
-        /* fixed: an event of a channel that is noise stops at the end of its row, which
-         * is said first */
+        /* fixed point: an event of a noisy channel reaches the limit of its row, which
+         * has the larger status */
         const int stops = BY_NUMBER(0, 0, 1) && got == TSE_W_RANGE;
         if (!stops) TEST_ASSERT_EQUAL_INT(k == GAP + 5, got == TSE_W_GAP);
         TEST_ASSERT_TRUE(got != TSE_W_WAITING);
@@ -423,7 +421,7 @@ static void test_a_step_takes_the_whole_time_since_the_last_one(void)
     steps += got == TSE_OK;
   }
   TEST_ASSERT_TRUE(steps > 1500);
-  for (int k = 0; k < 8; k++) { /* more than a dt may be: what is refused elsewhere is cut */
+  for (int k = 0; k < 8; k++) { /* longer than the max dt: limited here, refused elsewhere */
     u.dt = real(3600);
     TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, align_row(&p, &late_one.filter, &u, &row));
   }
@@ -461,7 +459,7 @@ static void test_refused_rows_change_nothing(void)
 }
 
 #if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
-/* A channel may be missing by its bit or by being none: the same rows. */
+/* A missing channel may be marked by its bit or by NaN: both give the same rows. */
 static void test_a_channel_that_is_no_number_is_missing(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
@@ -483,7 +481,7 @@ static void test_a_channel_that_is_no_number_is_missing(void)
 }
 #endif
 
-/* Less than what clocks are rounded by: no row waits, not even the first. */
+/* Latencies below the rounding of times: no row waits, not even the first. */
 static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
 {
   static const double late[5] = { 1e-6, 1e-6, 1e-6, 1e-6, 1e-6 };
@@ -505,8 +503,8 @@ static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
   }
 }
 
-/* Later than accel_x by less than a thousandth of a row is by no row: read when the later
- * one is known. */
+/* A channel later than accel_x by less than a thousandth of a row counts as equally late:
+ * the row is read when the later one is known. */
 static void test_a_row_is_read_when_its_latest_channel_is_known(void)
 {
   static const double late[5] = { 5e-6, 0, 0, 0, 0 };
@@ -516,8 +514,8 @@ static void test_a_row_is_read_when_its_latest_channel_is_known(void)
   expect_near(5e-6, number(q.latency), 1e-10, "latency", 0);
 }
 
-/* A state that was loaded may hold as many rows as there are places, which no rows of its
- * own fill. */
+/* A loaded state may hold as many rows as there are places, more than its own rows would
+ * fill. */
 static void test_a_full_memory_goes_on(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
@@ -560,8 +558,8 @@ static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
   TEST_ASSERT_EQUAL_STRING("wheel_speed_rear_latency", wrong);
 }
 
-/* Seven rows where the settings say one, with all the span that fits: some are left out,
- * and the time is right. */
+/* Rows at a seventh of the sample time, with the longest possible latencies: some rows
+ * are left out, and the times are correct. */
 static void test_rows_that_come_faster_than_set_are_left_out(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
@@ -584,7 +582,7 @@ static void test_rows_that_come_faster_than_set_are_left_out(void)
     else tau = t - 0.2;
     expect_near(t - 0.2, tau + taken, BY_FORMAT(1e-9, 1e-3), "time", k);
     for (int i = 0; i < 6;
-        i++) /* curved between rows that are 0.01 s apart: h^2/8 of the second derivative */
+        i++) /* interpolation error between rows 0.01 s apart: h^2/8 of the second derivative */
       expect_near(truth(i, t - 0.2 + (i < 5 ? late[i] : 0)), number(*channel(&row, i)), BY_FORMAT(1e-3, 3e-3),
           "channel", i);
   }
@@ -622,7 +620,7 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
   }
 }
 
-/* A filter with effects, too: rows are put in order before they see them. */
+/* A filter with effects: rows are aligned before effects apply. */
 static void test_effects_act_on_the_row_that_was_put_together(void)
 {
   static const int rows[6] = { 3, -1, -1, 0, 1, 0 };
@@ -631,9 +629,9 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
   TEST_ASSERT_TRUE(compare_shifted(c, rows, 0.01) > LOG - 40);
 }
 
-/* A row that makes no step reports the estimates of the step before it, number by number,
- * and before the first one those of the start. The paper's form, whose step reports what
- * it was before it learnt from the row, finds no noise and no change: both are 1. */
+/* A row without a step reports the estimates of the previous step, bit for bit; before
+ * the first step, those of the start. The particle filter reports its estimate before
+ * learning from the row. It has no estimates of noise and changes: both are 1. */
 static void test_a_row_that_waits_reports_what_the_step_before_it_did(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };

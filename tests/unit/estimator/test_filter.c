@@ -1,12 +1,12 @@
-/* tests/unit/estimator/test_filter.c <-> src/estimator/filter.c: what a caller of
- * tse_reset() and tse_step() may rely on in every form. What the paper's form promises
- * beside: paper/test_row.c. */
+/* tests/unit/estimator/test_filter.c <-> src/estimator/filter.c: properties of
+ * tse_reset() and tse_step() that hold for all filters. Further ones of the particle
+ * filter: paper/test_row.c. */
 #include "driven.h"
 #include "tse/describe.h"
 
 static tse_filter_paper f, other, before;
 
-/* Every test runs with each of these: again(). */
+/* Settings with which every test runs: again(). */
 static const struct {
   const char *name;
   void (*settings)(tse_config *c);
@@ -19,8 +19,8 @@ static int form;
 
 static int again(void) { return ++form < ROWS(forms) && printf("%s:\n", forms[form].name); }
 
-/* The shortest that a format knows: what a row of it has taught each second is no number,
- * and is not kept. */
+/* The shortest sample time of the format: learning per second overflows, and is not
+ * kept. */
 static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
 {
   tse_config c = config_by(tse_config_exact);
@@ -68,7 +68,7 @@ static void expect_refused(tse_status why, const tse_params *p, const tse_input 
   TEST_ASSERT_EQUAL_MEMORY(&y_before, &y, sizeof y);
 }
 
-/* Which rows are refused: test_input.c. */
+/* Refused rows: test_input.c. */
 static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
 {
   tse_config c = some_settings(40);
@@ -150,7 +150,7 @@ static void test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(voi
     c.seed = k < 2 ? 11 : 12;
     const tse_params p = prepared(c);
     set_off(&d, &c, 20.0);
-    memset(&f, 0x77 * k, sizeof f); /* reset leaves nothing of what was there */
+    memset(&f, 0x77 * k, sizeof f); /* reset must clear all bytes */
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
     y[k] = run(&p, &f, &d, 250);
     if (k == 0) memcpy(&other, &f, sizeof f);
@@ -158,7 +158,7 @@ static void test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(voi
   }
   TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
   TEST_ASSERT_EQUAL_INT(c.form != 0,
-      y[2].stiffness[1] < y[0].stiffness[1] || y[2].stiffness[1] > y[0].stiffness[1]); /* none is drawn */
+      y[2].stiffness[1] < y[0].stiffness[1] || y[2].stiffness[1] > y[0].stiffness[1]); /* never drawn */
 }
 
 static void test_the_time_step_of_the_first_row_does_not_count(void)
@@ -178,7 +178,8 @@ static void test_the_time_step_of_the_first_row_does_not_count(void)
   }
 }
 
-/* Whoever asks for no particles needs no memory for them; whoever does must have it. */
+/* A filter without particles needs no memory for them. A filter with particles requires
+ * it. */
 static void test_particles_are_memory_only_for_who_asks_for_them(void)
 {
   static struct {

@@ -2,7 +2,7 @@
 #include "unit_support.h"
 #include "tables/input.h"
 
-static tse_filter filter; /* supplies what is held */
+static tse_filter filter; /* holds the last inputs */
 
 static tse_params params(void)
 {
@@ -67,7 +67,7 @@ static sample expect_row_accepted(const tse_input *u, const char *name)
   return y;
 }
 
-/* What a driving channel gives when it is held, and otherwise: from start_filter(),
+/* Value of a driving channel when it is held, and otherwise: from start_filter(),
  * good_row() and params(). */
 static void expect_drives(const sample *y, int steer_held, int front_held, int rear_held)
 {
@@ -80,7 +80,7 @@ static void expect_drives(const sample *y, int steer_held, int front_held, int r
 static void expect_measurements(const sample *y, int x_missing, int y_missing, int yaw_missing)
 {
   const int is_missing[3] = { x_missing, y_missing, yaw_missing };
-  const double value[3] = { 4, -8, 8 }; /* over the sensors' sd */
+  const double value[3] = { 4, -8, 8 }; /* [sd of the sensors] */
   for (int i = 0; i < 3; i++) {
     expect_real(is_missing[i] ? 0 : 1, y->use[i], "use");
     expect_real(is_missing[i] ? 0 : value[i], y->y[i], "measurement");
@@ -123,7 +123,7 @@ static void test_each_channel_is_accepted_at_both_limits(void)
   }
 }
 
-/* ---------------------------------------------------------------------------- missing channels, one or all */
+/* --------------------------------------------------------------------- missing channels, one or all */
 
 static void test_channel_that_is_no_number_is_missing_and_one_out_of_range_refused_if_it_drives(void)
 {
@@ -166,7 +166,7 @@ static void test_row_without_any_channel_is_accepted_and_all_held(void)
 {
   start_filter();
   tse_input u = good_row();
-  u.missing = 0xffffffffu; /* bits that name no channel are ignored */
+  u.missing = 0xffffffffu; /* bits without a channel are ignored */
   sample y = expect_row_accepted(&u, "all missing");
   expect_drives(&y, 1, 1, 1);
   expect_measurements(&y, 1, 1, 1);

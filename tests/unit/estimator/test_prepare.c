@@ -10,7 +10,8 @@
 
 static tse_config defaults(void) { return config_by(tse_config_exact); }
 
-/* None of the defaults, all different, inside the ranges. No effects. */
+/* Settings that all differ from the defaults and from each other, within the ranges. No
+ * effects. */
 static tse_config other_car(void)
 {
   tse_config c = defaults();
@@ -70,9 +71,9 @@ static tse_config other_config(void)
 
 /* ------------------------------------------------------------------------------------------ constants */
 
-#if !defined(TSE_SMALL) /* no form 1 */
-/* A constant that were made of a default, or a setting that these tests forgot, would
- * pass unseen. */
+#if !defined(TSE_SMALL) /* no particle filter */
+/* A constant computed from a default, or from a setting that these tests omit, would be
+ * missed. */
 static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
   const tse_config c = other_config(), usual[2] = { defaults(), config_by(tse_config_default) };
@@ -85,8 +86,8 @@ static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 
 static void expect_relative(double expected, tse_real actual, const char *what)
 {
-  expect_near(expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected) + QUANTUM, what,
-      0); /* a few roundings */
+  expect_near(
+      expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected) + QUANTUM, what, 0); /* rounding */
 }
 
 static void test_vehicle_constants_are_normalised_by_mass(void)
@@ -105,11 +106,11 @@ static void test_vehicle_constants_are_normalised_by_mass(void)
   expect_relative(0.31, p.radius_rear, "radius_rear");
 }
 
-/* The centre of gravity stays between the axles, nine tenths of the way at most. */
+/* The centre of gravity stays between the axles, at most 90 % of the way. */
 static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles(void)
 {
   static const double row[][5] = {
-    /* lf, lr, shift; lf, lr then */
+    /* lf, lr, shift; resulting lf, lr */
     { 1.1, 0.4, 0.6, 1.46, 0.04 },
     { 0.4, 1.1, -0.6, 0.04, 1.46 },
     { 1.1, 0.4, 0.3, 1.4, 0.1 },
@@ -139,7 +140,8 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   expect_relative(9e-4, p.mass_var, "mass_var");
 }
 
-/* The car of the filter's model, over mass; what is no effect's is 0 or 1. */
+/* Constants of the car in the filter's model, divided by mass. Constants of effects that
+ * are off are 0 or 1. */
 static void test_the_car_of_the_model_is_that_of_the_settings(void)
 {
   tse_config c = other_car();
@@ -178,15 +180,15 @@ static void test_the_car_of_the_model_is_that_of_the_settings(void)
   expect_relative(0.8, prepared(c).car.grip, "grip of the effect");
 }
 
-/* 1/friction of an axle is (1 +- balance) times that of both, also where it is of the
- * setting `grip`. */
+/* 1/friction of an axle is (1 +- balance) times the mean of both, including friction
+ * given by the setting `grip`. */
 static void test_friction_of_each_axle_is_that_of_both_and_a_balance(void)
 {
   for (int stated = 0; stated < 2; stated++) {
     tse_config c = other_car();
     c.grip = setting(stated ? 0.8 : 0), c.tyre_saturation_inverse_friction = setting(stated ? 0 : 1.25);
     const tse_car even = prepared(c).car;
-    /* no balance: the same bits */
+    /* without balance: the same bits */
     TEST_ASSERT_EQUAL_MEMORY(&even.load_front, &even.end_front, sizeof even.load_front);
     TEST_ASSERT_EQUAL_MEMORY(&even.load_rear, &even.end_rear, sizeof even.load_rear);
     c.tyre_saturation_balance = setting(0.25);
@@ -195,7 +197,7 @@ static void test_friction_of_each_axle_is_that_of_both_and_a_balance(void)
         9.81 * 1.6 / 2.7 * 0.64, r_mul(unlike.grip, unlike.end_front), "front: friction 0.8/1.25");
     expect_relative(
         9.81 * 1.1 / 2.7 * 0.8 / 0.75, r_mul(unlike.grip, unlike.end_rear), "rear: friction 0.8/0.75");
-    /* the axle carries the same */
+    /* the total of the axles is the same */
     TEST_ASSERT_EQUAL_MEMORY(&even.load_front, &unlike.load_front, sizeof even.load_front);
   }
 }
@@ -219,7 +221,7 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   expect_near(9.81 * 0.025, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);
   expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
   expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);
-  c.wheel_radius_sd = setting(0); /* of a car that is known exactly: no radius is */
+  c.wheel_radius_sd = setting(0); /* a car that is known exactly: no radius is estimated */
   expect_near(0.002, number(prepared(c).prior_sd[RAD]), 1e-7, "no radius is known exactly", 0);
   expect_relative(0.04, p.model_sd, "model_sd");
   static const int of[] = { CONSIDER_INERTIA, CONSIDER_CENTRE, CONSIDER_TRAIL, CONSIDER_RELAXATION_FRONT,
@@ -245,7 +247,7 @@ static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_need
   expect_near(0, number(q.latency_span), 0, "latency_span", 0);
 }
 
-#if !defined(TSE_SMALL) /* no form 1 */
+#if !defined(TSE_SMALL) /* no particle filter */
 static void test_filter_constants_follow_their_formulas(void)
 {
   const tse_params p = prepared(other_car());
@@ -268,8 +270,7 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(4, p.hold_speed, "hold_speed");
   expect_relative(0.6, p.max_steer, "max_steer");
   expect_near(log(0.995) / log(2.0), number(p.log2_forgetting), BY_FORMAT(1e-14, 1e-7), "log2 lambda", 0);
-  expect_near(
-      200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* 1 - lambda cancels */
+  expect_near(200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* cancellation */
   expect_relative(90, p.resample_at, "resample_at");
   expect_near(-0.3, number(p.mu0[0]), BY_FORMAT(1e-15, 1e-7), "mu0", 0);
   expect_near(-0.2, number(p.mu0[1]), BY_FORMAT(1e-15, 1e-7), "mu0", 1);
@@ -305,11 +306,11 @@ static void test_off_is_off(void)
   const tse_params p = prepared(c);
   expect_relative(0.995, p.forgetting_mean, "lambda of the mean is lambda");
   expect_relative(-2, p.w_low, "draws are free down to -(stiffness_max - 1)");
-  TEST_ASSERT_TRUE(number(p.spread_max_var) > 1e5); /* sd 300: none */
+  TEST_ASSERT_TRUE(number(p.spread_max_var) > 1e5); /* sd 300: no limit */
 }
 
-/* The fastest of the three dampings times speed; the least step is no less than an eighth
- * of the largest. */
+/* The fastest of the three damping rates, times speed. The smallest step is at least an
+ * eighth of the largest. */
 static void test_damping_is_that_of_the_stiffest_direction(void)
 {
   tse_config c = other_car();
@@ -321,8 +322,8 @@ static void test_damping_is_that_of_the_stiffest_direction(void)
   expect_relative(0.03 / 8, prepared(c).least_step, "least_step");
 }
 
-/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma
- * Sigma the variance of the mean. */
+/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the squared spread. gamma Sigma
+ * is the variance of the mean. */
 static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void)
 {
   const tse_params p = prepared(other_car());
@@ -331,7 +332,7 @@ static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void
   expect_near(0.4, sqrt(number(p.gamma0) * sigma), BY_FORMAT(1e-15, 2e-7), "sd of the mean", 0);
 }
 
-/* Returned: 1; 0 where the format of the build refuses these settings. */
+/* Returned: 1; 0 if the number format refuses these settings */
 static int expect_finite_constants(const tse_config *settings, const char *name)
 {
   const size_t first = offsetof(tse_params, follow),
@@ -340,7 +341,7 @@ static int expect_finite_constants(const tse_config *settings, const char *name)
   fit_together(&c);
   tse_params p;
   if (!prepared_if_held(&c, &p)) return 0;
-  TEST_ASSERT_TRUE((end - first) % sizeof(tse_real) == 0); /* nothing but tse_real between the two */
+  TEST_ASSERT_TRUE((end - first) % sizeof(tse_real) == 0); /* only tse_real between the two */
   for (size_t at = first; at < end; at += sizeof(tse_real)) {
     tse_real x;
     memcpy(&x, (const char *)&p + at, sizeof x);
@@ -349,8 +350,8 @@ static int expect_finite_constants(const tse_config *settings, const char *name)
   return 1;
 }
 
-/* One setting after the other goes to the end of its range, and stays there if the format
- * holds the car that it makes. */
+/* Set one setting after the other to the limit of its range, and keep it there if the
+ * number format can represent the car. */
 static void test_constants_are_finite_at_both_ends_of_every_range(void)
 {
   tse_config c = defaults();
@@ -385,8 +386,8 @@ static void test_same_settings_give_the_same_bytes(void)
   TEST_ASSERT_EQUAL_MEMORY(&a, &b, sizeof a);
 }
 
-#if !defined(TSE_SMALL) /* no form 1 */
-/* Also by the smallest change that the format knows. */
+#if !defined(TSE_SMALL) /* no particle filter */
+/* Including the smallest change that the number format can represent. */
 static void test_fingerprint_changes_with_every_setting(void)
 {
   const uint32_t before = prepared(other_config()).fingerprint;
@@ -430,8 +431,8 @@ static void test_fingerprint_tells_settings_that_were_exchanged(void)
   TEST_ASSERT_TRUE(prepared(a).fingerprint != prepared(b).fingerprint);
 }
 
-/* A strength that is not zero makes another vehicle; a shape, once its effect is on.
- * Kinematics are exact in the filter in any case. */
+/* A strength other than zero makes another vehicle, and so does a shape once its effect
+ * is on. Kinematics are always exact in the filter. */
 static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on(void)
 {
   tse_config c = other_config();
@@ -441,13 +442,13 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
     c = other_config();
     put_parameter(&c, e, 0.8 * e->def + 0.2 * (e->def < e->hi ? e->hi : e->lo));
     TEST_ASSERT_EQUAL_INT_MESSAGE(
-        is_kinematics(e->setting), prepared(c).vehicle == before, e->setting); /* the filter's are exact */
+        is_kinematics(e->setting), prepared(c).vehicle == before, e->setting); /* always exact */
   }
 }
 
-/* A state that was learnt before tyre_saturation had a balance stays that of the vehicle:
- * with 0 only the effect's other numbers are in the fingerprint, by their names, FNV-1a
- * over single precision. */
+/* A learnt state from before tyre_saturation had a balance still belongs to its vehicle.
+ * With balance 0, the fingerprint contains only the other numbers of the effect, by their
+ * names: FNV-1a over single precision. */
 static void test_fingerprint_of_the_vehicle_has_a_balance_of_the_friction_only_where_there_is_one(void)
 {
   static const char *const names[2] = { "tyre_saturation_inverse_friction", "tyre_saturation_shape" };
@@ -467,15 +468,15 @@ static void test_fingerprint_of_the_vehicle_has_a_balance_of_the_friction_only_w
   TEST_ASSERT_TRUE(prepared(c).vehicle != hash);
 }
 
-/* The same value of another effect makes another vehicle: of all strengths of one number,
- * no two agree. */
+/* The same value for another effect makes another vehicle: fingerprints of all strengths
+ * differ. */
 static void test_fingerprint_of_the_vehicle_tells_which_effect_a_value_is_of(void)
 {
   enum { MOST = 64 };
   static uint32_t seen[MOST];
   static const char *whose[MOST];
   int count = 0, alone = 0;
-  const double value = 0.0625; /* a number of every format, in most ranges */
+  const double value = 0.0625; /* exact in every format, and within most ranges */
   EACH_PARAMETER(e)
   {
     tse_config c = defaults();
@@ -489,13 +490,13 @@ static void test_fingerprint_of_the_vehicle_tells_which_effect_a_value_is_of(voi
     alone += strcmp(e->setting, "mass_change") == 0 || strcmp(e->setting, "yaw_inertia_change") == 0;
     whose[count] = e->setting, seen[count++] = p.vehicle;
   }
-  TEST_ASSERT_EQUAL_INT(2, alone); /* effects with no other number than this */
+  TEST_ASSERT_EQUAL_INT(2, alone); /* effects without other parameters */
 }
 
-#if !defined(TSE_SMALL) /* no form 1 */
-/* A learnt state of the same vehicle must fit whatever else is set, in every number
- * format: one value for all builds. It is FNV-1a over the settings of vehicle.toml in
- * single precision: another one when a default of these changes. */
+#if !defined(TSE_SMALL) /* no particle filter */
+/* A learnt state must match the same vehicle with any other settings, in every number
+ * format: one fingerprint for all builds. It is FNV-1a over the settings of vehicle.toml
+ * in single precision. It changes if one of their defaults changes. */
 static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
 {
   const tse_config base = defaults();
@@ -543,7 +544,7 @@ static void test_stiffness_in_newtons_is_nominal_times_relative(void)
   }
   tse_stiffness_si(&c, &y, mean, sd, spread);
   for (int i = 0; i < 3; i++) {
-    expect_near(nominal[i] * (0.5 + 0.25 * i), of_setting(mean[i]), 0, "mean", i); /* exact in both formats */
+    expect_near(nominal[i] * (0.5 + 0.25 * i), of_setting(mean[i]), 0, "mean", i); /* exact in all formats */
     expect_near(nominal[i] * (0.125 + 0.0625 * i), of_setting(sd[i]), 0, "sd", i);
     expect_near(nominal[i] * 0.03125 * (i + 1), of_setting(spread[i]), 0, "spread", i);
   }
@@ -581,15 +582,20 @@ static void expect_not_fitting(const tse_config *c, const char *name)
 
 static void test_what_does_not_fit_is_refused_by_name(void)
 {
-#define TRY(name, value) { tse_config c; tse_config_exact(&c); c.name = setting(value); expect_not_fitting(&c, #name); }
+#define TRY(name, value) \
+  { \
+    tse_config c; \
+    tse_config_exact(&c); \
+    c.name = setting(value); \
+    expect_not_fitting(&c, #name); \
+  }
   TRY(accel_x_sd, 0.001)
   TRY(noise_max, 300)
   TRY(steady_walk, 0.0001)
 #undef TRY
 }
 
-/* A state whose numbers stand at the end of the range goes on as numbers, and comes
- * back. */
+/* A state with numbers at the limits of the range stays finite and recovers. */
 static void test_a_state_at_the_end_of_the_range_goes_on_as_numbers(void)
 {
   static tse_filter one;

@@ -1,6 +1,6 @@
 /* tests/unit/estimator/test_replay.c - a recorded drive gives the golden estimates, bit
- * for bit, whatever the compiler, its options and the width of its vectors. What to do
- * when a change moves them on purpose: tests/replay/update.py. */
+ * for bit, for all compilers, options and vector widths. To change them on purpose:
+ * tests/replay/update.py. */
 #include "unit_support.h"
 #include "replay.h"
 
@@ -75,8 +75,7 @@ static void test_all_outputs_have_the_golden_bits_with_every_resampling_scheme(v
   }
 }
 
-/* So that the golden bits stand for every path through the step; none of this drive is a
- * divergence. */
+/* The golden bits must cover all paths through a step. No row of this drive diverges. */
 static void test_every_warning_but_recovery_is_met_on_the_way(void)
 {
   int of_any[REPLAY_STATUSES] = { 0 };
@@ -88,19 +87,20 @@ static void test_every_warning_but_recovery_is_met_on_the_way(void)
     for (int status = 0; status < REPLAY_STATUSES; status++) of_any[status] += met[status];
     TEST_ASSERT_EQUAL_INT(0, met[TSE_W_RECOVERED]);
   }
-  /* all three at once, and just one that is not, are hardly ever in one form */
+  /* Rows with all stiffnesses valid, and rows with an invalid one: few filters have
+   * both. */
   TEST_ASSERT_TRUE(of_any[TSE_OK] > 0 && of_any[TSE_W_NOT_VALID] > 0);
 }
 
-/* ... and what stands in a field whose bit says that it is missing is nothing: the value
- * before it, as a bus leaves it. */
+/* A missing channel has no effect, whatever its field holds: here its previous value, as
+ * on a bus. */
 static void test_a_bit_says_missing_as_well_as_nan(void)
 {
   static tse_input told[REPLAY_ROWS_MOST];
   tse_input last = { 0 };
   for (int i = 0; i < row_count; i++) {
     told[i] = rows[i];
-    for (int k = 0; k < TSE_CHANNELS; k++) { /* one behind the other */
+    for (int k = 0; k < TSE_CHANNELS; k++) { /* neighbouring members */
       const tse_real *const now = &rows[i].steer_angle + k;
       if (*now == *now) continue;
       (&told[i].steer_angle)[k] = (&last.steer_angle)[k];

@@ -47,7 +47,7 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   tse_config_default(NULL);
 }
 
-/* Compare field by field: a compiler may leave anything in the padding. */
+/* Compare field by field: compilers may leave any bytes in the padding. */
 static void expect_same_settings(const tse_config *expected, const tse_config *actual)
 {
   expect_config_accepted(actual, "other defaults");
@@ -60,8 +60,8 @@ static void expect_same_settings(const tse_config *expected, const tse_config *a
 }
 
 #if !defined(TSE_SMALL)
-/* Nothing but these settings tells the paper's filter, as printed and robust, from the
- * defaults. */
+/* The paper's filter, as printed and robust, differs from the defaults in exactly these
+ * settings. */
 static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 {
   tse_config c, expected = defaults();
@@ -124,7 +124,7 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
   c.particles = 0, c.lf = setting(-1), c.lr = setting(-1);
   expect_config_refused(&c, "lf");
   c = defaults();
-  c.formula_code_1 = -1; /* whole numbers stand between the real ones */
+  c.formula_code_1 = -1; /* integers stand between the real settings */
   c.sample_time = setting(-1);
   expect_config_refused(&c, "formula_code_1");
   EACH_SETTING(row)
@@ -133,7 +133,7 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
     c = defaults();
     c.lf = setting(-1);
     put_field(&c, row, row->lo - 1);
-    expect_config_refused(&c, "lf"); /* of the real ones the third */
+    expect_config_refused(&c, "lf"); /* the third of the real settings */
   }
 }
 
@@ -157,11 +157,11 @@ static void test_a_car_known_exactly_differs_from_an_ordinary_one_as_the_table_s
   tse_config_exact(NULL);
 }
 
-/* Stiffness and inertia follow from mass and axles, whenever these are set. */
+/* Stiffness and yaw inertia follow from mass and axles, in any order of setting. */
 static void test_what_is_not_set_is_of_the_class_under_the_mass_and_axles_that_are_set(void)
 {
   const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
-  const double front = g * 1234 * 1.375 / 2.5, rear = g * 1234 * 1.125 / 2.5; /* loads of the axles */
+  const double front = g * 1234 * 1.375 / 2.5, rear = g * 1234 * 1.125 / 2.5; /* axle loads */
   const double of_class[5] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * front,
     CLASS_CORNERING_REAR * rear, CLASS_LONGITUDINAL * front, CLASS_LONGITUDINAL * rear };
   tse_config c = config_by(tse_config_default);
@@ -172,12 +172,12 @@ static void test_what_is_not_set_is_of_the_class_under_the_mass_and_axles_that_a
     whole.cornering_stiffness_rear, whole.longitudinal_stiffness_front, whole.longitudinal_stiffness_rear };
   for (int i = 0; i < 5; i++)
     expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
-  TEST_ASSERT_TRUE(whole.mass_sd == c.mass_sd && c.mass_sd == setting(0.05)); /* a mass that is known */
+  TEST_ASSERT_TRUE(whole.mass_sd == c.mass_sd && c.mass_sd == setting(0.05)); /* a known mass */
   tse_params as_set = prepared(c);
   const tse_params written_down = prepared(whole);
-  TEST_ASSERT_EQUAL_MEMORY(&written_down, &as_set, sizeof as_set); /* also what tells vehicles apart */
+  TEST_ASSERT_EQUAL_MEMORY(&written_down, &as_set, sizeof as_set); /* with the fingerprint */
 
-  /* prepared before: another car; what is set stays */
+  /* prepared before: another car; settings that are set are unchanged */
   c.mass = setting(2468), c.cornering_stiffness_rear = setting(150000);
   as_set = prepared(c);
   expect_near(of_class[1] / 1234, number(as_set.car.ky_front), BY_FORMAT(1e-9, 1e-4), "over the mass", 0);
@@ -200,10 +200,10 @@ static void test_a_mass_that_is_not_known_is_the_class_s_and_as_uncertain(void)
   tse_config same = c;
   same.mass = setting(CLASS_MASS);
   TEST_ASSERT_TRUE(prepared(same).mass_var < p.mass_var && prepared(same).car.ky_front == p.car.ky_front);
-  c.mass_sd = setting(0.4); /* never surer than it is told */
+  c.mass_sd = setting(0.4); /* never below the setting */
   expect_near(0.16, number(prepared(c).mass_var), BY_FORMAT(1e-12, 1e-6), "as told", 0);
   c.mass = setting(49);
-  expect_config_refused(&c, "mass"); /* not set is 0, nothing near it */
+  expect_config_refused(&c, "mass"); /* 0 means not set; values near 0 are refused */
 }
 
 static void test_a_stiffness_of_the_class_outside_its_range_is_refused(void)

@@ -1,25 +1,27 @@
-/* tests/unit/filter/test_backwards.c <-> src/filter/backwards.c, step.c: a car that goes
- * out of a parking place, and wheel speeds without a sign. Textbook kinematics: yaw rate
- * is speed times angle over wheelbase, accel_x the change of the speed. */
+/* tests/unit/filter/test_backwards.c <-> src/filter/backwards.c, step.c: a car that
+ * reverses out of a parking place, with wheel speeds without sign. Textbook kinematics:
+ * yaw rate is speed times steering angle over wheelbase, accel_x is the derivative of the
+ * speed. */
 #include "filter_support.h"
 
 typedef struct leg {
-  double speed, steer; /* m/s at the end of it, backwards negative; rad */
+  double speed, steer; /* [m/s] at its end, negative in reverse; [rad] */
 } leg;
 
 typedef struct way {
   const char *what;
-  double factor[TSE_CHANNELS], slope; /* of each channel as read; m/s2 */
+  double factor[TSE_CHANNELS], slope; /* of each channel as read; [m/s2] */
   uint32_t missing;
-  leg last; /* after 3 s of standing, by 1 m/s2 */
-  int held; /* at more than hold_speed, at the end */
+  leg last; /* after 3 s of standstill, at 1 m/s2 */
+  int held; /* 1: above hold_speed at the end */
 } way;
 
 static tse_filter f;
 static tse_params p;
 
-/* Drive: stand, gain the speed, keep it for 3 s.   Returned: rows above hold_speed; *held
- * of them */
+/* Drive: stand still, change the speed, hold it for 3 s.
+ *   Returned:  number of rows above hold_speed
+ *              held  number of those whose status is held */
 static int rolled(const way *w, int *held)
 {
   const double wheelbase = number(p.car.lf) + number(p.car.lr), target = w->last.speed, dt = 0.01;
@@ -82,7 +84,7 @@ static void test_a_car_that_rolls_backwards_is_held(void)
     const int rows = rolled(&ways[i], &held);
     TEST_ASSERT_GREATER_THAN_INT(90, rows);
     if (ways[i].last.speed > 8)
-      TEST_ASSERT_LESS_THAN_INT_MESSAGE(rows * 3 / 4, held, ways[i].what); /* until then it might */
+      TEST_ASSERT_LESS_THAN_INT_MESSAGE(rows * 3 / 4, held, ways[i].what); /* undecided before */
     else TEST_ASSERT_EQUAL_INT_MESSAGE(ways[i].held ? rows : 0, held, ways[i].what);
   }
 }

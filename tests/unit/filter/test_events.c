@@ -1,9 +1,9 @@
-/* tests/unit/filter/test_events.c <-> src/filter/events.c: what an event's amplitude
- * makes of the likelihood, against two dense Kalman filters, of which one knows that its
- * state may have moved. Linear, so that both are exact. */
+/* tests/unit/filter/test_events.c <-> src/filter/events.c: likelihood of an event's
+ * amplitude, compared with two dense Kalman filters, one of which has the event in its
+ * state. The model is linear, so both are exact. */
 #include "filter_support.h"
 
-/* A dense Kalman filter, its state in units; the last member is an offset of the
+/* A dense Kalman filter with its state in units. The last member is an offset of the
  * channel. */
 enum { ALL = STATES + 1, OFFSET = STATES };
 
@@ -43,13 +43,13 @@ static void plain_use(plain *f, const double h[ALL], double z, double r)
   f->log_likelihood -= 0.5 * (e * e / s + log(s));
 }
 
-/* The filter of the library beside the two. */
+/* The filter of the library and the two dense ones. */
 typedef struct trio {
   tse_params p;
   tse_kalman k;
   double x[STATES];
   plain without, with;
-  int n; /* place of the event */
+  int n; /* index of the event */
 } trio;
 
 static void learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], double e,
@@ -66,7 +66,7 @@ static void start(
     trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
 {
   memset(t, 0, sizeof *t);
-  t->n = 7; /* of sliding front wheels */
+  t->n = 7; /* sliding front wheels */
   any_covariance(&t->k.ud, seed);
   const dense m = dense_of(&t->k.ud);
   for (int i = 0; i < STATES; i++)
@@ -78,8 +78,9 @@ static void start(
   t->p.log_max = real(10);
 }
 
-/* Rows of one channel, whose state has moved and which is off by as much; every other one
- * of them after some time. amplitude: sd of the offset in the channel, over its sd */
+/* Run rows of one channel, with a shifted state and an offset. Every other row comes
+ * after some time.
+ *   Given:  amplitude  sd of the offset, over the sd of the channel */
 static void rows(trio *t, int count, int channel, double moved, double off, double sd, uint32_t *seed)
 {
   for (int row = 0; row < count; row++) {
@@ -127,7 +128,7 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
   }
 }
 
-/* Odds of the event over none, as the filter weighs them. */
+/* Return the odds of the event to no event, as the filter computes them. */
 static double odds(const trio *t)
 {
   static tse_kalman k;
@@ -135,14 +136,14 @@ static double odds(const trio *t)
   events_decide(&t->p, &k, TSE_R(0));
   const double weight = number(k.weight[t->n]), small = event_is_small(&t->k, t->n) ? weight : 0;
   double none = 1;
-  for (int g = 0; g < TSE_GROUPS; g++) none = fmin(none, number(k.none[g])); /* of the other group it is 1 */
+  for (int g = 0; g < TSE_GROUPS; g++) none = fmin(none, number(k.none[g])); /* it is 1 in the other group */
   return weight / (none - small);
 }
 
 static void expect_ratio(trio *t, double before, const char *what)
 {
   const double expected = t->with.log_likelihood - t->without.log_likelihood, actual = log(odds(t) / before);
-  /* fixed: a probability of 1e-4 has six digits */
+  /* fixed point: a probability of 1e-4 has six digits */
   expect_near(expected, actual, BY_NUMBER(1e-8, 5e-3, 5e-3) * (1 + fabs(expected)), what, 0);
 }
 
@@ -159,8 +160,8 @@ static void test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows
   }
 }
 
-/* The offset's amplitude is that of the kind: read off what one row of it makes of the
- * score. */
+/* The amplitude of the offset is that of the kind. It is inferred from the score after
+ * one row. */
 static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it(void)
 {
   static trio t;
@@ -173,7 +174,7 @@ static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_i
     start(&t, EVENT_SENSOR + channel, 0, 0, &seed);
     one = t.k;
     for (int i = 0; i < STATES; i++) h[i] = gain[i] = TSE_R(0);
-    learn(&one, channel, h, gain, 1, 1, 1); /* info: the amplitude squared */
+    learn(&one, channel, h, gain, 1, 1, 1); /* info: squared amplitude */
     const double amplitude = sqrt(number(one.event[t.n].info));
     TEST_ASSERT_TRUE(amplitude > 1);
     t.with.p[OFFSET][OFFSET] = pow(0.1 * amplitude, 2);
@@ -183,15 +184,15 @@ static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_i
   }
 }
 
-/* Another road is not the same for both axles: beside the amplitude of both there is a
- * second one; in a forged state it may lack, or stand where none belongs, where it is no
- * part of the road. */
+/* Another road affects the axles differently: besides the amplitude for both axles there
+ * is a second one. A forged state may lack it, or have one where it is not part of the
+ * road. */
 static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
 {
   static trio t;
   static const double first[3] = { 2, 0.7, 0.4 }, second[3] = { 0.5, -0.6, 0.8 };
   static const int at[3] = { SF, SR, STEER_OFFSET };
-  enum { BEHIND = 2 }; /* of the road's two places */
+  enum { BEHIND = 2 }; /* index of the second of the road's two places */
   uint32_t seed = 10;
   double apart = 0;
   for (int n = 0; n < 42; n++) {
@@ -199,7 +200,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
     start(&t, EVENT_NONE, 2, 0, &seed);
     t.n = 0;
     t.with.p[SF][SF] -= 4;
-    t.k.x[LCF] = t.k.x[LCR] = TSE_R(-3); /* with less grip than there can be */
+    t.k.x[LCF] = t.k.x[LCR] = TSE_R(-3); /* with less grip than possible */
     t.k.event[0].kind = EVENT_ROAD, t.k.event[slot].kind = EVENT_ROAD_AXLE_DIFF;
     for (int i = 0; i < 3; i++) {
       t.k.event[0].v[at[i]] = short_of(first[i]), t.k.event[slot].v[at[i]] = short_of(second[i]);
@@ -229,7 +230,7 @@ static void test_a_second_amplitude_is_that_of_a_filter_that_knows_both(void)
   TEST_ASSERT_TRUE(apart > 0.5);
 }
 
-/* Where there is no second amplitude, nothing is known of one: zeros, not little. */
+/* Without a second amplitude, its information is zero, not small. */
 static void test_an_event_alone_has_no_second_amplitude(void)
 {
   static trio t;
@@ -244,8 +245,8 @@ static void test_an_event_alone_has_no_second_amplitude(void)
   TEST_ASSERT_TRUE(s.var > TSE_R(0));
 }
 
-/* What has happened is believed: the state is then that of the filter that knows it, but
- * for what it opens beside. */
+/* After accepting an event, the state is that of the filter with the event, except for
+ * the variance that the event adds. */
 static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it(void)
 {
   static trio t;
@@ -255,11 +256,11 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
     rows(&t, 40, 0, n % 2 ? 25 : -25, 0, 0.2, &seed);
     for (int i = 0; i < STATES; i++) t.k.x[i] = real(t.x[i] * number(state_unit[i]));
     events_decide(&t.p, &t.k, TSE_R(0));
-    /* free, or opened anew */
+    /* free, or newly opened */
     TEST_ASSERT_EQUAL_INT(
         EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind);
     const double close = BY_NUMBER(
-        1e-7, 0.05, 1e-3); /* float: differences of 25 that a gain of 5 makes of 6e-8 */
+        1e-7, 0.05, 1e-3); /* float: differences of 25 after a gain of 5 with 6e-8 */
     const dense m = dense_of(&t.k.ud);
     for (int i = 0; i < STATES; i++) {
       expect_near(t.with.x[i], number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
@@ -270,8 +271,8 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
   }
 }
 
-/* An event that is given up leaves mean and variance of a mixture of the two filters,
- * with the square of its probability. */
+/* Dropping an event leaves mean and variance of the mixture of both filters, with the
+ * square of its probability. */
 static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
 {
   static trio t;
@@ -280,7 +281,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
   for (int n = 0; n < 12; n++) {
     double weight = 0;
     start(&t, EVENT_NONE, 6, 0, &seed);
-    t.n += 2; /* the place of the steering angle */
+    t.n += 2; /* place of the steering angle */
     t.k.event[t.n].kind = EVENT_STEER, t.k.event[t.n].v[SF] = short_of(6);
     for (int row = 0; row < 60 && !(weight > 0.2); row++) {
       rows(&t, 2, ACCEL_Y, n % 2 ? 5 : -5, 0, 1, &seed);
@@ -288,7 +289,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
           * exp(t.with.log_likelihood - t.without.log_likelihood);
       weight = over / (1 + over);
     }
-    if (weight > 0.9) continue; /* believed */
+    if (weight > 0.9) continue; /* accepted */
     weighty += weight > 0.2;
     for (int i = 0; i < STATES; i++) t.k.x[i] = real(t.x[i] * number(state_unit[i]));
     t.k.event[t.n].age = OPEN_TIME;
@@ -302,7 +303,7 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
       const double di = t.with.x[i] - t.without.x[i];
       expect_near(t.without.x[i] + w * di, number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
       for (int j = 0; j < STATES; j++)
-        if (i != STEER_OFFSET || j != STEER_OFFSET) /* whose own part is opened by as much */
+        if (i != STEER_OFFSET || j != STEER_OFFSET) /* its own variance is increased as much */
           expect_near((1 - w) * t.without.p[i][j] + w * t.with.p[i][j]
                   + w * (1 - w) * di * (t.with.x[j] - t.without.x[j]),
               m.p[i][j], close, "covariance", 100 * i + j);
@@ -316,7 +317,8 @@ static void test_an_event_that_is_given_up_leaves_what_the_state_may_be(void)
   TEST_ASSERT_TRUE(weighty >= 3);
 }
 
-/* Of what is back where it was the amplitude is known: as a filter that starts there. */
+/* On a return to the previous value the amplitude is known: the result is that of a
+ * filter that starts there. */
 static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there(void)
 {
   static trio t;
@@ -330,8 +332,8 @@ static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there
   }
 }
 
-/* A change that another one follows back: each stiffness is then what it was, measured as
- * well as it was known. */
+/* A change that reverses an earlier one: each stiffness returns to its earlier value,
+ * with its earlier sd. */
 static void test_tyres_that_are_back_are_known_as_before(void)
 {
   static trio t;
@@ -345,7 +347,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       t.k.change_from[i - LCX] = real(next_between(&seed, -0.5, 0.5));
       t.k.change_from_var[i - LCX] = n % 2
           ? TSE_R(0)
-          : real(next_between(&seed, 0.1, 1)); /* 0: as well as anything is recalled */
+          : real(next_between(&seed, 0.1, 1)); /* 0: as accurate as a recalled value can be */
     }
     for (int i = 0; i < STATES; i++) {
       was[i] = number(t.k.x[i]);
@@ -376,7 +378,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
       for (int j = 0; j < STATES; j++)
         expect_near(t.without.p[i][j], m.p[i][j], close * 10, "covariance", 100 * i + j);
     }
-    for (int i = LCX; i <= LMU; i++) { /* of where it comes from, as much */
+    for (int i = LCX; i <= LMU; i++) { /* the value that it came from, too */
       expect_near(was[i], number(t.k.change_from[i - LCX]), 1e-6, "before", i);
       expect_near(p_was.p[i][i], number(t.k.change_from_var[i - LCX]), close, "its variance", i);
     }
@@ -388,7 +390,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
   }
 }
 
-/* What is believed soon after a change is more of that one; later it is another. */
+/* An event accepted soon after a change belongs to that change. Later it is a new one. */
 static void test_a_change_is_reported_once(void)
 {
   static trio t;
@@ -402,8 +404,8 @@ static void test_a_change_is_reported_once(void)
     t.k.change_age = real(later ? 10 : 0.5);
     t.k.change_from[LCR - LCX] = real(0.25);
     t.k.along.mean = real(0.2),
-    t.k.along.var = real(0.03);     /* of the slip stiffness an axle says nothing that does not drive */
-    t.k.fault = fault_of(YAW_RATE); /* what looked like a fault may have been this */
+    t.k.along.var = real(0.03);     /* an axle that is not driven has no slip stiffness */
+    t.k.fault = fault_of(YAW_RATE); /* what looked like a fault may have been the change */
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_REAR, t.k.change_kind);
     TEST_ASSERT_EQUAL_INT(NO_FAULT, t.k.fault);
@@ -415,8 +417,8 @@ static void test_a_change_is_reported_once(void)
   }
 }
 
-/* The prior is of a road with grip: tyres that would have more are as unlikely as it
- * says, tyres that have less, or more than little, are not. */
+/* The prior is for a road with grip: more grip is as improbable as it states. Less grip,
+ * or a moderate gain, is not. */
 static void test_another_road_gives_no_more_grip_than_there_is(void)
 {
   static trio t;
@@ -438,8 +440,8 @@ static void test_another_road_gives_no_more_grip_than_there_is(void)
   TEST_ASSERT_TRUE(stated[1] < stated[0] - 0.4 && stated[3] < stated[1] - 0.4);
 }
 
-/* Another road that is given up may have been there: the slip stiffness is as much less
- * known, and what of it was found before. */
+/* A dropped change of road may have happened: the variance of the slip stiffness grows
+ * accordingly, and so does that of its earlier estimate. */
 static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
 {
   static tse_kalman k;
@@ -459,8 +461,8 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
                unit = pow(number(state_unit[LCX]), 2);
   events_decide(&p, &k, TSE_R(0));
   TEST_ASSERT_TRUE(number(k.event[road].age) == 0);
-  /* by hand: half of score^2 / (1 + info), and the factor of its normalisation; another
-   * road, two axles, three channels stand as they were opened */
+  /* By hand: half of score^2 / (1 + info), and the normalisation. Another road, two axles
+   * and three channels are as opened. */
   const double one = number(RATE_ROAD) * number(OPEN_TIME), over = one * exp(0.5 * 12.3 * 12.3 / 7) / sqrt(7),
                other = number(RATE_FAULT) * number(OPEN_TIME);
   const double axle = number(RATE_ROAD) * number(OPEN_TIME);
@@ -473,9 +475,9 @@ static void test_a_road_that_is_given_up_opens_the_slip_stiffness(void)
   expect_near(opened, number(k.along.var) - before_all, BY_NUMBER(1e-6, 1e-4, 1e-4), "found before", 0);
 }
 
-/* Another road that is believed: what of the slip stiffness was found before the road is
- * kept as far as it was one of the tyres, P - w (P - V) of its variance P, and what the
- * road opens of it is not known; from then on it is where the state has it. */
+/* An accepted change of road: the part of the earlier estimate of the slip stiffness that
+ * is due to the tyres is kept, P - w (P - V) of its variance P. The variance that the
+ * road adds is unknown. From then on the state holds the slip stiffness. */
 static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
 {
   static trio t;
@@ -505,8 +507,8 @@ static void test_a_road_that_is_believed_begins_the_slip_stiffness_anew(void)
   }
 }
 
-/* A driver who hardly turns shows little: the likeliest event of a kind is kept for
- * seconds, and not for ever. */
+/* Driving nearly straight gives little information: the most probable event of a kind is
+ * kept for seconds, but not forever. */
 static void test_the_likeliest_event_keeps_its_place(void)
 {
   static tse_kalman k;
@@ -514,7 +516,7 @@ static void test_the_likeliest_event_keeps_its_place(void)
   memset(&k, 0, sizeof k);
   memset(&p, 0, sizeof p);
   for (int n = 0; n < 300; n++)
-    events_decide(&p, &k, real(0.01)); /* ages stay: all places of the kind are taken in turn as they come */
+    events_decide(&p, &k, real(0.01)); /* ages are constant: all places of the kind are used in turn */
   int kept = -1;
   for (int n = 0; n < TSE_EVENTS && kept < 0; n++)
     if (k.event[n].kind == EVENT_ROAD) kept = n;
@@ -522,7 +524,7 @@ static void test_the_likeliest_event_keeps_its_place(void)
   double left_at = 0;
   for (int n = 0; n < 3000 && !(left_at > 0); n++) {
     for (int i = 0; i < TSE_EVENTS; i++) k.event[i].age += real(0.01);
-    k.event[kept].score = TSE_R(-3); /* likelier than the others, and not believed */
+    k.event[kept].score = TSE_R(-3); /* more probable than the others, but not accepted */
     k.event[kept].info = TSE_R(3);
     const double age = number(k.event[kept].age);
     events_decide(&p, &k, real(0.01));
@@ -531,7 +533,7 @@ static void test_the_likeliest_event_keeps_its_place(void)
   expect_near(number(ROAD_TIME), left_at, number(OPEN_TIME), "kept for", kept);
 }
 
-/* So is that of an axle, while it is likelier than none. */
+/* The same for an event of an axle, while it is more probable than no event. */
 static void test_an_axle_keeps_its_place_while_it_is_likely(void)
 {
   for (int likely = 0; likely < 2; likely++) {
@@ -557,8 +559,8 @@ static void test_an_axle_keeps_its_place_while_it_is_likely(void)
   }
 }
 
-/* What does not fit yet after a change is being found: no fault, until the tyres have
- * settled. */
+/* Misfits after a change are still being estimated: they are no fault until the tyres
+ * have settled. */
 static void test_soon_after_a_change_nothing_is_a_fault(void)
 {
   static trio t;
@@ -589,7 +591,7 @@ static void test_without_evidence_nothing_is_believed(void)
   TEST_ASSERT_EQUAL_INT(0, believed);
 }
 
-/* Every event has a place sooner or later, and no place is left with what is none. */
+/* Every event gets a place sooner or later, and no place keeps an impossible event. */
 static void test_events_are_opened_in_turn(void)
 {
   static tse_kalman k;
@@ -598,7 +600,7 @@ static void test_events_are_opened_in_turn(void)
   memset(&k, 0, sizeof k);
   memset(&p, 0, sizeof p);
   for (int n = 0; n < 4000; n++) {
-    if (n == 2000) { /* from here on there is something to be back from */
+    if (n == 2000) { /* from here on there is a previous value to return to */
       before = opened[EVENT_ROAD_RETURN];
       k.change_kind = TSE_CHANGE_ROAD, k.change_age = TSE_R(100);
     }
@@ -616,7 +618,7 @@ static void test_events_are_opened_in_turn(void)
   }
   TEST_ASSERT_EQUAL_INT(0, before);
   const int once = opened[EVENT_ROAD_RETURN];
-  for (int i = 0; i < 4; i++) k.change_from_var[i] = TSE_R(1); /* less was known then */
+  for (int i = 0; i < 4; i++) k.change_from_var[i] = TSE_R(1); /* it was less certain then */
   for (int n = 0; n < TSE_EVENTS; n++) k.event[n].kind = EVENT_NONE;
   events_decide(&p, &k, real(0.01));
   for (int n = 0; n < TSE_EVENTS; n++) opened[EVENT_ROAD_RETURN] += k.event[n].kind == EVENT_ROAD_RETURN;
@@ -640,9 +642,9 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
   }
 }
 
-/* A channel is found at fault: that it agreed before is none of it, and it is left out
- * for as long as it takes to agree anew. The steering angle, of which the offset is found
- * anew, is so by time alone. */
+/* A channel found at fault is left out until it agrees again; earlier agreement does not
+ * count. The steering angle, whose offset is estimated anew, returns after a time
+ * only. */
 static void test_a_channel_that_is_found_at_fault_has_agreed_for_no_time(void)
 {
   static trio t;
@@ -661,13 +663,13 @@ static void test_a_channel_that_is_found_at_fault_has_agreed_for_no_time(void)
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, t.k.change_kind);
     for (; t.k.fault != NO_FAULT && rows < 1000; rows++) events_decide(&t.p, &t.k, real(0.01));
     const double expected = kind == EVENT_STEER ? number(SETTLE_TIME) / 0.01
-                                                : 1000; /* of the others the measurements say */
+                                                : 1000; /* for the others, measurements decide */
     expect_near(expected, rows, kind == EVENT_STEER ? 1.5 : 0, "rows", kind);
   }
 }
 
-/* Two events are due in one row, and both may have happened: one is given up then, the
- * other with the next row. Those that leave nothing wait for neither. */
+/* Two events are due in one row, and both may have happened: one is dropped in this row,
+ * the other in the next. Events that leave nothing do not wait. */
 static void test_of_events_that_may_have_happened_one_a_row_is_given_up(void)
 {
   static tse_kalman k;
@@ -705,7 +707,7 @@ static void test_of_events_that_may_have_happened_one_a_row_is_given_up(void)
 /* An event is due in the row that is nearest to its time. */
 static void test_an_event_is_opened_in_the_row_nearest_to_its_time(void)
 {
-  static const double early[2] = { 0.55, 0.45 }; /* of a row */
+  static const double early[2] = { 0.55, 0.45 }; /* [rows] */
   for (int due = 0; due < 2; due++) {
     static tse_kalman k;
     static tse_params p;
@@ -720,9 +722,9 @@ static void test_an_event_is_opened_in_the_row_nearest_to_its_time(void)
   }
 }
 
-/* The rear axle has changed, or the road: the samples do not say which. What is believed
- * is a mixture of both, so the front axle is not
- * known either.   Mean and variance by hand, of two amplitudes with one covariance each. */
+/* The rear axle has changed, or the road: the samples do not distinguish them. The
+ * accepted state is a mixture of both, so the front axle is uncertain, too. Mean and
+ * variance by hand, for two amplitudes with one covariance each. */
 static void test_an_axle_that_has_changed_may_have_been_the_road(void)
 {
   static const double score[] = { -16, -15.9, -15.5, 0 }; /* of the road; the axle has -16 */
@@ -751,9 +753,9 @@ static void test_an_axle_that_has_changed_may_have_been_the_road(void)
   }
 }
 
-/* A softer front axle and a stiffer rear one steer alike. Tyres of one axle that change
- * lose stiffness: what raises it is believed no more than the model allows, and what
- * lowers it as much is. */
+/* A softer front axle and a stiffer rear one have the same effect on steering. Tyres of
+ * one axle that change lose stiffness: an increase is accepted only as far as the model
+ * allows, a decrease fully. */
 static void test_an_axle_that_changes_gets_softer(void)
 {
   for (int stiffer = 0; stiffer < 2; stiffer++) {
@@ -770,8 +772,8 @@ static void test_an_axle_that_changes_gets_softer(void)
   }
 }
 
-/* A road is felt by one axle first: an axle that seems to have changed is not believed at
- * once, and nothing is valid meanwhile. */
+/* One axle reaches another road first: a change of an axle is not accepted at once, and
+ * no stiffness is valid meanwhile. */
 static void test_an_axle_is_not_believed_at_once(void)
 {
   for (int later = 0; later < 2; later++) {
@@ -787,8 +789,8 @@ static void test_an_axle_is_not_believed_at_once(void)
   }
 }
 
-/* How the car slips along the road speaks of tyres only where an axle rolls freely, and
- * then of those that drive. */
+/* Longitudinal slip measures the tyres only if an axle rolls freely, and then those of
+ * the driven axle. */
 static void test_slip_speaks_of_tyres_where_an_axle_rolls_freely(void)
 {
   tse_real h[STATES] = { TSE_R(0) }, gain[STATES] = { TSE_R(0) };
@@ -809,7 +811,7 @@ static void test_slip_speaks_of_tyres_where_an_axle_rolls_freely(void)
   }
 }
 
-/* Amplitude along the car of a road and of each axle, by which one drives. */
+/* Longitudinal amplitudes of a road and of each axle, by driven axle. */
 static void test_an_axle_that_does_not_drive_says_nothing_along(void)
 {
   static const double share[3][3] = { { 1, 0, 0 }, { 1, 1, 0 },
@@ -832,9 +834,9 @@ static void test_an_axle_that_does_not_drive_says_nothing_along(void)
   }
 }
 
-/* Something has happened along the car, and of two that it may be neither is sure: the
- * likelier one is believed, whichever has the first place, and not what is likelier still
- * and may have happened across. */
+/* A longitudinal event has happened, and two kinds are possible with neither certain: the
+ * more probable one is accepted, whichever comes first, and not an even more probable
+ * lateral one. */
 static void test_of_a_group_the_likeliest_event_is_believed(void)
 {
   for (int other = 0; other < 2; other++) {
@@ -845,7 +847,7 @@ static void test_of_a_group_the_likeliest_event_is_believed(void)
     for (int i = 0; i < 2; i++)
       t.k.event[t.n + i].score = real(i == other ? 60 : 59.9), t.k.event[t.n + i].info = TSE_R(30);
     t.k.event[0].kind = EVENT_ROAD, t.k.event[0].v[LCF] = short_of(0.3 / number(state_unit[LCF]));
-    t.k.event[0].score = real(-28.52), t.k.event[0].info = TSE_R(30); /* odds of 9 over none */
+    t.k.event[0].score = real(-28.52), t.k.event[0].info = TSE_R(30); /* odds of 9 to no event */
     t.k.along.mean = real(0.2), t.k.along.var = real(0.03);
     t.k.fault = fault_of(YAW_RATE), t.k.agrees_for = real(1.5);
     events_decide(&t.p, &t.k, TSE_R(0));
@@ -855,7 +857,7 @@ static void test_of_a_group_the_likeliest_event_is_believed(void)
     expect_near(0, number(t.k.x[LCF]), 0, "stiffness", other);
     expect_near(0.9, number(t.k.weight[0]), 0.03, "road", other);
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, t.k.change_kind);
-    TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), t.k.fault); /* as it was */
+    TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), t.k.fault); /* unchanged */
     expect_near(1.5, number(t.k.agrees_for), 0, "agrees", other);
     expect_near(0.2, number(t.k.along.mean), 1e-6, "slip stiffness", other);
     expect_near(0.03, number(t.k.along.var), 1e-6, "its variance", other);

@@ -5,8 +5,8 @@
 static tse_filter f;
 static truth w;
 
-/* How two columns are made of one signal: equal, of another radius, rounded, one held for
- * ten rows, both held, one missing. */
+/* Ways to make two columns of one signal: equal, with another radius, rounded, one held
+ * for ten rows, both held, one missing. */
 enum { EQUAL, RADIUS, ROUNDED, REAR_HELD, FRONT_HELD, BOTH_HELD, REAR_MISSING, FRONT_MISSING, WAYS };
 
 static tse_input one_row(int way, int n, double dt)
@@ -24,8 +24,8 @@ static tse_input one_row(int way, int n, double dt)
   return u;
 }
 
-/* No slip is shown: nothing slides, slip and its stiffness stay, the longitudinal
- * stiffness is not excited; cornering is found. */
+/* Without observed slip nothing slides. Slip and slip stiffness are unchanged, the
+ * longitudinal stiffness is not excited, and cornering is estimated. */
 static void test_one_speed_shows_no_slip_and_finds_cornering(void)
 {
   for (int way = 0; way < WAYS; way++) {
@@ -41,7 +41,7 @@ static void test_one_speed_shows_no_slip_and_finds_cornering(void)
       TEST_ASSERT_GREATER_OR_EQUAL_INT(0, tse_step(&w.p, &f, &u, &y));
       TEST_ASSERT_TRUE_MESSAGE(number(y.regime[TSE_REGIME_SLIDING]) < 0.05, "sliding");
       expect_near(0, number(f.k.x[LCX]), 1e-6, "logarithm of the longitudinal", way);
-      /* reported with the weight of another road that turning may show */
+      /* reported as a mixture with another road, which turning may show */
       expect_near(1, number(y.stiffness[TSE_CX_FRONT]), 0.02, "longitudinal", way);
       TEST_ASSERT_TRUE(number(r_abs(f.k.x[SF])) <= number(w.p.max_slip)
           && number(r_abs(f.k.x[SR])) <= number(w.p.max_slip));
@@ -58,8 +58,8 @@ static void test_one_speed_shows_no_slip_and_finds_cornering(void)
   }
 }
 
-/* Two signals both change to values of their own. One that does so is two signals for 20
- * s. */
+/* Two signals: both change to values of their own. If only one does so, they count as two
+ * signals for 20 s. */
 static void test_two_signals_that_differ_once_are_two_for_20_s(void)
 {
   truth_start(&w, config_by(tse_config_exact), 20, 0, 5);
@@ -74,8 +74,8 @@ static void test_two_signals_that_differ_once_are_two_for_20_s(void)
   }
 }
 
-/* Motion that is placed anew more often than three times a second is what it was placed
- * by: nothing is valid. */
+/* Motion that restarts more than three times a second is determined by the restarts:
+ * nothing is valid. */
 static void test_nothing_is_valid_among_gaps(void)
 {
   for (int every = 10; every <= 100; every += 90) {

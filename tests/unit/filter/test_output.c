@@ -1,10 +1,10 @@
-/* tests/unit/filter/test_output.c <-> src/filter/output.c: what is reported of a state,
- * by hand. */
+/* tests/unit/filter/test_output.c <-> src/filter/output.c: outputs of a given state,
+ * computed by hand. */
 #include "filter_support.h"
 
-/* How a car moves, forwards and backwards, straight on and across: its direction is that
- * of libm's quadrant, and as uncertain as the speed across is over the speed, whichever
- * way that goes. Slower than anything moves there is no direction. */
+/* Sideslip angle, forwards and backwards, straight and lateral: the quadrant is that of
+ * libm, and its sd is that of the lateral speed over the speed. At the lowest speeds
+ * there is no direction. */
 static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_backwards_as_forwards(void)
 {
   static const double along[] = { 20, 3, 0.5, 0.02, 0.01, 0.005 }, across[] = { 2, 0.4, 0.02, 0.004 };
@@ -38,8 +38,8 @@ static void test_the_sideslip_is_a_direction_in_every_quadrant_as_uncertain_back
 }
 
 #if !defined(TSE_SMALL)
-/* A fault that is likely, and not believed yet, has a name: that of its likeliest event.
- * One that is not likely has none. */
+/* A probable fault that is not accepted yet is named: the channel of its most probable
+ * event. An improbable fault is not named. */
 static void test_a_likely_fault_names_its_channel(void)
 {
   const tse_params p = prepared(config_by(tse_config_exact));
@@ -62,9 +62,9 @@ static void test_a_likely_fault_names_its_channel(void)
 }
 #endif
 
-/* An event that may have happened moves each estimate by its probability times what it
- * would move it by, and makes it as uncertain as a mixture of both: by hand, from
- * amplitude s/(1 + i) and variance 1/(1 + i) of score s and information i. */
+/* A possible event moves each estimate by its probability times its shift, and adds the
+ * variance of the mixture. By hand, with amplitude s/(1 + i) and variance 1/(1 + i), for
+ * score s and information i. */
 static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
 {
   const tse_params p = prepared(config_by(tse_config_exact));
@@ -94,8 +94,8 @@ static void test_an_event_that_may_have_happened_is_in_mean_and_variance(void)
   }
 }
 
-/* A steering angle that comes within 3 sd of when the settings say is theirs; another one
- * stands for what the wheels have not done yet. Slip along the car does not need it. */
+/* A steering angle offset within 3 sd of the prior is accepted. A larger one stands for a
+ * motion that the wheels have not made yet. Longitudinal slip does not depend on it. */
 static void test_cornering_by_another_steering_than_the_settings_is_not_valid(void)
 {
   static const struct {
@@ -122,9 +122,9 @@ static void test_cornering_by_another_steering_than_the_settings_is_not_valid(vo
   }
 }
 
-/* Radii that differ by 1 % or less, or by 3 sd of their prior, are those of the car;
- * others are of other wheels, whose slip says nothing of the settings' stiffness.
- * Cornering does not need them. */
+/* Radii that differ by up to 1 %, or by up to 3 sd of their prior, are those of the car.
+ * Otherwise the wheels are different ones, and their slip does not measure the stiffness
+ * of the settings. Cornering does not depend on them. */
 static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
 {
   static const struct {
@@ -150,7 +150,7 @@ static void test_the_slip_of_other_wheels_than_the_settings_is_not_valid(void)
   }
 }
 
-/* A sound drive of a car of the class, to a filter that is told the mass, or not. */
+/* Run a drive without faults of a car of the class, with or without its mass set. */
 static void count_reasons(const tse_config *told, int rows[(TSE_IMPLAUSIBLE + 1)])
 {
   static tse_filter_paper f;
@@ -175,7 +175,7 @@ static void test_without_a_mass_no_stiffness_is_valid_and_the_parameters_are_the
   int rows[(TSE_IMPLAUSIBLE + 1)];
   for (int form = 0; form <= TSE_LAST_FORM; form++) {
     tse_config c = config_by(tse_config_default);
-    c.form = form, c.valid_sd = setting(0.2); /* twice what is usual: a sine says little of an ordinary car */
+    c.form = form, c.valid_sd = setting(0.2); /* twice the usual limit, for an ordinary car */
     count_reasons(&c, rows);
     TEST_ASSERT_EQUAL_INT(0, rows[TSE_VALID]);
     TEST_ASSERT_GREATER_THAN_INT(9000, rows[TSE_PARAMETERS_UNCERTAIN]);

@@ -22,8 +22,8 @@ static tse_input a_row(void)
 #define FRONT TSE_GIVEN_wheel_torque_front
 #define REAR TSE_GIVEN_wheel_torque_rear
 
-/* Each case as a driver would answer: does an axle roll freely, and which? 60 N m is no
- * torque. */
+/* Which axle rolls freely, in each case? The expected answer is a driver's. 60 Nm counts
+ * as zero torque. */
 static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
 {
   static const struct {
@@ -36,21 +36,21 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
     { 1, BRAKE, 0, 0, 0, ROLLS_REAR },
     { 2, BRAKE, 0.4, 0, 0, ROLLS_FRONT },
     { 1, BRAKE, 0.5, 0, 0, ROLLS_NONE },
-    { 0, BRAKE, 0, 0, 0, ROLLS_UNKNOWN }, /* a switch alone says nothing of four driven wheels */
+    { 0, BRAKE, 0, 0, 0, ROLLS_UNKNOWN }, /* with four driven wheels the switch alone is not enough */
     { 0, BRAKE, 1, 0, 0, ROLLS_UNKNOWN },
     { 0, BRAKE | FRONT | REAR, 1, 900, 0, ROLLS_NONE },
-    { 1, BRAKE, 1.5, 0, 0, ROLLS_UNKNOWN }, /* out of range: not there */
+    { 1, BRAKE, 1.5, 0, 0, ROLLS_UNKNOWN }, /* out of range: missing */
     { 1, REAR, 0, 0, -59, ROLLS_REAR },
     { 1, REAR, 0, 0, -61, ROLLS_NONE },
-    { 1, FRONT | REAR, 0, -900, 10, ROLLS_REAR }, /* the driven axle alone brakes: a generator */
+    { 1, FRONT | REAR, 0, -900, 10, ROLLS_REAR }, /* only the driven axle brakes: a generator */
     { 2, FRONT | REAR, 0, -61, 900, ROLLS_NONE },
-    { 1, FRONT, 0, -900, 0, ROLLS_UNKNOWN }, /* of the driven axle alone: the other may brake or not */
+    { 1, FRONT, 0, -900, 0, ROLLS_UNKNOWN }, /* of the driven axle only: the other axle may brake */
     { 1, BRAKE | FRONT, 0, -900, 0, ROLLS_REAR },
-    { 1, BRAKE | REAR, 1, 0, 0, ROLLS_NONE }, /* the switch is on before the brake is */
+    { 1, BRAKE | REAR, 1, 0, 0, ROLLS_NONE }, /* the switch closes before the brake acts */
     { 0, FRONT | REAR, 0, 900, 59, ROLLS_REAR },
     { 0, FRONT | REAR, 0, -50, -900, ROLLS_FRONT },
     { 0, FRONT | REAR, 0, 61, 59, ROLLS_REAR },
-    { 0, FRONT | REAR, 0, 0, 0, ROLLS_NONE }, /* which of both is not known */
+    { 0, FRONT | REAR, 0, 0, 0, ROLLS_NONE }, /* the driven axle is unknown */
     { 0, FRONT, 0, 0, 0, ROLLS_UNKNOWN },
   };
   for (int n = 0; n < (int)(sizeof cases / sizeof cases[0]); n++)
@@ -69,8 +69,8 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
     }
 }
 
-/* A row of which no sensor is used, in a car that loses speed: that an axle rolls freely
- * is a scalar measurement of its slip, as a dense Kalman filter has it. */
+/* A row without usable sensors, in a car that slows down: a freely rolling axle is a
+ * scalar measurement of its slip, as in a dense Kalman filter. */
 static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
 {
   uint32_t seed = 4;
@@ -86,7 +86,7 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
     for (int i = 0; i < STATES; i++) k.ud.d[i] = real(0.05 * number(k.ud.d[i]));
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.x[VX] = real(20);
-    k.x[at] = k.x[at == SF ? SR : SF] = real(-0.002); /* brakes, as its forces show */
+    k.x[at] = k.x[at == SF ? SR : SF] = real(-0.002); /* brakes, according to the forces */
     for (int i = 0; i < STATES; i++) x[i] = number(k.x[i]);
     const dense before = dense_of(&k.ud);
     z.dt = real(0.01), z.has_steer = 1, z.given = BRAKE;
@@ -108,9 +108,9 @@ static void test_an_axle_that_rolls_freely_is_a_measurement_of_its_slip(void)
   }
 }
 
-/* Slips of wheels that ripple say that the car brakes. Where accel_x reads that force
- * they are believed; where it reads none, by many sd, the rear axle of a front-driven car
- * rolls freely, and its slip is as well known as that says. */
+/* Slip of noisy wheels indicates braking. If accel_x confirms this force, it is used. If
+ * accel_x contradicts it by many sd, the rear axle of a front-driven car rolls freely,
+ * and its slip has the corresponding sd. */
 static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
 {
   const tse_params p = prepared(a_car(1, 0.03));
@@ -130,39 +130,37 @@ static void test_a_slip_that_accel_x_contradicts_does_not_brake(void)
     TEST_ASSERT_TRUE(number(by_slip.x) < -0.5);
     update_row(&p, &k, &z, straight);
     const double sd = sqrt(number(ud_variance(&k.ud, SR)))
-        * number(state_unit[SR]); /* accel_x shows the sum of both slips alone */
+        * number(state_unit[SR]); /* accel_x measures the sum of both slips only */
     TEST_ASSERT_EQUAL_INT(contradicts, sd < 1.01 * number(FREE_SLIP_SD));
   }
 }
 
-/* While the car brakes, on a road that may climb, nothing is learnt of the longitudinal
- * stiffness; on a flat one it is. */
+/* While the car brakes, the longitudinal stiffness is learnt on a flat road, but not on a
+ * road with unknown slope. */
 static void test_braking_teaches_the_longitudinal_stiffness_on_a_flat_road_alone(void)
 {
   static truth w;
   for (int climbs = 0; climbs < 2; climbs++) {
     truth_start(&w, a_car(1, 0.03 * climbs), 20, 0, 1);
     w.x[LCX] = real(0.2);
-    w.amplitude = 0; /* what a steered wheel pushes sideways shows, too */
+    w.amplitude = 0; /* the lateral force of a steered wheel has a longitudinal part */
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
     for (int n = 0; n < 800; n++) {
       tse_input u = truth_row(&w, 0.01);
       u.given = BRAKE, u.brake = TSE_R(1);
       TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, NULL) >= 0);
     }
-    if (climbs)
-      expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* but for what a steering offset may push */
+    if (climbs) expect_near(0, number(f.k.x[LCX]), 1e-3, "not learnt", 0); /* a steering offset remains */
     else TEST_ASSERT_TRUE(number(f.k.x[LCX]) > 0.01);
   }
 }
 
-/* Of four driven wheels a stiffness that is known is excited where one axle has no
- * torque. */
+/* With four driven wheels, a known stiffness is excited while one axle has no torque. */
 static void test_four_driven_wheels_are_excited_where_an_axle_has_no_torque(void)
 {
   static truth w;
   tse_config c = a_car(0, 0.03);
-  c.initial_cx_sd = setting(0.01); /* known, and not to be found anew */
+  c.initial_cx_sd = setting(0.01); /* known, not to be estimated */
   tse_output y;
   truth_start(&w, c, 20, 0, 1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &f, sizeof f));
@@ -176,7 +174,7 @@ static void test_four_driven_wheels_are_excited_where_an_axle_has_no_torque(void
   }
 }
 
-/* What is not given is not read: the same bits. */
+/* Values that are not given are not read: the same bits. */
 static void test_what_is_not_given_changes_no_bit(void)
 {
   static truth w;

@@ -1,25 +1,23 @@
-/* tests/unit/filter/test_plausible.c <-> src/filter/plausible.c: a drive of textbook
- * kinematics - speed, its change, a yaw rate, speed times that, the steering angle of the
- * understeer equation - and the mistakes that logs are made with, each as a factor on a
- * channel. */
+/* tests/unit/filter/test_plausible.c <-> src/filter/plausible.c: a drive by textbook
+ * kinematics - speed, its derivative, yaw rate, their product, the steering angle of the
+ * understeer equation - and typical mistakes of logs, each as a factor on a channel. */
 #include "filter_support.h"
 
 typedef struct mistake {
   const char *what;
   double factor[TSE_CHANNELS];
-  int channel; /* 0 none, else 1 + TSE_CHANNEL_ */
+  int channel; /* 0 for none, else 1 + TSE_CHANNEL_ */
   double found;
 } mistake;
 
 #define DEGREES 57.29577951308232
 #define G 9.80665
 
-static double accel_noise = 0.1; /* m/s2, of the accelerometers in driven() */
+static double accel_noise = 0.1; /* [m/s2] noise of the accelerometers in driven() */
 
-/* Let the filter have two minutes of bends and speed changes, and return what the last
- * row says.   Given: every  so many rows have
- * accelerometers */
-/* every: n accelerometers come in each n-th row alone, -n wheel speeds do */
+/* Run two minutes of bends and speed changes.
+ *   Given:     every  n: accelerometers in each n-th row only; -n: wheel speeds
+ *   Returned:  output of the last row */
 static tse_output driven(
     const mistake *m, int32_t driven_axle, int exchanged, int every, int *valid, int *refused)
 {
@@ -67,7 +65,7 @@ static void test_a_mistake_is_named_with_its_factor(void)
   static const mistake mistakes[] = {
     { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 },
     { "yaw rate in degrees", { 1, 1, 1, 1, 1, DEGREES }, 1 + TSE_CHANNEL_yaw_rate,
-        0 /* beyond its range in part */ },
+        0 /* partly out of range */ },
     { "yaw rate to the right", { 1, 1, 1, 1, 1, -1 }, 1 + TSE_CHANNEL_yaw_rate, -1 },
     { "accel_y in g", { 1, 1, 1, 1, 1 / G, 1 }, 1 + TSE_CHANNEL_accel_y, 1 / G },
     { "accel_y to the right", { 1, 1, 1, 1, -1, 1 }, 1 + TSE_CHANNEL_accel_y, -1 },
@@ -89,8 +87,8 @@ static void test_a_mistake_is_named_with_its_factor(void)
     if (refused) continue;
     TEST_ASSERT_EQUAL_INT_MESSAGE(m->channel, y.fault_channel, m->what);
     if (i == 0) {
-      /* these rows come from no car that turns in: where no event takes that up, it does
-       * not fit */
+      /* No car steers in to give these rows: if no event explains them, the fit is
+       * bad. */
       if (HAS_SLIP) TEST_ASSERT_TRUE_MESSAGE(valid > 0, "nothing is wrong, and something is valid");
       TEST_ASSERT_TRUE(y.fault_factor == TSE_R(0) && y.status != TSE_W_IMPLAUSIBLE);
       continue;
@@ -98,14 +96,14 @@ static void test_a_mistake_is_named_with_its_factor(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, valid, m->what);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_W_IMPLAUSIBLE, y.status, m->what);
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_IMPLAUSIBLE, y.reason[a], m->what);
-    /* a tenth: noise is in the variances, and a smoothed product is not the product of
-     * what is smoothed */
+    /* 10 % tolerance: variances include noise, and a low-passed product differs from the
+     * product of low-passed factors. */
     if (m->found != 0) expect_near(m->found, number(y.fault_factor), 0.1 * fabs(m->found), m->what, i);
   }
 }
 
-/* A car in bends at changing speed, whose yaw rate is 0.08 s behind the steering angle
- * and whose tyres are nominal. */
+/* A car in bends at varying speed. Its yaw rate lags the steering angle by 0.08 s, and
+ * its tyres are nominal. */
 static double turn_at(double t) { return 0.25 * sin(0.9 * t) * sin(0.07 * t); }
 static double speed_at(double t) { return 14 + 4 * sin(0.4 * t); }
 
@@ -118,15 +116,15 @@ static double side_at(const tse_params *p, double t)
 
 typedef struct timing_case {
   const char *what;
-  double steer, side, low_pass, turn; /* s: how late a channel is; time constant of accel_y */
+  double steer, side, low_pass, turn; /* [s] delay of a channel; time constant of accel_y */
   uint32_t missing;                   /* in every 40th row */
   int channel;
 } timing_case;
 
-/* Drive three minutes of that.   Returned: the last row   *first [s] when the channels
- *                                                         contradict each other first
- *                                                         *valid rows with a
- * valid stiffness behind it */
+/* Run three minutes of that drive.
+ *   Returned:  output of the last row
+ *              first  [s] first time at which the channels contradict each other
+ *              valid  number of valid stiffnesses in the rows after that */
 static tse_output driven_late(const timing_case *m, double *first, int *valid)
 {
   static tse_filter f;
@@ -170,6 +168,7 @@ static void test_a_channel_that_comes_late_is_named(void)
     { "all in time", 0, 0, 0, 0, 0, 0 },
     { "a bus: each channel 0 .. 60 ms late", 0, 0.05, 0, 0, 0, 0 },
     { "a bus: yaw rate", 0, 0, 0, 0.06, 0, 0 },
+    { "a bus and stiff tyres: yaw rate", 0, 0, 0, 0.09, 0, 0 },
     { "a bus: steering angle", 0.06, 0, 0, 0, 0, 0 },
     { "accel_y 200 ms", 0, 0.2, 0, 0, 0, 1 + TSE_CHANNEL_accel_y },
     { "accel_y low-passed at 1 Hz", 0, 0, 0.159, 0, 0, 1 + TSE_CHANNEL_accel_y },
@@ -190,8 +189,8 @@ static void test_a_channel_that_comes_late_is_named(void)
   }
 }
 
-/* Accelerometers, or wheel speeds, of a slow message: they read no less than others, and
- * change no faster. */
+/* Accelerometers or wheel speeds of a slow message: their values are as large as others,
+ * and change as fast. */
 static void test_a_channel_that_comes_seldom_contradicts_nobody(void)
 {
   static const mistake seldom = { "seldom", { 1, 1, 1, 1, 1, 1 }, 0, 0 };
@@ -218,8 +217,8 @@ static void test_axles_that_are_exchanged_are_no_other_factor(void)
 }
 
 
-/* Wheels of 0.29 m make 1.05 of km/h: within what roll and pitch do, and so is a radius
- * that is not quite known. */
+/* Wheels of 0.29 m give a factor of 1.05 for km/h: within the tolerance for roll and
+ * pitch, and within that of an uncertain radius. */
 static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
 {
   static const mistake hardly[] = { { "fast", { 1, 1.05, 1.05, 1, 1, 1 }, 0, 0 },
@@ -232,7 +231,7 @@ static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
   }
 }
 
-/* Accelerometers that shake hide a factor of 1.17, and not one of 2, or of a half. */
+/* Vibrating accelerometers hide a factor of 1.17, but not factors of 2 or 0.5. */
 static void test_a_diameter_for_a_radius_is_named_on_a_rough_road(void)
 {
   static const mistake on_rough[] = { { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 },
@@ -248,9 +247,9 @@ static void test_a_diameter_for_a_radius_is_named_on_a_rough_road(void)
   accel_noise = 0.1;
 }
 
-/* A fault of the memory: what is no number would contradict for ever. */
-/* A road that rises and falls by 6 %: gravity in accel_x at a speed that the driver
- * keeps, but for what follows with a quarter of a period. Without it accel_x would
+/* After a memory fault, NaN must not contradict forever. */
+/* A road with slopes of +-6 %: gravity in accel_x, while the driver holds the speed
+ * except for a part that lags by a quarter period. Without this part, accel_x would
  * contradict the wheels by a factor of four. */
 static void test_a_hill_at_constant_speed_contradicts_nobody(void)
 {
@@ -308,13 +307,13 @@ static void test_what_is_kept_is_numbers_or_all_starts_over(void)
 #endif
 }
 
-/* What each pair is made of, of a car on a circle at constant speed: that is smooth from
- * the first row on, and stays. The last rows are of speeds and yaw rates of no car: what
- * is a share or a sine is held to 1. */
+/* The signals of each pair, for a car on a circle at constant speed: filtered from the
+ * first row on, and then constant. The last rows have speeds and yaw rates that are not
+ * physical: shares and sines are limited to 1. */
 static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
 {
   static const struct {
-    double front, rear, r; /* m/s, m/s, rad/s */
+    double front, rear, r; /* [m/s, m/s, rad/s] */
   } turn[] = { { 10.1, 9.9, 0.5 }, { 9.9, 10.1, -0.5 }, { 5.2, 5, 0.7 }, { 30, 30, 0.2 }, { 4, 4, 5 },
     { 4, 4, -5 }, { 16, -6, 0.2 }, { -6, 16, 0.2 } };
   const tse_params p = prepared(config_by(tse_config_exact));
@@ -337,8 +336,8 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
       { 0.03 * v / (length + understeer * v * v), turn[n].r }, { 0.4, 0 }, { 0.5 * bend * bend, faster },
       { 0.4, faster } };
     for (int i = 0; i < TSE_PAIRS; i++) {
-      /* says nothing of how the car gains speed, nor of how much faster front wheels are
-       * in a bend */
+      /* not informative about speed changes, nor about the front wheels' higher speed in
+       * a bend */
       const int spins = (i == 2 && fabs(faster) >= number(SLIPPING))
           || (i == 3 && fabs(faster) >= number(SLIPPING) + 0.5 * bend * bend);
       for (int side = 0; side < 2; side++)
@@ -350,8 +349,8 @@ static void test_pairs_are_what_kinematics_make_of_a_steady_turn(void)
   }
 }
 
-/* Speed that grows evenly: smoothed it is late by the time constant, and grows as evenly;
- * its change is that of the wheels. */
+/* A speed that grows linearly: the low-passed speed lags by the time constant and grows
+ * as fast. Its derivative is that of the wheels. */
 static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
 {
   static tse_kalman k;
@@ -368,8 +367,8 @@ static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
     u.wheel_speed_rear = real(v / number(p.radius_rear));
     u.accel_x = real(gained);
     plausible_row(&p, &k, &u, real(dt), 0);
-    if (row == 0) continue;                           /* starts */
-    sum = keep * sum + gained * (1 - pow(left, row)); /* as a filter of first order answers */
+    if (row == 0) continue;                           /* start */
+    sum = keep * sum + gained * (1 - pow(left, row)); /* response of a first-order filter */
     weights = keep * weights + 1;
   }
   expect_near(
@@ -379,8 +378,8 @@ static void test_the_change_of_the_speed_is_that_of_an_even_one(void)
   expect_near(gained, number(k.agreement.pair[2].mean[0]), BY_NUMBER(1e-9, 1e-5, 1e-5), "accel_x [m/s2]", 0);
 }
 
-/* Where every axle is driven, or it is not known which, bends alone show which wheels are
- * the front ones: they run on the larger circle. */
+/* If all axles are driven, or the driven axle is unknown, only bends show which wheels
+ * are the front ones: they run on the larger circle. */
 static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
 {
   for (int exchanged = 0; exchanged < 2; exchanged++) {
@@ -405,13 +404,13 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
   }
 }
 
-/* How long after its end, and for how long in all, something contradicts in two minutes
- * of bends, of which a channel is wrong for a while: at a value, or with a factor. */
+/* How long after its end, and how long in total, a contradiction is reported in two
+ * minutes of bends, with a channel that is wrong for a while: constant, or scaled. */
 typedef struct wrong {
   const char *what;
   int channel;
-  double from, to, value, factor; /* s; its value is value + factor times what it was */
-  double after, least;            /* s: at most so long after its end, at least so long in all */
+  double from, to, value, factor; /* [s]; the channel reads value + factor * true value */
+  double after, least;            /* [s] at most so long after its end; at least so long in total */
 } wrong;
 
 static void test_what_is_wrong_for_a_while_contradicts_for_a_while(void)

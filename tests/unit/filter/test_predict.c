@@ -1,5 +1,5 @@
-/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: state and
- * covariance to the time of a row, and where a drive starts. */
+/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: prediction of state
+ * and covariance to the time of a row, and the start of a drive. */
 #include "filter_support.h"
 
 static tse_params a_car(void)
@@ -19,7 +19,7 @@ static decoded a_row(double dt, double steer)
   return z;
 }
 
-/* What returns to its mean. */
+/* States that return to their means. */
 static int fades(int i) { return i == SF || i == SR || i == GX || i == GY; }
 
 static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
@@ -33,8 +33,8 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
       if (p->uncertain[q] > TSE_R(0)) k->consider[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
-/* The state as the car moves; covariance F P F' + Q, where Q is on the diagonal and not
- * negative; what is uncertain moves with F. */
+/* The state moves as the car does. The covariance becomes F P F' + Q, with Q diagonal and
+ * not negative. Uncertain parameters are propagated by F. */
 static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
 {
   const double close = BY_NUMBER(1e-10, 1e-3, 1e-5);
@@ -64,7 +64,7 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
       for (int j = 0; j < STATES; j++)
         F[i][j] = i < MOTION ? number(M[i][j]) * number(state_unit[j]) / number(state_unit[i]) : i == j;
     for (int i = 0; i < STATES;
-        i++) { /* what fades does so in all: read off what is uncertain, where that is most */
+        i++) { /* compare the decay where the effect of uncertain parameters is largest */
       if (!fades(i)) continue;
       int most = 0;
       for (int q = 1; q < TSE_CONSIDERED; q++)
@@ -79,7 +79,7 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
         const double expected = moved[i][j];
         if (i == j)
           TEST_ASSERT_TRUE(
-              after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* noise */
+              after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* process noise */
         else expect_near(expected, after.p[i][j], 100 * close, "covariance", 100 * i + j);
       }
     for (int q = 0; q < TSE_CONSIDERED; q++)
@@ -93,8 +93,8 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
   }
 }
 
-/* Wherever it is, gravity along and across the road ends at its mean with the variance of
- * roads; stiffness walks and stays in its place. */
+/* From any start, gravity along and across the road returns to its mean, with the
+ * variance of roads. The stiffness is a random walk without drift. */
 static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
 {
   static tse_kalman k;
@@ -117,8 +117,8 @@ static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
   }
 }
 
-/* In as many rows as there are slow states each has its process noise once, a stiffness
- * with what its moves have left; a row changes one. */
+/* Each slow state receives its process noise once in as many rows as there are slow
+ * states; a stiffness receives the remainder of its changes. A row treats one state. */
 static void test_slow_states_have_their_noise_in_turn(void)
 {
   static tse_kalman k;
@@ -158,8 +158,8 @@ static void expect_road(const tse_kalman *k, int at, double mean, double sd, int
         when); /* 2^-24 of the variance before */
 }
 
-/* g sin(angle) with the sd of the setting while it is given, whatever was known before;
- * what differs from it moves along. */
+/* While a slope is given, the state is g sin(angle) with the sd of the setting, whatever
+ * it was before. The deviation from it is predicted. */
 static void test_a_given_road_is_where_gravity_is(void)
 {
   static tse_filter f;
@@ -190,7 +190,7 @@ static void test_a_given_road_is_where_gravity_is(void)
   expect_road(k, GY, 0.03 - g * sin(0.02), sd, 4);
 }
 
-/* The settings may know less of a road than nothing: it stays as sure as they are. */
+/* If the settings are more accurate than the given road, the settings count. */
 static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
 {
   static tse_filter f;
@@ -204,14 +204,14 @@ static void test_a_given_road_is_no_less_sure_than_one_that_is_not(void)
   expect_road(&f.k, GY, -9.81 * sin(0.05), number(BANK_SD), 0);
 }
 
-/* With the bank given, roads that lean into their curves, and how unsure that is, have no
- * part: as a car of settings that know neither, on a road that banks so all the time. */
+/* With a given bank, superelevation of curves and its uncertainty have no effect, as for
+ * settings without them on a road with this constant bank. */
 static void test_a_given_bank_is_all_of_it(void)
 {
   static tse_filter given, same;
   tse_config c = config_by(tse_config_exact);
   c.bank_superelevation = setting(0.1), c.lean_sd = setting(0.05),
-  c.road_sd = setting(0.02); /* more than BANK_SD: as sure as without */
+  c.road_sd = setting(0.02); /* above BANK_SD: the uncertainty is as without */
   const tse_params p = prepared(c);
   c.bank_superelevation = setting(0), c.lean_sd = setting(0), c.bank_angle = setting(0.04);
   const tse_params q = prepared(c);
@@ -232,7 +232,7 @@ static void test_a_given_bank_is_all_of_it(void)
   expect_near(0.1, number(given.k.x[LEAN]), BY_NUMBER(1e-12, 1e-6, 1e-8), "what is known of roads stays", 0);
 }
 
-/* A second in a hundred rows is as uncertain as in twenty. */
+/* One second in 100 rows gives the same variance as in 20 rows. */
 static void test_noise_does_not_depend_on_how_often_rows_come(void)
 {
   static tse_kalman k[2];
@@ -271,7 +271,8 @@ static void test_all_starts_as_the_settings_say(void)
   }
 }
 
-/* A car in a steady turn is placed where it is; what is learnt stays bit for bit. */
+/* After a restart in a steady turn, the motion is that of the turn. Learnt states are
+ * unchanged, bit for bit. */
 static void test_motion_is_placed_from_wheels_and_gyro(void)
 {
   static tse_kalman k;
@@ -304,10 +305,9 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   }
 }
 
-#if !defined(TSE_SMALL) /* which has no slip stiffness */
-/* Two numbers of which only the sum shows, the stiffness and what the model lacks:
- * whatever drives show of the sum, what is reported of the stiffness is what a Kalman
- * filter of both has. */
+#if !defined(TSE_SMALL) /* no slip stiffness there */
+/* Stiffness and model error are observed only as a sum. For any drives, the reported
+ * stiffness is that of a Kalman filter with both as states. */
 static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
 {
   const double close = BY_NUMBER(1e-9, 2e-5, 2e-5);

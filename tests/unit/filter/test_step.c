@@ -1,16 +1,17 @@
-/* tests/unit/filter/test_step.c <-> src/filter/step.c, row.c, output.c: the whole filter
- * on drives of a car of its own model, whose parameters are drawn from the prior, and on
- * rows that nobody would send.
+/* tests/unit/filter/test_step.c <-> src/filter/step.c, row.c, output.c: the whole filter,
+ * on drives of a car of its own model with parameters drawn from the prior, and on
+ * extreme rows.
  *
- * Numbers that are tuned appear in no test: intervals are those that the filter states. A
- * 95 % interval holds in 95 of 100; with 24 of them and intervals that are wider than
- * they need be (what the model does not explain is none here), four misses are too many. */
+ * The tests contain no tuned numbers: intervals are those that the filter states. A 95 %
+ * interval contains the true value in 95 of 100 cases. Of 24 intervals, more than four
+ * misses are a failure: the intervals are wider than needed, since these drives have no
+ * model error. */
 #include "filter_support.h"
 
 static tse_filter f, before;
-static truth w; /* the car that is driven */
+static truth w; /* simulated car */
 
-/* A car of which much is uncertain. */
+/* A car with many uncertain parameters. */
 static tse_config a_car(void)
 {
   tse_config c = config_by(tse_config_exact);
@@ -26,8 +27,7 @@ static tse_config a_car(void)
 
 static void reset(const tse_params *p) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(p, &f, sizeof f)); }
 
-/* What every row must leave: numbers, a state that is sound, probabilities that sum to
- * one. */
+/* Check a row: finite estimates, an accepted state, probabilities that sum to one. */
 static void step(const tse_params *p, tse_input u, tse_output *y)
 {
   memset(y, 0, sizeof *y);
@@ -41,8 +41,8 @@ static void step(const tse_params *p, tse_input u, tse_output *y)
     TEST_ASSERT_TRUE(number(y->stiffness_sd[a]) >= 0 && number(y->stiffness[a]) > 0);
 }
 
-/* A car of these settings, drawn as truth_start() does, and the filter before its first
- * row. */
+/* Start a car of these settings, drawn as by truth_start(), and the filter before its
+ * first row. */
 static void start(tse_config c, double speed, double spread, uint32_t seed)
 {
   truth_start(&w, c, speed, spread, seed);
@@ -59,20 +59,20 @@ static tse_output drive(int rows)
   return y;
 }
 
-/* How far a stiffness is off, in its own sd. */
+/* Return the error of a stiffness in units of its sd. */
 static double off(const tse_output *y, int a)
 {
   return fabs(number(y->stiffness[a]) - truth_stiffness(&w, a)) / number(y->stiffness_sd[a]);
 }
 
-/* In fixed point a row of the filter holds numbers up to 256, where it stops: one of more
- * than 240 is said, wherever it is. */
+/* In fixed point, a row of the filter saturates near 256. A number above 240 is reported,
+ * in any row. */
 static void test_a_number_that_stops_at_the_end_of_its_row_is_said(void)
 {
   start(a_car(), 20, 0, 8);
   (void)drive(2000);
   before = f;
-  const int said = BY_NUMBER(TSE_OK, TSE_OK, TSE_W_RANGE); /* the others have no end that near */
+  const int said = BY_NUMBER(TSE_OK, TSE_OK, TSE_W_RANGE); /* float and double have no limit near */
   const tse_input u = truth_row(&w, 0.01);
   tse_output y;
   TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) < TSE_W_RANGE);
@@ -106,11 +106,12 @@ static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
   TEST_ASSERT_TRUE(valid > all / 2);
 }
 
-/* And it is learnt, not only left at the prior with a wide interval. */
+/* The stiffness is learnt: the estimate does not stay at the prior with a wide
+ * interval. */
 static void test_a_lively_drive_teaches_the_stiffness(void)
 {
   for (uint32_t seed = 1; seed <= 4; seed++) {
-    start(a_car(), 20, 0, seed); /* as told, but for the stiffness */
+    start(a_car(), 20, 0, seed); /* known, except for the stiffness */
     w.x[LCF] = real(log(0.8)), w.x[LCR] = real(log(1.25));
     const tse_output y = drive(3000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
@@ -128,7 +129,7 @@ static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
 {
   tse_config c = a_car();
   int roads = 0;
-  c.steer_ratio_sd = setting(0.005); /* what else could explain it is known well */
+  c.steer_ratio_sd = setting(0.005); /* other possible causes are known well */
   for (uint32_t seed = 1; seed <= 4; seed++) {
     start(c, 20, 0.3, seed);
     tse_output y = drive(2000);
@@ -158,8 +159,7 @@ static void test_a_road_that_stays_is_never_believed_to_be_another(void)
   }
 }
 
-/* With noise alone, and nothing that happens: what is not excited is not learnt, and not
- * valid. */
+/* With noise only, and no events, an unexcited stiffness is neither learnt nor valid. */
 static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
 {
   int missed = 0;
@@ -173,13 +173,12 @@ static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
     }
   }
   printf("%d of 12 missed\n", missed);
-  TEST_ASSERT_TRUE(
-      missed <= 4); /* a filter that is linear about its own estimate still takes some noise for a signal */
+  TEST_ASSERT_TRUE(missed <= 4); /* an extended Kalman filter takes some of the noise for a signal */
 }
 
-/* An accelerometer that reads an uneven road, 1 m/s2 either way, of a car that goes
- * straight on: events are held against what happens, and that is the largest unevenness
- * which is no outlier. The innovation's mean square is 1 or more. */
+/* Uneven road: accel_x is off by 1 m/s2, with random sign, while the car drives straight.
+ * Events are judged relative to the excitation. This is the largest unevenness that is no
+ * outlier. The mean squared innovation is 1 or more. */
 static void test_an_uneven_road_happens(void)
 {
   start(a_car(), 20, 1, 3);
@@ -189,7 +188,7 @@ static void test_an_uneven_road_happens(void)
   tse_output y;
   for (int n = 0; n < 3000; n++) {
     tse_input u = truth_row(&w, 0.01);
-    u.accel_y += ((uint32_t)n * 2654435761u) >> 31 ? TSE_R(1) : TSE_R(-1); /* as good as a coin */
+    u.accel_y += ((uint32_t)n * 2654435761u) >> 31 ? TSE_R(1) : TSE_R(-1); /* random sign */
     step(&w.p, u, &y);
   }
   expect_near(10, number(y.noise[ACCEL_Y]), 2, "sd found over that of the setting, 0.1 m/s2", 0);
@@ -198,8 +197,8 @@ static void test_an_uneven_road_happens(void)
   TEST_ASSERT_TRUE(number(f.k.activity[YAW_RATE]) > 4.0 / (20 * 20) * 0.5);
 }
 
-/* A steering angle that freezes is named, is missing then, and what the tyres have made
- * up for it is forgotten. */
+/* A frozen steering angle is named and then treated as missing. The error that it caused
+ * in the stiffness is forgotten. */
 static void test_a_steering_angle_that_freezes_is_missing(void)
 {
   for (uint32_t seed = 1; seed <= 3; seed++) {
@@ -219,15 +218,15 @@ static void test_a_steering_angle_that_freezes_is_missing(void)
     }
 
     TEST_ASSERT_TRUE(found > 1780);
-    TEST_ASSERT_TRUE(restarts == 1 || restarts == 2); /* of the first 0.02 s one row or two */
+    TEST_ASSERT_TRUE(restarts == 1 || restarts == 2); /* one row or two in the first 0.02 s */
     y = drive(1500);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 3);
   }
 }
 
-/* Readings of few digits repeat themselves, for seconds on a straight road: no channel of
- * them is frozen. */
+/* Rounded readings repeat for seconds on a straight road: they are not frozen
+ * channels. */
 static void test_readings_of_few_digits_are_not_frozen(void)
 {
   start(a_car(), 20, 0.3, 8);
@@ -245,9 +244,9 @@ static void test_readings_of_few_digits_are_not_frozen(void)
   }
 }
 
-/* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the
- * force. One drive in 12 is wrong (17 of seeds 1 .. 200): more than 5 of 20 would be one
- * in 160. */
+/* Slopes at a third of the stiffness do not describe the whole change: the upward step is
+ * one of the force. One drive in 12 fails (17 of seeds 1 .. 200). More than 5 of 20 has a
+ * probability of 1/160. */
 static void test_a_road_that_is_back_is_found_within_seconds(void)
 {
   int wrong = 0;
@@ -269,9 +268,9 @@ static void test_a_road_that_is_back_is_found_within_seconds(void)
   TEST_ASSERT_TRUE(wrong <= 5);
 }
 
-/* Three seconds of water: a change at either end at most, but for one drive in 40 (5 of
- * seeds 1 .. 200: more than 2 of 20 would be one in 80); and then the stiffness is what
- * it was. */
+/* Three seconds of water: at most one change at each end, except in one drive in 40 (5 of
+ * seeds 1 .. 200; more than 2 of 20 has a probability of 1/80). After that the stiffness
+ * is the previous one. */
 static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 {
   int more = 0;
@@ -296,7 +295,7 @@ static void test_a_patch_of_water_is_no_more_than_two_changes(void)
 
 /* ------------------------------------------------------------------------------- rows that are odd */
 
-/* 10, 20, 30 % of the rows come 0.12 s after the one before. */
+/* 10, 20, 30 % of the rows are 0.12 s late. */
 static void test_late_rows_leave_stiffness_in_its_interval(void)
 {
   int missed = 0;
@@ -316,7 +315,7 @@ static void test_late_rows_leave_stiffness_in_its_interval(void)
   TEST_ASSERT_TRUE(missed <= 3);
 }
 
-/* A pause of any length; then the drive goes on. */
+/* A pause of any length, then the drive continues. */
 static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
 {
   static const double gap[] = { 0.3, 1, 60, 3600 };
@@ -350,7 +349,7 @@ static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stif
     (void)drive(1000);
     for (int n = 0; n < 1500; n++) {
       tse_input u = truth_row(&w, 0.01);
-      if (n < 1000 && n % 10 == 0) { /* one row again, so much later */
+      if (n < 1000 && n % 10 == 0) { /* one row, so much later */
         tse_input again = u;
         again.dt = real(dt[k]);
         if (again.dt > TSE_R(0)) step(&w.p, again, &y);
@@ -362,8 +361,8 @@ static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stif
   }
 }
 
-/* Any channels missing for any time: numbers, and a stiffness that stays in its
- * interval. */
+/* Any channels missing for any time: the estimates are finite, and the stiffness stays in
+ * its interval. */
 static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
 {
   for (uint32_t which = 1; which < 64; which++) {
@@ -379,7 +378,7 @@ static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
   }
 }
 
-/* Whatever the filter thinks, these rows are not about how the tyres are. */
+/* Whatever the filter concludes, these rows carry no information about the tyres. */
 static void expect_learns_nothing(const tse_input *row, int rows, tse_status least)
 {
   tse_output y;
@@ -390,7 +389,7 @@ static void expect_learns_nothing(const tse_input *row, int rows, tse_status lea
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
   }
   for (int i = STIFFNESS; i <= LMU;
-      i++) { /* but for what they have in common with the gyro's bias, which is learnt at standstill */
+      i++) { /* except through the correlation with the gyro's bias, which is learnt at standstill */
     const double var = number(ud_variance(&was.ud, i)),
                  moved = (number(f.k.x[i]) - number(was.x[i])) / number(state_unit[i]);
     TEST_ASSERT_TRUE(fabs(moved) <= 0.3 * sqrt(var));
@@ -411,15 +410,15 @@ static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learn
     u.accel_x = real(0.3);
     u.yaw_rate = real(kind ? -0.3 : 0.003);
     expect_learns_nothing(&u, 300, TSE_W_HELD);
-    if (kind == 0) { /* the gyro's bias is */
+    if (kind == 0) { /* the gyro's bias is learnt */
       expect_near(0.003, number(f.k.x[BR]), 0.001, "bias of the gyro", 0);
       expect_near(0, number(f.k.x[VX]), 0, "vel_x", 0);
     }
   }
 }
 
-/* Wheels that are read as standing - locked on ice, below what a sensor resolves, lost on
- * the bus - while the car turns. */
+/* Wheel speeds of zero - locked on ice, below the sensor's resolution, lost on the bus -
+ * while the car turns. */
 static void test_a_car_that_turns_on_wheels_that_stand_is_no_bias_of_the_gyro(void)
 {
   tse_output y;
@@ -438,7 +437,7 @@ static void test_a_car_that_turns_on_wheels_that_stand_is_no_bias_of_the_gyro(vo
   expect_near(0.004, number(y.bias[YAW_RATE]), 0.001, "bias of the gyro at rest [rad/s]", 0);
 }
 
-/* One reading that comes twice freezes no steering, however far apart rows are. */
+/* A reading that repeats once is no frozen steering angle, at any distance of rows. */
 static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
 {
   static const double dt[] = { 0.001, 0.01, 0.1, 0.25 };
@@ -449,7 +448,7 @@ static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
     z.dt = real(dt[k]), z.has_steer = 1, z.steer = real(0.03);
     f.k.repeats[STEERING] = f.k.repeats_again[STEERING] = TSE_R(0);
     f.k.innovation_var[YAW_RATE] = f.k.slow_var[YAW_RATE] = real(0.001),
-    f.k.slow[YAW_RATE] = TSE_R(1); /* it turns otherwise */
+    f.k.slow[YAW_RATE] = TSE_R(1); /* the yaw rate differs */
     int rows = 0;
     for (; rows < 20000 && !is_frozen(&f.k, STEERING); rows++) {
       z.has_steer = 1;
@@ -459,8 +458,8 @@ static void test_one_repeat_is_no_frozen_steering_at_any_rate(void)
   }
 }
 
-/* A rear-driven car pulls away in a tight turn: its front wheels run ahead of it by the
- * cosine of their angle. */
+/* A rear-driven car pulls away in a tight turn: its front wheels turn faster, by one over
+ * the cosine of their angle. */
 static void test_the_motion_is_placed_by_a_front_wheel_that_is_turned(void)
 {
   tse_output y;
@@ -476,8 +475,8 @@ static void test_the_motion_is_placed_by_a_front_wheel_that_is_turned(void)
   expect_near(2.89, number(f.k.x[VX]), 0.03, "speed of the car [m/s]", 0);
 }
 
-/* An hour's pause: biases have walked for an hour, and what the road was has to do with
- * nothing any more. */
+/* A pause of an hour: biases have walked for an hour, and the earlier road has no
+ * influence. */
 static void test_after_an_hour_nothing_is_known_of_the_road_and_less_of_the_biases(void)
 {
   tse_output y;
@@ -533,9 +532,9 @@ static void test_a_refused_row_changes_nothing(void)
   }
 }
 
-/* The motion of 50 kg on the tyres of a car swings itself up within a substep: without an
- * IMU nothing is known of it within some rows. It is placed anew, as after a gap; nothing
- * else is lost. */
+/* The motion of 50 kg on the tyres of a car diverges within a substep. Without an IMU the
+ * velocities are unknown after some rows. They restart, as after a gap, and nothing else
+ * is lost. */
 static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
 {
   tse_output y;
@@ -547,20 +546,19 @@ static void test_a_motion_that_swings_itself_up_is_placed_anew(void)
     tse_input u = truth_row(&w, 0.01);
     u.missing = n ? TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate : 0;
     u.steer_angle = u.accel_x = u.accel_y = u.yaw_rate = real(
-        0); /* straight on: slip angles of 0 take no slope off */
+        0); /* straight: slip angles of 0 leave the slopes unchanged */
     u.wheel_speed_front = u.wheel_speed_rear = real(6 / number(w.p.radius_front));
     step(&w.p, u, &y);
     placed += y.status == TSE_W_GAP
-        || y.status == TSE_W_RANGE; /* fixed point: short of that where a row of the filter ends */
+        || y.status == TSE_W_RANGE; /* fixed point: just below, where a row of the filter saturates */
     TEST_ASSERT_TRUE(y.change_kind != TSE_CHANGE_RESTART);
   }
-  TEST_ASSERT_TRUE(!HAS_SLIP
-      || placed
-          >= BY_NUMBER(5, 5, 1)); /* in fewer substeps, in fixed point, it stays within what a car can do */
+  TEST_ASSERT_TRUE(
+      !HAS_SLIP || placed >= BY_NUMBER(5, 5, 1)); /* fixed point: stays bounded with fewer substeps */
 }
 
-/* An innovation over hardly any noise, squared: 4e11 of a yaw rate, which no format need
- * hold. */
+/* A large innovation over little noise, squared: 4e11 for a yaw rate, which no format
+ * needs to represent. */
 static void test_a_sensor_of_hardly_any_noise_that_is_far_off_leaves_a_sound_state(void)
 {
   tse_output y;
@@ -577,7 +575,7 @@ static void test_a_sensor_of_hardly_any_noise_that_is_far_off_leaves_a_sound_sta
   TEST_ASSERT_TRUE(most >= 1e6);
 }
 
-/* What some importers hand on at first, and loggers that lose a row: wheels at rest
+/* Zeros that some importers pass first, and loggers pass for lost rows: wheels at rest
  * between rows at 20 m/s. */
 static void test_a_row_of_zeros_leaves_the_stiffness(void)
 {
@@ -603,7 +601,7 @@ static void test_a_row_of_zeros_leaves_the_stiffness(void)
   }
 }
 
-/* Until a row has had a steering angle the motion is that of wheels and gyro, however
+/* Until the first row with a steering angle, motion comes from wheels and gyro, however
  * long that takes. */
 static void test_before_the_first_steering_angle_the_motion_follows_the_wheels(void)
 {
@@ -619,15 +617,15 @@ static void test_before_the_first_steering_angle_the_motion_follows_the_wheels(v
   expect_near(number(w.x[VX]), number(y.vel_x), 0.5, "speed [m/s]", 0);
 }
 
-/* Memory that a bit fell over in, or a variance that overflows: said so, and the drive is
- * learnt from anew. */
+/* A flipped bit in memory or an overflowing variance is reported, and learning starts
+ * over. */
 static void test_a_state_that_is_no_number_is_started_over(void)
 {
-  for (int k = 0; k < BY_NUMBER(4, 4, 3); k++) { /* fixed point stops before it overflows */
+  for (int k = 0; k < BY_NUMBER(4, 4, 3); k++) { /* fixed point saturates before it overflows */
     tse_output y;
     start(a_car(), 20, 0, 9);
     (void)drive(500);
-    f.start.loaded = 1; /* what an earlier drive taught may have led here */
+    f.start.loaded = 1; /* the learnt state of an earlier drive may be the cause */
     if (k == 0) f.k.x[LCF] = broken();
     if (k == 1) f.k.ud.d[VY] = broken();
     if (k == 2) f.k.ud.d[LCR] = TSE_R(-1);
@@ -636,7 +634,7 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     step(&w.p, u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
     TEST_ASSERT_NOT_NULL(strstr(
-        tse_status_text((tse_status)y.status), "no finite number")); /* nothing is said of the samples */
+        tse_status_text((tse_status)y.status), "no finite number")); /* the text does not blame the samples */
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, y.change_kind);
     TEST_ASSERT_EQUAL_INT(0, f.start.loaded);
     TEST_ASSERT_TRUE(number(y.regime[TSE_REGIME_RESTARTED]) > 0.99);
@@ -649,7 +647,7 @@ static void test_a_state_that_is_no_number_is_started_over(void)
   }
 }
 
-/* Readings at the ends of what a channel may say, in any order. */
+/* Readings at the limits of the channels, in any order. */
 static void test_readings_at_their_ends_leave_numbers(void)
 {
   uint32_t seed = 8;
@@ -673,8 +671,8 @@ static void test_readings_at_their_ends_leave_numbers(void)
 
 /* ------------------------------------------------------------------------------- what is told */
 
-/* Each part of the sd is one, and none is more than all of it; what is told exactly is no
- * part. */
+/* Each part of the sd is positive and at most the total. Parameters that are known
+ * exactly have no part. */
 static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
 {
   tse_config c = a_car();
@@ -690,7 +688,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
       TEST_ASSERT_TRUE_MESSAGE(
           number(sd[a]) >= 0 && number(sd[a]) <= number(y.stiffness_sd[a]) * 1.01, names[k]);
       if (k == TSE_CONSIDER_INERTIA || k == TSE_CONSIDER_GYRO)
-        expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
+        expect_near(0, number(sd[a]), 0, names[k], a); /* known exactly */
       if (k == TSE_CONSIDER_MASS)
         expect_near(0.04, number(sd[a]) / exp(number(f.k.x[stiffness_at(a)])), 1e-5,
             "mass: relative, as it is told", a);
@@ -710,7 +708,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_uncertainty_sd(&w.p, &f, 0, NULL));
   f.magic ^= 1;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_uncertainty_sd(&w.p, &f, 0, sd));
-#if !defined(TSE_NO_PARTICLES) /* they have no such parts */
+#if !defined(TSE_NO_PARTICLES) /* particle filters have no such parts */
   static tse_filter_paper particles;
   const tse_params paper = prepared(config_by(tse_config_paper));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&paper, &particles.filter, sizeof particles));
@@ -722,7 +720,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);
 }
 
-/* What is less certain of the car makes the interval wider. */
+/* Larger uncertainties of the car widen the interval. */
 static void test_uncertain_parameters_widen_the_interval(void)
 {
   double sd[2][3];
@@ -739,11 +737,10 @@ static void test_uncertain_parameters_widen_the_interval(void)
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(sd[1][a] > 1.2 * sd[0][a]);
 }
 
-/* ------------------------------------------------------------------------------- what TSE_SMALL does not have */
+/* --------------------------------------------------------------------- what TSE_SMALL does not have */
 
-#if !defined(TSE_SMALL) /* no events but another road, no longitudinal stiffness */
-/* Whenever it happens: an event that was opened a moment before it must not stand in the
- * way. */
+#if !defined(TSE_SMALL) /* TSE_SMALL has no events but another road, and no longitudinal stiffness */
+/* At any time: an event opened shortly before must not block another one. */
 static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
 {
   for (int later = 0; later < 100; later += 9) {
@@ -771,8 +768,8 @@ static void freeze(tse_input *u, const tse_input *at, int channel)
   *value[channel] = was[channel];
 }
 
-/* Whatever the channel: it is named, no road is believed to have changed, it is heard
- * again when it moves again, and the stiffness stays. */
+/* For any channel: the frozen channel is named, no change of road is accepted, the
+ * channel is used again when it moves, and the stiffness is unchanged. */
 static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 {
   for (int channel = 0; channel < TSE_SENSORS; channel++) {
@@ -797,9 +794,9 @@ static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
   }
 }
 
-/* All three of the IMU freeze at once. One is named at a time; none of them is used, the
- * other axle's tyres and the road have not changed, and what was learnt is as good
- * afterwards. */
+/* All three channels of the IMU freeze at once. They are named one at a time, and none is
+ * used. The tyres of the other axle and the road have not changed, and the estimates are
+ * as accurate afterwards as before. */
 static void test_an_imu_that_freezes_teaches_nothing(void)
 {
   tse_output y;
@@ -827,12 +824,12 @@ static void test_an_imu_that_freezes_teaches_nothing(void)
   for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&y, a) < 3);
 }
 
-/* While accel_y is frozen and named, the gyro alone shows another road. */
+/* While accel_y is frozen and named, the gyro alone detects another road. */
 static void test_another_road_is_found_while_a_channel_is_frozen(void)
 {
   tse_output y;
   start(a_car(), 20, 0.3, 7);
-  w.throttle = 0; /* else it shows along, too */
+  w.throttle = 0; /* otherwise it is also detected longitudinally */
   (void)drive(3000);
   const tse_input last = truth_row(&w, 0.01);
   step(&w.p, last, &y);
@@ -846,8 +843,8 @@ static void test_another_road_is_found_while_a_channel_is_frozen(void)
   TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
 }
 
-/* What a gyro said before it was at fault, or before the car stood, does not make a wheel
- * that is held still a frozen one. */
+/* Readings of a gyro before its fault, or before a standstill, do not make a constant
+ * steering angle a frozen one. */
 static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(void)
 {
   tse_output y;
@@ -866,7 +863,7 @@ static void test_a_wheel_that_is_held_still_is_not_frozen_by_a_gyro_at_fault(voi
   TEST_ASSERT_EQUAL_INT(fault_of(YAW_RATE), y.fault_channel);
 }
 
-/* At standstill the gyro's bias is not learnt of one that is frozen. */
+/* The gyro's bias is not learnt from a frozen gyro at standstill. */
 static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
 {
   tse_output y;
@@ -886,7 +883,7 @@ static void test_a_frozen_gyro_says_no_bias_at_standstill(void)
   expect_near(bias, number(y.bias[YAW_RATE]), 1e-3, "bias of the gyro [rad/s]", 0);
 }
 
-/* The prior that a restart leaves is nothing that tyres may be back at. */
+/* The prior after a restart is no previous value of the tyres to return to. */
 static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
 {
   tse_output y = blank_output();
@@ -902,9 +899,8 @@ static void test_a_change_soon_after_a_restart_is_one_of_its_own(void)
   for (int i = 0; i < 4; i++) TEST_ASSERT_TRUE(number(f.k.change_from_var[i]) > 0);
 }
 
-/* Straight on: another road shows in accel_x and the wheel speeds alone, one with less
- * grip and one with more. No stiffness is called valid then that was found on the road
- * before. */
+/* Straight driving: only accel_x and wheel speeds show another road, with less grip and
+ * with more. No stiffness of the previous road is then valid. */
 static void test_a_road_that_shows_along_alone_is_believed(void)
 {
   for (uint32_t seed = 1; seed <= 6; seed++) {
@@ -921,8 +917,8 @@ static void test_a_road_that_shows_along_alone_is_believed(void)
   }
 }
 
-/* The driver turned on the road before and goes straight on the new one: what was seen in
- * those turns is not of this road. */
+/* The driver turned on the previous road and drives straight on the new one: the earlier
+ * excitation does not count for this road. */
 static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
 {
   for (uint32_t seed = 1; seed <= 3; seed++) {
@@ -939,8 +935,8 @@ static void test_turns_on_the_road_before_are_no_evidence_of_this_one(void)
   }
 }
 
-/* Two wheel speeds that are quantised are now and then the same, and are two signals all
- * the same; one that is logged twice is not. */
+/* Two quantised wheel speeds are equal now and then, and still are two signals. One
+ * signal logged twice is not. */
 static void test_two_speeds_that_are_the_same_for_a_while_are_two_signals(void)
 {
   tse_output y;
@@ -950,15 +946,15 @@ static void test_two_speeds_that_are_the_same_for_a_while_are_two_signals(void)
       tse_input u = truth_row(&w, 0.01);
       if (twice || n >= 200) u.wheel_speed_front = u.wheel_speed_rear;
       step(&w.p, u, &y);
-      const int two = !twice && n < 2100; /* for USUAL_TIME from the last that differs */
+      const int two = !twice && n < 2100; /* for USUAL_TIME after the last row with a difference */
       if (n >= 10 && (n < 2100 || n >= 2300))
         TEST_ASSERT_EQUAL_INT(two, f.k.innovation_var[WHEEL_FRONT] > TSE_R(0));
     }
   }
 }
 
-/* With every wheel driven on a road that may climb nothing says how fast the car is, and
- * so how its wheels slip. */
+/* With all wheels driven on a road with unknown slope, neither speed nor slip is
+ * observable. */
 static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_road_alone(void)
 {
   static const struct {
@@ -968,7 +964,7 @@ static void test_longitudinal_stiffness_of_four_driven_wheels_shows_on_a_flat_ro
   } cases[] = { { 0, 0, 1 }, { 1, 0.03, 1 }, { 0, 0.03, 0 } };
   for (int n = 0; n < 3; n++) {
     tse_config c = a_car();
-    c.initial_cx_sd = setting(0.05); /* as known as something can be that needs no drive */
+    c.initial_cx_sd = setting(0.05); /* known without a drive */
     c.driven_axle = cases[n].driven, c.grade_sd = setting(cases[n].grade_sd);
     start(c, 20, 1, 1);
     const tse_output y = drive(500);

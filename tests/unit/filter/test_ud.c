@@ -1,9 +1,9 @@
-/* tests/unit/filter/test_ud.c <-> src/filter/ud.c: everything that is done to U D U'
- * against the same with a dense matrix in double.
+/* tests/unit/filter/test_ud.c <-> src/filter/ud.c: all operations on U D U', compared
+ * with a dense matrix in double.
  *
- * Tolerances: matrices hold numbers up to some ten, made of 23 products; float has 6e-8
- * of them, fixed point 2.3e-10 for each product, which divisions by the least D make
- * larger. */
+ * Tolerances: matrices have elements of some tens, sums of 23 products. Rounding is 6e-8
+ * of them in float. In fixed point it is 2.3e-10 per product, amplified by divisions by
+ * the smallest D. */
 #include "filter_support.h"
 
 #define CLOSE BY_NUMBER(1e-11, 2e-4, 2e-6)
@@ -21,7 +21,7 @@ static void test_a_diagonal_is_its_variances(void)
     variance[i] = real(0.25 * (i + 1));
     expected.p[i][i] = 0.25 * (i + 1);
   }
-  variance[5] = TSE_R(0); /* known exactly: no less than rounding leaves */
+  variance[5] = TSE_R(0); /* known exactly: only rounding remains */
   expected.p[5][5] = 0;
   ud_set(&p, variance);
   expect_dense(&expected, &p, BY_NUMBER(2e-15, 2e-15, 16 * QUANTUM), "diagonal");
@@ -29,8 +29,8 @@ static void test_a_diagonal_is_its_variances(void)
 }
 
 #if !defined(TSE_NO_VELOCITY)
-/* One that had extra states has none: it measures as one that never had any, whatever
- * stands where they were. */
+/* A filter that had extra states and has none: it measures like one that never had any,
+ * with any numbers in their places. */
 static void test_a_diagonal_has_no_extra_states(void)
 {
   tse_ud used, fresh;
@@ -131,7 +131,7 @@ static void test_time_is_f_p_f_and_noise(void)
     for (int i = 0; i < MOTION; i++) after.p[i][i] += number(noise[i]);
     ud_move(&p, M, noise);
     expect_dense(&after, &p, BY_NUMBER(1e-11, 1e-3, 4e-6),
-        "after a row"); /* fixed: a step of a row, 2^-22, of 23 columns of variance 2 */
+        "after a row"); /* fixed point: resolution of a row, 2^-22, of 23 columns with variance 2 */
   }
 }
 
@@ -176,8 +176,8 @@ static void test_a_state_fades_with_all_that_it_has_in_common(void)
   }
 }
 
-/* A state that is known exactly lies at the floor of D, which does not follow: its
- * covariances fade all the same, row by row, and no element of U grows. */
+/* A state that is known exactly has D at its lower limit, which does not decrease. Its
+ * covariances still decay, row by row, and no element of U grows. */
 static void test_a_fading_state_at_the_floor_leaves_u_small(void)
 {
   tse_ud p;
@@ -185,7 +185,7 @@ static void test_a_fading_state_at_the_floor_leaves_u_small(void)
   for (int i = 0; i < STATES; i++) p.d[i] = TSE_R(1);
   const int at = STATES - 2;
 #if defined(TSE_REAL_FIXED)
-  return; /* there elements of U end by themselves */
+  return; /* there, elements of U saturate */
 #endif
   p.d[at] = LEAST_D;
   for (int k = 0; k < at; k++) p.u[ud_column(at) + k] = short_of(0.5);
@@ -234,12 +234,12 @@ static void test_a_block_is_its_covariance(void)
     ud_set(&p, variance);
     ud_set_block(&p, FAST, cov);
     expect_dense(&expected, &p, BY_NUMBER(1e-11, 1e-3, 2e-6),
-        "block"); /* float: of variances up to ten, conditioned like a hundred */
+        "block"); /* float: variances up to ten, condition number 100 */
   }
 }
 
-/* Whoever says so: a hundred correlations that no covariance has. Variances stay; D is
- * positive. */
+/* A hundred correlations that no covariance has, from any source. Variances are
+ * unchanged, and D is positive. */
 static void test_a_block_that_is_no_covariance_becomes_one_of_its_variances(void)
 {
   uint32_t seed = 10;
@@ -259,7 +259,7 @@ static void test_a_block_that_is_no_covariance_becomes_one_of_its_variances(void
   }
 }
 
-/* An hour at 100 rows a second, of rows as a drive has them, with very good and very bad
+/* One hour at 100 rows a second, with the rows of a drive and with very good and very bad
  * measurements. */
 static void test_d_stays_positive_in_a_long_run(void)
 {
@@ -291,7 +291,7 @@ static void test_d_stays_positive_in_a_long_run(void)
     for (int k = 0; k < i; k++) {
       const double r = number(ud_covariance(&p, i, k)) / sqrt(var * number(ud_variance(&p, k)));
       TEST_ASSERT_TRUE(
-          fabs(r) < BY_NUMBER(1, 1.001, 1.2)); /* fixed point: of variances of a few hundred steps */
+          fabs(r) < BY_NUMBER(1, 1.001, 1.2)); /* fixed point: variances of a few hundred steps */
     }
   }
 }

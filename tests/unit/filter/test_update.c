@@ -1,7 +1,7 @@
-/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row against a dense
- * Schmidt-Kalman filter in double, of the state and what is uncertain beside it, in one
- * covariance; gains of what is uncertain are 0 (Schmidt 1966), the covariance is
- * Joseph's. */
+/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row, compared with a dense
+ * Schmidt-Kalman filter in double, with state and considered parameters in one
+ * covariance. Gains of considered parameters are 0 (Schmidt 1966). The covariance is in
+ * Joseph's form. */
 #include "filter_support.h"
 
 enum { ALL = STATES + TSE_CONSIDERED, ROOM = STATES + TSE_UNCERTAIN_ALL };
@@ -10,8 +10,8 @@ typedef struct schmidt {
   double p[ALL][ALL], x[STATES];
 } schmidt;
 
-/* What the filter knows: U D U' and what is uncertain, each of variance 1, with what it
- * shares with the state. */
+/* Dense covariance of the filter: U D U', considered parameters with variance 1, and
+ * their covariance with the state. */
 static schmidt schmidt_of(const tse_kalman *k)
 {
   schmidt s = { 0 };
@@ -30,7 +30,7 @@ static schmidt schmidt_of(const tse_kalman *k)
   return s;
 }
 
-/* h P h' of state and uncertain quantities. */
+/* h P h' over state and considered parameters. */
 static double spread_of(const schmidt *s, const double h[ALL], double ph[ALL])
 {
   double sum = 0;
@@ -55,7 +55,7 @@ static void use_one(schmidt *s, const double h[ALL], double e, double r)
   for (int i = 0; i < STATES; i++) s->x[i] += gain[i] * e;
 }
 
-/* A car of which much is uncertain, in a turn. */
+/* A car with many uncertain parameters, in a turn. */
 static tse_params a_car(int told)
 {
   tse_config c = config_by(tse_config_exact);
@@ -86,8 +86,8 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
       if (p->uncertain[q] > TSE_R(0)) k->consider[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
-/* Readings a little off what is predicted; slopes over all.   Returned: what stands in H
- * for a channel */
+/* Read values near the predicted ones, with slopes for all. Returned: row of H of a
+ * channel */
 static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded *z,
     double h[TSE_SENSORS][ROOM], double read[TSE_SENSORS], uint32_t *seed)
 {
@@ -116,7 +116,7 @@ static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded 
     h[a][STATES + CONSIDER_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
 }
 
-/* The row that the tests below look at, and a car in a turn before it. */
+/* The row of the tests below, and a car in a turn before it. */
 static decoded z;
 static double h[TSE_SENSORS][ROOM], read[TSE_SENSORS];
 
@@ -128,7 +128,7 @@ static void before_a_row(const tse_params *p, tse_kalman *k, uint32_t seed)
   a_row(p, k, turned(), &z, h, read, &seed);
 }
 
-/* How many channels the last row has measured. */
+/* Number of channels that the last row has measured. */
 static int used(const tse_kalman *k)
 {
   int n = 0;
@@ -136,8 +136,8 @@ static int used(const tse_kalman *k)
   return n;
 }
 
-/* Measure that the axle rolls freely, about the state as the sensors have left it; what
- * is far off by a smaller gain. */
+/* Measure that the axle rolls freely, with slopes at the state after the sensors. A large
+ * innovation has a smaller gain. */
 static void use_rolling(schmidt *s, const tse_params *p, int32_t rolls)
 {
   const int at = !HAS_SLIP ? 0 : rolls == ROLLS_REAR ? SR : SF;
@@ -147,9 +147,9 @@ static void use_rolling(schmidt *s, const tse_params *p, int32_t rolls)
   use_one(s, slope, e, fmax(pow(number(FREE_SLIP_SD), 2), e * e / number(TAIL) - spread_of(s, slope, ph)));
 }
 
-/* The order of the channels does not matter in exact numbers; in these it is the
- * filter's. What is noise is read off the filter: the variance of the innovation less
- * what state and uncertain quantities make of it. */
+/* Exact arithmetic does not depend on the order of the channels. Here it is that of the
+ * filter. The noise is taken from the filter: innovation variance minus the part of state
+ * and considered parameters. */
 static void expect_schmidt(int told, int32_t rolls, uint32_t seed)
 {
   static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
@@ -178,7 +178,7 @@ static void expect_schmidt(int told, int32_t rolls, uint32_t seed)
       use_one(&s, h[a], e, r);
     }
     if (HAS_SLIP && rolls != ROLLS_UNKNOWN) use_rolling(&s, &p, rolls);
-    for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) { /* slopes were others: added in its turn */
+    for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) { /* slopes were different: added in sequence */
       const double moved = pow(number(OWN_SHARE) * (s.x[stiffness_at(a)] - start[stiffness_at(a)]), 2);
       expect_near(moved, number(k.moved[a]), close * 10 * (1 + moved), "moved", a);
     }
@@ -207,7 +207,7 @@ static void test_the_axle_that_rolls_is_one_more_measurement_of_that_filter(void
   expect_schmidt(1, ROLLS_REAR, 4);
 }
 
-/* What is uncertain may make the state worse known than told exactly, never better. */
+/* Uncertain parameters may make the state less accurate than exact ones, never more. */
 static void test_doubt_never_makes_anything_surer(void)
 {
   for (uint32_t seed = 1; seed < 30; seed++) {
@@ -228,8 +228,7 @@ static void test_doubt_never_makes_anything_surer(void)
   }
 }
 
-/* A reading that is impossible pulls no further than one at the edge, in either
- * direction. */
+/* An impossible reading has the same effect as one at the limit, in both directions. */
 static void test_a_reading_far_off_pulls_the_less_the_further_off(void)
 {
   const tse_params p = a_car(0);
@@ -239,7 +238,7 @@ static void test_a_reading_far_off_pulls_the_less_the_further_off(void)
     before_a_row(&p, &k, 5);
     start = k;
     for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == 2;
-    z.z[2] = real(read[2] + 10 * pow(2, far)); /* nobody turns as fast */
+    z.z[2] = real(read[2] + 10 * pow(2, far)); /* beyond any yaw rate */
     update_row(&p, &k, &z, turned());
     const double moved = fabs(number(k.x[YAW]) - number(start.x[YAW]));
     TEST_ASSERT_TRUE(moved > 0);
@@ -255,11 +254,11 @@ static void test_a_missing_channel_is_not_used(void)
   for (int n = 0; n < 2 * TSE_SENSORS; n++) {
     const int missing = n / 2;
     static tse_kalman k[2];
-    p.car.driven = 1 + n % 2; /* of one axle that is missing the other takes the place, whichever is driven */
+    p.car.driven = 1 + n % 2; /* if one axle is missing, the other replaces it, whichever is driven */
     for (int i = 0; i < 2; i++) {
       before_a_row(&p, &k[i], 6);
       z.use[missing] = 0;
-      z.z[missing] = real(i * 7); /* whatever stands there */
+      z.z[missing] = real(i * 7); /* any value */
       update_row(&p, &k[i], &z, turned());
       TEST_ASSERT_EQUAL_INT(HAS_SLIP                      ? TSE_SENSORS - 1
               : missing == ACCEL_Y || missing == YAW_RATE ? 2
@@ -285,8 +284,8 @@ static void test_the_log_likelihood_is_that_of_the_innovations(void)
   expect_near(sum, number(k.log_likelihood), BY_NUMBER(1e-10, 1e-4, 1e-6), "log likelihood", 0);
 }
 
-/* The scalar Kalman filter of what lasts, in double, over three rows. Without model
- * discrepancy the variance of an innovation is that of the state and of white noise. */
+/* The scalar Kalman filter of a persistent error, in double, over three rows. Without
+ * model discrepancy, the innovation variance consists of state and white noise. */
 static void test_nis_is_of_the_innovation_without_what_lasts(void)
 {
   tse_params p = a_car(0);
@@ -313,7 +312,7 @@ static void test_nis_is_of_the_innovation_without_what_lasts(void)
   }
 }
 
-/* A state beyond the bounds of a car comes back with the next row. */
+/* A state beyond the limits of a car is limited in the next row. */
 static void test_stiffness_stays_within_its_bounds(void)
 {
   const tse_params p = a_car(0);
@@ -326,7 +325,8 @@ static void test_stiffness_stays_within_its_bounds(void)
   }
 }
 
-/* A channel at fault is used again once it has agreed for a while without a break. */
+/* A channel at fault is used again after it has agreed for a while without
+ * interruption. */
 static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
 {
   const tse_params p = a_car(0);
@@ -334,7 +334,7 @@ static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
   uint32_t seed = 9;
   in_a_turn(&p, &k, &seed);
   k.fault = fault_of(YAW_RATE);
-  for (int step = 0; step < 4; step++) { /* agrees, agrees no more, agrees again, has agreed for long */
+  for (int step = 0; step < 4; step++) { /* agrees; disagrees; agrees again; has agreed for long */
     a_row(&p, &k, turned(), &z, h, read, &seed);
     for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == YAW_RATE;
     z.z[YAW_RATE] = real(read[YAW_RATE] + (step == 1 ? 100 : 0));
@@ -348,9 +348,9 @@ static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
   }
 }
 
-/* What happens counts as tyres without an end would do it: with the cubic of a brush at q
- * = 2 at both axles it is 1/(1 - 2/3 + 4/27) times as much; one that slides, at q = 8,
- * counts as at q = 3. Nothing is measured, so that the state stays. */
+/* Excitation is computed for tyres without saturation. With the cubic of a brush at q = 2
+ * on both axles it is 1/(1 - 2/3 + 4/27) times as large. A sliding axle at q = 8 counts
+ * as q = 3. Nothing is measured, so the state is unchanged. */
 static void expect_activity(double q, double left, double counts)
 {
   tse_params p = a_car(1);
@@ -384,7 +384,7 @@ static void test_what_happens_near_the_end_of_tyres_counts_more(void)
   expect_activity(8, 1.0 / 8, 3);
 }
 
-/* At standstill the gyro reads its bias, and nothing else is learnt. */
+/* At standstill the gyro measures its bias, and nothing else is learnt. */
 static void test_at_standstill_the_gyro_teaches_its_bias(void)
 {
   const tse_params p = a_car(0);
@@ -405,9 +405,9 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
   expect_near(r / (200 + r), number(ud_variance(&k.ud, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
 }
 
-/* One speed of the vehicle is no speed of an axle, and without a steering angle nothing
- * is measured that it would have to fit: which axle rolls freely is then no measurement,
- * and changes no bit. */
+/* One speed of the vehicle is not the speed of an axle. Without a steering angle no
+ * measurement is possible. In both cases the freely rolling axle is no measurement, and
+ * no bit changes. */
 static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_without_a_steering_angle(void)
 {
   static tse_kalman with, without;
@@ -425,10 +425,10 @@ static void test_an_axle_that_rolls_freely_says_nothing_with_one_speed_or_withou
     }
 }
 
-/* Of a channel alone, with the front wheels turned far: its noise is that of the sensor
- * as it is found, at the front wheels the mean of two that turn by other angles, of the
- * IMU what no model explains and lasts a second: that counts in full for the state, a
- * tenth of it for events. */
+/* The noise of a channel alone, with the front wheels at a large angle. For the sensor it
+ * is the estimated noise; for the front wheels that of the mean of two different angles;
+ * for the IMU the model error, which lasts a second: fully for the state, a tenth of it
+ * for events. */
 static void test_what_is_noise_of_a_channel_is_its_sensors_and_what_the_model_lacks(void)
 {
   tse_params p = a_car(0);
@@ -469,9 +469,10 @@ static void test_what_is_noise_of_a_channel_is_its_sensors_and_what_the_model_la
   }
 }
 
-/* Each value comes three times: of all readings two thirds repeat, of those behind a
- * repeated one half, each as a mean that forgets; what repeats then says as much as it is
- * unlikely, and less where it agrees. A channel at fault is watched and moves nothing. */
+/* Each value occurs three times: two thirds of all readings repeat, and half of those
+ * after a repeated one. Both shares are exponential means. A repeated reading counts as
+ * much as it is improbable, and less where it agrees. A channel at fault is monitored,
+ * but not used. */
 static void test_a_reading_that_repeats_says_as_much_as_repeats_are_unlikely(void)
 {
   const tse_params p = a_car(1);
@@ -481,7 +482,7 @@ static void test_a_reading_that_repeats_says_as_much_as_repeats_are_unlikely(voi
     before_a_row(&p, &k, 23);
     k.fault = fault_of(YAW_RATE), k.seen = real(far ? 1 : 1000);
     const double g = 0.01 / (far ? 2 : number(USUAL_TIME)),
-                 q = 1 - g; /* of all since the start, and later of the last ones */
+                 q = 1 - g; /* of all readings since the start, later of the last ones */
     for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == YAW_RATE;
     z.rolls = ROLLS_NONE;
     for (int value = 0; value < 30; value++) {

@@ -1,13 +1,13 @@
-/* tests/unit/filter/test_velocity.c <-> src/filter/velocity.c, and what of ud.c and car.c
- * it needs: U D U' with the extra states against a dense matrix in double; slopes against
- * differences of the model's own motion; a row against a dense Schmidt-Kalman filter; and
- * the whole filter on a car of its own model that measures a velocity somewhere else,
- * turned and late. */
+/* tests/unit/filter/test_velocity.c <-> src/filter/velocity.c, and its functions in ud.c
+ * and car.c: U D U' with the extra states, compared with a dense matrix in double;
+ * slopes, with differences of the model's motion; a row, with a dense Schmidt-Kalman
+ * filter; the whole filter, on a car of its own model with a velocity sensor that is
+ * displaced, turned and late. */
 #include "filter_support.h"
 
 #define CLOSE BY_NUMBER(1e-10, 1e-3, 1e-5)
 
-/* ------------------------------------------------------------------------------- dense, with the extra states behind the others */
+/* --------------------------------------------------- dense, with the extra states behind the others */
 
 enum { N = TSE_ALL };
 
@@ -171,7 +171,7 @@ static tse_config a_config(void)
   return c;
 }
 
-/* In a turn, nothing at rest. */
+/* In a turn, with all states away from rest. */
 static void any_motion(tse_real x[TSE_ALL], uint32_t *seed)
 {
   for (int i = 0; i < TSE_ALL; i++) x[i] = TSE_R(0);
@@ -199,13 +199,13 @@ static void rates(
   car_rates(&p->car, x, &f, rate, by);
 }
 
-/* How fast speeds and yaw rate change is what car_move() makes of them in a short time,
- * and slopes are differences. */
+/* Rates of speeds and yaw rate are those of car_move() in a short time. Slopes are their
+ * differences. */
 static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(void)
 {
   tse_config c = a_config();
   c.cg_height = c.longitudinal_load_transfer_gain = c.lateral_load_transfer_gain = setting(
-      0); /* slopes leave load transfer out: car.c */
+      0); /* slopes neglect load transfer: car.c */
   const tse_params p = prepared(c);
   uint32_t seed = 5;
   for (int n = 0; n < 30; n++) {
@@ -228,7 +228,7 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
       rates(&p, to, still, up, none);
       to[j] = real(number(x[j]) - d);
       rates(&p, to, still, down, none);
-      if (j == LMU) continue; /* what saturates longitudinally is no sign of the grip: car.c */
+      if (j == LMU) continue; /* longitudinal saturation does not measure the grip: car.c */
       for (int i = 0; i < 3; i++) {
         const double slope = (number(up[i]) - number(down[i]))
             / (number(real(number(x[j]) + d)) - number(real(number(x[j]) - d)));
@@ -240,10 +240,11 @@ static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(
   }
 }
 
-/* ------------------------------------------------------------------------------- a row beside a dense Schmidt-Kalman filter */
+/* ------------------------------------------------------- a row beside a dense Schmidt-Kalman filter */
 
-/* What a channel reads, written out: s has all states in SI. motion, heading: at the time
- * when it was true. */
+/* Return the reading of a channel, written out.
+ *   Given:  s                all states, in SI units
+ *           motion, heading  at the time of the measurement */
 static double reads(int channel, const double s[N], const double motion[3], double heading)
 {
   const double vx = motion[0] - motion[2] * s[V_LEVER_Y],
@@ -258,9 +259,9 @@ static double reads(int channel, const double s[N], const double motion[3], doub
 
 static double state_of(const tse_kalman *k, int i) { return number(k->x[i]); }
 
-/* One velocity of a channel: the same x and P as of a dense filter whose slopes are
- * differences of what is written out above. A latency moves the motion back along the
- * model's own rates. */
+/* One velocity of a channel: x and P are those of a dense filter with slopes from
+ * differences of the function above. A latency moves the motion back along the rates of
+ * the model. */
 static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
 {
   enum { D = TSE_CONSIDERED, ALL = N + D };
@@ -273,7 +274,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     c.velocity_latency = setting(n % 3 ? 0.06 : 0);
     c.velocity_latency_sd = setting(0.003), c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
     c.gnss_course_sd = setting(
-        0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
+        0.001); /* uncertain parameters matter here: without them Schmidt's gain is omitted */
     const tse_params p = prepared(c);
     tse_real rate[3], by[3][PLACES], change[TSE_ALL];
     const tse_real angle = real(0.01);
@@ -282,12 +283,12 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     decoded z = { 0 };
     memset(&k, 0, sizeof k);
     any_full(&k.ud, &seed);
-    for (int j = 0; j < STATES; j++) k.ud.d[j] = real(0.01 * number(k.ud.d[j])); /* what is linear in it */
+    for (int j = 0; j < STATES; j++) k.ud.d[j] = real(0.01 * number(k.ud.d[j])); /* the linear part */
     for (int e = 0; e < TSE_EXTRAS; e++) k.ud.e[e] = real(0.01 * number(k.ud.e[e]));
     any_motion(k.x, &seed);
-    const int slow = n / TSE_VELOCITIES % 2; /* below 10 m/s a course is worse in inverse proportion */
+    const int slow = n / TSE_VELOCITIES % 2; /* below 10 m/s a course has sd ~ 1/speed */
     if (slow) k.x[VX] = TSE_R(8);
-    k.x[PSI] = real(3.1); /* close to where angles wrap */
+    k.x[PSI] = real(3.1); /* near the wrap of angles */
     k.x[V_SCALE] = real(0.01), k.x[V_DISCREPANCY] = real(0.05), k.x[V_TURN] = real(-0.02),
     k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
@@ -297,7 +298,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.mean_nis[v] = TSE_R(1);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.velocity.has_heading = k.velocity.has_gyro = 1, k.velocity.gyro = k.x[YAW];
-    k.velocity.kept = 2; /* a straight past: as the rates have it */
+    k.velocity.kept = 2; /* a straight past, by the rates */
     car_forces(&p.car, k.x, still, TSE_R(1), &f);
     car_rates(&p.car, k.x, &f, rate, by);
     for (int m = 0; m < 2; m++) {
@@ -320,7 +321,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     const double then[3] = { s[VX] - late * r0, s[VY] - late * r1, s[YAW] - late * r2 };
     predicted = reads(channel, s, then, s[PSI] - late * g);
     for (int j = 0; j < N;
-        j++) { /* slopes: the state at the time of the row moves what was then by 1 - late d rate/dx */
+        j++) { /* slopes: the state at the time of the row moves the past one by 1 - late d rate/dx */
       double value[2];
       for (int side = 0; side < 2; side++) {
         const double d = side ? -1e-5 : 1e-5;
@@ -342,8 +343,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
       h[j] = (value[0] - value[1]) / 2e-5 * number(state_unit[j]);
     }
     const double along = h[V_LATE] / number(state_unit[V_LATE]);
-    if (channel == 0 || channel == 2)
-      h[V_LATE] = 0; /* a latency counts in these, and is not learnt of them */
+    if (channel == 0 || channel == 2) h[V_LATE] = 0; /* latency is considered there, not learnt */
     for (int q = 0; q < D; q++) {
       h[N + q] = 0;
       for (int i = 0; i < 3 && q < COLUMNS - STATES; i++) {
@@ -369,8 +369,8 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
       for (int j = 0; j < ALL; j++) ph[i] += P[i][j] * h[j];
     }
     for (int i = 0; i < ALL; i++) var += h[i] * ph[i];
-    /* noise: of the setting, white; and a share that lasts a second, as white noise that
-     * is the same at low frequencies */
+    /* Noise: white, from the setting, and a persistent share that lasts a second, as
+     * white noise with the same density at low frequencies. */
     const double sd = number(p.velocity_sd[channel]) * (slow && channel == 3 ? 10.0 / 8 : 1),
                  r = sd * sd * (1 + 0.25 * (1 + 2.0 / 0.1))
         + (channel == 0 || channel == 2 ? pow(along * number(p.extra_sd[V_LATE - STATES]), 2) : 0);
@@ -382,7 +382,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int i = 0; i < ALL; i++)
       for (int j = 0; j < ALL; j++) next[i][j] += gain[i] * r * gain[j];
 
-    /* the filter's */
+    /* of the filter */
     double value = predicted + e;
     if (channel == 3 && value > 3.14159) value -= 6.283185307179586;
     z.given = 1u << channel, z.optional[channel] = real(value);
@@ -390,8 +390,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
     velocity_update(&p, &k, &z, &f, change);
     const full mine = full_of(&k.ud);
-    const double close = BY_NUMBER(
-        2e-6, 2e-2, 2e-2); /* of differences, and of a past that has moved on by 0.1 us */
+    const double close = BY_NUMBER(2e-6, 2e-2, 2e-2); /* differences, and a past that has moved by 0.1 us */
     for (int i = 0; i < N; i++) {
       expect_near(
           gain[i] * e, number(change[i]), close * fmax(1, fabs(gain[i] * e)), "state", 1000 * channel + i);
@@ -406,7 +405,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
   }
 }
 
-/* A state of any covariance, in a turn, with all extra states in use. */
+/* A state with any covariance, in a turn, with all extra states in use. */
 static void any_kalman(const tse_params *p, tse_kalman *k, uint32_t *seed)
 {
   memset(k, 0, sizeof *k);
@@ -429,9 +428,9 @@ static double heading_after(const tse_params *p, const tse_kalman *from, const d
   return number(k.x[PSI]);
 }
 
-/* What the heading is off by for each uncertain quantity and each event: by how much a
- * row turns it otherwise from a state that is off by as much before; and a gyro whose
- * scale is off reads that much more than the car turns. */
+/* Error of the heading by each considered parameter and each event: the additional turn
+ * in a row from a state with the corresponding error. A gyro with a scale error reads the
+ * yaw rate times that scale. */
 static void test_the_heading_is_off_by_what_turns_it_otherwise(void)
 {
   tse_config config = a_config();
@@ -445,7 +444,7 @@ static void test_the_heading_is_off_by_what_turns_it_otherwise(void)
     const double unit = number(state_unit[PSI]), close = BY_NUMBER(1e-9, 2e-4, 1e-5);
     any_kalman(&p, &k, &seed);
     z.dt = real(0.25), z.use[YAW_RATE] = measured, z.z[YAW_RATE] = real(next_between(&seed, -0.4, 0.4));
-    k.velocity.has_gyro = !measured; /* the row before was of the other kind: no rate to begin from */
+    k.velocity.has_gyro = !measured; /* the previous row was of the other kind: no rate to start from */
     moved = k;
     velocity_move(&p, &moved, &z);
     const double plain = number(moved.x[PSI]);
@@ -462,8 +461,8 @@ static void test_the_heading_is_off_by_what_turns_it_otherwise(void)
   }
 }
 
-/* Which way a course is 0 is anybody's choice: with heading and course turned by any
- * angle, a row does the same to everything. */
+/* The zero of a course is arbitrary: if heading and course are turned by the same angle,
+ * a row has the same effect on everything else. */
 static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
 {
   tse_config config = a_config();
@@ -486,7 +485,7 @@ static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
     for (int m = -4; m <= 4; m++) {
       const double angle = m == 0
           ? 0
-          : (m < 0 ? 0.02 * (-m - 1) - pi : pi - 0.02 * (m - 1)); /* 0; close to where angles wrap */
+          : (m < 0 ? 0.02 * (-m - 1) - pi : pi - 0.02 * (m - 1)); /* 0; near the wrap of angles */
       const double course = angle + atan2(number(k.x[VY]), number(k.x[VX])) + off,
                    wraps = course >= pi ? 1
           : course < -pi                ? -1
@@ -507,8 +506,8 @@ static void test_the_zero_of_a_course_changes_nothing_but_the_heading(void)
   TEST_ASSERT_TRUE(across > 20);
 }
 
-/* The speed across is that of the model and what it lacks: the variance of a sum, as the
- * matrix has it, with what is uncertain beside. */
+/* The lateral speed is that of the model plus its error: the variance of a sum, from the
+ * covariance matrix and the considered parameters. */
 static void test_the_variance_of_the_speed_across_is_that_of_a_sum(void)
 {
   const tse_params p = prepared(a_config());
@@ -528,23 +527,22 @@ static void test_the_variance_of_the_speed_across_is_that_of_a_sum(void)
 
 /* ------------------------------------------------------------------------------- drives */
 
-typedef struct sensor { /* what measures the velocity, and how far it is off */
+typedef struct sensor { /* velocity sensor and its errors */
   double late, lever_x, lever_y, turn, zero, sd, course_sd;
   int every;
-  double past[64][4]; /* speeds along, across, yaw rate, heading: a ring of the rows before */
+  double past[64][4]; /* ring of past rows: longitudinal, lateral speed, yaw rate, heading */
   int rows;
   double heading;
 } sensor;
 
-/* What begin() has set: the filter and its settings, the car, what measures its velocity,
- * and the noise. */
+/* Set by begin(): filter and settings, car, velocity sensor, noise. */
 static tse_filter f, other;
 static tse_config c;
 static truth w;
 static sensor s;
 static uint32_t seed;
 
-/* A row with the velocities in `which`: read at t - late. */
+/* A row with the velocities in `which`, read at t - late. */
 static tse_input measured_row(uint32_t which)
 {
   const double before = number(w.x[YAW]);
@@ -579,7 +577,7 @@ static tse_output stepped(const tse_params *p, tse_filter *to, const tse_input *
   return y;
 }
 
-/* A drive from its start, with a velocity every so many rows. */
+/* Run a drive from its start, with a velocity every so many rows. */
 static void begin_with(const tse_config *config, int every)
 {
   c = *config;
@@ -608,7 +606,7 @@ static void begin(int every)
   begin_with(&config, every);
 }
 
-/* Root of the mean square of vel_y less the truth after `from` rows. */
+/* Return the rms error of vel_y after `from` rows. */
 static double off_across(uint32_t which, int rows, int from)
 {
   double sum = 0;
@@ -635,8 +633,8 @@ static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
   TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
 }
 
-/* Without a steering angle nothing is measured: a velocity would have a stiffness make up
- * for the angle. */
+/* Without a steering angle nothing is measured: a velocity would change the stiffness to
+ * compensate for the unknown angle. */
 static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(void)
 {
   begin(1);
@@ -653,8 +651,8 @@ static void test_a_velocity_moves_no_stiffness_while_there_is_no_steering_angle(
   }
 }
 
-/* What one speed of the vehicle differs from it by need not be slip: beside one, a
- * velocity along says nothing; across it does. */
+/* The difference of a velocity to one speed of the vehicle need not be slip. With one
+ * speed, a longitudinal velocity gives no information, a lateral one does. */
 static void test_beside_one_speed_a_velocity_along_is_not_used(void)
 {
   begin(1);
@@ -673,7 +671,7 @@ static void test_beside_one_speed_a_velocity_along_is_not_used(void)
   TEST_ASSERT_TRUE(number(stepped(&w.p, &other, &v).vel_y) > number(stepped(&w.p, &f, &u).vel_y));
 }
 
-/* A gyro that is frozen, whatever else is named as at fault, does not turn the heading. */
+/* A frozen gyro does not turn the heading, whatever other channel is named as faulty. */
 static void test_a_frozen_gyro_turns_no_heading(void)
 {
   begin(1);
@@ -691,8 +689,8 @@ static void test_a_frozen_gyro_turns_no_heading(void)
   TEST_ASSERT_EQUAL_INT(0, f.k.velocity.has_gyro);
 }
 
-/* A value out of range or NaN is not there; the first that is opens the extra states, and
- * the others have no other bit in that row's prediction. */
+/* A value out of range or NaN is missing. The first valid one starts the extra states. In
+ * the prediction of that row, the other states are unchanged bit for bit. */
 static void test_what_cannot_be_a_velocity_is_not_there(void)
 {
   begin(1);
@@ -704,8 +702,8 @@ static void test_what_cannot_be_a_velocity_is_not_there(void)
   TEST_ASSERT_EQUAL_INT(0, f.k.ud.extras);
 }
 
-/* A road that leans by 12 %, eight times what the filter expects, moves the car to the
- * side, and nothing but a velocity shows it. */
+/* A bank of 12 %, eight times the expected one, moves the car sideways, and only a
+ * velocity shows it. */
 static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
 {
   tse_config config = a_drive();
@@ -719,7 +717,7 @@ static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
   TEST_ASSERT_TRUE(with < 0.8 * without);
 }
 
-/* Where an INS sits, and its scale, may be known: then no drive makes them others. */
+/* Position and scale of an INS may be known exactly: then no drive changes them. */
 static void test_what_is_known_of_an_ins_stays(void)
 {
   tse_config config = a_drive();
@@ -741,15 +739,14 @@ static void test_where_an_ins_sits_and_looks_is_found(void)
   begin_with(&config, 1);
   s.late = 0.04, s.lever_x = 0.6, s.turn = 0.02;
   const double with = off_across(ins, 3000, 1000);
-  TEST_ASSERT_TRUE(
-      without < 0.02 && with < 0.02); /* a model without error needs none, and is not disturbed */
+  TEST_ASSERT_TRUE(without < 0.02 && with < 0.02); /* an exact model needs no velocity */
   expect_near(0.02, number(f.k.x[V_TURN]), 0.005, "heading offset", 0);
   expect_near(0.04, number(f.k.x[V_LATE]), 0.025, "latency", 0);
   expect_near(0.6, number(f.k.x[V_LEVER_X]), 0.25, "lever", 0);
   TEST_ASSERT_EQUAL_INT(0, velocity_fault(&f.k));
 }
 
-/* Ten values a second, 0.1 s late, a course from any zero that wraps. */
+/* Ten values a second, 0.1 s late, with a course from any zero and with wraps. */
 static void test_course_and_speed_show_the_speed_across(void)
 {
   tse_config config = a_drive();
@@ -768,7 +765,7 @@ static void test_course_and_speed_show_the_speed_across(void)
   expect_near(0, off, 0.01, "heading", 0);
 }
 
-/* 0.2 s late and nobody says so: it does no harm to speak of. */
+/* 0.2 s late, without a set latency: the effect is small. */
 static void test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm(void)
 {
   begin(10);
@@ -779,8 +776,8 @@ static void test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm(voi
   TEST_ASSERT_TRUE(with < 1.5 * without + 0.03);
 }
 
-/* A value that repeats is the same value, held: a channel that freezes leaves no trace
- * but the states that it has opened. */
+/* A repeated value is a held value: a frozen channel has no effect except for the states
+ * that it has started. */
 static void test_a_frozen_velocity_is_none(void)
 {
   begin(1);
@@ -816,8 +813,8 @@ static void test_an_outlier_pulls_no_further_than_three_sd(void)
         fabs(number(pulled.stiffness[a]) - number(plain.stiffness[a])) < 2 * number(plain.stiffness_sd[a]));
 }
 
-/* A velocity that does not fit is left out, named, and used again when it fits; the
- * estimate outlives it. */
+/* A velocity that does not fit is left out, named, and used again when it fits. The
+ * estimate stays valid. */
 static void test_a_jump_is_left_out_and_named_until_it_fits(void)
 {
   int named = 0, restored = 0;
@@ -837,7 +834,7 @@ static void test_a_jump_is_left_out_and_named_until_it_fits(void)
   TEST_ASSERT_TRUE(most < 1);
 }
 
-/* A receiver that starts anew has another zero: the heading follows. */
+/* A receiver restarts with another zero of the course: the heading follows. */
 static void test_a_course_with_another_zero_is_found_again(void)
 {
   int used = 0;
@@ -852,8 +849,8 @@ static void test_a_course_with_another_zero_is_found_again(void)
   TEST_ASSERT_EQUAL_INT(999, used);
 }
 
-/* Standstill and gaps place the motion anew; the heading is found again. Velocities may
- * come and go. */
+/* Standstill and gaps restart the motion. The heading is found again. Velocities may
+ * start and stop. */
 static void test_velocities_come_and_go_and_gaps_are_survived(void)
 {
   begin(10);
@@ -873,8 +870,8 @@ static void test_velocities_come_and_go_and_gaps_are_survived(void)
   TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
 }
 
-/* Channels that are late make rows wait; a velocity does not wait, and is that much less
- * late. */
+/* Late channels make rows wait. A velocity does not wait, and its latency is reduced
+ * accordingly. */
 static void test_a_velocity_beside_channels_that_are_late(void)
 {
   tse_config config = a_drive();
@@ -899,8 +896,8 @@ static void test_a_velocity_beside_channels_that_are_late(void)
   expect_near(0, number(f.k.x[V_LATE]), 0.02, "nothing left of the latency", 0);
 }
 
-/* Memory that a bit fell over in, of what velocities brought into use or beside it: all
- * is learnt anew. */
+/* A flipped bit in memory, in the states of velocities or beside them: learning starts
+ * over. */
 static void test_a_state_of_velocities_that_is_no_number_is_started_over(void)
 {
   for (int k = 0; k < 4; k++) {
@@ -921,8 +918,8 @@ static void test_a_state_of_velocities_that_is_no_number_is_started_over(void)
   }
 }
 
-/* Whatever is in their ranges: numbers, a state that is sound, and no longer than that
- * the car's own velocity again. */
+/* Any values in their ranges: finite estimates, an accepted state, and the car's own
+ * velocity again before long. */
 static void test_no_velocity_whatever_breaks_the_filter(void)
 {
   begin(1);

@@ -1,5 +1,5 @@
 /* tests/unit/host/test_describe.c <-> src/host/describe.c, self_test.c. Builds that fail
- * its test of itself: tests/test_build.py. */
+ * the self-test: tests/test_build.py. */
 #include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"
@@ -29,7 +29,7 @@ static size_t bytes_of(char kind)
 
 /* ------------------------------------------------------------------------------------------- layout */
 
-/* Marks the bytes that the rows describe.   Returned: how many bytes no row describes. */
+/* Mark the bytes that the rows describe. Returned: number of bytes without a row */
 static int undescribed(tse_struct which, size_t expected_size, unsigned char covered[STRUCT_BYTES])
 {
   int32_t count, size;
@@ -42,7 +42,7 @@ static int undescribed(tse_struct which, size_t expected_size, unsigned char cov
     TEST_ASSERT_TRUE_MESSAGE(f[i].offset >= 0 && (size_t)f[i].offset + bytes <= expected_size, f[i].name);
     TEST_ASSERT_TRUE_MESSAGE((size_t)f[i].offset % bytes == 0, f[i].name);
     for (size_t b = 0; b < bytes; b++) {
-      TEST_ASSERT_TRUE_MESSAGE(!covered[(size_t)f[i].offset + b], f[i].name); /* no two rows share a byte */
+      TEST_ASSERT_TRUE_MESSAGE(!covered[(size_t)f[i].offset + b], f[i].name); /* no shared bytes */
       covered[(size_t)f[i].offset + b] = 1;
     }
   }
@@ -51,13 +51,13 @@ static int undescribed(tse_struct which, size_t expected_size, unsigned char cov
   return left;
 }
 
-/* Bytes between the end of the last member and the end of the struct. */
+/* Return the number of bytes from the end of the last member to the end of the struct. */
 #define TAIL(type, last) ((int)(sizeof(type) - offsetof(type, last) - sizeof(((type *)0)->last)))
 
 static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
 {
   unsigned char covered[STRUCT_BYTES];
-  size_t settings = 0; /* whose whole numbers lie in several groups, with padding behind each that is odd */
+  size_t settings = 0; /* integers are in several groups, with padding behind an odd number of them */
   EACH_SETTING(row)
   settings += row->kind == 's' ? sizeof(tse_setting) : sizeof(int32_t);
   TEST_ASSERT_EQUAL_INT(
@@ -74,8 +74,8 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
       TAIL(tse_sim_input, grade), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
 }
 
-/* The simulator's log row repeats dt, which its caller has given (0 in the first row),
- * and `missing` and measured velocities, which are always 0. */
+/* The simulator's log row contains dt, which the caller sets (0 in the first row),
+ * `missing` and measured velocities, which are always 0. */
 static void test_rows_describe_every_byte_of_the_simulators_output_but_dt_and_missing(void)
 {
   unsigned char covered[STRUCT_BYTES];
@@ -116,7 +116,7 @@ static void test_inputs_are_the_columns_of_a_log(void)
   }
 }
 
-/* ------- a name leads to the member that is meant; of a member that is no part of an array it is the same word in src/tables */
+/* -------------- a name leads to its member; a member outside arrays has the same name in src/tables */
 
 static double at(const void *object, tse_struct which, const char *name)
 {
@@ -127,9 +127,17 @@ static double at(const void *object, tse_struct which, const char *name)
 }
 
 #define EXPECT_AT(object, which, name, value) \
-  do { (object)->value = real(41); expect_near(41, at(object, which, name), 0, name, 0); (object)->value = real(0); } while (0)
+  do { \
+    (object)->value = real(41); \
+    expect_near(41, at(object, which, name), 0, name, 0); \
+    (object)->value = real(0); \
+  } while (0)
 #define EXPECT_WHOLE_AT(object, which, name, value) \
-  do { (object)->value = 41; expect_near(41, at(object, which, name), 0, name, 0); (object)->value = 0; } while (0)
+  do { \
+    (object)->value = 41; \
+    expect_near(41, at(object, which, name), 0, name, 0); \
+    (object)->value = 0; \
+  } while (0)
 
 static void test_output_names_lead_to_their_members(void)
 {
@@ -178,8 +186,8 @@ static void test_simulator_names_lead_to_their_members(void)
   }
 }
 
-/* Ranges are those that the library enforces: of settings test_settings.c and
- * test_simulate.c ask, of rows test_input.c and test_simulate.c. */
+/* Ranges are those that the library enforces. For settings test_settings.c and
+ * test_simulate.c check this, for rows test_input.c and test_simulate.c. */
 
 /* --------------------------------------------------------------------------------- statuses and reasons */
 
@@ -245,7 +253,7 @@ static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(v
   TEST_ASSERT_EQUAL_STRING("unknown reason", tse_reason_text(-1));
 }
 
-/* ------------------------------------------------------------------------------------ unknown, and the build */
+/* ------------------------------------------------------------------- unknown structs, and the build */
 
 static void test_unknown_struct_is_null_with_no_rows_and_nobody_need_ask_how_many(void)
 {
@@ -289,7 +297,7 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
 
 /* ----------------------------------------------------------------------------------------- the effects */
 
-/* These ids are in vehicle files and verdicts, and stay. */
+/* These ids are part of vehicle files and verdicts. They must not change. */
 static void test_effects_that_were_once_there_stay(void)
 {
   static const char *const ids[] = {
@@ -344,8 +352,9 @@ static void test_effects_that_were_once_there_stay(void)
   }
 }
 
-/* Each is a setting with the same default and range; off is 0, as all are but the
- * kinematics; a strength is typical and negligible within its bounds. */
+/* Each parameter is a setting with the same default and range. The off value is 0, and so
+ * are all defaults except kinematics. Typical and negligible strengths are within the
+ * range. */
 static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(void)
 {
   int32_t count, effects;
@@ -393,7 +402,7 @@ static void test_the_use_of_every_setting_is_described(void)
   }
 }
 
-/* The mask that tse_prepare() makes is by these bits. */
+/* The mask of tse_prepare() consists of these bits. */
 static void test_a_strength_sets_the_bit_of_its_effect(void)
 {
   int32_t count, effects;

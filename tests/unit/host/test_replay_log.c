@@ -1,6 +1,6 @@
-/* tests/unit/host/test_replay_log.c <-> src/host/replay.c, src/model/integrator.c: the
- * calls, the plain model, order of the integration, profiles and disturbances.
- * (test_replay.c is the golden drive of the estimator.) */
+/* tests/unit/host/test_replay_log.c <-> src/host/replay.c, src/model/integrator.c: calls,
+ * the model without effects, order of the integration, profiles and disturbances.
+ * (test_replay.c replays the golden drive of the estimator.) */
 #include "paper/particle.h"
 #include "unit_support.h"
 #include "effect_support.h"
@@ -29,8 +29,8 @@ static tse_config all_effects(void)
 
 /* ------------------------------------------------------------------------------------- nothing on */
 
-/* The estimator's vehicle, row by row, to the last bit; with shapes of effects that are
- * off anywhere in their range. */
+/* Replay equals the estimator's vehicle, row by row, bit for bit, with any shapes of
+ * effects that are off. */
 static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
 {
   const tse_config plain = default_car();
@@ -71,8 +71,8 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   }
 }
 
-/* test_simulate.c holds the simulator without effects against scipy; here: nothing that
- * is off has a say. */
+/* test_simulate.c compares the simulator without effects with scipy. Here: effects that
+ * are off have no influence. */
 static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(void)
 {
   static tse_sim a, b;
@@ -95,8 +95,8 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   }
 }
 
-/* Who sets the driver's last angle anew between two rows (an FMU whose inputs are held)
- * makes the wheels jump there. */
+/* If the driver's last angle is changed between two rows (an FMU with held inputs), the
+ * wheels jump there. */
 static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
 {
   static tse_sim sim[2];
@@ -117,14 +117,15 @@ static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
   expect_near(number(y[0].yaw_rate), number(y[1].yaw_rate), BY_FORMAT(1e-12, 1e-7), "yaw_rate", 0);
 }
 
-/* How far a row reads from what was kept. */
+/* Difference of a row to the results kept. */
 static double off_kept(int i)
 {
   return fabs(number(got_x[i]) - number(kept_x[i])) + fabs(number(got_y[i]) - number(kept_y[i]))
       + fabs(number(got_r[i]) - number(kept_r[i]));
 }
 
-/* A strength on its way to zero leads to the plain model: no effect starts with a step. */
+/* A strength near zero gives nearly the model without the effect: no effect starts with a
+ * step. */
 static void test_every_effect_is_continuous_at_zero(void)
 {
 #define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
@@ -158,15 +159,15 @@ static void test_every_effect_is_continuous_at_zero(void)
 
 /* ---------------------------------------------------------------------------------------- integration */
 
-/* Halving the step quarters the error, with all that has memory; reference: a sixteenth
- * of the step. */
+/* Half the step gives a quarter of the error, with all effects that have memory.
+ * Reference: a sixteenth of the step. */
 static void test_integration_is_of_second_order_with_all_effects(void)
 {
   tse_config c = all_effects();
   static double end[4][3];
   const int steps[4] = { 100, 200, 400, 3200 };
   c.steering_delay_time = c.imu_delay_time = setting(
-      0); /* linear between rows, so of second order only on average */
+      0); /* linear between rows: of second order only on average */
   c.sample_time = setting(0.05);
   for (int k = 0; k < 4; k++) {
     const double dt = 2.0 / steps[k];
@@ -180,7 +181,7 @@ static void test_integration_is_of_second_order_with_all_effects(void)
     end[k][1] = number(got_vy[steps[k]]);
     end[k][2] = number(got_yaw[steps[k]]);
   }
-  for (int a = 0; a < 3 && sizeof(tse_real) == 8; a++) { /* in float rounding is as large */
+  for (int a = 0; a < 3 && sizeof(tse_real) == 8; a++) { /* rounding in float is as large */
     const double e0 = fabs(end[0][a] - end[3][a]), e1 = fabs(end[1][a] - end[3][a]),
                  e2 = fabs(end[2][a] - end[3][a]);
     TEST_ASSERT_TRUE(e0 < 5e-3 && e0 > 1e-7);
@@ -188,7 +189,8 @@ static void test_integration_is_of_second_order_with_all_effects(void)
   }
 }
 
-/* A relaxation length of micrometres is none: stiff states cost no stability. */
+/* A relaxation length of micrometres has no effect: stiff states do not affect
+ * stability. */
 static void test_the_shortest_lags_change_nothing_and_stay_stable(void)
 {
   const int rows = 2000;
@@ -200,10 +202,10 @@ static void test_the_shortest_lags_change_nothing_and_stay_stable(void)
   replay(&c, rows);
   for (int i = 0; i < rows; i++)
     expect_near(number(kept_y[i]), number(got_y[i]), 2e-2, "accel_y",
-        i); /* the same motion, otherwise discretised: 0.5 % */
+        i); /* the same motion in another discretisation: 0.5 % */
 }
 
-/* Standing and rolling backwards with a lag: the tyre is a spring there, and the car
+/* Standstill and rolling backwards with a lag: the tyre is a spring there, and the car
  * comes to rest. */
 static void test_with_lags_the_car_settles_at_walking_pace(void)
 {
@@ -222,7 +224,7 @@ static void test_with_lags_the_car_settles_at_walking_pace(void)
   expect_near(-1 * 0.1 / 2.75, number(got_yaw[rows - 1]), 2e-3, "yaw rate: v delta/L", 0);
 }
 
-/* ------------------------------------------------------------------------------ start, biases, what is given */
+/* --------------------------------------------------------------------- start, biases, what is given */
 
 static void test_biases_are_added_to_what_is_read(void)
 {
@@ -256,12 +258,12 @@ static void test_the_start_is_where_it_is_told(void)
   expect_near(19, number(got_vx[0]), 0, "vel_x", 0);
   expect_near(0.5, number(got_vy[0]), 0, "vel_y", 0);
   expect_near(0.25, number(got_yaw[0]), 0, "yaw_rate", 0);
-  s.vel_x_from_wheels = real(-1); /* any number but zero */
+  s.vel_x_from_wheels = real(-1); /* any number except zero */
   replay_with(&c, &log, 3, &s);
   expect_near(21, number(got_vx[0]), BY_FORMAT(1e-12, 1e-5), "mean of the wheels", 1);
 }
 
-/* accel_x = v' + g sin(grade), accel_y = v r' + g sin(bank) once the car follows; a
+/* accel_x = v' + g sin(grade) and accel_y = v r' + g sin(bank), once the car follows. A
  * profile adds to the setting. */
 static void test_profiles_of_the_road_act_as_slopes_do(void)
 {
@@ -293,8 +295,8 @@ static void test_profiles_of_the_road_act_as_slopes_do(void)
       BY_FORMAT(1e-5, 1e-4), "both", 0);
 }
 
-/* A disturbance of the front slip angle is a steering angle; of both, a sideways motion
- * of the ground; a force is seen. */
+/* A disturbance of the front slip angle acts like a steering angle; of both slip angles,
+ * like a lateral motion of the ground. A force shows in the accelerometer. */
 static void test_disturbances_enter_where_they_say(void)
 {
   static tse_real front[1000], rear[1000], force[1000], push[1000], yaw[1000];
@@ -318,11 +320,11 @@ static void test_disturbances_enter_where_they_say(void)
   log.slip_front = front;
   replay_with(&c, &log, 1000, &s);
   for (int i = 0; i < 1000; i++)
-    expect_near(steered[i], number(got_r[i]), 1e-5, "slip_front", i); /* but for Fy sin d */
+    expect_near(steered[i], number(got_r[i]), 1e-5, "slip_front", i); /* except for Fy sin d */
   log.slip_front = NULL, log.slip_rear = rear;
   for (int i = 0; i < 1000; i++) rear[i] = real(0.002);
   replay_with(&c, &log, 1000, &s);
-  const double v = 20, k = 1900 / 2.75 * (1.5 / 1.2e5 - 1.25 / 1.4e5); /* the front steered the other way */
+  const double v = 20, k = 1900 / 2.75 * (1.5 / 1.2e5 - 1.25 / 1.4e5); /* steered in the other direction */
   expect_near(-v * 0.002 / (2.75 + k * v * v), number(got_r[999]), 1e-4, "slip_rear", 0);
   log.slip_rear = NULL, log.force_x = push;
   replay_with(&c, &log, 1000, &s);
@@ -342,8 +344,8 @@ static void test_disturbances_enter_where_they_say(void)
   expect_near(turned, number(got_r[999]), 5e-3 * turned, "yaw_accel", 0);
 }
 
-/* Rows of 50 ms are taken in four steps, in which everything given is linear: the same as
- * rows of 12.5 ms that are. */
+/* Rows of 50 ms are integrated in four steps, with linear inputs: the same as rows of
+ * 12.5 ms with these inputs. */
 static void test_what_is_given_is_linear_within_a_row(void)
 {
   static tse_real given_at[7][401];
@@ -418,7 +420,7 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_replay(&unprepared, &log, 20, &s, &out, &wrong));
   TEST_ASSERT_EQUAL_INT32(-1, wrong);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 0, &s, &out, &wrong));
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 20, &s, &none, NULL)); /* of which none is wanted */
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 20, &s, &none, NULL)); /* no output is requested */
   log_dt[0] = real(0);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 20, &s, &out, &wrong)); /* of the first row not used */
   static const double bad_dt[4] = { 0, -0.01, 1.5, NAN };
@@ -444,7 +446,7 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 20, &s, &out, NULL));
 }
 
-/* Whatever is not finite has a status. */
+/* Every result that is not finite gives a status. */
 static void test_what_is_no_number_is_refused_and_never_put_out(void)
 {
   const tse_config c = all_effects();
@@ -481,8 +483,8 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
   }
 }
 
-/* A lag of the side force is none of the drive force: what has no relaxation follows at
- * once beside what has. */
+/* A lag of the lateral force does not apply to the longitudinal one, which follows at
+ * once. */
 static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
 {
   static double plain[60];
@@ -500,8 +502,8 @@ static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
   }
 }
 
-/* Of a log that is one row long nothing is known of how the wheels spin up, and their
- * inertia has no say. */
+/* In a log of one row the acceleration of the wheels is unknown, and their inertia has no
+ * effect. */
 static void test_one_row_has_the_torque_of_its_slip_alone(void)
 {
   const tse_config c = default_car();
@@ -520,14 +522,14 @@ static void test_one_row_has_the_torque_of_its_slip_alone(void)
   expect_near(light[1], number(got_tr[0]), 0, "rear", 0);
 }
 
-/* Finite, and too large: each reading for itself; nobody need ask which row it was, and
- * what is put out before it are numbers. */
+/* Finite but too large, in each channel alone. The row need not be asked for, and the
+ * outputs before it are finite. */
 static void test_a_reading_that_overflows_alone_is_refused_too(void)
 {
   const tse_config c = default_car();
   const tse_params p = prepared(c);
   const tse_real huge = real(
-      BY_NUMBER(1.7e308, 3.4e38, 1e8)); /* the largest alone, and the sum of two is none */
+      BY_NUMBER(1.7e308, 3.4e38, 1e8)); /* the largest number is finite, a sum of two is not */
   static tse_real profile[20];
   tse_replay_log log;
   lively(&c, 20);
@@ -557,7 +559,7 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
     TEST_ASSERT_TRUE(r_is_finite(got_x[i]) && r_is_finite(got_y[i]) && r_is_finite(got_r[i])
         && r_is_finite(got_vx[i]) && r_is_finite(got_vy[i]) && r_is_finite(got_yaw[i])
         && r_is_finite(got_tf[i]) && r_is_finite(got_tr[i]));
-  for (int k = 0; k < 2; k++) { /* a wheel that spins up, as the first row says */
+  for (int k = 0; k < 2; k++) { /* a wheel that accelerates from the first row on */
     tse_replay_start s = the_start();
     int32_t wrong = -1;
     const tse_replay_out out = the_out();

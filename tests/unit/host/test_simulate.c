@@ -1,8 +1,8 @@
 /* tests/unit/host/test_simulate.c <-> src/host/simulate.c
  *
  * Reference: another model with wheels (newtons()), integrated in steps of 10 us. Random
- * numbers are seeded; moments must lie within 4.42 standard errors (missed by chance with
- * probability 1e-5) of what was asked for. */
+ * numbers are seeded. Moments must lie within 4.42 standard errors of their nominal
+ * values (missed by chance with probability 1e-5). */
 #include <stddef.h>
 #include <stdlib.h>
 
@@ -83,9 +83,11 @@ static void driver_row(int j, int k, double u[7])
   memcpy(u, row[j], sizeof row[j]);
 }
 
-/* The reference: forces in newtons, torques in newton metres. Slip is taken over at least
- * 1 m/s; brakes oppose rotation, linearly up to 0.2 rad/s. x: vel_x, vel_y, yaw rate,
- * wheel speeds. rate: of x; accel: accel_x, accel_y. */
+/* The reference, in newtons and newton metres. Slip is relative to at least 1 m/s. Brakes
+ * oppose the rotation, linearly up to 0.2 rad/s.
+ *   Given:     x      vel_x, vel_y, yaw rate, wheel speeds
+ *   Returned:  rate   derivatives of x
+ *              accel  accel_x, accel_y */
 static void newtons(const double x[5], const double u[7], double road, double rate[5], double accel[2])
 {
   const double *const t = simulated_car, over = fmax(fabs(x[0]), 1), roll[2] = { t[9] * x[3], t[10] * x[4] };
@@ -104,8 +106,9 @@ static void newtons(const double x[5], const double u[7], double road, double ra
   rate[4] = (u[3] - u[5] * fmin(fmax(x[4] / 0.2, -1), 1) - t[10] * fx_rear) / t[12];
 }
 
-/* Run j of it, by Runge and Kutta in steps of 10 us: states and accelerations of every
- * row. Between rows the driver is linear, the road that of the row before. */
+/* Run driver j by Runge-Kutta in steps of 10 us: states and accelerations of every row.
+ * Between rows, the driver's inputs are linear, and the road is that of the row
+ * before. */
 static double simulated[3][SIMULATED_ROWS][7];
 
 static void reference_run(int j)
@@ -135,8 +138,8 @@ static void reference_run(int j)
   }
 }
 
-/* Largest distances from the reference over run j: of the states (wheels times 0.3 m),
- * and of the accelerations. */
+/* Largest differences to the reference in run j: of the states (wheels times 0.3 m), and
+ * of the accelerations. */
 static void table_run(int j, double substep, double *state, double *accel)
 {
   tse_sim_config s = table_sim(simulated_speed[j]);
@@ -165,10 +168,10 @@ static void table_run(int j, double substep, double *state, double *accel)
   }
 }
 
-/* Driving at 20 m/s with two changes of the road, braking to a standstill, driving off
- * backwards. Substeps of 0.1 ms: the wheels' 7000/s at walking pace are resolved, the
+/* Driving at 20 m/s with two changes of road, braking to a standstill, driving off in
+ * reverse. Substeps of 0.1 ms resolve the 7000/s of the wheels at walking pace. The
  * corners of brake and max() cost one order. Float: 16 substeps in 1.6e4 round 20 m/s by
- * 1e-6 each at random, accelerations feel 80 m/s2 per m/s of slip. */
+ * 1e-6 each at random, and 1 m/s of slip is 80 m/s2 of acceleration. */
 static void test_motion_matches_an_independent_model_of_forces_in_newtons(void)
 {
   for (int j = 0; j < ROWS(simulated_speed); j++) {
@@ -179,7 +182,7 @@ static void test_motion_matches_an_independent_model_of_forces_in_newtons(void)
   }
 }
 
-/* Away from the corners the error falls with the square of the substep. */
+/* Away from the corners, the error decreases with the square of the substep. */
 static void test_motion_depends_on_the_substep_in_second_order_only(void)
 {
   double coarse, fine, accel;
@@ -204,15 +207,15 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
       TEST_ASSERT_TRUE(fabs(number(y.vel_x) - speeds[i]) < 1.0 && fabs(number(y.vel_y)) < 6
           && fabs(number(y.yaw_rate)) < 1);
     }
-    /* the driver let go 9.5 s ago: it rolls straight ahead again */
+    /* no inputs for 9.5 s: it rolls straight ahead again */
     expect_near(0, number(y.vel_y), 1e-3, "vel_y", i);
     expect_near(0, number(y.yaw_rate), 1e-3, "yaw rate", i);
     expect_near(number(y.vel_x), 0.33 * number(y.wheel_speed_front), 1e-3, "rolls freely", i);
   }
 }
 
-/* A row of 10 ms at a substep of 1 ms is ten substeps, not eleven; a hair less and it is
- * eleven. */
+/* A row of 10 ms has ten substeps of 1 ms, not eleven. With a slightly shorter substep it
+ * has eleven. */
 static void test_time_step_is_divided_into_the_fewest_substeps(void)
 {
   const double substeps[3] = { 0.001, 0.00100005, 0.000995 };
@@ -221,7 +224,7 @@ static void test_time_step_is_divided_into_the_fewest_substeps(void)
   for (int j = 0; j < 3; j++) {
     tse_sim_config s = quiet();
     s.substep = setting(substeps[j]);
-    s.speed = setting(3); /* slow: truncation well above float's rounding */
+    s.speed = setting(3); /* slow: truncation far above the rounding in float */
     start(default_car(), s);
     for (int k = 0; k < 10; k++) step(driver(0.01, 100 * k, 0.02 * k), &y[j]);
   }
@@ -229,8 +232,8 @@ static void test_time_step_is_divided_into_the_fewest_substeps(void)
   TEST_ASSERT_TRUE(y[0].vel_x != y[2].vel_x);
 }
 
-/* A time step that is a difference of two times may be 10 ms and a bit in the last place:
- * still ten substeps. */
+/* A time step that is a difference of two times may exceed 10 ms by one bit: still ten
+ * substeps. */
 static void test_rounding_of_the_time_step_costs_no_substep(void)
 {
   tse_sim_output y[2];
@@ -249,14 +252,14 @@ static void test_rounding_of_the_time_step_costs_no_substep(void)
   }
 }
 
-/* Straight ahead, no brakes: m vx + J_f omega_f/R_f + J_r omega_r/R_r is the impulse of
- * the torques over the radii, to rounding, whatever the tyres do: what they take from the
- * wheels is what they give to the car. */
+/* Straight ahead without brakes, m vx + J_f omega_f/R_f + J_r omega_r/R_r is the impulse
+ * of the torques over the radii, up to rounding, with any tyres: they transfer momentum
+ * between wheels and car. */
 static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(void)
 {
   tse_sim_config s = table_sim(10);
   tse_sim_output first, y;
-  memset(&first, 0, sizeof first); /* a compiler does not see that the loop sets it */
+  memset(&first, 0, sizeof first); /* the compiler does not see that the loop sets it */
   double impulse = 0, last = 0;
   s.spread_cx_front = setting(0.2);
   start(table_car(), s);
@@ -302,8 +305,8 @@ static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void
       TEST_ASSERT_TRUE(
           !(y.vel_x != TSE_R(0)) && !(y.wheel_speed_front != TSE_R(0)) && !(y.yaw_rate != TSE_R(0)));
     }
-    /* within its grip of 0.2 rad/s the brake is linear: half of its torque at half of the
-     * grip, and no more */
+    /* Below 0.2 rad/s the brake is linear: half of its torque at half of that speed, and
+     * no more. */
     TEST_ASSERT_TRUE(number(y.wheel_speed_front) >= 0 && number(y.wheel_speed_front) < 0.1001);
     TEST_ASSERT_TRUE(number(y.vel_x) >= 0 && number(y.vel_x) < 0.1001 * 0.33);
   }
@@ -345,16 +348,16 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
 
 /* ------------------------------------------------------------------------------- tyres that saturate */
 
-/* Brush model of one axle, forces over mass. Returned: share of the linear force that is
- * left. */
+/* Brush model of an axle, with forces over mass. Returned: share of the linear force */
 static double brush(double limit, double fx, double fy)
 {
   const double force = hypot(fx, fy), z = force / (3 * limit);
   return z < 1 ? 1 - z + z * z / 3 : limit / force;
 }
 
-/* Specific forces of the built-in car at y's state with friction mu; lin: those of linear
- * tyres, z: of the front axle. */
+/* Specific forces of the built-in car at the state in y with friction mu.
+ *   Returned:  lin  those of linear tyres
+ *              z    q of the front axle */
 static void closed_form(
     const tse_sim_output *y, double steer, double mu, double a[2], double lin[2], double *z)
 {
@@ -371,7 +374,7 @@ static void closed_form(
   a[1] = front * (fy[0] + fx[0] * steer) + rear * fy[1];
 }
 
-/* From a car that rolls to one that slides sideways with wheels locked. */
+/* From rolling to sliding sideways with locked wheels. */
 static void test_saturated_forces_are_those_of_the_brush_model(void)
 {
   const double mus[] = { 0.1, 0.4, 1.0, 2.0 };
@@ -397,7 +400,7 @@ static void test_saturated_forces_are_those_of_the_brush_model(void)
   TEST_ASSERT_TRUE(least < 1e-3 && most > 3);
 }
 
-/* The friction of the road is that of the settings until the input names another one. */
+/* The friction of the road is that of the settings until the input sets another one. */
 static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
 {
   tse_sim other;
@@ -419,7 +422,7 @@ static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
   }
 }
 
-/* A road that turns to ice: the row at which it does feels it first. */
+/* The road turns to ice: the row with the new friction is the first affected. */
 static void test_friction_may_change_from_row_to_row(void)
 {
   start(default_car(), quiet());
@@ -435,8 +438,8 @@ static void test_friction_may_change_from_row_to_row(void)
   }
 }
 
-/* A road that each row gives is one of settings: the same bits; and the simulator is
- * sound behind it. */
+/* Road inputs in each row give the same bits as settings, and the simulator's state is
+ * accepted afterwards. */
 static void test_a_road_given_row_by_row_acts_as_that_of_the_settings(void)
 {
   static tse_sim_output y[2];
@@ -458,11 +461,11 @@ static void test_a_road_given_row_by_row_acts_as_that_of_the_settings(void)
   start(c, s);
   for (int row = 0; row < 50; row++) step(driver(0.01, 100, 0.01), &y[1]);
   TEST_ASSERT_TRUE(number(y[0].vel_y) < number(y[1].vel_y)
-      && number(y[0].vel_x) > number(y[1].vel_x)); /* right and downhill */
+      && number(y[0].vel_x) > number(y[1].vel_x)); /* to the right and downhill */
 }
 
-/* Held inputs are ramps between equal ends, with a jump at every row; an effect of the
- * steering sees the same angles. */
+/* Held inputs are ramps with equal ends and a jump at every row. An effect on the
+ * steering gets the same angles. */
 static void test_held_inputs_act_from_their_row_to_the_next(void)
 {
   tse_sim ramped;
@@ -497,8 +500,8 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
   }
 }
 
-/* A car that rolls straight feels a step of the steering in the row that logs it, and not
- * before. */
+/* A car that rolls straight responds to a step of the steering in the row that logs it,
+ * not before. */
 static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
 {
   tse_config c = default_car();
@@ -516,9 +519,9 @@ static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
   }
 }
 
-/* Wheels that turn are no input: tyres that hold their slip, for however short a way,
- * hold none where nothing drives. And a torque that is steady accelerates car and wheels
- * together, by what it is over m R + sum of J/R. */
+/* Wheel speeds are no inputs: tyres with a relaxation length, however short, have no slip
+ * without drive. A constant torque accelerates car and wheels together, by torque over m
+ * R + sum of J/R. */
 static void test_a_lag_along_the_car_moves_nothing_that_no_torque_moves(void)
 {
   const double length[] = { 1e-3, 0.02, 0.4 }, R = 0.33, J = 2.4;
@@ -540,8 +543,8 @@ static void test_a_lag_along_the_car_moves_nothing_that_no_torque_moves(void)
     }
 }
 
-/* What still rolls takes part with its inertia: m + J/R^2. A locked wheel turns at most
- * at the grip of its brake. */
+/* A rolling wheel adds its inertia: m + J/R^2. A locked wheel turns at most at 0.2
+ * rad/s. */
 static void test_locked_axles_decelerate_with_friction_times_their_load(void)
 {
   const double torques[] = { 6000, 2e4, 1e5 };
@@ -603,9 +606,9 @@ static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
   TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 1);
 }
 
-/* Drivers out of their minds: no speed beyond what friction allows, no wheel braked into
- * reverse; and before the car has spun, which amplifies everything, substeps of 1 ms tell
- * the same story as such of 0.1 ms. */
+/* Extreme drivers: no speed above what friction allows, and no wheel is braked into
+ * reverse. Until the car spins, which amplifies every error, substeps of 1 ms and of 0.1
+ * ms agree. */
 static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 {
   enum { COUNT = 400, COMPARED = 80 };
@@ -649,7 +652,7 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 
 /* ------------------------------------------------------------------------------ stiffness, noise, bias */
 
-/* One row a millisecond in one substep; what is asked for, in sample_of[0..]: */
+/* One row per millisecond, in one substep. Requested values, in sample_of[0..]: */
 enum { DRAWN, NOISE };
 static void record(tse_config c, tse_sim_config s, double road, int what)
 {
@@ -681,7 +684,8 @@ static int ascending(const void *a, const void *b)
   return (x > y) - (x < y);
 }
 
-/* KS distance, sorts x; exceeded by chance with probability 1e-5. */
+/* Return the KS distance; sorts x. It exceeds the limit by chance with probability
+ * 1e-5. */
 static void expect_normal(double *x, double mean, double sd)
 {
   double worst = 0;
@@ -710,8 +714,8 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
   for (int a = 0; a < 3; a++) expect_normal(sample_of[a], 0.5 * mean[a], 0.5 * mean[a] * spread[a]);
 }
 
-/* 3 sigma below the mean at the largest spread of 30 %: 0.135 % of the draws are cut at a
- * tenth of the mean. */
+/* Three sigma below the mean at the largest spread of 30 %: 0.135 % of the draws are
+ * limited to a tenth of the mean. */
 static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
 {
   tse_sim_config s = quiet();
@@ -745,7 +749,7 @@ static void test_mean_stiffness_is_the_setting_times_the_road(void)
   }
 }
 
-/* The accelerometer feels the stiffness drawn for its own row: at fixed slip the
+/* The accelerometer measures the stiffness drawn for its own row: at fixed slip, the
  * deviations are proportional. */
 static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
 {
@@ -764,7 +768,7 @@ static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
                  over_rear = fmax(fabs(vx), number(in.v_rear));
     const double fxf = 1.6e5 * number(y.drawn[0]) * (number(in.v_front) - vx) / over_front;
     const double fxr = 1.6e5 * number(y.drawn[0]) * (number(in.v_rear) - vx)
-        / over_rear; /* the rear follows */
+        / over_rear; /* the rear follows the front */
     const double fyf = 1.2e5 * number(y.drawn[1]) * (delta - (vy + 1.25 * r) / vx);
     const double fyr = 1.4e5 * number(y.drawn[2]) * (1.5 * r - vy) / vx;
     expect_near((fxf + fxr - fyf * delta) / 1900, number(y.accel_x), BY_FORMAT(1e-11, 1e-3), "accel_x", k);
@@ -805,7 +809,7 @@ static void test_without_noise_the_log_is_the_truth_and_its_bias(void)
     step(u, &y);
     const tse_real logged[7] = { y.row.dt, y.row.steer_angle, y.row.wheel_speed_front, y.row.wheel_speed_rear,
       y.row.accel_x, y.row.accel_y, y.row.yaw_rate };
-    const tse_real dt = k > 0 ? u.dt : TSE_R(0); /* nothing lies before the first row */
+    const tse_real dt = k > 0 ? u.dt : TSE_R(0); /* there is no time before the first row */
     const tse_real truth[7] = { dt, u.steer_angle, y.wheel_speed_front, y.wheel_speed_rear, y.accel_x,
       y.accel_y, y.yaw_rate };
     for (int a = 0; a < 7; a++)
@@ -814,12 +818,13 @@ static void test_without_noise_the_log_is_the_truth_and_its_bias(void)
     for (int a = 0; a < 3; a++) expect_near(bias[biased][4 + a], number(y.bias[a]), 0, "bias", a);
     TEST_ASSERT_EQUAL_HEX32(0, y.row.missing);
     TEST_ASSERT_EQUAL_INT(
-        k > 0 ? TSE_OK : TSE_E_TIME, tse_input_check(&y.row, NULL)); /* tse_step() takes it as a first row */
+        k > 0 ? TSE_OK : TSE_E_TIME, tse_input_check(&y.row, NULL)); /* accepted as a first row */
   }
 }
 
-/* Over many cars: the variance at time t is (bias_walk times walk)^2 t, also with rows of
- * different length. The sample variance of n normals has the relative sd sqrt(2/n). */
+/* Over many cars, the variance at time t is (bias_walk times walk)^2 t, also with rows of
+ * different lengths. The sample variance of n normal numbers has the relative sd
+ * sqrt(2/n). */
 static void test_variance_of_the_bias_grows_with_time(void)
 {
   enum { CARS = 3000 };
@@ -877,7 +882,7 @@ static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
     start(default_car(), noisy(j < 2 ? 5 : 6));
     for (int k = 0; k < COUNT; k++) {
       memset(&runs[j][k], 0x11 * (j + 1),
-          sizeof runs[j][k]); /* padding included: the output is the same bytes */
+          sizeof runs[j][k]); /* the output is the same bytes, including padding */
       step(driver(0.01, 300, 0.03), &runs[j][k]);
     }
   }
@@ -889,8 +894,8 @@ static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
   }
 }
 
-/* The estimator's seed must not move the truth, and the same number must not give both
- * the same words. */
+/* The estimator's seed must not change the simulated car, and equal seeds must not give
+ * both the same random words. */
 static void test_estimators_seed_plays_no_part(void)
 {
   tse_config c = default_car();
@@ -913,7 +918,7 @@ static void expect_refused(const tse_sim_input *u, tse_status status, const char
   tse_sim_output y, untouched;
   memset(&y, 0x5a, sizeof y);
   memcpy(&untouched, &y, sizeof y);
-  memcpy(&before, &sim, sizeof sim); /* what lies between members too */
+  memcpy(&before, &sim, sizeof sim); /* including padding */
   TEST_ASSERT_EQUAL_INT_MESSAGE(status, tse_sim_step(&sim, u, &y), what);
   TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&before, &sim, sizeof sim, what);
   TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&untouched, &y, sizeof y, what);
@@ -935,7 +940,7 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
     for (int k = 0; k < 3 * rows; k++) step(driver(0.01, 300, 0.03), &y);
     EACH_FIELD(row, TSE_STRUCT_SIM_INPUT)
     {
-      if (row->offset == offsetof(tse_sim_input, dt)) continue; /* which has statuses of its own, below */
+      if (row->offset == offsetof(tse_sim_input, dt)) continue; /* its statuses are tested below */
       const tse_real bad[5] = { neighbour(row->lo, -INFINITY), neighbour(row->hi, INFINITY),
         real((double)NAN), real((double)INFINITY), real((double)-INFINITY) };
       for (int j = 0; j < 7; j++) {
@@ -949,8 +954,8 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
   }
 }
 
-/* Everything inside its range, and no car: a light one on stiff tyres whose rear axle
- * steers into its own roll, 1200 times over. */
+/* All settings in range, but not a car: light, on stiff tyres, with a rear axle that
+ * steers by roll with a gain of 1200. */
 static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
 {
   tse_config c = default_car();
@@ -964,15 +969,15 @@ static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
   c = default_car();
   s.speed = setting(70);
   start(c, s);
-  u = driver(1.0, 1e5, 0); /* 163 m/s2: after six rows nearly as fast as anything on tyres may be */
+  u = driver(1.0, 1e5, 0); /* 163 m/s2: after six rows near the largest speed that tyres allow */
   for (int k = 0; k < 6; k++) step(u, &y);
   TEST_ASSERT_TRUE(number(y.vel_x) > 850 && number(y.vel_x) <= 1000);
   for (int k = 0; k < 2; k++) expect_refused(&u, TSE_E_INPUT, "no car");
   u = driver(0.01, 0, 0);
-  step(u, &y); /* and on without the torque */
+  step(u, &y); /* continue without the torque */
 }
 
-/* Whatever of it is no number, or more than a car can do. */
+/* Any member that is not finite, or larger than a car allows. */
 static void test_what_is_no_car_before_a_row_is_none_after_it(void)
 {
   const tse_sim_input u = driver(0.01, 300, 0.03);

@@ -1,6 +1,6 @@
-/* tests/unit/host/test_small.c <-> what TSE_SMALL changes in src/host, src/filter,
- * src/estimator: lateral motion alone, and what it gives up is refused or reported as not
- * known. */
+/* tests/unit/host/test_small.c <-> the effects of TSE_SMALL in src/host, src/filter,
+ * src/estimator: lateral motion only. Everything else is refused or reported as
+ * unknown. */
 #include "filter_support.h"
 #include "tse/learnt.h"
 
@@ -68,8 +68,8 @@ static void test_what_the_build_does_not_have_is_refused_or_not_known(void)
       "lateness of the steering: as the setting has it", 0);
 }
 
-/* A row reads and writes as many states as the filter says are in use; of a measured
- * velocity there are none. */
+/* A row reads and writes the number of states that the filter has in use. There are none
+ * of a measured velocity. */
 static void test_states_of_a_velocity_that_a_file_claims_are_refused(void)
 {
   start(1);
@@ -78,8 +78,8 @@ static void test_states_of_a_velocity_that_a_file_claims_are_refused(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_filter_check(&w.p, &f, sizeof f));
 }
 
-/* Whichever car it is, both cornering stiffnesses are within three of their sd, and surer
- * than at the start. */
+/* For any car, both cornering stiffnesses are within three sd, and more accurate than at
+ * the start. */
 static void test_cornering_stiffness_is_found(void)
 {
   for (uint32_t seed = 1; seed <= 6; seed++) {
@@ -94,8 +94,7 @@ static void test_cornering_stiffness_is_found(void)
   }
 }
 
-/* Another road is believed within three seconds, and no stiffness is valid while it is
- * waiting to be. */
+/* Another road is accepted within three seconds, and no stiffness is valid before. */
 static void test_another_road_is_found(void)
 {
   for (uint32_t seed = 1; seed <= 3; seed++) {
@@ -111,9 +110,9 @@ static void test_another_road_is_found(void)
   }
 }
 
-/* No event names a channel at fault: what does not fit is not valid. Of the rows from 4 s
- * on few are valid and off by more than a fifth; an offset of accel_y is a bank and
- * another road for some of them, one of the steering angle another road. */
+/* No event names a faulty channel: after a misfit, the stiffness is not valid. From 4 s
+ * on, few rows are valid with an error above 20 %. For some of them an offset of accel_y
+ * looks like a bank and another road, one of the steering angle like another road. */
 static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
 {
   for (int what = 0; what < 3; what++) {
@@ -141,8 +140,8 @@ static void test_a_channel_at_fault_leaves_little_valid_that_is_off(void)
   }
 }
 
-/* Slip is no state: it is that of the force that accel_x reads, and of what the car
- * loses, on the axles that do not roll freely. */
+/* Slip is no state: it follows from the force in accel_x, and from resistance, on the
+ * axles that do not roll freely. */
 static void test_slip_is_that_of_the_force(void)
 {
   static const struct {
@@ -182,8 +181,8 @@ static uint32_t crc_of(const uint8_t *bytes, int count)
   return ~crc;
 }
 
-/* The next drive begins where this one ended; what a filter with all states has learnt
- * beside it is read over. */
+/* The next drive starts where this one ended. Learnt values of further states, from a
+ * filter with all states, are skipped. */
 static void test_what_was_learnt_is_kept(void)
 {
   static const int gaps[] = { GAP_ACCEL_X, GAP_CX, GAP_LATE, GAP_RADIUS };

@@ -1,7 +1,7 @@
-/* tests/unit/host/test_sound.c <-> src/host/sound.c and sound.h, tse_sim_check(): what
- * has come about by itself is not refused; every member that they hold to a range is held
- * to it, at both ends and at every place of an array. The FMU's tests
- * (tests/fmu/unit/test_state.c) go on with what is accepted. */
+/* tests/unit/host/test_sound.c <-> src/host/sound.c and sound.h, tse_sim_check(): states
+ * that occur are accepted. Every member with a range is checked, at both ends and for
+ * every element of an array. The FMU's tests (tests/fmu/unit/test_state.c) continue from
+ * accepted states. */
 #include "unit_support.h"
 #include "filter/filter.h"
 #include "host/sound.h"
@@ -17,7 +17,8 @@ static tse_params p;
 
 static size_t bytes_of_form(int32_t form) { return form ? sizeof f : sizeof f.filter; }
 
-/* A filter of a form after some rows; late: its channels wait for the steering angle. */
+/* Run rows through a filter.
+ *   Given:  late  1: channels wait for the steering angle */
 static void drive(int32_t form, int late)
 {
   tse_config_exact(&c);
@@ -33,7 +34,7 @@ static void drive(int32_t form, int late)
     u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
     u.yaw_rate = real(0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k));
     if (k > 200 && k < 260) u.missing = TSE_MISSING_steer_angle;
-    if (k > 300) u.yaw_rate = real(6); /* what the model does not explain */
+    if (k > 300) u.yaw_rate = real(6); /* beyond the model */
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
   }
@@ -46,7 +47,8 @@ static void test_a_filter_that_was_stepped_is_sound_at_every_row(void)
     for (int late = 0; late < 2; late++) drive(form, late);
 }
 
-/* A row of anything that is inside its range, or is missing; sometimes a pause. */
+/* Return a row of random values within their ranges, some of them missing, sometimes
+ * after a pause. */
 static tse_input wild_row(uint32_t *seed)
 {
   tse_input u = blank_row();
@@ -62,13 +64,13 @@ static tse_input wild_row(uint32_t *seed)
   return u;
 }
 
-/* Settings and rows that nobody has may make an estimate useless, but a number, and of a
- * size that there is. */
+/* Unrealistic settings and rows may make an estimate useless, but it stays finite and
+ * limited. */
 static void expect_numbers(const tse_output *y, const char *what)
 {
   TEST_ASSERT_TRUE_MESSAGE(outputs_are_finite(y), what);
-  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 3 * number(MAX_YAW_RATE),
-      what); /* with what events, believed half, would add */
+  TEST_ASSERT_TRUE_MESSAGE(
+      fabs(number(y->yaw_rate)) <= 3 * number(MAX_YAW_RATE), what); /* with the shifts of undecided events */
 }
 
 static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
@@ -84,8 +86,7 @@ static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
   }
 }
 
-/* What has come about by itself is not refused: an FMU would not take its own state
- * back. */
+/* States that occur are accepted: an FMU must accept its own state. */
 static void test_a_filter_is_sound_whatever_the_rows_were(void)
 {
   uint32_t seed = 3;
@@ -136,8 +137,8 @@ static void expect(const place *a, size_t k, tse_real value, tse_status status)
   memcpy(a->at + k * sizeof was, &was, sizeof was);
 }
 
-/* What is no number, and what is beyond lo .. hi; of particles every twentieth. ends: lo
- * and hi themselves are taken. */
+/* Check that NaN and values outside lo .. hi are refused, of particles every twentieth.
+ *   Given:  ends  1: lo and hi themselves are accepted */
 static void held_to(place a, tse_real lo, tse_real hi, int ends)
 {
   const size_t n = a.bytes / sizeof lo;
@@ -147,7 +148,7 @@ static void held_to(place a, tse_real lo, tse_real hi, int ends)
 #if !defined(TSE_REAL_FIXED)
     expect(&a, k, lo - r_mul(TSE_R(0.001), r_abs(lo)) - TSE_R(1e-3), TSE_E_STATE);
     expect(&a, k, hi + r_mul(TSE_R(0.001), r_abs(hi)) + TSE_R(1e-3), TSE_E_STATE);
-#else /* nothing is beyond FIXED_MOST but what is no number */
+#else /* only NaN is beyond the largest number */
     if (lo > -FIXED_MOST) expect(&a, k, lo - r_mul(TSE_R(0.001), r_abs(lo)) - TSE_R(1e-3), TSE_E_STATE);
     if (hi < FIXED_MOST) expect(&a, k, hi + r_mul(TSE_R(0.001), r_abs(hi)) + TSE_R(1e-3), TSE_E_STATE);
 #endif
@@ -171,8 +172,9 @@ static place of_simulation(void *at, size_t bytes, const char *what)
 }
 
 #define HELD(member, lo, hi) held_to(of_filter(&forged.member, sizeof forged.member, #member), lo, hi, 1)
-#define HELD_AMONG_OTHERS(member, lo, hi) held_to(of_filter(&forged.member, sizeof forged.member, #member), lo, hi, 0)
-/* Numbers of rows, which in fixed point stop sooner than their type. */
+#define HELD_AMONG_OTHERS(member, lo, hi) \
+  held_to(of_filter(&forged.member, sizeof forged.member, #member), lo, hi, 0)
+/* Numbers of rows, which saturate in fixed point below the limit of their type. */
 #if defined(TSE_REAL_FIXED)
 static void row_held(tse_short *at, size_t bytes, const char *what)
 {
@@ -211,7 +213,7 @@ static void whole_number(int32_t *at, int32_t lo, int32_t hi, tse_status (*look)
   *at = was;
 }
 
-#define LEAST_OF_ALL BY_NUMBER(TSE_R(1e-12), TSE_R(1e-12), (tse_real)1) /* 0 is none */
+#define LEAST_OF_ALL BY_NUMBER(TSE_R(1e-12), TSE_R(1e-12), (tse_real)1) /* 0 is not allowed */
 #define WHOLE(member, lo, hi) whole_number(&forged.member, lo, hi, look_at_filter, #member)
 
 #define FORGED(member, value)                                                   \
@@ -224,13 +226,13 @@ static void whole_number(int32_t *at, int32_t lo, int32_t hi, tse_status (*look)
 static void test_what_belongs_to_something_else_is_refused(void)
 {
   drive(0, 0);
-  FORGED(filter.waiting.count, 1); /* where none is late */
+  FORGED(filter.waiting.count, 1); /* where no channel is late */
   drive(0, 1);
   FORGED(filter.magic, 0);
   FORGED(filter.fingerprint, p.fingerprint + 1);
-  FORGED(filter.start.loaded, 1); /* with nothing in it */
+  FORGED(filter.start.loaded, 1); /* without content */
   FORGED(filter.k.x[GX], real((double)INFINITY));
-  FORGED(filter.k.noise[1], TSE_R(0)); /* of a filter that has seen a row */
+  FORGED(filter.k.noise[1], TSE_R(0)); /* in a filter that has had a row */
   FORGED(filter.k.usual[2], TSE_R(0));
   FORGED(filter.waiting.missing[5], 64);
   drive(1, 0);
@@ -390,7 +392,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
 static void test_particles_are_held_to_their_ranges(void)
 {
   drive(1, 1);
-  ANY_SIGN(filter.steer); /* of what every filter has, too */
+  ANY_SIGN(filter.steer); /* members that every filter has, too */
   ANY_SIGN(log_total);
   NOT_NEGATIVE(gamma);
   HELD(bias_var, TSE_R(0), MOST_SQUARE);
@@ -415,8 +417,8 @@ static void test_particles_are_held_to_their_ranges(void)
   for (int d = 0; d < 6; d += d ? 2 : 3) ANY_SIGN(p.lam[d][0]);
 }
 
-/* The default form does not look at particles: the filter with them is one without. The
- * others must have them. */
+/* The Kalman filter ignores particles: a filter with them counts as one without. Particle
+ * filters require them. */
 static void test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller(void)
 {
   drive(0, 1);
@@ -448,7 +450,8 @@ static void simulated(void)
 static void test_a_simulation_is_held_to_its_ranges(void)
 {
   simulated();
-#define SIMULATED(member, lo, hi) held_to(of_simulation(&other.member, sizeof other.member, #member), lo, hi, 1)
+#define SIMULATED(member, lo, hi) \
+  held_to(of_simulation(&other.member, sizeof other.member, #member), lo, hi, 1)
   SIMULATED(x, -MOST_REAL, MOST_REAL);
   SIMULATED(bias, -MOST_REAL, MOST_REAL);
   SIMULATED(drawn, -MOST_REAL, MOST_REAL);
@@ -480,7 +483,7 @@ static void test_a_simulation_is_held_to_its_ranges(void)
         real(row->hi), 1);
 }
 
-/* Each of the car's and of the simulator's settings, a little off. */
+/* Each setting of the car and of the simulator, changed slightly. */
 static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
 {
   simulated();

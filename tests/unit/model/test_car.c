@@ -1,7 +1,7 @@
 /* tests/unit/model/test_car.c <-> src/model/car.c
  *
- * Slopes are held against central differences (double only: they need digits), forces and
- * motion against what is known in closed form. */
+ * Slopes are compared with central differences (double only: they need digits), forces
+ * and motion with closed forms. */
 #include <time.h>
 
 #include "model/car.h"
@@ -11,8 +11,9 @@
 
 static const double pi = 3.14159265358979323846;
 
-/* A car with everything that has exact slopes; load: with load transfer, compliance and
- * pitch, whose slopes are neglected. */
+/* A car with all effects that have exact slopes.
+ *   Given:  load  1: with load transfer, compliance and pitch, whose slopes are
+ *   neglected */
 static tse_car some_car(int load)
 {
   tse_config c = config_by(tse_config_exact);
@@ -21,8 +22,7 @@ static tse_car some_car(int load)
   c.grip = setting(1.1), c.tyre_saturation_shape = setting(0.4), c.relaxation_length = setting(0.4);
   c.body_roll_gain = setting(0.006), c.body_roll_frequency = setting(1.5), c.body_roll_damping = setting(0.3);
   c.body_roll_height = setting(0.2),
-  c.body_roll_coupling = setting(
-      HAS_ROLL ? 0.3 : 0); /* what it turns back has no slopes without states of roll */
+  c.body_roll_coupling = setting(HAS_ROLL ? 0.3 : 0); /* without roll states, the roll terms have no slopes */
   c.rear_roll_steer_gain = setting(0.05), c.aligning_moment_trail = setting(0.03);
   c.aero_drag_coefficient = setting(0.4), c.rolling_resistance_coefficient = setting(0.01);
   c.imu_lever_arm_x = setting(0.3), c.imu_lever_arm_y = setting(-0.2),
@@ -35,7 +35,7 @@ static tse_car some_car(int load)
   return prepared(c).car;
 }
 
-/* Tyres that know no end, no load transfer, no roll: what textbooks write of. */
+/* Tyres without saturation, no load transfer, no roll: the textbook car. */
 static tse_car plain_car(void) { return prepared(config_by(tse_config_exact)).car; }
 
 static void any_state(tse_real x[TSE_VALUES], uint32_t *seed)
@@ -93,7 +93,7 @@ static const double unit[PLACES] = { [VX] = 0.2,
   [STATES + CONSIDER_RELAXATION_REAR] = 0.2,
   [STATES + CONSIDER_ROLL_STEER] = 0.04 };
 
-/* The car, or the state, with the quantity j off by e. */
+/* Change quantity j of the car, or of the state, by e. */
 static tse_car off_by(const tse_car *c, tse_real x[TSE_VALUES], int j, double e)
 {
   tse_car d = *c;
@@ -112,14 +112,15 @@ static tse_car off_by(const tse_car *c, tse_real x[TSE_VALUES], int j, double e)
   return d;
 }
 
-/* A slope in units of the state: what is neglected is `share` of it, and `least`. */
+/* Compare a slope in units of the state. Tolerance: relative `share`, absolute
+ * `least`. */
 static void expect_slope(
     double expected, double actual, double scale, double share, double least, const char *what, int index)
 {
   expect_near(expected * scale, actual * scale, share * fabs(expected * scale) + least, what, index);
 }
 
-/* by_slip: columns of what drives, too. */
+/* by_slip: including the columns of longitudinal slip. */
 static void expect_slopes(const tse_car *c, int by_slip, double share, double least, uint32_t seed)
 {
   tse_short M[MOTION][PLACES], N[MOTION][PLACES];
@@ -129,7 +130,7 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
     any_state(x, &seed);
     const steering u = any_steering(&seed);
     tse_real moved[TSE_VALUES];
-    /* as far from what the motion asks for as in a fast turn */
+    /* The motion is as far from steady as in a fast turn. */
     x[AF] = u.from - atan((x[VY] + c->lf * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
     x[AR] = -atan((x[VY] - c->lr * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
     forces f;
@@ -139,7 +140,7 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
     car_measure(c, x, &f, TSE_R(0), z[0], H);
     for (int j = 0; j < COLUMNS; j++) {
       if (!by_slip && (j == SF || j == SR || j == LCX))
-        continue; /* load goes with the drive: what that does to side forces is neglected */
+        continue; /* load depends on the longitudinal force: its effect on lateral forces is neglected */
       const int length = j == STATES + CONSIDER_RELAXATION_FRONT || j == STATES + CONSIDER_RELAXATION_REAR;
       tse_real end[2][TSE_VALUES];
       const double e = 1e-4 * unit[j];
@@ -153,8 +154,8 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
         car_measure(&d, start, &f, TSE_R(0), z[k], ignored);
       }
       for (int i = 0; i < MOTION; i++) {
-        /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a
-         * little of it turns with the wheels */
+        /* The grip is not learnt from longitudinal forces: its slope is set to zero on
+         * purpose. A small part of it turns with the wheels. */
         if (j == LMU && i == VX) continue;
         const double slope = (end[1][i] - end[0][i]) / (2 * e),
                      found = length
@@ -174,8 +175,8 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
   }
 }
 
-/* What is left: the slip angle's time constant changes with the speed, which slopes
- * neglect: a hundredth of a unit, a twentieth over the speed. */
+/* Remaining error: the time constant of the slip angle depends on the speed, which slopes
+ * neglect. 0.01 units, and for the speed 5 %. */
 static void test_slopes_are_those_of_the_car(void)
 {
   const tse_car c = some_car(0);
@@ -199,8 +200,8 @@ static forces forces_at(const tse_car *c, const tse_real x[TSE_VALUES], double s
   return f;
 }
 
-/* Both axles' side forces, in the axes of their wheels, act at the trail: braking in a
- * bend changes nothing of that. */
+/* The lateral forces of both axles, in wheel coordinates, act at the trail. Braking in a
+ * bend does not change this. */
 static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
 {
   const tse_car c = some_car(0);
@@ -217,8 +218,8 @@ static void test_the_slope_over_the_trail_is_exact_while_the_car_brakes(void)
       "slope of the yaw acceleration over the trail", 0);
 }
 
-/* However high the centre of gravity is, some load stays on an axle: forces oppose the
- * slip, and are numbers. */
+/* With any height of the centre of gravity, both axles keep some load: forces oppose the
+ * slip and are finite. */
 static void test_load_stays_on_an_axle_however_hard_the_car_brakes(void)
 {
   tse_car c = some_car(1);
@@ -233,7 +234,8 @@ static void test_load_stays_on_an_axle_however_hard_the_car_brakes(void)
   }
 }
 
-/* A brush ends at grip times load; so does every mixture with the other curve. */
+/* A brush saturates at grip times load, and so does every mixture with the other
+ * curve. */
 static void test_a_tyre_ends_at_its_grip_times_its_load(void)
 {
   static const double shape[3] = { 0, 0.5, 1 };
@@ -262,8 +264,8 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
   }
 }
 
-/* Friction 1.0 in front, 1.3 behind: 1/friction 0.884615 (1 +- 0.130435). The grip that
- * is estimated scales both. */
+/* Friction 1.0 in front and 1.3 at the rear: 1/friction is 0.884615 (1 +- 0.130435). The
+ * estimated grip scales both. */
 static void test_each_axle_ends_at_its_own_friction(void)
 {
   tse_config s = config_by(tse_config_exact);
@@ -287,8 +289,8 @@ static void test_each_axle_ends_at_its_own_friction(void)
   }
 }
 
-/* The cubic that a brush with parabolic pressure has: F = C a (1 - q/3 + q^2/27), flat
- * where it ends. */
+/* The cubic of a brush with parabolic pressure: F = C a (1 - q/3 + q^2/27), flat at its
+ * end. */
 static void test_a_brush_is_its_cubic(void)
 {
   tse_car c = plain_car();
@@ -308,10 +310,10 @@ static void test_a_brush_is_its_cubic(void)
   }
 }
 
-/* The other end of the shapes, beside magic formulas sin(C atan(B a - E (B a - atan(B
- * a)))) of passenger cars' tyres, up to the slip angle at which a linear tyre would have
- * 1.2 times the grip. The bound is the largest difference on this grid; a root, 1/sqrt(1
- * + q^2), is 0.12 off. */
+/* The other end of the shapes, compared with magic formulas sin(C atan(B a - E (B a -
+ * atan(B a)))) of passenger cars' tyres, up to the slip angle at which a linear tyre
+ * reaches 1.2 times the grip. The limit is the largest difference on this grid. A root,
+ * 1/sqrt(1 + q^2), differs by 0.12. */
 static void test_a_tyre_is_within_a_thirteenth_of_magic_formulas(void)
 {
   double worst = 0;
@@ -327,12 +329,12 @@ static void test_a_tyre_is_within_a_thirteenth_of_magic_formulas(void)
   TEST_ASSERT_TRUE(worst > 0.05 && worst < 0.076);
 }
 
-/* What is left of a stiffness, times it and the slip, is the force that car_forces() has;
- * at no slip and level load all is left, and far beyond the grip what the grip leaves. */
+/* The secant factor times stiffness and slip is the force of car_forces(). It is 1
+ * without slip at static load. Far beyond the grip, the force is the grip. */
 static void test_a_secant_is_force_over_slip(void)
 {
   const double tolerance = BY_NUMBER(
-      1e-12, 1e-5, 1e-4); /* fixed: of a share of 1, by the digits of a slip of 0.02 */
+      1e-12, 1e-5, 1e-4); /* fixed: relative to a share of 1, with the digits of a slip of 0.02 */
   for (int k = 0; k < 5; k++) {
     static const double angle[5] = { 0.02, -0.05, 0.1, -0.2, 0.35 };
     tse_car c = k & 1 ? some_car(1) : plain_car();
@@ -360,12 +362,12 @@ static void test_a_secant_is_force_over_slip(void)
   }
 }
 
-/* What turns left and what turns right is mirrored: no term has a side. */
+/* Left and right turns are mirror images: no term depends on the side. */
 static void test_left_is_the_mirror_of_right(void)
 {
   static const int sides[] = { VY, YAW, AF, AR, PHI, DPHI, GY, BY, BR, STEER_OFFSET };
   tse_car c = some_car(1);
-  c.lever_y = c.mount_sin = c.pull_front = c.pull_rear = TSE_R(0); /* these have one */
+  c.lever_y = c.mount_sin = c.pull_front = c.pull_rear = TSE_R(0); /* these depend on the side */
   uint32_t seed = 3;
   for (int n = 0; n < 30; n++) {
     tse_short M[MOTION][PLACES], N[MOTION][PLACES];
@@ -382,8 +384,7 @@ static void test_left_is_the_mirror_of_right(void)
     car_measure(&c, x, &f, TSE_R(0), z, H);
     car_measure(&c, y, &g, TSE_R(0), w, H);
     for (int i = 0; i < ROWS(sides); i++) y[sides[i]] = -y[sides[i]];
-    /* angles are turned into turns, which lie between 0 and 1: the mirror image is
-     * rounded elsewhere */
+    /* Angles become turns in 0 .. 1: their mirror images are rounded differently. */
     for (int i = 0; i < MOTION; i++)
       expect_near(number(x[i]), number(y[i]), BY_NUMBER(1e-12, 2e-5, 1e-6), "motion", i);
     for (int a = 0; a < TSE_SENSORS; a++) {
@@ -402,8 +403,8 @@ static void advance(const tse_car *c, tse_real x[TSE_VALUES], double from, doubl
   car_move(c, x, u, M);
 }
 
-/* v delta = r (L + K v^2), K = (m/L)(lr/C_f - lf/C_r): every book on vehicle dynamics.
- * Angles are small, 1 %. */
+/* v delta = r (L + K v^2), K = (m/L)(lr/C_f - lf/C_r), in every book on vehicle dynamics.
+ * Small angles: 1 %. */
 static void test_a_steady_turn_obeys_the_understeer_equation(void)
 {
   for (double speed = 8; speed < 40; speed += 8.5) {
@@ -414,7 +415,7 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
                  steer = 1.2 * (span + understeer * speed * speed) / (speed * speed);
     tse_real x[TSE_VALUES] = { 0 };
     for (int k = 0; k < 800; k++) {
-      x[VX] = real(speed); /* the driver holds it */
+      x[VX] = real(speed); /* the driver holds the speed */
       advance(&c, x, k < 100 ? steer * k / 100 : steer, k < 100 ? steer * (k + 1) / 100 : steer, 0.01);
     }
     const double r = speed * steer / (span + understeer * speed * speed);
@@ -431,8 +432,8 @@ static void test_a_steady_turn_obeys_the_understeer_equation(void)
   }
 }
 
-/* Straight on without torque: v' = -k v^2 ends at v/(1 + k v t), rolling resistance and
- * slope take off their acceleration. */
+/* Straight without torque: v' = -k v^2 gives v/(1 + k v t). Rolling resistance and slope
+ * subtract their accelerations. */
 static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
 {
   tse_car c = plain_car();
@@ -449,7 +450,7 @@ static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
   expect_near(36, number(x[VX]), BY_NUMBER(1e-9, 1e-2, 1e-5), "uphill", 0);
 }
 
-/* Without torque tyres take energy out of a slide and never put any in. */
+/* Without torque, tyres only remove energy from a slide. */
 static void test_sliding_sideways_gives_energy_away(void)
 {
   const tse_car c = plain_car();
@@ -461,7 +462,7 @@ static void test_sliding_sideways_gives_energy_away(void)
     const double energy = pow(number(x[VX]), 2) + pow(number(x[VY]), 2)
         + pow(number(x[YAW]), 2) / number(c.m_inertia);
     TEST_ASSERT_TRUE(k < 10
-        || energy < before * (1 + BY_NUMBER(1e-6, 1e-5, 1e-6))); /* while slip angles build up they lag */
+        || energy < before * (1 + BY_NUMBER(1e-6, 1e-5, 1e-6))); /* slip angles lag while they build up */
     before = energy;
     advance(&c, x, 0, 0, 0.01);
   }
@@ -470,8 +471,8 @@ static void test_sliding_sideways_gives_energy_away(void)
   expect_near(0, number(x[YAW]), 1e-3, "yaw rate", 0);
 }
 
-/* A wheel that is turned on a car that does not move sideways: first order over the
- * length, whatever the row's time. */
+/* Turned wheels on a car without lateral motion: a first-order response over the
+ * relaxation length, for any time step. */
 static void test_slip_angles_build_up_over_the_relaxation_length(void)
 {
   static const double dt[3] = { 0.004, 0.01, 0.05 };
@@ -479,7 +480,7 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
     tse_car c = plain_car();
     tse_real x[TSE_VALUES] = { [VX] = TSE_R(10) };
     c.relaxation = real(0.6);
-    c.ky_front = c.ky_rear = TSE_R(0); /* no force: it does not move */
+    c.ky_front = c.ky_rear = TSE_R(0); /* no force: the car does not move */
     for (double t = dt[k]; t < 0.3; t += dt[k]) {
       advance(&c, x, 0.02, 0.02, dt[k]);
       expect_near(0.02 * (1 - exp(-10 * t / 0.6)), number(x[AF]), BY_NUMBER(1e-10, 1e-6, 1e-7), "slip angle",
@@ -489,8 +490,8 @@ static void test_slip_angles_build_up_over_the_relaxation_length(void)
   }
 }
 
-/* A spring and a damper: at rest it leans by gain times acceleration; free, it swings
- * with its frequency and decays. */
+/* A spring-damper: in steady state the roll angle is gain times acceleration. Free, it
+ * oscillates at its frequency and decays. */
 static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 {
   tse_car c = plain_car();
@@ -508,7 +509,7 @@ static void test_the_body_rolls_as_a_spring_and_a_damper(void)
 }
 
 #if defined(TSE_REAL_DOUBLE)
-/* The end of a lane change in rows of dt, each one substep. The body does not roll. */
+/* The end of a lane change in rows of dt, each one substep, without body roll. */
 static void change_lane(double relaxation, double speed, double dt, double end[MOTION])
 {
   tse_car c = some_car(0);
@@ -521,8 +522,9 @@ static void change_lane(double relaxation, double speed, double dt, double end[M
   for (int i = 0; i < MOTION; i++) end[i] = x[i];
 }
 
-/* Speeds, yaw rate and slip angles: rows half as long, a quarter of the error, of first
- * order 2; and small where slip angles follow within a row. */
+/* Speeds, yaw rate and slip angles: half the time step gives nearly a quarter of the error
+ * (a method of first order: half of it). With a short relaxation length, where slip
+ * angles settle within a row, only the size of the error is limited. */
 static void test_the_error_of_a_row_is_of_second_order(void)
 {
   static const double speeds[] = { 8, 15, 30 };
@@ -534,7 +536,7 @@ static void test_the_error_of_a_row_is_of_second_order(void)
       change_lane(relaxation, speed, n ? 0.005 : 0.01, end);
       for (int i = 0; i <= AR; i++) off[n] += pow((end[i] - exact[i]) / unit[i], 2);
     }
-    TEST_ASSERT_TRUE(sqrt(off[0]) < (k % 2 ? 0.08 : 0.04)); /* of the units of the slopes' test */
+    TEST_ASSERT_TRUE(sqrt(off[0]) < (k % 2 ? 0.08 : 0.04)); /* in the units of the slopes' test */
     if (k % 2 == 0) TEST_ASSERT_TRUE(off[0] > 3.4 * 3.4 * off[1]);
   }
 }
@@ -551,7 +553,7 @@ static void test_parameters_do_not_move(void)
   for (int i = MOTION; i < STATES; i++) TEST_ASSERT_EQUAL_MEMORY(&before[i], &x[i], sizeof x[i]);
 }
 
-/* However long a row is, no more is computed: thousand rows of an hour take no second. */
+/* A longer row costs no more: a thousand rows of an hour take less than a second. */
 static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
 {
   const tse_car c = some_car(0);
@@ -563,7 +565,7 @@ static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
     advance(&c, x, 0, 0, 3600);
   }
   TEST_ASSERT_TRUE((double)(clock() - began) / CLOCKS_PER_SEC
-      < 10); /* a tenth of that with sanitizers; a row of as many as it asks for takes as long */
+      < 10); /* with sanitizers a tenth of it; unlimited substeps would take much longer */
 }
 
 /* ------------------------------------------------------------------------------- sensors */
@@ -584,7 +586,7 @@ static void test_sensors_read_what_textbooks_say(void)
   const forces f = forces_at(&c, x, 0.05);
   car_measure(&c, x, &f, TSE_R(0), z, H);
   const double side = 0.02 * number(c.ky_front), drive = 0.01 * number(c.kx_front);
-  const double tight = BY_NUMBER(2e-3, 2e-3, 2e-3); /* tyres without an end have one at 50 loads */
+  const double tight = BY_NUMBER(2e-3, 2e-3, 2e-3); /* "no saturation" is at 50 loads */
   expect_near(drive * cos(0.05) - side * sin(0.05) - 0.005 * number(c.kx_rear) + 0.2, number(z[0]), 0.05,
       "accel_x", 0);
   expect_near(
@@ -599,8 +601,8 @@ static void test_sensors_read_what_textbooks_say(void)
   const double along = 20 * cos(0.05) + (-0.4 + number(c.lf) * 0.3) * sin(0.05);
   expect_near(along * 1.01 * 1.004, number(z[3]), tight, "wheel speed, front", 0);
   expect_near(20 * 0.995, number(z[4]), tight, "wheel speed, rear", 0);
-  /* load that goes to the rear: m h a over the wheelbase, of m g lr/L in front and m g
-   * lf/L behind; half a percent of radius for all of it */
+  /* Load moves to the rear: m h a over the wheelbase, of m g lr/L in front and m g lf/L
+   * at the rear. The radius changes by 0.5 % for all of the load. */
   tse_car high = c;
   high.height_front = real(0.6 / (9.81 * number(c.lr))), high.height_rear = real(0.6 / (9.81 * number(c.lf)));
   tse_real loaded[TSE_SENSORS];
@@ -620,7 +622,7 @@ static void test_sensors_read_what_textbooks_say(void)
       "accel_y, away from the centre of gravity", 0);
 }
 
-/* Anything that a filter of this car may hold makes numbers. */
+/* Any car and state of this filter give finite results. */
 static void test_any_state_makes_numbers(void)
 {
   /* five times as stiff */
@@ -647,7 +649,7 @@ static void test_any_state_makes_numbers(void)
     [LATE] = 0.2,
     [RAD] = 0.2,
     [LEAN] = 0.9 };
-  static const double dt[] = { 1e-4, 0.01, 0.05, HAS_SLIP ? 0.25 : 0.125 }; /* a longer one is a gap */
+  static const double dt[] = { 1e-4, 0.01, 0.05, HAS_SLIP ? 0.25 : 0.125 }; /* a longer row is a gap */
   uint32_t seed = 9;
   for (int load = 0; load < 2; load++)
     for (int n = 0; n < 400; n++) {

@@ -1,6 +1,6 @@
-/* tests/unit/model/test_effect_forces.c <-> effects of src/model/catalogue.h whose action
- * is a force, a law of the tyre, or geometry: balances of forces and moments in newtons,
- * closed forms and rigid-body kinematics that the library does not contain. */
+/* tests/unit/model/test_effect_forces.c <-> effects of src/model/catalogue.h that are
+ * forces, tyre laws or geometry, compared with force and moment balances in newtons,
+ * closed forms and rigid-body kinematics that are not taken from the library. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -10,11 +10,11 @@ typedef struct steady {
   double r, ay;
 } steady;
 
-/* Steady cornering of the linear car at v with steering d, side force `push` that the
- * accelerometer sees, `pull` that it does
- * not (gravity), and yaw moment `moment`:  Ff = (lr (m v r - Y) - N)/L, Fr = (lf (m v r -
- *                                          Y) + N)/L, Y = push + pull,
- * and the geometry d - Ff/Cf + Fr/Cr = L r/v. */
+/* Return the steady cornering of the linear car at speed v and steering angle d, with a
+ * lateral force `push` that the accelerometer measures, a force `pull` that it does not
+ * measure (gravity), and a yaw moment N:
+ *   Ff = (lr (m v r - Y) - N)/L,  Fr = (lf (m v r - Y) + N)/L,  Y = push + pull,
+ *   d - Ff/Cf + Fr/Cr = L r/v. */
 static steady cornering(const tse_config *c, double v, double d, double push, double pull, double moment)
 {
   const double m = number(c->mass), lf = number(c->lf), lr = number(c->lr), length = lf + lr,
@@ -27,8 +27,9 @@ static steady cornering(const tse_config *c, double v, double d, double push, do
   return s;
 }
 
-/* In replay, and in the simulator, whose wheels roll freely. `share` of the value: what
- * is quadratic in small motions, and speed that the wheels do not hold to the last bit. */
+/* In replay, and in the simulator with freely rolling wheels.
+ *   Given:  share  tolerance: second-order terms, and speed that the wheels do not hold
+ *                  exactly */
 static void expect_cornering(
     const tse_config *c, double v, double d, steady s, double share, const char *what)
 {
@@ -64,8 +65,8 @@ static void test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 0, -1900 * G * sin(0.03), 0), 3e-3, "bank");
 }
 
-/* In a steady turn the tyres give m (1 - share) v r, no more: the balance is that of a
- * car so much lighter, and accel_y reads it. */
+/* In a steady turn the tyres provide m (1 - share) v r: the balance is that of a lighter
+ * car, and accel_y measures it. */
 static void test_superelevation_takes_a_share_of_the_side_force(void)
 {
   const double share = 0.15;
@@ -91,15 +92,15 @@ static void test_crosswind_pushes_at_its_arm(void)
   tse_config c = default_car();
   c.crosswind_speed = setting(6), c.crosswind_coefficient = setting(3), c.crosswind_arm = setting(0.4);
   const double force = 3 * 6 * sqrt(400 + 36.0);
-  /* after 6 s the heading has changed by up to 0.13 rad: 0.8 % of the cosine */
+  /* The heading changes by up to 0.13 rad in 6 s: 0.8 % of the cosine. */
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, force, 0, 0.4 * force), 1.5e-2, "crosswind");
   c.crosswind_heading = setting(2.0943951023931953);
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, -force / 2, 0, -0.2 * force), 8e-2,
       "crosswind from behind"); /* d cos/cos = 0.06 */
 }
 
-/* On a circle the wind comes from all sides: its share in accel_y follows the cosine of
- * the heading, by a trapezoidal sum. */
+/* On a circle the wind comes from all sides. Its part in accel_y follows the cosine of
+ * the heading, integrated by the trapezoidal rule. */
 static void test_crosswind_turns_with_the_heading(void)
 {
   tse_config c = default_car();
@@ -117,14 +118,14 @@ static void test_crosswind_turns_with_the_heading(void)
   const double force = 2.8 * 3 * sqrt(100 + 9.0), gain = cornering(&c, 10, 0, force, 0, 0.45 * force).ay;
   for (int i = 1; i < rows; i++) {
     heading += 0.005 * (number(got_r[i]) + number(got_r[i - 1]));
-    if (i < 300) continue; /* the start has died away */
+    if (i < 300) continue; /* the start has decayed */
     worst = fmax(worst, fabs(number(got_y[i]) - number(kept_y[i]) - gain * cos(0.5 + heading)));
     smallest = fmin(smallest, cos(0.5 + heading));
   }
-  TEST_ASSERT_TRUE(smallest < -0.99); /* it has been all around */
-  expect_near(0, worst, 0.04 * gain, "crosswind",
-      0); /* quasi-static: 0.1 rad/s against a yaw rate that settles at 8/s,
-                                                            and the circle's own centre of curvature */
+  TEST_ASSERT_TRUE(smallest < -0.99); /* it has come from all sides */
+  /* Quasi-static: 0.1 rad/s, while the yaw rate settles at 8/s. The circle is not
+   * exact. */
+  expect_near(0, worst, 0.04 * gain, "crosswind", 0);
 }
 
 static void test_aligning_moment_in_steady_cornering(void)
@@ -139,7 +140,8 @@ static void test_aligning_moment_in_steady_cornering(void)
   expect_cornering(&c, 20, 0.002, s, 2e-3, "aligning_moment");
 }
 
-/* A stage of a step lies ahead of the memory: what moves with time has moved on by then. */
+/* A stage of a step is later than the memory: effects with memory are evaluated at its
+ * time. */
 static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
 {
   for (int k = 0; k < 3; k++) {
@@ -175,11 +177,11 @@ static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
 
 /* ------------------------------------------------------------------------------------- laws of the tyre */
 
-/* Steady cornering in replay; then the tyres' law, from the velocities that come out,
- * must balance mass and moment:
- *   m accel_y = Fyf + Fyr + Fxf d,   lf (Fyf + Fxf d) = lr Fyr. */
+/* Steady cornering in replay. The tyre law, applied to the velocities put out, must
+ * balance mass and moment:
+ *     m accel_y = Fyf + Fyr + Fxf d,   lf (Fyf + Fxf d) = lr Fyr. */
 typedef struct tyre {
-  double c, angle, slip, load, ax, ay; /* stiffness; of the axle; accelerations that remain to tyres */
+  double c, angle, slip, load, ax, ay; /* stiffness; of the axle; accelerations by the tyres */
   int rear;
 } tyre;
 typedef double (*law)(tyre t);
@@ -189,8 +191,7 @@ static void expect_balance(const tse_config *c, double d, double extra_front, la
   const int rows = 1500, last = rows - 1;
   straight(c, 20, 0.01, rows);
   for (int i = 0; i < rows; i++) {
-    log_steer[i] = real(
-        d * (i < 500 ? i / 500.0 : 1)); /* a ramp: no step may throw the car out of its curve */
+    log_steer[i] = real(d * (i < 500 ? i / 500.0 : 1)); /* a ramp: a step could make the car spin */
     log_front[i] = real(number(log_front[i]) * (1 + extra_front));
   }
   replay(c, rows);
@@ -203,7 +204,7 @@ static void expect_balance(const tse_config *c, double d, double extra_front, la
   const double side = ay - fxf * d / m; /* by lateral forces */
   const double fyf = f((tyre){ 1.2e5, front, sf, m * G * lr / 2.75, drive, side, 0 });
   const double fyr = f((tyre){ 1.4e5, rear, sr, m * G * lf / 2.75, drive, side, 1 });
-  TEST_ASSERT_TRUE_MESSAGE(fabs(ay) > 2.5, what); /* where the laws differ from the linear one */
+  TEST_ASSERT_TRUE_MESSAGE(fabs(ay) > 2.5, what); /* where the law differs from the linear one */
   expect_near(m * ay, fyf + fyr + fxf * d, BY_FORMAT(1e-3, 4), what, 0);         /* N */
   expect_near(0, lf * (fyf + fxf * d) - lr * fyr, BY_FORMAT(1e-2, 60), what, 1); /* Nm; settled to rounding */
 }
@@ -218,10 +219,10 @@ static double root(tyre t)
   const double q = t.c * t.angle / (1.05 * t.load);
   return t.c * t.angle * pow(1 + q * q + pow(q, 4), -0.25);
 }
-/* Friction of an axle: 1.05/1.25 in front, 1.05/0.75 behind. */
+/* Friction of the axles: 1.05/1.25 in front, 1.05/0.75 at the rear. */
 static double unlike(tyre t)
 {
-  t.load /= t.rear ? 0.75 : 1.25; /* both laws know friction times load alone */
+  t.load /= t.rear ? 0.75 : 1.25; /* both laws depend on friction times load only */
   return brush(t);
 }
 static double half_root(tyre t) { return 0.5 * (brush(t) + root(t)); }
@@ -244,8 +245,7 @@ static void test_saturation_is_the_brush_model(void)
   expect_balance(&c, 0.045, 0, unlike, "the front ends earlier");
 }
 
-/* Axle by axle, also beyond where a car could be held: both laws end at friction times
- * load. */
+/* Axle by axle, also beyond stable states: both laws saturate at friction times load. */
 static void test_saturation_ends_at_friction_times_load(void)
 {
   tse_config c = default_car();
@@ -270,14 +270,14 @@ static void test_saturation_ends_at_friction_times_load(void)
       "the limit of the reference", 0);
 }
 
-/* A car of 1900 kg whose tyres have friction 1.0 in front and 1.3 behind, by hand:
- *   inverse friction  (1/1.0 + 1/1.3)/2 = 0.884615
- *   balance           (1/1.0 - 1/1.3)/(1/1.0 + 1/1.3) = 0.130435
- *   loads             1900 kg 9.81 m/s2 1.5 m/2.75 m = 10166.7 N and 8472.3 N */
+/* A car of 1900 kg with friction 1.0 in front and 1.3 at the rear, by hand:
+ *     inverse friction  (1/1.0 + 1/1.3)/2 = 0.884615
+ *     balance           (1/1.0 - 1/1.3)/(1/1.0 + 1/1.3) = 0.130435
+ *     loads             1900 kg 9.81 m/s2 1.5 m/2.75 m = 10166.7 N and 8472.3 N */
 static void test_a_balance_makes_the_friction_of_the_axles_differ(void)
 {
-  static const double end[2] = { 10166.7, 11014.0 }; /* N: 1.0 and 1.3 times its load */
-  for (int mirror = 0; mirror < 2; mirror++) {       /* 1: friction 1.3 in front, 1.0 behind */
+  static const double end[2] = { 10166.7, 11014.0 }; /* [N] 1.0 and 1.3 times the load */
+  for (int mirror = 0; mirror < 2; mirror++) {       /* 1: friction 1.3 in front, 1.0 at the rear */
     const double ends[2] = { end[0] * (mirror ? 1.3 : 1), end[1] / (mirror ? 1.3 : 1) };
     tse_config c = default_car();
     c.tyre_saturation_inverse_friction = setting(0.8846154);
@@ -289,8 +289,7 @@ static void test_a_balance_makes_the_friction_of_the_axles_differ(void)
       pt.vx = pt.u.v_front = pt.u.v_rear = real(20);
       pt.g.slip_front = pt.g.slip_rear = real(sign * 1.0); /* both slide */
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
-      expect_near(
-          sign * ends[0], 1900 * number(pt.fy_front), 0.1, "front", mirror); /* the digits of the hand */
+      expect_near(sign * ends[0], 1900 * number(pt.fy_front), 0.1, "front", mirror); /* digits by hand */
       expect_near(sign * ends[1], 1900 * number(pt.fy_rear), 0.1, "rear", mirror);
       pt.g.slip_front = pt.g.slip_rear = real(sign * 0.06); /* C alpha: 7200 N and 8400 N */
       effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
@@ -317,13 +316,13 @@ static void test_lateral_load_transfer_takes_with_the_square_of_the_acceleration
   c.lateral_load_transfer_gain = setting(0.005);
   expect_balance(&c, 0.05, 0, leaning, "lateral_load_transfer");
   const double even = number(got_yaw[1499]);
-  c.lateral_load_transfer_balance = setting(0.5); /* the front carries the roll: understeer */
+  c.lateral_load_transfer_balance = setting(0.5); /* all roll moment at the front: understeer */
   straight(&c, 20, 0.01, 1500);
   for (int i = 0; i < 1500; i++) log_steer[i] = real(0.05 * fmin(i / 500.0, 1));
   replay(&c, 1500);
   TEST_ASSERT_TRUE(number(got_yaw[1499]) < 0.97 * even);
-  /* forces of the axles, by the balance of moments, over C alpha: 1 -+ as told, where a
-   * solves the even equation */
+  /* Forces of the axles, from the moment balance, over C alpha: 1 -+ as set, where a
+   * solves the even equation. */
   const double vx = number(got_vx[1499]), vy = number(got_vy[1499]), r = number(got_yaw[1499]),
                ay = number(got_y[1499]);
   const double fxf = 1.6e5 * (20 - vx) / 20, front = 0.05 - (vy + 1.25 * r) / vx, rear = (1.5 * r - vy) / vx;
@@ -369,8 +368,8 @@ static void test_stiffness_drifts_between_two_times(void)
 
 /* --------------------------------------------------------------------------------------- along the car */
 
-/* Coasting, all wheels free: v' (m + 2 J/R^2) = F, J per axle.   Returned: [m/s] after 20
- * s of the simulator. */
+/* Coast with all wheels free: v' (m + 2 J/R^2) = F, J per axle. Returned: [m/s] speed
+ * after 20 s of the simulator */
 static double coasted(const tse_config *c)
 {
   static tse_sim sim;
@@ -391,7 +390,7 @@ static void test_drag_slows_a_coasting_car_by_its_square(void)
   expect_near(30, coasted(&c), BY_FORMAT(1e-9, 1e-3), "without", 0);
   c.aero_drag_coefficient = setting(0.45);
   expect_near(30 / (1 + 0.45 * 30 * 20 / EFFECTIVE_MASS), coasted(&c), BY_FORMAT(2e-3, 0.03), "aero_drag",
-      0); /* the wheels start rolling freely */
+      0); /* the wheels start at rolling speed */
 }
 
 static void test_drag_acts_against_the_motion_backwards_too(void)
@@ -425,12 +424,12 @@ static void test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it(void)
   c.grade_angle = setting(0.06);
   expect_near(
       30 - sin(0.06) * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "grade", 0);
-  straight(&c, 20, 0.01, 600); /* driven at constant speed the tyres carry it, and that is seen */
+  straight(&c, 20, 0.01, 600); /* at constant speed accel_x measures the tyres' force against it */
   replay(&c, 600);
   expect_near(G * sin(0.06), number(got_x[599]), BY_FORMAT(1e-6, 1e-4), "accel_x", 0);
 }
 
-/* Constant wheel speeds: drag and rolling resistance show in slip and wheel torque, not
+/* Constant wheel speeds: drag and rolling resistance appear in slip and wheel torque, not
  * in accel_x. */
 static void test_drag_and_rolling_resistance_show_in_slip_and_torque(void)
 {
@@ -445,7 +444,7 @@ static void test_drag_and_rolling_resistance_show_in_slip_and_torque(void)
   expect_near(number(got_tf[799]), number(got_tr[799]), BY_FORMAT(1e-6, 1e-3), "both axles", 0);
 }
 
-/* Speeding up evenly: m a R at the tyres, J a/R to turn the wheels. */
+/* Constant acceleration: m a R for the tyres, J a/R for the wheels. */
 static void test_wheel_torque_holds_the_inertia_of_the_wheels(void)
 {
   const tse_config c = default_car();
@@ -463,8 +462,8 @@ static void test_wheel_torque_holds_the_inertia_of_the_wheels(void)
 
 /* ---------------------------------------------------------------------------------------------- geometry */
 
-/* Tyres that hardly slip: the car rolls about a point. The rear axle's speed w gives r =
- * w tan(d)/L; plain, r = w d/L. */
+/* Tyres with little slip: the car rolls about a point. The rear axle's speed w gives r =
+ * w tan(d)/L; for small angles r = w d/L. */
 static void test_exact_kinematics_roll_about_the_turning_centre(void)
 {
   tse_config c = default_car();
@@ -485,8 +484,8 @@ static void test_exact_kinematics_roll_about_the_turning_centre(void)
   expect_near(w, number(got_vx[599]), 2e-3 * w, "vx", 0);
 }
 
-/* Point by point against vectors: velocity of the front wheel turned into its own axes,
- * force turned back, by libm. */
+/* Compare with vectors, point by point: the velocity of the front wheel in its own axes,
+ * and the force turned back, by libm. */
 static void test_exact_kinematics_are_those_of_vectors(void)
 {
   uint32_t seed = 5;
@@ -522,8 +521,7 @@ static void test_exact_kinematics_are_those_of_vectors(void)
   }
 }
 
-/* Velocity of the IMU's place as a rigid body has it, differentiated in the turning
- * axes. */
+/* Rigid-body velocity at the IMU, differentiated in the rotating axes. */
 static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void)
 {
   tse_config c = default_car();
@@ -540,13 +538,14 @@ static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void
   replay(&c, rows);
   for (int i = 200; i < rows - 1; i++) {
     const double r = number(got_yaw[i]), turn = (number(got_yaw[i + 1]) - number(got_yaw[i - 1])) / (2 * dt);
-    const double px = -r * ay, py = r * ax; /* velocity of the place less that of the centre */
+    const double px = -r * ay, py = r * ax; /* velocity of the IMU minus that of the centre */
     expect_near(-turn * ay - r * py, number(got_x[i]) - number(kept_x[i]), BY_FORMAT(1e-4, 3e-3), "x", i);
     expect_near(turn * ax + r * px, number(got_y[i]) - number(kept_y[i]), BY_FORMAT(1e-4, 3e-3), "y", i);
   }
 }
 
-/* A turned IMU reads the same length of the acceleration, and its direction turned back. */
+/* A rotated IMU measures the same magnitude of the acceleration, and its direction
+ * rotated back. */
 static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
 {
   tse_config c = default_car();
@@ -568,9 +567,10 @@ static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
   }
 }
 
-/* A car that rolls straight on at 20 m/s on wheels that turn, until in a single step of
- * 20 ms a brake acts
- * on each axle.   Updated: at   Returned: its memory */
+/* Let a car roll straight at 20 m/s on free wheels. In a single step of 20 ms a brake
+ * acts on each axle.
+ *   Updated:   at
+ *   Returned:  its memory */
 static tse_effect_memory brake_a_step(const tse_config *c, const double brake[2], double friction, point *at)
 {
   const tse_params p = prepared(*c);
@@ -585,16 +585,15 @@ static tse_effect_memory brake_a_step(const tse_config *c, const double brake[2]
   at->w.turning = 1;
   for (int a = 0; a < 2; a++) at->w.load[a] = real(1900 * 0.33 * 0.33 / 2.4), at->w.still[a] = real(0.06);
   effects_settle(&p, &m, k, at);
-  to.w = at->w; /* speeds of wheels that turn are states: those of the inputs, 0 here, say nothing */
+  to.w = at->w; /* free wheels: their speeds are states, and the inputs, 0 here, are ignored */
   for (int a = 0; a < 2; a++) to.w.brake[a] = real(brake[a]);
   effects_advance(&p, &m, k, &to, real(0.02), 1, at);
   at->p = NULL, at->m = NULL;
   return m;
 }
 
-/* A brake of almost no end brings its wheel to a stop within a step, but for what the
- * road turns it by, and never into reverse: on the axle that it is on, on that one
- * alone. */
+/* An extremely strong brake stops its wheel within a step, except for the rotation by the
+ * road, never into reverse, and on its own axle only. */
 static void test_a_brake_stops_the_wheels_of_its_axle_within_a_step_and_no_others(void)
 {
   for (int braked = 1; braked <= 3; braked++) {
@@ -611,8 +610,7 @@ static void test_a_brake_stops_the_wheels_of_its_axle_within_a_step_and_no_other
   }
 }
 
-/* Tyres that hold their slip, for however short a way, hold none where nothing drives the
- * wheels. */
+/* Tyres with a relaxation length, however short, have no slip without drive. */
 static void test_a_lag_along_the_car_moves_no_wheel_that_no_torque_turns(void)
 {
   static const double length[] = { 1e-3, 0.02, 0.4 }, none[2] = { 0, 0 };
@@ -629,8 +627,8 @@ static void test_a_lag_along_the_car_moves_no_wheel_that_no_torque_turns(void)
   }
 }
 
-/* Forces along and across an axle saturate as one: its length is that of a brush, and it
- * points where linear tyres would pull. */
+/* Longitudinal and lateral force of an axle saturate together: the magnitude is that of a
+ * brush, the direction that of linear tyres. */
 static void test_an_axle_that_pulls_along_and_across_has_the_friction_for_both_together(void)
 {
   const tse_params p = prepared(default_car());

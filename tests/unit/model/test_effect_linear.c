@@ -1,16 +1,17 @@
-/* tests/unit/model/test_effect_linear.c <-> effects of src/model/catalogue.h whose action
- * is linear in small motions.
+/* tests/unit/model/test_effect_linear.c <-> effects of src/model/catalogue.h that are
+ * linear for small motions.
  *
- * Reference: the transfer functions of the linear single track with the effect, in the
- * frequency domain, with complex numbers and in newtons; none of the library's equations
- * of motion. Steering (or wheel speed) is a small sine; what replay and simulator put out
- * is projected onto sine and cosine over whole periods after the start has died away.
+ * Reference: transfer functions of the linear single-track model with the effect, in the
+ * frequency domain, with complex numbers and in newtons, independent of the library's
+ * equations of motion. Steering (or wheel speed) is a small sine. The outputs of replay
+ * and simulator are projected onto sine and cosine over whole periods, after the start
+ * has decayed.
  *
- * Tolerance: integration and linear interpolation between rows err by (w dt)^2/12 of the
- * amplitude, below 2e-4 at 3 Hz and 2 ms; what is quadratic in the motion by the
- * amplitude, 1e-3 rad, at most. Together 1e-3 of the channel's plain gain. In float, 1e-3
- * rad of steering leaves yaw rates with an error of 1e-3 themselves: larger steering,
- * 5e-3 tolerance. */
+ * Tolerance: integration and linear interpolation between rows have errors of (w dt)^2/12
+ * of the amplitude, below 2e-4 at 3 Hz and 2 ms. Second-order terms are at most the
+ * amplitude, 1e-3 rad. Together 1e-3 of the channel's gain without effects. In float, yaw
+ * rates at 1e-3 rad of steering have errors of 1e-3 themselves: larger steering,
+ * tolerance 5e-3. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -40,14 +41,14 @@ static cplx over(cplx a, cplx b)
 }
 static cplx expi(double phase) { return of(cos(phase), sin(phase)); }
 
-/* The linear car in SI units, and what may be wrong with it. */
+/* The linear car in SI units, with its effects. */
 typedef struct linear {
   double m, inertia, lf, lr, cf, cr, v;
   double sigma;                      /* relaxation length                    */
   double trail;                      /* aligning moment                      */
-  double rear_steer, roll_f, roll_d; /* rear angle per accel_y, through a mode */
+  double rear_steer, roll_f, roll_d; /* rear angle per accel_y, through a roll mode */
   double ratio, lag, lag2, delay;    /* steering                             */
-  double leak_height, coupling;      /* of an IMU and of the body's mass above the roll axis */
+  double leak_height, coupling;      /* of an IMU, and of the body mass above the roll axis */
   double arm_x, leak, leak_f, leak_d, scale_y, scale_r, turned, imu_delay;
 } linear;
 
@@ -66,12 +67,12 @@ static cplx mode_at(double w, double f, double damping)
   return over(of(wn * wn, 0), of(wn * wn - w * w, 2 * damping * wn * w));
 }
 
-/* accel_y and yaw_rate as read, per steering angle, at w rad/s. Unknowns: vy, r, Ff, Fr,
- * from
- *   m (s vy + v r) = (Ff + Fr) (1 + coupling leak s^2 H),  I s r = lf Ff - lr Fr - trail
- *                                                          (Ff + Fr),
- *   Ff (1 + s sigma/v) = cf (delta - (vy + lf r)/v),  Fr (1 + s sigma/v) = cr ((lr r -
- *                                                     vy)/v + k H (Ff + Fr)/m) */
+/* Response of the readings accel_y and yaw_rate to the steering angle at w rad/s. The
+ * unknowns vy, r, Ff, Fr follow from
+ *   m (s vy + v r) = (Ff + Fr) (1 + coupling leak s^2 H),
+ *   I s r = lf Ff - lr Fr - trail (Ff + Fr),
+ *   Ff (1 + s sigma/v) = cf (delta - (vy + lf r)/v),
+ *   Fr (1 + s sigma/v) = cr ((lr r - vy)/v + k H (Ff + Fr)/m). */
 static void respond(const linear *l, double w, cplx *ay, cplx *r)
 {
   const cplx s = of(0, w), lagged = add(of(1, 0), times(l->sigma / l->v, s));
@@ -112,8 +113,8 @@ static void respond(const linear *l, double w, cplx *ay, cplx *r)
   *r = mul(mul(steer, expi(-w * l->imu_delay)), times(1 + l->scale_r, a[1][4]));
 }
 
-/* Amplitude of y against sin(w t) over the last `periods` of it, complex: re with the
- * sine, im with the cosine. */
+/* Complex amplitude of y with respect to sin(w t), over the last `periods` periods: re by
+ * the sine, im by the cosine. */
 static cplx projected(const tse_real *y, int rows, double w, int per_period, int periods)
 {
   double re = 0, im = 0, mean = 0;
@@ -149,7 +150,7 @@ static void simulate_log(const tse_config *c, double v, int rows)
   }
 }
 
-/* Replay and simulator answer to steering as the linear car does, at three frequencies. */
+/* Replay and simulator respond to steering like the linear car, at three frequencies. */
 static void expect_linear(const tse_config *c, const linear *l, const char *what)
 {
   static const int per_period[3] = { 1000, 333, 167 }; /* 0.5, 1.5, 3 Hz */
@@ -164,7 +165,7 @@ static void expect_linear(const tse_config *c, const linear *l, const char *what
     const double most_y = hypot(ay0.re, ay0.im), most_r = hypot(r0.re, r0.im);
     straight(&plain, l->v, DT, rows);
     for (int i = 0; i < rows; i++) log_steer[i] = real(AMPLITUDE * sin(w * i * DT));
-    if (number(c->wheel_radius_change) > 0) /* the log is the same; the car is faster than it says */
+    if (number(c->wheel_radius_change) > 0) /* the log is unchanged; the car is faster than logged */
       for (int i = 0; i < rows; i++) log_front[i] = log_rear[i] = real(20 / number(plain.wheel_radius_front));
     replay(c, rows);
     expect_response(ay, times(1 / AMPLITUDE, projected(got_y, rows, w, n, periods)), most_y, what, 10 * k);
@@ -228,7 +229,7 @@ static void test_steering_ratio_scales_the_angle(void)
 static void test_steering_delay_turns_the_phase_only(void)
 {
   CAR;
-  c.steering_delay_time = setting(0.035); /* more than 9 rows: samples thin out */
+  c.steering_delay_time = setting(0.035); /* more than 9 rows: samples are thinned */
   l.delay = 0.035;
   expect_linear(&c, &l, "steering_delay");
   c.steering_delay_time = setting(0.0111); /* between rows */
@@ -342,12 +343,12 @@ static void test_effects_of_different_places_add_up(void)
   expect_linear(&c, &l, "six effects");
 }
 
-/* --------------------------------------------------------------------------------- along the car */
+/* ---------------------------------------------------------------------------------- longitudinal */
 
-/* accel_x per wheel speed u (both axles, m/s):  F = C/v (u - vx) G,  m s vx = F: with K =
- *                                               C/(m v),
- * a = K G u s/(s + K G), G = 1/(1 + s sigma/v); read: a (1 + scale)(1 + (g - height s^2)
- * k H) exp(-s delay). */
+/* Compare the response of accel_x to the wheel speed u of both axles [m/s]:
+ *   F = C/v (u - vx) G,  m s vx = F,  G = 1/(1 + s sigma/v),
+ *   a = K G u s/(s + K G),  K = C/(m v),
+ *   reading: a (1 + scale)(1 + (g - height s^2) k H) exp(-s delay). */
 static void expect_along(const tse_config *c, double sigma, double leak, double leak_f, double leak_d,
     double height, double scale, double delay, const char *what)
 {
@@ -386,9 +387,9 @@ static void test_effects_along_the_car_have_their_transfer_functions(void)
   expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }
 
-/* A car that runs straight on at 20 m/s, wheels at given speeds, and then is off by d in
- * its speed and by `lag` in the slip that each axle holds.   Returned: what of d is left
- * after one step of h */
+/* A car drives straight at 20 m/s with given wheel speeds. Then its speed is changed by d
+ * and the slip of each axle by `lag`.
+ *   Returned:  what remains of d after one step of h */
 static double left_of_a_step(const tse_config *c, double d, const double lag[2], double h)
 {
   const tse_params p = prepared(*c);
@@ -409,10 +410,10 @@ static double left_of_a_step(const tse_config *c, double d, const double lag[2],
   return number(at.vx) - 20;
 }
 
-/* A linear system y' = A y is multiplied by R(hA) in a step of ROS2, R(z) = (1 + (1 - 2g)
- * z)/(1 - g z)^2, however long the step: only with the whole of A in what is solved for.
- * A of speed and held slip, d' = K s, s' = v/sigma (-d/v - s), K = 2 C/m; of both axles s
- * is the mean. */
+/* A linear system y' = A y is multiplied by R(hA) in a step of ROS2, with R(z) = (1 + (1
+ * - 2g) z)/(1 - g z)^2, for any step length, if and only if the Jacobian is the whole A.
+ * For speed and lagging slip A is d' = K s, s' = v/sigma (-d/v - s), with K = 2 C/m and s
+ * the mean of both axles. */
 static void test_a_step_along_the_car_is_that_of_a_linear_system_however_long(void)
 {
   static const double step[4] = { 0.005, 0.03, 0.1, 0.5 },
@@ -436,8 +437,9 @@ static void test_a_step_along_the_car_is_that_of_a_linear_system_however_long(vo
     }
 }
 
-/* A lag across is none along: the same with d' = -K/v d, A one number. (Beyond 20 m/s
- * slip is linear to 0.05 %.) */
+/* A lateral lag does not affect longitudinal motion, with and without it: the same test
+ * with d' = -K/v d, where A is a number. (For speeds near 20 m/s slip is linear to
+ * 0.05 %.) */
 static void test_a_step_along_the_car_knows_nothing_of_a_lag_across(void)
 {
   static const double step[4] = { 0.005, 0.03, 0.1, 0.5 }, none[2] = { 0, 0 };

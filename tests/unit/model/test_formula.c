@@ -1,6 +1,6 @@
 /* tests/unit/model/test_formula.c <-> src/model/formula.h, src/tables/formula.toml: every
- * place against the disturbance that replay takes from a column there, every function
- * with memory against a recurrence or a closed form written out here. */
+ * place is compared with the disturbance of replay from a column there, every function
+ * with memory with a recurrence or a closed form. */
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -8,8 +8,8 @@
 
 enum { ROWS = 400 };
 
-/* operations by their codes in the table: a change of them would give saved formulas
- * another meaning */
+/* operations by their codes in the table: if the codes change, saved formulas change
+ * their meaning */
 enum {
   NUMBER_A = 1,
   NUMBER_B = 2,
@@ -48,7 +48,10 @@ static void set_program(tse_config *c, int place, const int *ops, int n)
 }
 
 #define PROGRAM(c, place, ...) \
-  do { const int ops[] = { __VA_ARGS__ }; set_program(c, place, ops, (int)(sizeof ops / sizeof ops[0])); } while (0)
+  do { \
+    const int ops[] = { __VA_ARGS__ }; \
+    set_program(c, place, ops, (int)(sizeof ops / sizeof ops[0])); \
+  } while (0)
 
 static tse_status status_of(const tse_config *c)
 {
@@ -64,8 +67,8 @@ static void weave(const tse_config *c)
   for (int i = 0; i < ROWS; i++) log_steer[i] = real(0.03 * sin(2 * PI * (0.3 + 0.002 * i) * 0.01 * i));
 }
 
-/* `within`: rounding only; in fixed point of the numbers of a formula, too, which are of
- * single precision as all settings are */
+/* `within`: tolerance for rounding. In fixed point it includes the numbers of a formula,
+ * which are single precision like all settings. */
 static void expect_reference(double within, const char *what)
 {
   for (int i = 0; i < ROWS; i++) {
@@ -128,7 +131,7 @@ static void test_a_reading_is_off_and_the_car_is_not(void)
   }
 }
 
-/* A program's value at a point whose every member is another number. */
+/* Return the value of a program at a point where all members have different values. */
 static double value_of(const int *ops, int n)
 {
   static tse_params p;
@@ -216,8 +219,8 @@ static void test_switched_off_it_changes_no_bit(void)
   TEST_ASSERT_EQUAL_MEMORY(kept_r, got_r, ROWS * sizeof(tse_real));
 }
 
-/* What the gyro reads if it reads the yaw rate through the function: f(yaw_rate, a, b) -
- * yaw_rate at the gyro. */
+/* Return the reading of a gyro that measures f(yaw_rate, a, b): the formula adds f -
+ * yaw_rate. */
 static void read_through(tse_config *c, int function, double a, double b)
 {
   if (function == SECOND) PROGRAM(c, 9, YAW_RATE, NUMBER_A, NUMBER_B, SECOND, YAW_RATE, SUB);
@@ -256,13 +259,13 @@ static void test_functions_with_memory_are_their_recurrences(void)
         0.6 * number(got_yaw[i]) + 0.4 * number(got_yaw[i - 1]), number(got_r[i]), eps, "late, little", i);
 }
 
-/* Of a value that a step begins and ends with, a lag of nothing leaves their mean: the
- * trapezoidal rule. */
+/* For a value that is given at the start and at the end of a step, a lag of time zero
+ * gives the mean: the trapezoidal rule. */
 static void test_a_lag_of_less_than_half_a_step_is_none(void)
 {
   tse_config c = default_car();
   weave(&c);
-  static const double time[2] = { 0, 0.0004 }; /* s; the shortest step is a millisecond and more */
+  static const double time[2] = { 0, 0.0004 }; /* [s] shorter than a step */
   for (int k = 0; k < 2; k++) {
     read_through(&c, LAG, time[k], 0);
     for (int i = 1; i < ROWS; i++) {
@@ -272,8 +275,8 @@ static void test_a_lag_of_less_than_half_a_step_is_none(void)
   }
 }
 
-/* Of a memory that says that it has settled, and holds no sample: as one that came from
- * somewhere may (tse_filter_check()). */
+/* A memory that is marked as settled but has no sample, as in a forged state
+ * (tse_filter_check()). */
 static void test_late_of_nothing_is_now(void)
 {
   tse_effect_memory m = { 0 };
@@ -284,7 +287,7 @@ static void test_late_of_nothing_is_now(void)
   f.pt = &at;
   expect_near(0.3, number(formula_late(&f, real(0.3), real(0.05))), 1e-7, "late", 0);
   TEST_ASSERT_EQUAL_INT32(1, m.formula_late.count);
-  f.next = NULL; /* between two samples: 4 ms behind the end of a step of 10 ms from 0.3 to 0.5 */
+  f.next = NULL; /* between two samples: 4 ms after the end of a step of 10 ms from 0.3 to 0.5 */
   expect_near(0.42, number(formula_late(&f, real(0.5), real(0.004))), 1e-7, "late within the step", 0);
   expect_near(0.3, number(formula_late(&f, real(0.5), real(0.01))), 1e-7, "late by the step", 0);
 }
@@ -299,8 +302,9 @@ static void test_a_quotient_is_one_but_by_nothing(void)
     expect_near(k > 0 ? 0.5 * k : 0, number(formula_sqrt(real(0.25 * k * abs(k)))), 1e-7, "root", k);
 }
 
-/* A lag of T answers a sine of w by 1/sqrt(1 + (w T)^2), a mode by 1/|1 - u^2 + 2 i d u|,
- * u = w/w0. The trapezoidal rule at 0.01 s turns w into 2/h tan(w h/2), 0.03 % at 1 Hz. */
+/* The amplitude of a lag T at w is 1/sqrt(1 + (w T)^2), of a mode 1/|1 - u^2 + 2 i d u|
+ * with u = w/w0. The trapezoidal rule at 0.01 s turns w into 2/h tan(w h/2): 0.03 % at 1
+ * Hz. */
 static void test_lags_and_modes_have_their_gain(void)
 {
   tse_config c = default_car();
@@ -316,7 +320,7 @@ static void test_lags_and_modes_have_their_gain(void)
     }
     const double u = w / (2 * PI * 1.5), gain = k ? 1 / hypot(1 - u * u, 2 * 0.3 * u) : 1 / hypot(1, 0.1 * w);
     expect_near(gain, most_out / most_in, 3e-3 * gain, "gain",
-        k); /* a hundredth of a period from peak to row: 2e-3 */
+        k); /* at most a hundredth of a period between peak and row: 2e-3 */
   }
 }
 
@@ -387,7 +391,7 @@ static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
   int32_t count;
   const tse_field *const op = tse_describe(TSE_STRUCT_FORMULA_OP, &count, NULL);
   for (int i = 0; i < count; i++)
-    for (int n = 0; n <= 3; n++) { /* as many values as it takes, or another number of them */
+    for (int n = 0; n <= 3; n++) { /* the number of values that it needs, or another number */
       tse_config c = default_car();
       int ops[4] = { ONE, ONE, ONE, ONE };
       ops[n] = op[i].offset;
@@ -404,7 +408,7 @@ static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, status_of(&c));
   expect_near(2 * (TSE_FORMULA_OPS + 1) / 2, value_of(full, TSE_FORMULA_OPS), 1e-6,
       "as many ones as there is room for", 0);
-  full[TSE_FORMULA_OPS - 1] = ONE; /* ends with two values; nobody asks which setting is wrong */
+  full[TSE_FORMULA_OPS - 1] = ONE; /* ends with two values; the name of the setting is not requested */
   set_program(&c, 2, full, TSE_FORMULA_OPS);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
 }

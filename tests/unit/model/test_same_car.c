@@ -1,11 +1,12 @@
 /* tests/unit/model/test_same_car.c <-> src/model/car.c, src/model/catalogue.h,
- * src/host/simulate.c: the filter's car and that of simulator, replay and vehicle FMU are
- * one car.
+ * src/host/simulate.c: the filter has the same model of the car as simulator, replay and
+ * vehicle FMU.
  *
- * The simulator drives, with settings for both; car_move() follows with the wheels' slips
- * of the simulator, which are inputs there, and car_measure() reads. One integrates by
- * ROS2, the other by symplectic Euler: what they differ by halves with the row's time, so
- * the difference at h and at h/2 is extrapolated to none, and what is left is the model. */
+ * The simulator drives, with settings for both. car_move() follows, with the wheel slips
+ * of the simulator as inputs, and car_measure() predicts the readings. The simulator
+ * integrates by ROS2, car_move() by symplectic Euler: their difference halves with the
+ * time step. The differences at h and h/2 are extrapolated to zero, and the remainder is
+ * a difference of the models. */
 #include "model/car.h"
 
 #include "tse/simulate.h"
@@ -28,7 +29,8 @@ typedef struct drive {
   double off[GRID][CHANNELS], read[GRID][CHANNELS];
 } drive;
 
-/* Slalom that quickens to 2 Hz and tightens; `pedals`: throttle and brake as well. */
+/* A slalom with increasing frequency, up to 2 Hz, and amplitude.
+ *   Given:  pedals  1: with throttle and brake */
 static tse_sim_input driver_at(double t, double h, double steer, int pedals)
 {
   tse_sim_input u = blank_sim_input();
@@ -41,8 +43,8 @@ static tse_sim_input driver_at(double t, double h, double steer, int pedals)
   return u;
 }
 
-/* Slip of the wheels as (3) has it with exact kinematics, at the simulator's state;
- * angle: of the wheels, after lags. */
+/* Slip of the wheels by (3) with exact kinematics, at the simulator's state.
+ *   Given:  angle  of the wheels, after lags */
 static void slips_of(const tse_sim *sim, double slip[2])
 {
   const tse_params *const p = &sim->params;
@@ -53,7 +55,8 @@ static void slips_of(const tse_sim *sim, double slip[2])
   for (int a = 0; a < 2; a++) slip[a] = (turns[a] - along[a]) / fmax(along[a], turns[a]);
 }
 
-/* What the filter makes of the settings, at the state that the simulator starts from. */
+/* Set the filter's constants from the settings, and its state to the simulator's
+ * start. */
 static void start(const tse_params *p, const tse_sim *sim, tse_real x[TSE_VALUES])
 {
   for (int i = 0; i < TSE_VALUES; i++) x[i] = p->prior[i];
@@ -120,8 +123,8 @@ static void compare(const tse_config *c, double h, double steer, int pedals, dri
 static drive coarse, fine, plain;
 static double worst[CHANNELS], matters[CHANNELS], largest[CHANNELS];
 
-/* What is left of the difference, how far the readings are from those of a plain car, and
- * how large they are. */
+/* The extrapolated difference of the readings, their distance from a car without effects,
+ * and their size. */
 static void look(const tse_config *c, double steer, int pedals)
 {
   compare(c, 0.001, steer, pedals, &coarse);
@@ -136,9 +139,9 @@ static void look(const tse_config *c, double steer, int pedals)
   }
 }
 
-/* `share` of what turns the car and of what its sensors read. Along it: what the
- * accelerometer is off by, in 8 s; and a wheel that drives with slip s turns by 1/(1 - s)
- * in (3), by 1 + s in the filter: s^2 of 20 m/s. */
+/* Tolerances: `share` of the yaw motion and of its sensors. Longitudinally: 8 s of the
+ * error of the accelerometer. With slip s, a driving wheel turns by 1/(1 - s) in (3), and
+ * by 1 + s in the filter: a difference of s^2 of 20 m/s. */
 static double allowed(int k, double share, double along)
 {
   if (k == SPEED_X || k == SPEED_REAR) return along;
@@ -157,8 +160,8 @@ typedef struct set {
   double value;
 } set;
 #define SET(name, value) { #name, offsetof(tse_config, name), value }
-/* Whatever of src/tables/effects.toml the filter knows, but those of the tests below;
- * delays, of which it knows a lateness to first order. */
+/* All effects of src/tables/effects.toml in the filter, except those tested below;
+ * delays, which the filter models to first order. */
 static const set sets[] = { SET(mass_change, 0.1), SET(yaw_inertia_change, 0.1), SET(cg_shift_distance, 0.1),
   SET(wheel_radius_change, 0.02), SET(steering_ratio_change, 0.05), SET(steering_offset_angle, 0.004),
   SET(steering_lag_time, 0.05), SET(rear_roll_steer_gain, 0.05), SET(longitudinal_load_transfer_gain, 0.03),
@@ -175,21 +178,20 @@ static void put(tse_config *c, const set *s)
   memcpy((char *)c + s->at, &value, sizeof value);
 }
 
-/* Exact kinematics and a relaxation length, which the filter always has; shapes of what
- * may be switched on. */
+/* Exact kinematics and a relaxation length, which the filter always has; shapes of
+ * effects that may be switched on. */
 static tse_config basic(void)
 {
   tse_config c = config_by(tse_config_exact);
   c.exact_kinematics_share = setting(1), c.relaxation_length = setting(0.4);
-  c.tyre_saturation_shape = setting(
-      1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
+  c.tyre_saturation_shape = setting(1); /* the filter's tyres then saturate at 50 times their load */
   c.steering_lag_second = setting(0.5), c.lateral_load_transfer_balance = setting(0.2),
   c.longitudinal_load_transfer_balance = setting(-0.3);
   c.body_roll_height = c.body_roll_coupling = c.pitch_leak_height = setting(0.3);
   return c;
 }
 
-/* Of second order in the row's time: (2 pi 2 Hz 1 ms)^2. Float: rounding of 16000 steps. */
+/* Second order in the time step: (2 pi 2 Hz 1 ms)^2. Float: rounding of 16000 steps. */
 static const double share = BY_FORMAT(0.00025, 0.01), along = BY_FORMAT(0.0005, 0.03);
 
 static void test_each_effect_that_both_have_is_the_same(void)
@@ -205,7 +207,7 @@ static void test_each_effect_that_both_have_is_the_same(void)
     look(&c, 0.1, 1);
     expect_same(sets[i].name, share, along);
     for (int k = 0; k < CHANNELS; k++) shows |= matters[k] > 4 * allowed(k, 0.00025, 0.0005);
-    TEST_ASSERT_TRUE_MESSAGE(shows, sets[i].name); /* else nothing is shown */
+    TEST_ASSERT_TRUE_MESSAGE(shows, sets[i].name); /* the effect is visible */
   }
 }
 
@@ -217,9 +219,9 @@ static void test_all_of_them_together_are_the_same(void)
   expect_same("all", share, along);
 }
 
-/* Load transfer takes stiffness and leaves the grip. The filter's tyres saturate along,
- * too: of a car that hardly drives, a percent of what its slip gives, 0.002 m/s2, and in
- * 8 s as much of the speed as turns 0.1 % more. */
+/* Load transfer changes the stiffness, not the grip. The filter's tyres also saturate
+ * longitudinally: for a car with little drive, by 1 % of its slip force, 0.002 m/s2, and
+ * over 8 s by enough speed to turn 0.1 % more. */
 static void test_tyres_that_saturate_are_the_same(void)
 {
   tse_config c = basic();
@@ -236,13 +238,13 @@ static void test_tyres_that_saturate_are_the_same(void)
     look(&c, 0.13, 0);
     expect_same(rear ? "the rear ends earlier" : "the front ends earlier", BY_FORMAT(0.0015, 0.01), 0.02);
     TEST_ASSERT_TRUE(
-        matters[ACCEL_ACROSS] > 4 * allowed(ACCEL_ACROSS, 0.0015, 0.02)); /* else nothing is shown */
+        matters[ACCEL_ACROSS] > 4 * allowed(ACCEL_ACROSS, 0.0015, 0.02)); /* the effect is visible */
   }
 }
 
-/* The filter's wheels give way to the force that there is, the simulator's to what it
- * will be when the tyres have built it up: 2 % of a slalom of 1 Hz. Settled, they are the
- * same. */
+/* Steering compliance of the filter's wheels follows the present force, that of the
+ * simulator the force after the tyre's relaxation: a difference of 2 % in a slalom of 1
+ * Hz. In steady state they are equal. */
 static void test_steering_compliance_is_the_same_but_for_the_relaxation(void)
 {
   tse_config c = basic();

@@ -59,8 +59,7 @@ static void expect_bits(tse_real expected, tse_real actual, const char *what)
   TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&expected, &actual, sizeof expected, what);
 }
 
-/* A spread of ordinary states: forward, backward, walking pace; not at a corner of
- * max(). */
+/* Ordinary states: forward, backward, walking pace; not at a corner of max(). */
 typedef struct situation {
   motion m;
   inputs u;
@@ -83,12 +82,12 @@ static slips slips_of(const tse_params *p, situation s) { return vehicle_slips(p
 
 /* ------------------------------------------------------------------------- (1)-(4): slips and forces */
 
-/* About ten roundings of numbers up to 72 m/s, divided by at least 1 m/s; accelerations:
+/* About ten roundings of numbers up to 72 m/s, divided by at least 1 m/s. Accelerations:
  * times k of up to 400 m/s2. */
 #define SLIP_TOL BY_FORMAT(1e-13, 6e-5)
 #define ACCEL_TOL(expected) (BY_FORMAT(1e-13, 6e-6) * (400.0 + fabs(expected)))
 
-/* Situation i of car i % 3, and what the reference says of it. */
+/* Situation i of car i % 3, and the results of the reference. */
 typedef struct referred {
   double x[3], u[3], w[3], slip[4], accel[3];
 } referred;
@@ -160,8 +159,8 @@ static void test_rear_longitudinal_stiffness_follows_the_front_by_its_share(void
   }
 }
 
-/* In reverse, at walking pace and forward: the power of every tyre force over the
- * contact's sliding velocity is <= 0. */
+/* In reverse, at walking pace and forward: the power of each tyre force over the sliding
+ * velocity of the contact is <= 0. */
 static void test_tyre_forces_oppose_the_velocity_of_their_contact_in_both_directions(void)
 {
   uint32_t state = 3;
@@ -194,7 +193,7 @@ static void test_driving_backwards_mirrors_the_forces_exactly(void)
   }
 }
 
-/* |d slip/d vx| <= 2/low speed everywhere: nothing is divided by a small number. */
+/* |d slip/d vx| <= 2/low speed everywhere: there is no division by a small number. */
 static void test_slips_stay_bounded_and_continuous_through_standstill(void)
 {
   const tse_params p = car(0);
@@ -214,8 +213,8 @@ static void test_slips_stay_bounded_and_continuous_through_standstill(void)
 
 /* ------------------------------------------------------------------- (6), (7), (9): the estimation form */
 
-/* The accelerations are linear in w, so a wide difference is exact but for rounding; in
- * units of the sensor's sd. */
+/* The accelerations are linear in w, so a wide difference is exact except for rounding.
+ * In units of the sensor's sd. */
 static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
 {
   uint32_t state = 5;
@@ -271,9 +270,9 @@ static void test_row_of_a_missing_measurement_vanishes_and_the_other_stays(void)
   }
 }
 
-/* g = Ts [daX/dw; daY/dw; dr'/dw], written out as in algorithm.md section 1, against the
- * step's own derivative in w. Truncation: h times the tyres' rates (up to 30/s at 10
- * m/s); rounding: 20 m/s 2^-24 over h in float. */
+/* g = Ts [daX/dw; daY/dw; dr'/dw], as in algorithm.md section 1, compared with the
+ * derivative of the step in w. Truncation: h times the tyres' rates (up to 30/s at 10
+ * m/s). Rounding: 20 m/s 2^-24 over h in float. */
 static void test_state_prediction_depends_on_w_as_g_says(void)
 {
   uint32_t state = 7;
@@ -309,8 +308,8 @@ static double distance(motion m, const double *end)
   return fabs(number(m.x) - end[0]) + fabs(number(m.y) - end[1]) + fabs(number(m.r) - end[2]);
 }
 
-/* Step: 1/16 of the fastest tyre mode's time constant, so the error is the leading term:
- * at most 1e-3 of the change. */
+/* Step: 1/16 of the time constant of the fastest tyre mode, so the leading error term
+ * dominates: at most 1e-3 of the change. */
 static void test_trajectories_match_a_fine_integration_of_the_same_equations(void)
 {
   for (int i = 0; i < DRIVES; i++) {
@@ -319,8 +318,8 @@ static void test_trajectories_match_a_fine_integration_of_the_same_equations(voi
     const int steps = (int)ceil(16 * t[1] / t[17]);
     const motion m = drive(&p, motion_from(t + 2), stiffness_at(&p, t[11], t[12], t[13]), inputs_from(t + 5),
         inputs_from(t + 8), t[1], steps);
-    /* rounding in float: one unit in the last place of the speed per step, at random; a
-     * systematic one would be 3e-2 */
+    /* Rounding in float: one unit in the last place of the speed per step, at random. A
+     * systematic one would give 3e-2. */
     const double rounding = BY_FORMAT(0, 3e-7 * (1 + fabs(t[14])) * sqrt(steps));
     expect_near(0, distance(m, t + 14), 1e-3 * distance(motion_from(t + 2), t + 14) + rounding,
         "distance to the end", i);
@@ -341,7 +340,7 @@ static void test_halving_the_step_divides_the_error_by_four(void)
     for (int j = 0; j < 4; j++)
       error[j] = distance(
           drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], steps << j), t + 14);
-    /* the leading term of the error is h^2, the next one h^3: the ratio tends to 4 */
+    /* The leading error term is h^2, the next one h^3: the ratio tends to 4. */
     expect_near(4.0, error[1] / error[2], 0.5, "error at h/2 over error at h/4", i);
     expect_near(4.0, error[2] / error[3], 0.25, "error at h/4 over error at h/8", i);
   }
@@ -349,7 +348,7 @@ static void test_halving_the_step_divides_the_error_by_four(void)
 
 static const double lateral_speeds[] = { 0.5, 1.5, 4, 10, 20, 40, 70 };
 
-/* Rates of vel_y and yaw rate by themselves, linear at constant speed. */
+/* Rates of vel_y and yaw rate alone, linear at constant speed. */
 static void lateral_matrix(const double *c, double v, double A[2][2])
 {
   const double over = fmax(v, 1), mass = c[0] * over, inertia = c[1] * over,
@@ -358,9 +357,9 @@ static void lateral_matrix(const double *c, double v, double A[2][2])
   A[1][0] = moment / inertia, A[1][1] = -(c[2] * c[2] * c[6] + c[3] * c[3] * c[7]) / inertia;
 }
 
-/* Amplitudes of 1e-6: what is not linear is 1e-6 smaller still; in fixed point of 1e-3,
- * where a step of the format is 2e-7 of it, and a step of 0.25 ms, whose smallest is a 60
- * 000th, rounds by as much. Tolerance: (h rate)^2 with rates to 250/s. */
+/* Amplitudes of 1e-6 make nonlinear terms 1e-6 times as large. In fixed point 1e-3, of
+ * which a step of the format is 2e-7. A time step of 0.25 ms, with a smallest part of
+ * 1/60000, rounds by as much. Tolerance: (h rate)^2 with rates to 250/s. */
 static void test_lateral_motion_at_constant_speed_matches_the_matrix_exponential(void)
 {
   const double small = BY_NUMBER(1e-6, 1e-6, 1e-3), h = 1e-4;
@@ -376,7 +375,7 @@ static void test_lateral_motion_at_constant_speed_matches_the_matrix_exponential
     double A[2][2], end[2] = { x[0], x[1] };
     lateral_matrix(c, v, A);
     for (int k = 0; k < (int)(duration / h + 0.5);
-        k++) { /* exp(A h) as a series, the steering angle of the middle */
+        k++) { /* exp(A h) as a series, with the steering angle of the middle */
       const double delta = (from + (to - from) * (k + 0.5) * h / duration) * v / over;
       const double b[2] = { A[0][0] * end[0] + A[0][1] * end[1] + c[6] / c[0] * delta,
         A[1][0] * end[0] + A[1][1] * end[1] + c[2] * c[6] / c[1] * delta };
@@ -395,8 +394,8 @@ static void test_lateral_motion_at_constant_speed_matches_the_matrix_exponential
   }
 }
 
-/* r/delta = v/(L + K v^2), K = m (lr/Cf - lf/Cr)/L; vy = r (lr - m lf v^2/(L Cr)). Steps
- * of 10 ms: the stationary point of the method is the model's own. */
+/* r/delta = v/(L + K v^2), K = m (lr/Cf - lf/Cr)/L; vy = r (lr - m lf v^2/(L Cr)). With
+ * steps of 10 ms: the stationary point of the method is that of the model. */
 static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(void)
 {
   const double speeds[] = { 0.5, 1.0, 3.0, 10.0, 20.0, 40.0, 70.0 };
@@ -405,8 +404,8 @@ static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(
     const tse_params p = car(k);
     for (int i = 0; i < ROWS(speeds); i++) {
       const double v = speeds[i], angle = BY_NUMBER(1e-6, 1e-6, 1e-4), wheelbase = c[2] + c[3];
-      /* below 1 m/s slip is taken over 1 m/s: the tyres' part scales with v * 1 instead
-       * of v^2 */
+      /* Below 1 m/s slip is relative to 1 m/s: the tyres' part is proportional to v * 1
+       * instead of v^2. */
       const double vv = v < 1.0 ? v : v * v;
       const double understeer = c[0] / wheelbase * (c[3] / c[6] - c[2] / c[7]);
       const double gain = v / (wheelbase + understeer * vv),
@@ -421,10 +420,10 @@ static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(
   }
 }
 
-/* The linearised step is the stability function of the method, so the Jacobian is
- * complete in what is stiff: lateral motion at amplitudes of 1e-6; and the longitudinal
- * one, which is linear as it stands below 1 m/s, and above it as long as the wheels are
- * faster, also in the inner stage. */
+/* The linearised step is the stability function of the method, so the Jacobian contains
+ * all stiff terms: lateral motion at amplitudes of 1e-6, and longitudinal motion, which
+ * is linear below 1 m/s, and above it while the wheels are faster, also in the inner
+ * stage. */
 static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_order_two(void)
 {
   const double small = BY_NUMBER(1e-6, 1e-6, 1e-3), gamma = 1 - sqrt(0.5);
@@ -458,8 +457,9 @@ static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_ord
   }
 }
 
-/* Squared distance from rolling with the wheels, yaw with I/m. Returned: its value at the
- * end; *largest on the way. */
+/* Squared distance from rolling with the wheels, with yaw weighted by I/m.
+ *   Returned:  its value at the end
+ *              largest  maximum on the way */
 static double settle(const tse_params *p, stiffness k, double v, double h, double duration, double *largest)
 {
   const double u[3] = { 0, v, v };
@@ -475,9 +475,9 @@ static double settle(const tse_params *p, stiffness k, double v, double h, doubl
   return energy;
 }
 
-/* From standstill to 70 m/s, steps of 10 to 50 ms, tyres from a tenth of nominal to
- * twenty times (rates to 6000/s). A car at speed weathervanes before the tyres catch it:
- * how far, a step of 0.5 ms tells; a coarse one may not go 5 % further. */
+/* From standstill to 70 m/s, steps of 10 to 50 ms, tyres from 0.1 to 20 times nominal
+ * (rates to 6000/s). A car at speed swings before the tyres stabilise it. A step of 0.5
+ * ms gives the amplitude, and a coarse step may exceed it by at most 5 %. */
 static void test_disturbances_never_grow_and_die_out_at_any_speed_and_step(void)
 {
   const double speeds[] = { 0.0, 0.05, 0.3, 0.8, 1.0, 1.4, 2.0, 5.0, 20.0, 70.0 };

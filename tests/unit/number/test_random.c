@@ -1,13 +1,14 @@
 /* tests/unit/number/test_random.c <-> src/number/random.h
  *
- * Reference values: Random123's vectors, threefry in the general form of Salmon et al.
- * (SC11, section 4.1), and the distributions of t and F from the incomplete beta
+ * Reference values: test vectors of Random123, threefry in the general form of Salmon et
+ * al. (SC11, section 4.1), and the distributions of t and F from the incomplete beta
  * function.
  *
  * Distributions are compared by Kolmogorov-Smirnov distances and chi-squares of seeded
- * samples. A sound generator exceeds each limit with probability 1e-5 (KS: 2.47/sqrt(N);
- * counts and correlations: 4.42 sigma), one of all limits here with less than 1e-2; the
- * numbers are the same in every run, so a test that passes once passes always. */
+ * samples. A correct generator exceeds each limit with probability 1e-5 (KS:
+ * 2.47/sqrt(N); counts and correlations: 4.42 sigma), and any of the limits here with
+ * less than 1e-2. The numbers are the same in every run, so a test that passes once
+ * always passes. */
 #include <stdlib.h>
 
 #include "number/random.h"
@@ -31,7 +32,7 @@ static int ascending(const void *a, const void *b)
   return (x > y) - (x < y);
 }
 
-/* Sorts the sample. */
+/* Return the KS distance; sorts the sample. */
 static double ks_distance(double *x, double (*cdf)(double))
 {
   double worst = 0;
@@ -43,9 +44,9 @@ static double ks_distance(double *x, double (*cdf)(double))
   return worst;
 }
 
-/* Each share of the sample below the quantile of p has mean p and sd sqrt(p (1-p)/N): at
- * percents, and into both tails, the distance is below the KS limit and 4.42 sd.
- * Returned: 1 when within both. */
+/* Compare the shares of the sample below the quantiles of p: mean p, sd sqrt(p (1-p)/N).
+ * The quantiles are percents and both tails. The largest difference is compared with the
+ * KS limit, and each share with 4.42 sd. Returned: 1 if within both */
 static int follows(const double *x, double (*cdf)(double, double), double nu)
 {
   static const double tail[] = { 0.0005, 0.001, 0.002, 0.005, 0.995, 0.998, 0.999, 0.9995 };
@@ -113,7 +114,7 @@ static int ascending_words(const void *a, const void *b)
   return (x > y) - (x < y);
 }
 
-/* threefry permutes the counter: two equal results would be two equal counters. */
+/* threefry permutes the counter: equal results would mean equal counters. */
 static void test_no_two_steps_purposes_or_particles_share_their_words(void)
 {
   static const uint32_t purposes[] = { RANDOM_DRAW_A, RANDOM_DRAW_B, RANDOM_RESAMPLE, RANDOM_START_A,
@@ -171,7 +172,7 @@ static void normal_samples(void)
   }
 }
 
-/* Distributions of 1e5 numbers do not see half a percent; the formula of Box & Muller
+/* Distributions of 1e5 numbers do not show errors of 0.5 %. The formula of Box and Muller
  * with libm does. */
 static void test_normal_numbers_are_those_of_box_and_muller(void)
 {
@@ -183,7 +184,7 @@ static void test_normal_numbers_are_those_of_box_and_muller(void)
     tse_real n1, n2;
     random_normal2(a, b, &n1, &n2);
     expect_near(radius * cos(angle), number(n1), BY_FORMAT(1e-12, 3e-6), "first",
-        i); /* 7 times the errors in real_ops.h */
+        i); /* 7 times the errors documented in real_ops.h */
     expect_near(radius * sin(angle), number(n2), BY_FORMAT(1e-12, 3e-6), "second", i);
   }
 }
@@ -236,8 +237,8 @@ static void combine(double *out, double a, double b, double c)
   for (int i = 0; i < SAMPLES; i++) out[i] = a * sample_of[0][i] + b * sample_of[1][i] + c * sample_of[2][i];
 }
 
-/* As for the normal numbers: Bailey's formulas with libm. rr loses nu times the relative
- * error of exp2. */
+/* As for normal numbers: Bailey's formulas with libm. rr has nu times the relative error
+ * of exp2. */
 static void test_student_variates_are_those_of_bailey(void)
 {
   uint32_t state = 2;
@@ -252,8 +253,8 @@ static void test_student_variates_are_those_of_bailey(void)
     const double rr = nu * (pow(u[0], -2 / nu) - 1), qq = (nu + 2) * (pow(u[2], -2 / (nu + 2)) - 1);
     const double turn = 6.283185307179586, third = sqrt(qq * (nu + rr) / (nu + 2)) * cos(turn * u[3]);
     student(w, nu, t);
-    /* the error of a root is that of its argument over twice the root, and never above
-     * the root of the error */
+    /* The error of a root is that of its argument over twice the root, and at most the
+     * root of the error. */
     const double noise = BY_FORMAT(1e-13, 1e-6) * (nu + rr), size = fmax(sqrt(rr), sqrt(noise));
     const double noise3 = BY_FORMAT(1e-13, 1e-6) * (nu + 2 + qq) * (1 + rr / nu),
                  size3 = fmax(fabs(third), sqrt(noise3));
@@ -265,8 +266,8 @@ static void test_student_variates_are_those_of_bailey(void)
   }
 }
 
-/* Jointly spherical t: every projection on a unit vector has the t distribution with the
- * same degrees of freedom. */
+/* Jointly spherical t: every projection onto a unit vector has the t distribution with
+ * the same degrees of freedom. */
 static void test_each_student_variate_and_every_projection_has_the_t_distribution(void)
 {
   for (int k = 0; k < ROWS(dof_table); k++) {
@@ -280,7 +281,7 @@ static void test_each_student_variate_and_every_projection_has_the_t_distributio
 }
 
 /* One chi-square for all three: (t1^2 + t2^2 + t3^2)/3 ~ F(3, nu), (t1^2 + t2^2)/2 ~ F(2,
- * nu). Independent t would not. */
+ * nu). Independent t would not have these distributions. */
 static void test_three_student_variates_share_one_chi_square(void)
 {
   for (int k = 0; k < ROWS(dof_table); k++) {
@@ -302,8 +303,8 @@ static double sphere_cdf(double x)
   return 0.5 * (1.0 + x);
 } /* Archimedes: a coordinate on the sphere is uniform */
 
-/* 8 octants times 6 orders of the absolute values are 48 congruent parts of the sphere;
- * chi-square with 47 degrees of freedom, upper 1e-5 quantile 100.3. */
+/* 8 octants times 6 orders of the absolute values are 48 congruent parts of the sphere.
+ * Chi-square with 47 degrees of freedom, upper 1e-5 quantile 100.3. */
 static void test_directions_are_uniform_on_the_sphere(void)
 {
   const double dofs[] = { 5, 11, 101 };
@@ -316,7 +317,7 @@ static void test_directions_are_uniform_on_the_sphere(void)
       const int octant = (a < 0) + 2 * (b < 0) + 4 * (c < 0);
       const int order = (fabs(a) < fabs(b)) + 2 * (fabs(b) < fabs(c)) + 4 * (fabs(a) < fabs(c));
       static const int place[8] = { 0, 1, 2, -1, -1, 3, 4,
-        5 }; /* a < c < b and the like: two of eight cannot be */
+        5 }; /* orders a < c < b etc.: two of eight are impossible */
       TEST_ASSERT_TRUE(place[order] >= 0);
       count[octant * 6 + place[order]]++;
       sample_of[3][i] = a / radius;

@@ -1,9 +1,9 @@
-/* tests/unit/number/test_real_ops.c <-> src/number/real_ops.h, in the format it is
- * compiled for.
+/* tests/unit/number/test_real_ops.c <-> src/number/real_ops.h, in the number format of
+ * the build.
  *
- * Reference values: libm in double, whose error (1 ulp, 2.2e-16) is small beside the
- * tolerances. Arguments are exact in every format, except that fixed skips those it
- * cannot hold. */
+ * Reference values: libm in double, whose error (1 ulp, 2.2e-16) is small compared with
+ * the tolerances. Arguments are exact in every format. Fixed point skips those outside
+ * its range. */
 #include "number/real_ops.h"
 #include "unit_support.h"
 
@@ -15,9 +15,9 @@
 #define TSE_BITS 32
 #endif
 
-/* Tolerance of an elementary function: fixed + relative * |expected|. The figures are the
- * errors documented in real_ops.h, which are bounds of the polynomials plus the rounding
- * of their evaluation. */
+/* Tolerance of an elementary function: fixed + relative * |expected|. The values are the
+ * errors documented in real_ops.h: bounds of the polynomials plus rounding of their
+ * evaluation. */
 #if defined(TSE_REAL_FLOAT)
 #define FIXED_LOG2   0.0
 #define REL_LOG2     2.3e-7
@@ -64,9 +64,9 @@ static void expect_same(double expected, tse_real actual, const char *what)
 
 /* ----------------------------------------------------------------------- arguments of the functions */
 
-#define STEP ldexp(1.0, -20) /* the coarsest resolution of fixed point that is tested */
+#define STEP ldexp(1.0, -20) /* the coarsest resolution of fixed point in the tests */
 
-/* x with 24 bits, and a multiple of STEP where that keeps it: held by every format. */
+/* Return x with 24 bits, and a multiple of STEP where possible: exact in every format. */
 static double held(double x)
 {
   return (float)(fabs(x) >= STEP && fabs(x) < 2048 ? floor(x / STEP + 0.5) * STEP : x);
@@ -78,7 +78,7 @@ static void check(void (*expect)(double), double x)
 }
 
 static void check_positive(
-    void (*expect)(double)) /* beside 1, at the seams of log2, powers of two, and any */
+    void (*expect)(double)) /* near 1, at the seams of log2, powers of two, and random */
 {
   uint32_t state = 20;
   for (int k = -20; k <= 10; k++) check(expect, ldexp(1.0, k));
@@ -91,7 +91,7 @@ static void check_positive(
   }
 }
 
-static void check_octaves(void (*expect)(double)) /* whole numbers, beside 0, at the seams of exp2, and any */
+static void check_octaves(void (*expect)(double)) /* integers, near 0, at the seams of exp2, and random */
 {
   uint32_t state = 21;
   for (int k = -24; k <= 12; k++)
@@ -266,8 +266,8 @@ static void test_uniform_follows_the_upper_bits_of_the_word(void)
   uint32_t state = 4;
   for (int i = 0; i < 20000; i++) {
     const uint32_t word = next_word(&state);
-    /* The middle of the cell of 2^-31 (of fixed, whatever it can hold) or 2^-23 into
-     * which word / 2^32 falls. */
+    /* The middle of the cell of 2^-31 (fixed point, of any resolution) or 2^-23 that
+     * contains word / 2^32. */
     const double cell = sizeof(tse_real) == 8
         ? (held_exactly(ldexp(1.0, -33)) && !held_exactly(ldexp(1.0, -50))
                   ? ldexp(1.0, -32)
@@ -377,7 +377,7 @@ static const int64_t extreme[] = { INT64_MIN, INT64_MIN + 1, -INT64_MAX / 2, -FI
   FIXED_ONE, FIXED_ONE + 1, ((int64_t)1 << 32) - 1, (int64_t)1 << 32, FIXED_MOST - 1, FIXED_MOST,
   INT64_MAX / 2, 15 * FIXED_MOST, -15 * FIXED_MOST, INT64_MAX - 1, INT64_MAX };
 
-/* Products and quotients in long-hand, from 128 bits. */
+/* Products and quotients from 128 bits. */
 __extension__ typedef __int128 wide;
 
 static int64_t limited(wide x)
@@ -403,7 +403,8 @@ static int64_t any_size(uint32_t *state) /* words of all magnitudes */
   return (int64_t)(word - ((uint64_t)1 << 63)) / ((int64_t)1 << (next_word(state) >> 26 & 62u));
 }
 
-/* Whether fifteen results, added, may be as much: nothing larger is multiplied. */
+/* Return 1 if a sum of fifteen results can be as large: no larger numbers are
+ * multiplied. */
 static int is_sum(int64_t x) { return x <= 15 * FIXED_MOST && x >= -15 * FIXED_MOST; }
 
 static void expect_product_and_quotient(int64_t a, int64_t b)
@@ -411,7 +412,7 @@ static void expect_product_and_quotient(int64_t a, int64_t b)
 #if defined(__SIZEOF_INT128__) && !defined(TSE_FIXED_HALVES)
   TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), r_mul(a, b));
 #endif
-  if (is_sum(a) && is_sum(b)) { /* what processors without 128 bits run */
+  if (is_sum(a) && is_sum(b)) { /* code for processors without 128 bits */
     TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), fixed_mul_halves(a, b));
   }
   if (b != 0) { TEST_ASSERT_EQUAL_INT64(nearest_away((wide)a * FIXED_ONE, b), r_div(a, b)); }
@@ -432,7 +433,7 @@ static void test_fixed_products_and_quotients_round_to_nearest_and_saturate(void
   TEST_ASSERT_EQUAL_INT64(0, r_mul(-1, TSE_R(0.5))); /* ... also below zero */
 }
 
-/* Every divisor, and dividends at both ends of a quotient, and of the range. */
+/* Every divisor, with dividends at both ends of a quotient and of the range. */
 static void test_fixed_digits_are_quotients_rounded_down(void)
 {
   for (uint32_t d = 32768; d <= 65537; d++) {
@@ -468,14 +469,14 @@ static void test_fixed_division_by_zero_saturates_with_the_sign_of_the_numerator
   TEST_ASSERT_EQUAL_INT64(0, r_div(0, 0));
 }
 
-/* Fifteen results of any operation may be added natively. */
+/* Fifteen results of any operation can be added natively. */
 static void test_fixed_results_leave_room_for_sums(void)
 {
   for (int i = 0; i < ROWS(extreme); i++) {
     for (int j = 0; j < ROWS(extreme); j++) {
       const int64_t a = extreme[i], b = extreme[j];
       tse_real s, c;
-      r_sincos_turn(a, &s, &c); /* also: no undefined behaviour anywhere */
+      r_sincos_turn(a, &s, &c); /* also checks for undefined behaviour */
       const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_atan2(a, b), r_sqrt(a),
         r_log2(a), r_exp2(a), s, c, r_sqr(a), r_from_int(r_floor_to_int(a)), r_from_q24(r_to_q24(a)) };
       for (int k = 0; k < ROWS(result); k++) {
@@ -492,7 +493,7 @@ static void test_fixed_square_root_is_nearest_for_every_kind_of_argument(void)
     const int64_t x = i < 100000 ? i : any_size(&state);
     const wide root = r_sqrt(x), square = (wide)(x < 0 ? 0 : x) * FIXED_ONE;
     /* root - 1/2 <= sqrt(square) <= root + 1/2, squared, without the quarter that
-     * integers cannot reach */
+     * integers cannot represent. */
     TEST_ASSERT_TRUE(square <= root * root + root);
     TEST_ASSERT_TRUE(root == 0 || square > root * root - root);
   }
@@ -513,8 +514,8 @@ static void test_fixed_log2_and_exp2_stay_near_double_everywhere(void)
   }
 }
 
-/* By steps that a Q30 polynomial resolves; and by single ones no further down than its
- * error. */
+/* In steps that a Q30 polynomial resolves. Single steps of the format are monotonic
+ * within its error. */
 static void test_fixed_log2_and_exp2_do_not_decrease(void)
 {
   int64_t last = r_log2(1);
@@ -542,7 +543,7 @@ static void test_fixed_sine_cosine_and_arc_stay_near_double_everywhere(void)
     expect_of(sin(2 * pi * number(t)), s, FIXED_SINCOS, "sin", number(t));
     expect_of(cos(2 * pi * number(t)), c, FIXED_SINCOS, "cos", number(t));
     r_sincos_turn(t - TSE_R(3), &s1, &c1);
-    TEST_ASSERT_TRUE(s == s1 && c == c1); /* whole turns drop out */
+    TEST_ASSERT_TRUE(s == s1 && c == c1); /* whole turns do not matter */
     const int64_t y = any_size(&state), x = any_size(&state);
     if (y != 0 || x != 0) {
       expect_of(atan2((double)y, (double)x), r_atan2(y, x), FIXED_ATAN2, "atan2", number(y));
@@ -562,14 +563,14 @@ static void test_fixed_numbers_go_in_and_out_by_the_nearest(void)
   TEST_ASSERT_EQUAL_INT64(TSE_S(0.1), tse_setting_of(0.1));
 }
 
-/* Of every size, and of what only just rounds: the same bits as a conversion to float
- * makes. */
+/* Numbers of all sizes, and at the limits of rounding: the same bits as a conversion to
+ * float. */
 static void test_fixed_settings_have_the_single_precision_bits_of_other_formats(void)
 {
   uint32_t state = 13;
   for (int i = 0; i < 300000; i++) {
     const int64_t x = any_size(&state);
-    const float single = (float)x; /* rounds once; the scale is exact */
+    const float single = (float)x; /* rounds once; scaling is exact */
     uint32_t bits;
     memcpy(&bits, &single, sizeof bits);
     TEST_ASSERT_EQUAL_HEX32(x == 0 ? 0 : bits - ((uint32_t)TSE_FRACTION_BITS << 23), r_single_bits(x));
@@ -579,7 +580,7 @@ static void test_fixed_settings_have_the_single_precision_bits_of_other_formats(
 
 /* ------------------------------------------------------------------------------- reproducibility */
 
-/* FNV-1a over the values, low byte first whatever the machine's order. */
+/* FNV-1a over the values, low byte first on all machines. */
 static uint32_t digest(uint32_t hash, tse_real x)
 {
   uint64_t bits = 0;

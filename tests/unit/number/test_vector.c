@@ -1,5 +1,4 @@
-/* tests/unit/number/test_vector.c <-> src/number/vector.h: rows against the same in
- * double. */
+/* tests/unit/number/test_vector.c <-> src/number/vector.h: rows, compared with double. */
 #include "number/vector.h"
 #include "unit_support.h"
 
@@ -25,7 +24,7 @@ static void any_numbers(tse_real *x, double most, uint32_t *seed)
     x[i] = next_uniform(seed) < 0.3 ? TSE_R(0) : real(next_between(seed, -most, most));
 }
 
-/* 2^-28 .. 2^5, of both signs. */
+/* Return a number of 2^-28 .. 2^5, of either sign. */
 static double any_factor(uint32_t *seed)
 {
   return ldexp(next_between(seed, -1, 1), 5 - (int)(next_word(seed) % 34));
@@ -93,8 +92,7 @@ static void test_two_rows_that_change_each_other_do_so_in_the_order_that_is_said
   }
 }
 
-/* What is done with two rows at once is what is done with one after the other, to the
- * bit. */
+/* Operations on two rows at once give the same bits as one after the other. */
 static void test_two_rows_together_are_two_in_turn(void)
 {
   uint32_t seed = 13;
@@ -183,7 +181,7 @@ static void test_quotients_by_one_number_share_its_reciprocal(void)
     if (!(was > TSE_R(0))) continue;
     expect_near(number(x0) * number(was) / number(d), number(r_left(x0, was, more, over)),
         4 * RELATIVE * number(x0) + BY_NUMBER(0, 0, 2 * QUANTUM), "what is left", n);
-    TEST_ASSERT_TRUE(!(r_left(x0, d, TSE_R(0), over) != x0)); /* nothing is taken */
+    TEST_ASSERT_TRUE(!(r_left(x0, d, TSE_R(0), over) != x0)); /* unchanged */
   }
 }
 
@@ -193,8 +191,8 @@ static tse_short slope_sum(tse_short from, const tse_short *slope, tse_short *x,
   return from;
 }
 
-/* Slopes: x to/over is what r_short() has for one of a row, within what a slope holds;
- * sums of them are rounded once. */
+/* Slopes: x to/over equals r_short() for a row, within the resolution of a slope. Sums of
+ * them are rounded once. */
 static void test_slopes_are_brought_into_units_and_multiply_rows(void)
 {
   uint32_t seed = 8;
@@ -207,7 +205,7 @@ static void test_slopes_are_brought_into_units_and_multiply_rows(void)
     const r_factored unit = r_unit(real(to)), own = r_over_unit(real(over));
     const tse_short slope = r_slope_in_units(r_short_scaled(real(x), ROW_UP), unit, own, real(most));
     tse_short one = short_of(1);
-    /* of what is scaled by 2^ROW_UP a step is 2^-26, times 1/over */
+    /* resolution 2^-26 after scaling by 2^ROW_UP, times 1/over */
     const double near = 2 * RELATIVE * fabs(ratio) + step + BY_NUMBER(0, 0, ldexp(1.5, -25)) / over;
     if (fabs(ratio) < 15.9)
       expect_near(held, number_of(slope_sum(short_of(0), &slope, &one, 1)), near + 0.5 * STEP, "in units", n);

@@ -1,5 +1,5 @@
-/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18); and (17), paper_forget() in
- * learn.c. The update (19) together with the draw that it needs: test_learn.c. */
+/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18), and paper_forget() in learn.c:
+ * (17). The update (19), together with its draw: test_learn.c. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -17,14 +17,14 @@ static tse_config settings(void)
 
 static tse_params params(void) { return prepared(settings()); }
 
-/* A filter of which nothing else is read. */
+/* A filter with the members that are read. */
 static void know(double gamma, double nu)
 {
   memset(&filter, 0, sizeof filter);
   filter.gamma = real(gamma), filter.nu = real(nu);
 }
 
-/* A row in which every channel reads as predicted but for `off` sigma. */
+/* A row in which every channel is `off` sigma from its prediction. */
 static void forget_after(const tse_params *p, tse_filter_paper *f, tse_real dt, double off)
 {
   sample y = { 0 };
@@ -51,8 +51,8 @@ static void test_one_sample_time_forgets_by_lambda(void)
   expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", 0);
 }
 
-/* Lambda *= lambda and nu *= lambda: their quotient, which the particles carry, stays. So
- * does everything else. */
+/* Lambda *= lambda and nu *= lambda: their quotient, which the particles store, is
+ * unchanged, and so is everything else. */
 static void test_forgetting_changes_only_gamma_and_nu(void)
 {
   const tse_params p = params();
@@ -65,7 +65,7 @@ static void test_forgetting_changes_only_gamma_and_nu(void)
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 
-/* nu > 4 keeps A and Sigma alive: repeated long steps stop at 6. */
+/* nu > 4 keeps A and Sigma valid: repeated long steps stop at 6. */
 static void test_degrees_of_freedom_never_fall_below_six(void)
 {
   const tse_params p = params();
@@ -74,8 +74,8 @@ static void test_degrees_of_freedom_never_fall_below_six(void)
   expect_near(6, number(filter.nu), 0, "nu", 0);
 }
 
-/* However long it takes: the mean is as unknown as one sample leaves it, or as at the
- * start, and nu is at its least. */
+/* After any time, the mean is as uncertain as after one sample, or as at the start, and
+ * nu is at its minimum. */
 static void test_what_is_forgotten_is_not_forgotten_further(void)
 {
   static const double dt[] = { 60, 600, 3600 };
@@ -96,7 +96,7 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
     }
 }
 
-/* A factor of its own for the mean: gamma by it, nu and Lambda by the other. */
+/* The mean has its own factor: gamma by it, nu and Lambda by the other. */
 static void test_the_mean_may_forget_faster_than_the_covariance(void)
 {
   tse_config c = settings();
@@ -108,9 +108,9 @@ static void test_the_mean_may_forget_faster_than_the_covariance(void)
   expect_near(40 * 0.98 * 0.98, number(filter.nu), REL * 40, "nu", 0);
 }
 
-/* Innovations of c sigma that stay: smoothed with gain g they become c (1 - (1 - g)^n);
- * white ones of variance one would leave g/(2 - g). The factor falls by 0.05 for each
- * multiple of that beyond 3, to forgetting_change at most. */
+/* Persistent innovations of c sigma, filtered with gain g, become c (1 - (1 - g)^n).
+ * White ones of variance one leave g/(2 - g). The factor decreases by 0.05 for each
+ * multiple of that above 3, down to forgetting_change. */
 static void test_the_mean_forgets_faster_where_innovations_last(void)
 {
   static const double off[] = { 0, 0.2, 0.45, 2 };
@@ -146,7 +146,7 @@ static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
     forget_for(&p, &filter, p.sample_time);
   }
   expect_near(0.98 / 0.02, number(filter.nu), BY_FORMAT(1e-9, 2e-3), "nu",
-      0); /* errors add over 1/(1 - lambda) samples */
+      0); /* errors accumulate over 1/(1 - lambda) samples */
   expect_near(0.02 / 0.98, number(filter.gamma), BY_FORMAT(1e-12, 1e-6), "gamma", 0);
 }
 

@@ -1,6 +1,6 @@
-/* tests/unit/paper/test_estimate.c <-> src/paper/estimate.c: (26), (27), against sums
- * over the particles written down plainly in long double, with the mean known before the
- * squares are summed. */
+/* tests/unit/paper/test_estimate.c <-> src/paper/estimate.c: (26), (27), compared with
+ * sums over the particles in long double, with the mean known before the squares are
+ * summed. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -9,8 +9,8 @@ static tse_config config;
 static tse_params p;
 
 /* Rounding of a weighted sum over n particles, relative to the largest term, and of the
- * variance taken about the first value: a few ulp (2^-52, 2^-23) times sqrt(n) times the
- * ratio of distance to spread, which is below 4 here. */
+ * variance about the first value: a few ulp (2^-52, 2^-23) times sqrt(n) times the ratio
+ * of distance to spread, which is below 4 here. */
 #define RELATIVE BY_FORMAT(4e-15, 3e-6)
 #define RELATIVE_SD BY_FORMAT(4e-14, 2e-5)
 
@@ -24,8 +24,8 @@ static void start(int32_t n)
   for (int a = 0; a < 3; a++) f.bias_var[a] = real(0.04 * (a + 1));
 }
 
-/* Particles about typical values; Lambda/nu stays positive definite. What stands beyond n
- * must not count. */
+/* Particles near typical values. Lambda/nu is positive definite. Particles beyond n must
+ * not count. */
 static void fill(uint32_t *state, double spread)
 {
   for (int32_t i = 0; i < TSE_STRIDE; i++) {
@@ -87,8 +87,7 @@ static void expect_all_estimates(void)
   for (int a = 0; a < 3; a++) {
     const double mean = (double)weighted_mean(f.p.x[a]), sd = (double)sqrtl(variance_of(f.p.x[a]));
     expect_near(mean, x[a], RELATIVE * fabs(mean), "state", a);
-    expect_near(sd, x_sd[a], RELATIVE_SD * sd + QUANTUM / sd, "sd of state",
-        a); /* of what a variance is rounded by */
+    expect_near(sd, x_sd[a], RELATIVE_SD * sd + QUANTUM / sd, "sd of state", a); /* rounding of a variance */
   }
   expect_near(atan2((double)weighted_mean(f.p.x[1]), (double)weighted_mean(f.p.x[0])), number(y.sideslip),
       RELATIVE, "sideslip", 0);
@@ -165,9 +164,9 @@ static void test_identical_particles_have_no_spread_of_their_own(void)
       "sqrt(gamma Sigma)", 2);
 }
 
-/* 20 m/s and particles a few millimetres a second apart: E[x^2] - E[x]^2 would lose
- * everything in single precision, whose step at 20 m/s is 2 um/s; the sd, 3 mm/s, must
- * still be right to a thousandth. */
+/* 20 m/s and particles that differ by millimetres per second: E[x^2] - E[x]^2 would lose
+ * all digits in single precision, whose resolution at 20 m/s is 2 um/s. The sd, 3 mm/s,
+ * must be accurate to 1e-3. */
 static void test_millimetres_a_second_on_twenty_metres_a_second_survive(void)
 {
   uint32_t state = 5;

@@ -1,6 +1,6 @@
-/* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and
- * Gaussian, it must agree with a Kalman filter (turning: single_track.h), evidence
- * included, with resampling on. */
+/* tests/unit/paper/test_kalman.c - the whole particle filter, on a problem with a known
+ * solution: linear and Gaussian, it must agree with a Kalman filter (turning:
+ * single_track.h), including the evidence, with resampling. */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "single_track.h"
@@ -11,10 +11,10 @@ static const double omega = 60, sd_of[3] = { 0.15, 0.15, 0.0035 }, bias_sd[3] = 
                     bias_walk[3] = { 0.002, 0.002, 0.0001 };
 static const double x_sd[3] = { 0, 0.005, 0.003 }, spread = 0.05, row_time = 0.01;
 
-static tse_config settings(void) /* the car is that of the defaults, car_table[0] */
+static tse_config settings(void) /* the car of the defaults, car_table[0] */
 {
   tse_config c = config_by(tse_config_paper);
-  c.integration = 1; /* of second order, as in the reference */
+  c.integration = 1; /* second order, as in the reference */
   c.accel_x_sd = c.accel_y_sd = setting(sd_of[0]), c.yaw_rate_sd = setting(sd_of[2]);
   c.accel_x_bias_sd = c.accel_y_bias_sd = setting(bias_sd[0]), c.yaw_rate_bias_sd = setting(bias_sd[2]);
   c.accel_x_bias_walk = c.accel_y_bias_walk = setting(bias_walk[0]);
@@ -41,10 +41,10 @@ enum { STEPS = 160 };
 static double estimate_of[SEEDS][STEPS][11]; /* vel_y, yaw rate, 3 biases; their sds; log evidence */
 static int resampled;
 
-/* Constant wheel speeds, a slowly swaying steering angle. With mean and spread of the
- * stiffness known, w is white Gaussian noise that enters the motion and the
- * accelerometers at once; vel_y, yaw rate and biases then are linear and Gaussian, except
- * that d depends on the slip angle, which is known to 1 %. */
+/* Constant wheel speeds and a slowly varying steering angle. With known mean and spread
+ * of the stiffness, w is white Gaussian noise in both the motion and the accelerometers.
+ * vel_y, yaw rate and biases are then linear and Gaussian, except that d depends on the
+ * slip angle, which is known to 1 %. */
 static struct {
   double steer, y[3], evidence, mean[5], sd[5];
 } kalman_turning[STEPS];
@@ -83,8 +83,8 @@ static void run_kalman_filter(void)
   }
 }
 
-/* Mean and sd of bias a given all rows up to now: the output is taken before the row's
- * own bias update. */
+/* Mean and sd of bias a given all rows so far: the output precedes the row's own bias
+ * update. */
 static void bias_now(const tse_params *p, int a, double *mean, double *sd)
 {
   double sum = 0.0, first = 0.0, second = 0.0;
@@ -98,8 +98,8 @@ static void bias_now(const tse_params *p, int a, double *mean, double *sd)
   *sd = number(p->sd[a]) * sqrt(number(f.bias_var[a]) + second / sum - (first / sum) * (first / sum));
 }
 
-/* Mean stiffness known exactly (gamma = 0), its spread known almost (1000 degrees of
- * freedom, hardly any forgetting). */
+/* Mean stiffness known exactly (gamma = 0), spread known almost exactly (1000 degrees of
+ * freedom, little forgetting). */
 static void run_turning(int32_t scheme)
 {
   resampled = 0;
@@ -139,17 +139,14 @@ static void over_seeds(int k, int column, double *mean, double *standard_error)
 
 /* Tolerances, for the mean over SEEDS runs:
  *   means     4.5 standard errors of that mean, measured over the seeds (Student-t with
- *             23 degrees of freedom: chance
- *             2e-4 for one number), and 2 % of the Kalman filter's sd for what is not
- *             linear: d known to 1 %, second-order
- *             integration, Student-t with 998 degrees of freedom instead of a normal
- *   sds       likewise 4.5 standard errors, and 3 %: N particles underestimate a sd by
- *             1/(2 N_eff), and do so again in every
- *             generation that shares its ancestors
- *   evidence  of one row: 4.5 standard errors and (q^2 - 10 q + 15)/(4 nu), the
- *             Student-t's first term, below 0.03 for
- *             q = z'S^-1 z up to 16; of all rows: exp(sum) is unbiased, so its mean over
- *             the seeds is compared */
+ *             23 degrees of freedom: chance 2e-4 per number), and 2 % of the Kalman
+ *             filter's sd for nonlinear terms: d known to 1 %, second-order integration,
+ *             Student-t with 998 degrees of freedom instead of a normal
+ *   sds       4.5 standard errors, and 3 %: N particles underestimate an sd by
+ *             1/(2 N_eff), again in every generation with shared ancestors
+ *   evidence  of one row: 4.5 standard errors and (q^2 - 10 q + 15)/(4 nu), the first
+ *             term of the Student-t, below 0.03 for q = z'S^-1 z up to 16; of all rows:
+ *             exp(sum) is unbiased, so its mean over the seeds is compared */
 static void expect_agreement_with_the_kalman_filter(void)
 {
   for (int k = 0; k < STEPS; k++) {
@@ -158,7 +155,7 @@ static void expect_agreement_with_the_kalman_filter(void)
       const double sd = kalman_turning[k].sd[a];
       over_seeds(k, a, &mean, &se);
       expect_near(kalman_turning[k].mean[a], mean, 4.5 * se + 0.02 * sd, "mean", 1000 * a + k);
-      TEST_ASSERT_TRUE(se < 0.1 * sd); /* the tolerance is one: a tenth of what the filter says it knows */
+      TEST_ASSERT_TRUE(se < 0.1 * sd); /* the test needs a tolerance below a tenth of the sd */
       over_seeds(k, 5 + a, &mean, &se);
       expect_near(sd, mean, 4.5 * se + 0.03 * sd, "sd", 1000 * a + k);
       TEST_ASSERT_TRUE(se < 0.05 * sd);
@@ -180,7 +177,7 @@ static void expect_agreement_with_the_kalman_filter(void)
   const double se = sqrt(squares / (SEEDS - 1) / SEEDS);
   expect_near(1.0, mean_ratio, 4.5 * se + 0.05, "evidence of all rows over the Kalman filter's", 0);
   TEST_ASSERT_TRUE(se < 0.15);
-  TEST_ASSERT_TRUE(resampled > 2 * SEEDS); /* else nothing was shown about resampling */
+  TEST_ASSERT_TRUE(resampled > 2 * SEEDS); /* the test must include resampling */
 }
 
 static void test_turning_agrees_with_a_kalman_filter_with_systematic_resampling(void)
@@ -200,11 +197,11 @@ static void test_turning_agrees_with_a_kalman_filter_with_the_other_ways_of_resa
 
 /* ------------------------------------------------------------------ straight: exact per particle */
 
-/* Wheels roll freely straight ahead: no slip, so every particle is one scalar Kalman
+/* Wheels roll freely straight ahead: without slip, every particle is one scalar Kalman
  * filter per bias (here in double), whose innovations have a Student-t density with nut =
- * nu - 2 degrees of freedom and the scale (nut-2)/nut (R + P). What differs is rounding:
- * the two logs of gamma functions (series good to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28
- * degrees of freedom), in float the measurements' 6e-8 times (nut + 3)/2. */
+ * nu - 2 degrees of freedom and scale (nut-2)/nut (R + P). Differences are rounding: both
+ * logs of gamma functions (series accurate to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28 degrees
+ * of freedom on), and in float 6e-8 of the measurements times (nut + 3)/2. */
 static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
 {
   tse_config c = settings();

@@ -2,7 +2,7 @@
  * statistics (16), the biases (19).
  *
  * References: the exact conditional of the joint Student-t in dense matrices and SI units
- * (paper_cases.h); the batch posterior of the conjugate Normal-inverse-Wishart; a dense
+ * (paper_cases.h); the batch posterior of the conjugate normal-inverse-Wishart; a dense
  * Kalman update in long double. */
 #include "paper/paper.h"
 #include "unit_support.h"
@@ -43,7 +43,7 @@ static update_case update_case_of(int k)
 
 static tse_params params_of(const update_case *c) { return prepared(config_of(&c->car, TSE_MAX_PARTICLES)); }
 
-/* Every particle the same; they differ by their random numbers only. */
+/* All particles are equal, except for their random numbers. */
 static void fill(const tse_params *p, const update_case *c, uint32_t step)
 {
   memset(&f, 0, sizeof f);
@@ -59,7 +59,7 @@ static void fill(const tse_params *p, const update_case *c, uint32_t step)
   }
 }
 
-/* As paper_update() does it. */
+/* As in paper_update(). */
 static void learn(const tse_params *p, const sample *y)
 {
   const common c = paper_compute_common(p, &f, y);
@@ -68,7 +68,7 @@ static void learn(const tse_params *p, const sample *y)
   paper_update_bias(p, &f, y, &c);
 }
 
-/* A row of this step, with every particle as the case has it. */
+/* A row of this step, with every particle as in the case. */
 static void learn_from(const tse_params *p, const update_case *c, uint32_t step, const sample *y)
 {
   fill(p, c, step);
@@ -79,7 +79,7 @@ static void learn_from(const tse_params *p, const update_case *c, uint32_t step,
 
 enum { T_LEVELS = 55, F_LEVELS = 22 };
 
-/* Levels at which distributions are compared, by percents and into the tails. */
+/* Levels for the comparison of distributions: percents and tails. */
 static double t_level(int j)
 {
   static const double tail[6] = { 0.0005, 0.002, 0.005, 0.995, 0.998, 0.9995 };
@@ -95,9 +95,9 @@ static double f_level(int j)
 #define REPEAT 100
 #define DRAWS ((double)REPEAT * TSE_MAX_PARTICLES)
 
-/* If the draw is right, e = white (w - mean) is spherical Student-t: mean 0, covariance
- * dof/(dof - 2) I, each direction's distribution t(dof), and |e|^2/3 is F(3, dof), which
- * holds only if one chi-square serves all three. */
+/* If the draw is correct, e = white (w - mean) is spherical Student-t: mean 0, covariance
+ * dof/(dof - 2) I, every projection t(dof). |e|^2/3 is F(3, dof), which requires one
+ * chi-square for all three. */
 static void test_draws_follow_the_exact_conditional_given_the_sample(void)
 {
   /* projections: the axes and two oblique ones */
@@ -143,16 +143,16 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
       expect_near(0.0, product[a][b], 4.5 * var * sqrt(kurtosis / 3.0 / DRAWS),
           "covariance of whitened draws", 10 * k + a);
     }
-    /* Kolmogorov and Smirnov at the tabulated levels: 1.95/sqrt(n) is exceeded by chance
-     * once in a thousand */
+    /* Kolmogorov-Smirnov at these levels: 1.95/sqrt(n) is exceeded by chance once in a
+     * thousand. */
     for (int n = 0; n < 5; n++)
       for (int j = 0; j < T_LEVELS; j++)
         expect_near(t_level(j), below_t[n][j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of a projection",
             100 * n + j);
     for (int j = 0; j < F_LEVELS; j++)
       expect_near(f_level(j), below_f[j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of the length", j);
-    /* the tails, where the sup norm is blind: expected count 25.6 beyond the outermost
-     * levels, Poisson */
+    /* The tails, where the sup norm is insensitive: expected count 25.6 beyond the
+     * outermost levels, Poisson. */
     for (int n = 0; n < 5; n++) {
       const double tail = below_t[n][0] + DRAWS - below_t[n][T_LEVELS - 1],
                    expected = 2.0 * t_level(0) * DRAWS;
@@ -205,7 +205,7 @@ static void learn_repeatedly(const tse_params *p, const update_case *c)
 {
   fill(p, c, 0);
   for (int step = 0; step < STEPS; step++) {
-    /* another sample every time; the states stay, for they are move.c's business */
+    /* another sample every time; the states are unchanged: move.c moves them */
     const double moved[3] = { c->y[0] + 0.1 * (step % 5 - 2), c->y[1] - 0.15 * (step % 3 - 1), c->y[2] };
     const sample y = sample_of_row(p, c->u, moved, step % 4 == 3 ? 3 : 7);
     learn(p, &y);
@@ -218,8 +218,8 @@ static void learn_repeatedly(const tse_params *p, const update_case *c)
 /* Normal-inverse-Wishart posterior of n samples at once (Gelman et al., Bayesian Data
  * Analysis, 3.6):
  *   kappa0 = 1/gamma;  mu_n = (kappa0 mu + n wbar)/(kappa0 + n);  nu_n = nu + n
- *   Lambda_n = Lambda + sum (w - wbar)(w - wbar)' + kappa0 n/(kappa0 + n) (wbar -
- *   mu)(wbar - mu)' */
+ *   Lambda_n = Lambda + sum (w - wbar)(w - wbar)'
+ *            + kappa0 n/(kappa0 + n) (wbar - mu)(wbar - mu)' */
 static void test_updates_one_by_one_equal_the_batch_posterior(void)
 {
   for (int k = 0; k < UPDATE_CASES; k++) {
@@ -251,9 +251,9 @@ static void test_updates_one_by_one_equal_the_batch_posterior(void)
   }
 }
 
-/* Sigma = lam nu/(nu - 4): no diagonal element above spread_max^2. Against the same step
- * without a limit: what is taken is a share of Lambda, the same for all six elements, and
- * nothing where the limit is not reached. */
+/* Sigma = lam nu/(nu - 4): no diagonal element above spread_max^2. Compared with the step
+ * without a limit, a share of Lambda is removed, the same for all six elements, and
+ * nothing below the limit. */
 static void test_lambda_is_scaled_down_to_the_largest_spread(void)
 {
   const update_case example = update_case_of(0), *const c = &example;
@@ -296,13 +296,14 @@ static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(v
       for (int a = 0; a < 3; a++) {
         const double sd = number(p.sd[a]), before = c->prior.bias_var[a] * sd * sd;
         const double gain = mask >> a & 1 ? before / (before + sd * sd)
-                                          : 0.0; /* P and R are diagonal, so the dense K is */
+                                          : 0.0; /* P and R are diagonal, and so is the dense K */
         const double after = (1.0 - gain) * before * (1.0 - gain) + gain * sd * sd * gain; /* Joseph */
         expect_near(after, number(f.bias_var[a]) * sd * sd, BY_FORMAT(1e-14, 1e-6) * before, "P", 10 * k + a);
         for (int32_t i = 0; i < p.particles; i += 3) {
           double left = c->y[a] - c->h[a] - c->q.bias[a];
           for (int b = 0; b < 3; b++) left -= c->d[a][b] * number(f.p.w[b][i]);
-          /* float: h carries 1e-6 of some 10 m/s2 from the rounding of the wheel speeds */
+          /* float: h has errors of 1e-6 of some 10 m/s2 by the rounding of the wheel
+           * speeds */
           expect_near(c->q.bias[a] + gain * left, sd * number(f.p.bias[a][i]), BY_FORMAT(1e-12, 2e-4) * sd,
               "bias", 100 * mask + a);
         }
@@ -356,13 +357,12 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
         f.p.x[1][i] = real(next_between(&state, -30.0, 30.0));
         f.p.x[2][i] = real(next_between(&state, -6.0, 6.0));
       }
-      if (step % 100 == 99) f.p.x[1][5] = real((double)NAN); /* even a broken particle keeps a stiffness */
+      if (step % 100 == 99) f.p.x[1][5] = real((double)NAN); /* even a broken particle keeps its stiffness */
       learn(&p, &s);
       f.filter.step++;
       for (int a = 0; a < 3; a++)
         for (int32_t i = 0; i < p.particles; i++) {
-          const double slack = BY_FORMAT(
-              1e-15, 1e-6); /* mu is a mean of numbers within the bounds, rounded */
+          const double slack = BY_FORMAT(1e-15, 1e-6); /* mu is a mean of limited numbers, rounded */
           TEST_ASSERT_TRUE(f.p.w[a][i] >= p.w_low && f.p.w[a][i] <= p.w_max);
           TEST_ASSERT_TRUE(number(f.p.mu[a][i]) >= number(p.w_low) - slack
               && number(f.p.mu[a][i]) <= number(p.w_max) + slack);

@@ -1,6 +1,6 @@
 /* tests/unit/paper/test_move.c <-> src/paper/move.c: (7)
  *
- * particle_step() itself is tested in test_vehicle.c; here: who is moved, in how many
+ * particle_step() is tested in test_vehicle.c. Here: which particles move, in how many
  * steps, between which inputs. */
 #include "paper/paper.h"
 #include "unit_support.h"
@@ -44,7 +44,7 @@ static inputs mix(inputs a, inputs b, double share)
       number(a.v_rear) + share * (number(b.v_rear) - number(a.v_rear)));
 }
 
-/* Every particle somewhere else, every byte of the filter something. */
+/* All particles differ, and no byte of the filter is 0. */
 static void scatter(tse_filter_paper *f)
 {
   uint32_t state = 1;
@@ -57,7 +57,7 @@ static void scatter(tse_filter_paper *f)
   }
 }
 
-/* Particle i of f in the given number of equal steps. */
+/* Move particle i of f in the given number of equal steps. */
 static void expected_end(const tse_params *p, const tse_filter_paper *f, int i, inputs u0, inputs u1,
     double dt, int steps, double end[3])
 {
@@ -78,8 +78,8 @@ static double distance(const tse_filter_paper *f, int i, const double end[3])
   return d;
 }
 
-/* Steps of at most 1.5 sample times: ceil(dt/(1.5 Ts)). One step more or fewer lands
- * further away than rounding. */
+/* Steps of at most 1.5 sample times: ceil(dt/(1.5 Ts)). One step more or fewer gives a
+ * difference above rounding. */
 static void test_long_time_steps_are_divided_into_equal_steps_of_at_most_one_and_a_half_samples(void)
 {
   static const struct {
@@ -111,7 +111,7 @@ static void test_long_time_steps_are_divided_into_equal_steps_of_at_most_one_and
       expect_near(0, distance(&filter, i, end), rounding, "distance", i);
       expected_end(&p, &other, i, u0, u1, row[j].dt, row[j].steps + 1, more);
       if (row[j].steps > 1) expected_end(&p, &other, i, u0, u1, row[j].dt, row[j].steps - 1, fewer);
-#if !defined(TSE_REAL_FLOAT) /* the difference between 6 and 7 steps drowns in float's rounding */
+#if !defined(TSE_REAL_FLOAT) /* in float, rounding hides the difference between 6 and 7 steps */
       TEST_ASSERT_TRUE(distance(&filter, i, more) > 4 * rounding);
       if (row[j].steps > 1) TEST_ASSERT_TRUE(distance(&filter, i, fewer) > 4 * rounding);
 #else
@@ -122,9 +122,10 @@ static void test_long_time_steps_are_divided_into_equal_steps_of_at_most_one_and
   }
 }
 
-/* The tyres' damping turns by a quarter in v/(4 D), D = max(Cx/m, Cy/m, (lf^2 Cyf + lr^2
- * Cyr)/I) = 168.4 m/s2 here, 29.7 ms at 20 m/s; not below hold_speed, and at most eight
- * times in 1.5 sample times. v: mean of both axles, of both rows. */
+/* A step is at most the time constant of the tyres' damping v/(4 D), D = max(Cx/m, Cy/m,
+ * (lf^2 Cyf + lr^2 Cyr)/I) = 168.4 m/s2 here, 29.7 ms at 20 m/s. v is at least
+ * hold_speed, and there are at most eight steps per 1.5 sample times. v: mean of both
+ * axles and both rows. */
 static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
 {
   static const struct {
@@ -159,8 +160,8 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
   }
 }
 
-/* Sample time 7 ms: 30 ms are bridged in three steps of 10 ms, 10 ms in one. The same
- * numbers but for the rounding of the inputs between. */
+/* Sample time 7 ms: 30 ms take three steps of 10 ms, 10 ms take one. The results are
+ * equal up to the rounding of the inputs in between. */
 static void test_row_of_30_ms_equals_three_rows_of_10_ms_whose_inputs_lie_on_a_line(void)
 {
   const tse_params p = params(0.007);
@@ -178,8 +179,8 @@ static void test_row_of_30_ms_equals_three_rows_of_10_ms_whose_inputs_lie_on_a_l
       expect_near(number(other.p.x[a][i]), number(filter.p.x[a][i]), BY_FORMAT(1e-13, 2e-5), "state", a);
 }
 
-/* Long rows and short ones see the same motion: the distance falls with the square of the
- * step. */
+/* Long rows and short ones give the same motion: the difference decreases with the square
+ * of the step. */
 static void test_result_depends_on_the_row_length_in_second_order_only(void)
 {
   const inputs u0 = inputs_of(0.0, 20.1, 20.2), u1 = inputs_of(0.06, 20.8, 20.9);
@@ -196,14 +197,14 @@ static void test_result_depends_on_the_row_length_in_second_order_only(void)
       distances[j] += distance(&filter, i, end);
     }
   }
-  /* nearly four; float rounds 20 m/s to 2e-6 in each of 240 steps */
+  /* nearly four; float rounds 20 m/s by 2e-6 in each of 240 steps */
   expect_near(4.0, distances[0] / distances[1], BY_FORMAT(0.5, 0.8), "30 ms over 15 ms", 0);
 #if !defined(TSE_REAL_FLOAT)
   expect_near(4.0, distances[1] / distances[2], 0.3, "15 ms over 7.5 ms", 0);
 #endif
 }
 
-/* Up to 1 s in up to 667 steps, against a fine integration of the same seconds. */
+/* Up to 1 s in up to 667 steps, compared with a fine integration. */
 static void test_bridging_a_second_matches_a_fine_integration(void)
 {
   for (int j = 0; j < DRIVES; j++) {
@@ -225,7 +226,7 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
   }
 }
 
-/* As printed: x + Ts (f + g w) at the last row's state and inputs, from forces in
+/* As in the paper: x + Ts (f + g w) at the last row's state and inputs, from forces in
  * newtons. */
 static void test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row(void)
 {
@@ -254,7 +255,7 @@ static void test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row(voi
   }
 }
 
-/* The steering of the last row acts until this one; wheel speeds are linear. */
+/* The steering angle of the last row acts until this one. Wheel speeds are linear. */
 static void test_a_held_steering_angle_is_that_of_the_last_row(void)
 {
   tse_params p = params(0.01);
@@ -292,7 +293,7 @@ static void test_order_of_the_particles_does_not_matter_bit_for_bit(void)
   other = filter;
   for (int i = 0; i < PADDED; i++)
     for (int a = 0; a < 3; a++) {
-      other.p.x[a][i] = filter.p.x[a][(5 * i + 7) % PADDED]; /* 5 and 24 have no common factor */
+      other.p.x[a][i] = filter.p.x[a][(5 * i + 7) % PADDED]; /* 5 and 24 are coprime */
       other.p.w[a][i] = filter.p.w[a][(5 * i + 7) % PADDED];
     }
   propagate(&p, &filter, inputs_of(0.05, 20.9, 20.7), real(0.05));
@@ -302,8 +303,8 @@ static void test_order_of_the_particles_does_not_matter_bit_for_bit(void)
       TEST_ASSERT_EQUAL_MEMORY(&filter.p.x[a][(5 * i + 7) % PADDED], &other.p.x[a][i], sizeof(tse_real));
 }
 
-/* Wheels that jump, tyres that grip like rails, a particle that is no number: all of them
- * end inside what a car can do. */
+/* Jumping wheels, extremely stiff tyres, a particle that is not finite: all end within
+ * the limits of a car. */
 static void test_no_particle_leaves_the_speeds_of_a_car(void)
 {
   static const double start[][3] = { { 1e30, -1e30, 1e30 }, { NAN, NAN, NAN },
@@ -323,8 +324,8 @@ static void test_no_particle_leaves_the_speeds_of_a_car(void)
   }
 }
 
-/* Decay ends in zero, not in denormal numbers; in fixed point at the last steps of the
- * format, which have none. */
+/* Decay ends in zero, not in denormal numbers; in fixed point, which has none, within the
+ * last steps of the format. */
 static void test_decaying_states_become_zero(void)
 {
   const tse_params p = params(0.01);
@@ -334,7 +335,7 @@ static void test_decaying_states_become_zero(void)
   for (int i = 0; i < PADDED; i++) {
     filter.p.x[0][i] = real(20), filter.p.x[1][i] = real(1e-3 * (i - 10));
     filter.p.x[2][i] = real(1e-4 * (7 - i));
-    for (int a = 0; a < 3; a++) filter.p.w[a][i] = TSE_R(0); /* some of the scattered cars spin */
+    for (int a = 0; a < 3; a++) filter.p.w[a][i] = TSE_R(0); /* some cars spin when scattered */
   }
   for (int k = 0; k < 1000; k++) propagate(&p, &filter, u, real(0.01));
   for (int i = 0; i < PADDED; i++)

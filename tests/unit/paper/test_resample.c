@@ -1,8 +1,8 @@
 /* tests/unit/paper/test_resample.c <-> src/paper/resample.c
  *
- * Properties that define a resampler: unbiased (the expected number of copies is n q),
- * each scheme's own bound on the copies of one particle, and how much it scatters. Random
- * numbers come from the step number, so every figure below is the same in every run. */
+ * Properties that define a resampler: it is unbiased (the expected number of copies is n
+ * q), each scheme has its own limits on the copies of one particle, and its own variance.
+ * Random numbers depend on the step number, so all results are the same in every run. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -21,7 +21,7 @@ static double total_weight(int32_t n)
   return total;
 }
 
-/* Weights as the filter makes them: the largest is 1. */
+/* Weights as in the filter: the largest is 1. */
 static void random_weights(int32_t n, uint32_t *state, double decades)
 {
   double largest = 0.0, w[TSE_STRIDE];
@@ -32,7 +32,7 @@ static void random_weights(int32_t n, uint32_t *state, double decades)
   for (int32_t i = 0; i < n; i++) weight[i] = real(w[i] / largest);
 }
 
-/* Resample once; look at what holds for every scheme; leave the number of copies. */
+/* Resample once, check the properties of all schemes, and store the numbers of copies. */
 static void draw(int32_t scheme, int32_t n, uint32_t step)
 {
   for (int32_t i = 0; i < n; i++) ancestor[i] = 0xffffu;
@@ -47,9 +47,9 @@ static void draw(int32_t scheme, int32_t n, uint32_t step)
   }
 }
 
-/* Mean copies over DRAWS draws against n q. The copies of one particle scatter no more
- * than multinomial ones, variance n q (1 - q), whatever the scheme; 4.5 standard errors
- * for 4 x 24 comparisons (chance 7e-4). */
+/* Mean number of copies over DRAWS draws, compared with n q. Multinomial copies have the
+ * variance n q (1 - q). No scheme has more. 4.5 standard errors for 4 x 24 comparisons
+ * (chance 7e-4). */
 #define DRAWS 4000
 
 static void test_every_scheme_gives_n_q_copies_on_average(void)
@@ -71,8 +71,8 @@ static void test_every_scheme_gives_n_q_copies_on_average(void)
   }
 }
 
-/* n q may be off by the rounding of the cumulative sum: n times half an ulp of it, with a
- * reserve of 4. */
+/* n q has an error by rounding of the cumulative sum: n times half an ulp, with a margin
+ * of 4. */
 #define ROUNDING(n) (BY_FORMAT(2.0e-16, 1.2e-7) * (n) * (n))
 
 static void test_copies_keep_within_the_bounds_of_each_scheme(void)
@@ -88,14 +88,13 @@ static void test_copies_keep_within_the_bounds_of_each_scheme(void)
         const double nq = n * number(weight[i]) / total;
         if (scheme == SYSTEMATIC) { /* floor(n q) or one more */
           TEST_ASSERT_TRUE(copies[i] > nq - 1.0 - slack && copies[i] < nq + 1.0 + slack);
-        } else if (scheme == STRATIFIED) { /* an interval n q wide touches that many strata */
+        } else if (scheme == STRATIFIED) { /* an interval of width n q overlaps that many strata */
           TEST_ASSERT_TRUE(copies[i] > nq - 2.0 - slack && copies[i] < nq + 2.0 + slack);
-        } else if (scheme == RESIDUAL) { /* floor(n q) for sure; the rest touches two strata */
+        } else if (scheme == RESIDUAL) { /* floor(n q) at least; the rest overlaps two strata */
           TEST_ASSERT_TRUE(copies[i] >= floor(nq - slack) && copies[i] < nq + 2.0 + slack);
         }
       }
-      /* also for the first k particles together: what makes the schemes differ from each
-       * other */
+      /* Also for the first k particles together: this distinguishes the schemes. */
       double ahead = 0.0;
       int32_t taken = 0;
       for (int32_t i = 0; i < n; i++) {
@@ -123,8 +122,7 @@ static void test_schemes_scatter_as_theory_says(void)
 {
   /* n = 20. Particle 7 has n q = 1 from 6.5 to 7.5, half of it in each of two strata.
    * Variance of its copies:
-   *   systematic 0     residual 0     stratified 2 (1/2)(1/2)     multinomial n q (1 - q)
-   *                                   = 0.95
+   *   systematic 0, residual 0, stratified 2 (1/2)(1/2), multinomial n q (1 - q) = 0.95
    * Particle 19 has n q = 1.5 from 18.5 to 20: systematic 1/4, residual (one for sure,
    * half of another) at most 1/4, stratified 1/4, multinomial 1.5 (1 - 1.5/20) = 1.3875.
    * A variance over 2000 draws has a standard error of 3-4 %. */
@@ -141,8 +139,8 @@ static void test_schemes_scatter_as_theory_says(void)
 }
 
 /* Pearson's statistic of all copies over many multinomial draws follows chi-square with n
- * - 1 degrees of freedom: mean n - 1, variance 2 (n - 1). A scheme that spreads its draws
- * evenly would give far too little, a wrong one too much. */
+ * - 1 degrees of freedom: mean n - 1, variance 2 (n - 1). A scheme with evenly spread
+ * draws would give far too little, a wrong one too much. */
 static void test_multinomial_copies_pass_a_chi_square_test(void)
 {
   const int32_t n = 32;
@@ -161,9 +159,9 @@ static void test_multinomial_copies_pass_a_chi_square_test(void)
   TEST_ASSERT_TRUE(chi2 > 13.1); /* scipy.stats.chi2.ppf([0.002, 0.998], 31) = 12.5 (rounded up), 58.3 */
   TEST_ASSERT_TRUE(chi2 < 58.3);
 
-  /* and draw by draw, so that evenly spread ones are told from independent ones: the mean
-   * over draws of each draw's statistic is n - 1, whatever the weights; its scatter is
-   * sqrt(2 n/DRAWS) and a little more; 5 of them */
+  /* Also draw by draw, to distinguish evenly spread draws from independent ones. The mean
+   * over draws of each draw's statistic is n - 1 for any weights. Its sd is slightly
+   * above sqrt(2 n/DRAWS). Tolerance: 5 of them. */
   double mean = 0.0;
   for (uint32_t step = 0; step < DRAWS; step++) {
     draw(MULTINOMIAL, n, step);
@@ -244,7 +242,7 @@ static void test_survivors_keep_their_places_and_the_multiset_stays(void)
   }
 }
 
-/* Every number of every field is told apart by its value: field, row and particle. */
+/* The value of every number of every field identifies field, row and particle. */
 static tse_real tag(int row, int32_t i) { return real((double)i + 1024.0 * row); }
 
 static void test_copying_moves_every_field_of_a_particle_and_leaves_the_padding(void)
@@ -266,12 +264,12 @@ static void test_copying_moves_every_field_of_a_particle_and_leaves_the_padding(
     for (int32_t i = 0; i < TSE_STRIDE; i++)
       expect_near(number(tag(r, i < n ? ancestor[i] : i)), number(row[r][i]), 0.0, "row of the particles", i);
   TEST_ASSERT_EQUAL_UINT64(
-      sizeof q, (size_t)sizeof(tse_real) * TSE_STRIDE * 19u); /* the list is the struct */
+      sizeof q, (size_t)sizeof(tse_real) * TSE_STRIDE * 19u); /* the list covers the struct */
 }
 
 #if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
 /* Weights so small that shares of them round up: positions beyond the sum of all weights,
- * whose places the last ancestor takes. */
+ * which the last ancestor takes. */
 static void test_positions_that_rounding_leaves_beyond_all_weights_take_the_last_ancestor(void)
 {
   const tse_real least = (tse_real)(sizeof(tse_real) == 4 ? 1.401298464324817e-45 : 4.9406564584124654e-324);
@@ -286,9 +284,10 @@ static void test_positions_that_rounding_leaves_beyond_all_weights_take_the_last
 }
 #endif
 
-/* With a kernel the Lambdas of equal particles become exp(k n - k^2/2) of what they were:
- * mean 1, variance exp(k^2) - 1, their shape as before; within 4.5 standard errors (4 k
- * for the variance's: the tail is longer than a normal one's). Without one not a bit. */
+/* With a kernel, the Lambdas of equal particles are multiplied by exp(k n - k^2/2): mean
+ * 1, variance exp(k^2) - 1, unchanged shape, within 4.5 standard errors (for the variance
+ * with a factor of 4 k: the tail is longer than normal). Without a kernel, no bit
+ * changes. */
 static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
 {
   static tse_filter_paper f;

@@ -1,4 +1,4 @@
-/* tests/unit/paper/test_row.c <-> src/paper/row.c, algorithm1.c: the paper's filter, row
+/* tests/unit/paper/test_row.c <-> src/paper/row.c, algorithm1.c: the particle filter, row
  * by row. */
 #include "paper/paper.h"
 #include "driven.h"
@@ -7,7 +7,7 @@ static tse_filter_paper f, other, before;
 static tse_params p;
 static drive d;
 
-/* Every test runs with each of these: again(). Fixed point: with one, because of the
+/* Settings with which every test runs: again(). Fixed point: one of them, to save
  * time. */
 static const struct {
   const char *name;
@@ -28,7 +28,7 @@ static tse_config some_settings(int32_t particles)
   tse_config c;
   forms[form].settings(&c);
   c.particles = particles;
-  c.initial_vel_x_sd = c.initial_vel_y_sd = setting(0.1); /* the drives below start straight on */
+  c.initial_vel_x_sd = c.initial_vel_y_sd = setting(0.1); /* the drives below start straight */
   c.initial_yaw_rate_sd = setting(0.01);
   return c;
 }
@@ -40,8 +40,8 @@ static tse_input still_row(double gyro)
   return u;
 }
 
-/* The filter of these settings after so many rows of a drive at 20 m/s; `before` is as it
- * is then. */
+/* The filter with these settings after so many rows of a drive at 20 m/s; `before` is its
+ * state at that time. */
 static void set_out(tse_config c, int rows)
 {
   p = prepared(c);
@@ -95,13 +95,13 @@ static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others
       tse_input u = next_row(&d);
       lose(&u, channel, how);
       TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f.filter, &u, &y));
-      for (int a = 0; a < 3; a++) { /* a used sensor's bias becomes better known, a missing one's worse */
+      for (int a = 0; a < 3; a++) { /* sd of the bias: falls if the sensor is used, else grows */
         const tse_real now = f.bias_var[a], was = before.bias_var[a];
         if (a != channel) TEST_ASSERT_TRUE(now < was);
         else TEST_ASSERT_TRUE(now > was);
       }
       TEST_ASSERT_TRUE(
-          f.nu > before.nu); /* 100 rows are less than the memory: nu still grows with every row used */
+          f.nu > before.nu); /* 100 rows are below the memory: nu still grows with every used row */
       TEST_ASSERT_TRUE(number(y.log_evidence) < 0.0 || number(y.log_evidence) > 0.0);
       if (how == 0) memcpy(&other, &f, sizeof f);
       TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
@@ -124,8 +124,8 @@ static void test_a_row_without_measurements_predicts_only(void)
     const double walked = number(before.bias_var[a]) + 20 * 0.01 * number(p.bias_walk[a]);
     expect_near(walked, number(f.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "bias variance", a);
   }
-  /* the car has gone on: the states follow the inputs, so the truth is still met without
-   * a single measurement */
+  /* The car has moved on. The states follow the inputs, so the true values are met
+   * without a single measurement. */
   expect_near(number(d.sim.x[0]), number(y.vel_x), 0.2, "vel_x", 0);
   expect_near(number(d.sim.x[1]), number(y.vel_y), 0.1, "vel_y", 0);
   expect_near(number(d.sim.x[2]), number(y.yaw_rate), 0.05, "yaw_rate", 0);
@@ -168,7 +168,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
   expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 0);
   expect_near(0.3, number(y.yaw_rate), 0.02, "yaw_rate", 0);
   TEST_ASSERT_TRUE(number(y.vel_x_sd) > 0.03);
-  for (int a = 0; a < 3; a++) { /* one row's learning, no more */
+  for (int a = 0; a < 3; a++) { /* only one row's learning */
     tse_output was;
     paper_estimate(&p, &before, &was);
     expect_near(number(was.stiffness[a]), number(y.stiffness[a]), 0.05, "stiffness", a);
@@ -179,8 +179,8 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
   tse_step(&p, &f.filter, &usual, &next);
   for (int a = 0; a < 3; a++)
     TEST_ASSERT_TRUE(
-        number(next.stiffness_sd[a]) < 1.1 * number(y.stiffness_sd[a])); /* the gap forgets nothing */
-  /* without any measurement not a bit of the statistics moves */
+        number(next.stiffness_sd[a]) < 1.1 * number(y.stiffness_sd[a])); /* no forgetting during the gap */
+  /* Without any measurement, no bit of the statistics changes. */
   u.missing |= TSE_MISSING_yaw_rate;
   TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &other.filter, &u, &y));
   expect_same_statistics(&before, &other);
@@ -250,7 +250,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
 {
   static const double dt[] = { 0.01, 0.02, 0.005, 0.05 };
   tse_config c = some_settings(20);
-  c.forgetting_change = setting(1); /* else innovations have their say, too: test_bias.c */
+  c.forgetting_change = setting(1); /* else it depends on innovations: test_bias.c */
   set_out(c, 50);
   for (int k = 0; k < ROWS(dt); k++) {
     const double lambda = pow(number(c.forgetting), dt[k] / 0.01);
@@ -264,7 +264,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
   }
 }
 
-/* Stiffness averaged over the last part of a run that starts at 70 %. */
+/* Mean stiffness over the last part of a run that starts at 70 %. */
 static void learn_from_seventy_percent(double dt, int32_t particles, double seconds, double mean[3])
 {
   tse_config c = some_settings(particles);
@@ -282,14 +282,14 @@ static void learn_from_seventy_percent(double dt, int32_t particles, double seco
   }
 }
 
-/* Limits for the mean over the last seconds of one run: the longitudinal stiffness shows
- * only through changes of acceleration and takes tens of seconds; the lateral ones settle
- * in two. Three standard deviations between seeds. */
+/* Limits for the mean over the last seconds of one run. The longitudinal stiffness is
+ * observable only by changes of acceleration and takes tens of seconds. The lateral ones
+ * settle within two. Three standard deviations between seeds. */
 static void expect_stiffness(const double mean[3], double longitudinal, double lateral, const char *what)
 {
   if (some_settings(16).integration == 0)
     longitudinal = lateral =
-        0.12; /* as printed: Euler's bias, with inputs that are held, for rows of 20 ms */
+        0.12; /* as in the paper: bias of Euler's method with held inputs, for rows of 20 ms */
   for (int a = 0; a < 3; a++) expect_near(1.0, mean[a], a == 0 ? longitudinal : lateral, what, a);
 }
 
@@ -300,7 +300,8 @@ static void test_stiffness_is_found_on_a_clean_drive(void)
   expect_stiffness(mean, 0.06, 0.02, "stiffness");
 }
 
-/* minutes there, where particles cost ten times as much; scripts/dev/fixed.py follows them through drives */
+/* Minutes there, since particles take ten times as long. scripts/dev/fixed.py runs them
+ * on drives. */
 #if !defined(TSE_REAL_FIXED)
 static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void)
 {
@@ -314,7 +315,7 @@ static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void
 static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
 {
   set_out(some_settings(100), 0);
-  for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
+  for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight without torque */
     d.steer = d.torque = 0.0;
     if (i / 6000 % 2 == 0) { d.steer = 0.02, d.torque = 700.0; }
     const tse_output y = run(&p, &f, &d, 1);
@@ -322,7 +323,7 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
     for (int a = 0; a < 3; a++) {
       TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
       TEST_ASSERT_EQUAL_INT(y.reason[a] == TSE_VALID, y.spread_seen[a]);
-      if (i == 5999) TEST_ASSERT_EQUAL_INT(1, y.spread_seen[a]); /* a minute of both */
+      if (i == 5999) TEST_ASSERT_EQUAL_INT(1, y.spread_seen[a]); /* one minute of each */
     }
   }
 }
@@ -346,7 +347,7 @@ static void test_another_road_is_found_within_seconds(void)
   for (int a = 0; a < 3; a++) expect_near(0.4, mean[a], 0.05, "stiffness on snow", a);
 }
 
-/* Rows with surplus noise, then an accelerometer that is off, then locked wheels. */
+/* Rows with excess noise, then an accelerometer with an offset, then locked wheels. */
 static tse_input troubled_row(int i, uint32_t *state)
 {
   tse_input u = next_row(&d);
@@ -394,7 +395,7 @@ static double fuzzed(uint32_t *state, double plausible, double most, int wildnes
   return next_between(state, -most, most);
 }
 
-/* States of every particle, and so the estimate, are those of a car. */
+/* States of every particle, and so the estimates, are those of a car. */
 static void expect_bounded(const tse_output *y, int row)
 {
   for (int32_t i = 0; i < pad_count(p.particles); i++)
@@ -405,7 +406,7 @@ static void expect_bounded(const tse_output *y, int row)
       && fabs(number(y->vel_y)) < 200.01);
 }
 
-/* Returned: 1; 0 where the number format of the build refuses these settings. */
+/* Returned: 1; 0 if the number format of the build refuses these settings. */
 static int fuzz(const tse_config *c, int rows, uint32_t seed)
 {
   if (!prepared_if_held(c, &p)) return 0;
@@ -414,7 +415,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
   int accepted = 0, wildness = 0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   for (int i = 0; i < rows; i++) {
-    if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 nearly always */
+    if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 almost always */
     v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
     steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
     tse_input u = blank_row();
@@ -454,7 +455,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
 
 static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
 {
-  tse_config c = some_settings(20); /* 20: padding takes part, and must not break either */
+  tse_config c = some_settings(20); /* 20: includes padding, which must not break either */
   for (uint32_t seed = 1; seed <= 4; seed++) {
     c.resampling = (int32_t)(seed - 1u);
     TEST_ASSERT_TRUE(fuzz(&c, 25000, seed));
@@ -481,8 +482,8 @@ static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
   fuzz(&c, 4000, 79);
 }
 
-/* Any of the settings at either end of its range, with the others where they are: 0.1
-     * s to a minute, and what is put out are numbers, in float too. */
+/* Any of the settings at either limit, with the others unchanged: 0.1 s to a minute. The
+ * outputs are finite, in float, too. */
 static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_number(void)
 {
   uint32_t state = 17;
@@ -504,8 +505,7 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
   TEST_ASSERT_TRUE(held >= BY_NUMBER(400, 400, 100)); /* fixed point refuses the others by name */
 }
 
-/* One row after a pause, whatever its length: what is forgotten has an end, and the
-     * drive goes on. */
+/* One row after a pause of any length: forgetting is limited, and the drive continues. */
 static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
 {
   static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
@@ -526,7 +526,7 @@ static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
 
 static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
 {
-  for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
+  for (int share = 1; share <= 16; share *= 4) { /* all particles, a quarter, a sixteenth */
     const tse_config c = some_settings(64);
     set_out(c, 100);
     for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
@@ -540,7 +540,7 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
 
 /* ------------------------------------------------------------------------------------------ excitation */
 
-/* noise <= limit^2 memory var(phi), noise: one sigma, and the spread's. */
+/* noise <= limit^2 memory var(phi), where noise is one sigma and that of the spread. */
 static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread(void)
 {
   for (int a = 0; a < 3; a++)
@@ -553,7 +553,7 @@ static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spre
       int32_t excited[3];
       memset(&f, 0, sizeof f);
       y.dt = own.sample_time;
-      y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
+      y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip now: the past decays */
       f.filter.seen = TSE_R(500);
       for (int b = 0; b < 3; b++) {
         f.excite_mean[b] = TSE_R(0.25), f.excite_sq[b] = TSE_R(4);

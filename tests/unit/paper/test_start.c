@@ -1,9 +1,9 @@
 /* tests/unit/paper/test_start.c <-> src/paper/start.c
  *
- * Statistics are taken over STEPS starts of COUNT particles each, seeded: means must lie
- * within 4.42 sd/sqrt(n) of what the settings say, standard deviations within 4.42
- * sd/sqrt(2 n), correlations within 4.42/sqrt(n); a sound start misses each limit with
- * probability 1e-5. */
+ * Statistics are over STEPS starts of COUNT particles each, seeded. Means must lie within
+ * 4.42 sd/sqrt(n) of the settings, standard deviations within 4.42 sd/sqrt(2 n),
+ * correlations within 4.42/sqrt(n). A correct start misses each limit with probability
+ * 1e-5. */
 #include "paper/paper.h"
 #include "unit_support.h"
 
@@ -36,7 +36,7 @@ static sample row(double v_front, double v_rear, double yaw_rate, int has_gyro)
   return y;
 }
 
-/* What the filter holds after its start with a row at 20 m/s. */
+/* The filter after its start with a row at 20 m/s. */
 static void started_with(const tse_params *p)
 {
   const sample y = row(20, 20, 0, 1);
@@ -159,7 +159,7 @@ static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound
   }
 }
 
-/* A particle's start is a function of seed, step and its own index: with fewer particles
+/* The start of a particle depends on seed, step and its own index: with fewer particles
  * the first ones are the same. */
 static void test_a_start_is_a_function_of_seed_step_and_place_alone(void)
 {
@@ -186,7 +186,7 @@ static void test_a_start_is_a_function_of_seed_step_and_place_alone(void)
 
 /* ------------------------------------------------------------------------------- paper_place */
 
-/* A filter that has learnt something, different in every particle. */
+/* A filter that has learnt, with different values in every particle. */
 static void experienced(void)
 {
   uint32_t state = 1;
@@ -211,7 +211,7 @@ static void experienced(void)
 static void test_restart_moves_states_to_wheels_and_gyro_less_its_bias(void)
 {
   tse_config c = settings();
-  c.initial_vel_x_from_wheels = 0; /* a restart looks at the wheels nevertheless */
+  c.initial_vel_x_from_wheels = 0; /* a restart uses the wheels nevertheless */
   const tse_params p = prepared(c);
   const sample y = row(30.5, 29.5, 0.25, 1);
   for (int step = 0; step < STEPS; step++) {
@@ -241,8 +241,8 @@ static void test_restart_subtracts_each_particles_own_gyro_bias(void)
   for (int i = 0; i < PADDED; i++) expect_near(0, number(filter.p.x[2][i]), 0, "yaw rate without gyro", i);
 }
 
-/* A gyro that says what no car does, or a bias that is far off: the states start within
- * what a car can do. */
+/* An impossible gyro reading, or a large error of the bias: the states start within the
+ * limits of a car. */
 static void test_states_start_within_what_a_car_can_do(void)
 {
   tse_config c = settings();
@@ -267,7 +267,7 @@ static void test_restart_keeps_everything_but_the_states_bit_for_bit(void)
   experienced();
   paper_place(&p, &filter, &y);
   for (int i = 0; i < PADDED; i++)
-    TEST_ASSERT_TRUE(filter.p.x[0][i] > TSE_R(20)); /* all of them were moved */
+    TEST_ASSERT_TRUE(filter.p.x[0][i] > TSE_R(20)); /* all particles were moved */
   memcpy(filter.p.x, before.p.x, sizeof before.p.x);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }

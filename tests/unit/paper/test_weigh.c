@@ -1,4 +1,4 @@
-/* tests/unit/paper/test_weigh.c <-> src/paper/weigh.c: (22), (23) against the
+/* tests/unit/paper/test_weigh.c <-> src/paper/weigh.c: (22), (23), compared with the
  * multivariate Student-t in SI units with dense matrices (paper_cases.h). */
 #include "paper/paper.h"
 #include "unit_support.h"
@@ -10,13 +10,13 @@ static tse_filter_paper f;
 
 /* Tolerance of a log density [nat]: fixed + relative |log density|.
  *   double  2.7e-14 of log2, times (nut + d)/2 up to 1000
- *   float   wheel speeds round to 1 um/s: 1e-7 of slip, 1e-4 sigma of acceleration, times
- *           an innovation of 5 sigma;
- *           log2(1 + q/nut) keeps 6e-8, times (nut + d)/2 up to 1000: 1e-4 */
+ *   float   wheel speeds are rounded to 1 um/s: 1e-7 of slip, 1e-4 sigma of acceleration,
+ *           times an innovation of 5 sigma; log2(1 + q/nut) has errors of 6e-8, times
+ *           (nut + d)/2 up to 1000: 1e-4 */
 #define FIXED BY_FORMAT(2e-10, 3e-3)
 #define RELATIVE BY_FORMAT(2e-12, 1e-5)
 
-/* The first term left out of the asymptotic series for Gamma(x + 1/2)/Gamma(x), x = nut/2
+/* The first omitted term of the asymptotic series for Gamma(x + 1/2)/Gamma(x), x = nut/2
  * + 4: 399/(262144 x^5), 2e-7 at the smallest nu. */
 static double series(double nu) { return 1.6e-3 * pow(0.5 * nu + 3.0, -5.0); }
 
@@ -27,7 +27,7 @@ typedef struct weigh_case {
   paper_prior prior;
   paper_particle particle[WEIGH_PARTICLES];
   double u[WEIGH_STEPS][3], y[WEIGH_STEPS][3];
-  int mask[WEIGH_STEPS]; /* channels used in the sequence of rows */
+  int mask[WEIGH_STEPS]; /* channels used in each row */
 } weigh_case;
 
 static weigh_case weigh_case_of(int k)
@@ -51,7 +51,7 @@ static weigh_case weigh_case_of(int k)
   return c;
 }
 
-/* [nat, SI] of a row's sample under particle i. */
+/* Log density [nat, SI] of a row's sample under particle i. */
 static double expected_density(const weigh_case *c, int i, int n, int mask)
 {
   return conditional_of(&c->car, &c->prior, &c->particle[i], c->u[n], c->y[n], mask).log_density;
@@ -80,8 +80,8 @@ static tse_real weighed(const tse_params *p, const sample *y) /* as paper_update
   return paper_update_weights(p, &f, y, &c);
 }
 
-/* log density [nat, SI] of the sample under particle i: what paper_update_weights() adds
- * to a log-weight that was 0. */
+/* Log density [nat, SI] of the sample under particle i: the increment of a log-weight by
+ * paper_update_weights(). */
 static double log_density(int32_t i, tse_real log2_evidence)
 {
   return LN2 * (number(f.p.logw[0][i]) + number(log2_evidence) - number(f.log_total)) + log(WEIGH_PARTICLES);
@@ -100,7 +100,7 @@ static void test_each_particles_density_is_the_students_t_for_every_combination_
       for (int32_t i = 0; i < WEIGH_PARTICLES; i++) largest = fmax(largest, expected_density(c, i, 0, mask));
       for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
         const double expected = fmax(
-            expected_density(c, i, 0, mask), largest - 120.0 * LN2); /* less is no weight */
+            expected_density(c, i, 0, mask), largest - 120.0 * LN2); /* lower weights are 0 */
         expect_near(expected, log_density(i, evidence),
             FIXED + RELATIVE * fabs(expected) + series(c->prior.nu), "log density",
             1000 * k + 100 * mask + i);
@@ -126,19 +126,19 @@ static void test_evidence_is_the_log_of_the_weighted_sum_over_several_rows(void)
       for (int i = 0; i < WEIGH_PARTICLES; i++) sum += exp(logw[i] - largest);
       const double expected = largest + log(sum);
       for (int i = 0; i < WEIGH_PARTICLES; i++)
-        kept += exp((logw[i] = fmax(logw[i] - largest, -120 * LN2))); /* less is no weight */
+        kept += exp((logw[i] = fmax(logw[i] - largest, -120 * LN2))); /* lower weights are 0 */
       for (int i = 0; i < WEIGH_PARTICLES; i++) logw[i] -= log(kept);
-      /* errors of earlier rows' weights stay in the weights: step + 1 times one row's
-       * tolerance */
+      /* Errors of earlier rows remain in the weights: step + 1 times the tolerance of one
+       * row. */
       const double tolerance = (step + 1) * (FIXED + RELATIVE * fabs(expected)) + series(c->prior.nu);
       expect_near(expected, LN2 * number(evidence), tolerance, "log evidence", 100 * k + step);
     }
   }
 }
 
-/* With the wheels rolling freely straight on there is no slip and d = 0, so the evidence
- * of one row is the density of the innovation itself: what remains to be wrong is the
- * factor with the two gamma functions, for 1, 2 and 3 channels. */
+/* Wheels roll freely straight ahead: without slip and with d = 0, the evidence of one row
+ * is the density of the innovation. The only other factor is that with two gamma
+ * functions, for 1, 2 and 3 channels. */
 static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void)
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
@@ -162,9 +162,9 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
       f.nu = real(nu), f.gamma = real(0.1), f.log_total = TSE_R(4);
       for (int32_t i = 0; i < 16; i++) f.p.x[0][i] = y.u.v_front;
       const tse_real evidence = weighed(&p, &y);
-      /* double: log2's 2.7e-14 times (nut + 3)/2 log2(1 + q/nut), plus as much for each
-       * other log; float: log2(1 + q/nut) keeps 6e-8, times (nut + 3)/2, and the other
-       * logs 2.3e-7 of up to 20 */
+      /* double: 2.7e-14 of log2 times (nut + 3)/2 log2(1 + q/nut), plus as much for each
+       * other log. float: log2(1 + q/nut) has errors of 6e-8, times (nut + 3)/2, and the
+       * other logs 2.3e-7 of up to 20. */
       expect_near(expected, LN2 * number(evidence),
           series(nu) + BY_FORMAT(1e-12 + 2e-15 * nu, 2e-5 + 1.2e-7 * nu), "log evidence", 10 * k + mask);
     }
@@ -178,15 +178,15 @@ static void test_weights_are_the_powers_of_the_log_weights_and_padding_has_none(
   fill(&p, c);
   for (int32_t i = 16; i < 24; i++) {
     f.weight[i] = TSE_R(5);
-    for (int a = 0; a < 3; a++) { /* a particle like another, but not in use */
+    for (int a = 0; a < 3; a++) { /* a particle like the others, but not in use */
       f.p.x[a][i] = f.p.x[a][0], f.p.mu[a][i] = f.p.mu[a][0], f.p.bias[a][i] = f.p.bias[a][0];
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = f.p.lam[k][0];
-    f.p.logw[0][i] = TSE_R(400); /* and one that would be the best by far */
+    f.p.logw[0][i] = TSE_R(400); /* and one with the largest weight by far */
   }
   p.particles = 19;
   f.p.logw[0][16] = f.p.logw[0][17] = TSE_R(-1);
-  f.p.logw[0][18] = TSE_R(50); /* the best one stands behind the last whole group of eight */
+  f.p.logw[0][18] = TSE_R(50); /* the best one is after the last whole group of eight */
   (void)weighed(&p, &y);
   expect_near(1.0, number(f.weight[18]), 0.0, "best weight", 18);
   double largest = -1.0, sum = 0.0;
@@ -208,7 +208,7 @@ static void test_extreme_innovations_stay_finite(void)
   tse_config config = config_by(tse_config_paper);
   config.particles = 16;
   config.accel_x_sd = config.accel_y_sd = setting(
-      BY_NUMBER(0.001, 0.001, 0.01)); /* the limits: 50 000 and 600 000 sigma away */
+      BY_NUMBER(0.001, 0.001, 0.01)); /* at the limits: 50 000 and 600 000 sigma away */
   config.yaw_rate_sd = setting(BY_NUMBER(1e-5, 1e-5, 1e-3));
   config.longitudinal_stiffness_front = config.cornering_stiffness_rear = setting(BY_NUMBER(1e7, 1e7, 5e5));
   config.mass = setting(BY_NUMBER(50, 50, 600));
@@ -230,8 +230,8 @@ static void test_extreme_innovations_stay_finite(void)
     }
 }
 
-/* A far sample must not make the filter forget which particle explains it better, though
- * all densities underflow. */
+/* A distant sample must keep the order of the particles by likelihood, although all
+ * densities underflow. */
 static void test_order_of_particles_survives_where_densities_underflow(void)
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
@@ -251,7 +251,7 @@ static void test_order_of_particles_survives_where_densities_underflow(void)
   TEST_ASSERT_TRUE(number(evidence) * LN2 < -3000.0);
 }
 
-/* No density is a number: the sample tells the particles nothing. */
+/* No density is finite: the sample carries no information about the particles. */
 static void test_weights_that_are_no_numbers_count_as_equal(void)
 {
   const weigh_case example = weigh_case_of(1), *const c = &example;
