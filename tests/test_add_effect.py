@@ -232,7 +232,14 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
         "-Isrc",
     ]
     subprocess.run(
-        ["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"],
+        [
+            "cc",
+            *flags,
+            "src/model/integrator.c",
+            "src/estimator/settings.c",
+            "src/estimator/prepare.c",
+            "src/host/replay.c",
+        ],
         cwd=copy,
         check=True,
     )

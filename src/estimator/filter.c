@@ -1,11 +1,9 @@
 /* estimator/filter.c - reset and step of both filters.
  *
- * Which form of the filter runs is a setting:
- *   0  the car's Kalman filter          filter/step.c
- *   1  the paper's particle filter      paper/algorithm1.c and the files it calls, one
- *                                       for each stage of Algorithm 1
- * Common to them: align.c (channels that are logged late), input.c (a row becomes a
- * checked sample), start.c. */
+ * The setting `form` selects the filter:
+ *   0  Kalman filter of the car      filter/step.c
+ *   1  particle filter of the paper  paper/algorithm1.c, one file per stage of Algorithm 1
+ * Common to both: align.c (late channels), input.c (row to checked sample), start.c. */
 #include "filter/filter.h"
 #include "tables/columns.h"
 #include "paper/paper.h"
@@ -24,14 +22,14 @@ tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
 
 static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
-#if !defined(TSE_NO_PARTICLES) /* else tse_prepare() accepts form 0 alone */
+#if !defined(TSE_NO_PARTICLES) /* without it tse_prepare() accepts form 0 only */
   if (p->form != 0) return step_particles(p, f, u, out);
 #endif
   return step_row(p, f, u, out);
 }
 
 #if TSE_LATENCY_ROWS > 0
-/* Report the estimates of the last step, or of the start, for a row that makes no step. */
+/* Report the estimates of the last step, or of the start, for a row without a step. */
 static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
 {
   now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;
@@ -45,7 +43,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   }
 #endif
   if (p->form == 0) {
-    if (f->step == 0) start_state(p, f); /* again with the first step: nothing has happened yet */
+    if (f->step == 0) start_state(p, f); /* repeated by the first step */
     report_row(p, &f->k, now);
   }
   for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
@@ -53,18 +51,18 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   now->status = (int32_t)TSE_W_WAITING;
 }
 
-/* Keep the row where channels are logged late, and step to the newest time at which all
- * are known, if that is new. */
+/* Store the row, and step to the newest time at which all channels are known, if it is
+ * new. */
 static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   tse_input row;
   tse_output now;
   tse_status status = align_row(p, f, u, &row);
-  if (status < 0) return status; /* nothing has changed yet */
+  if (status < 0) return status; /* f is unchanged */
   memset(&now, 0, sizeof now);
   if (status == TSE_W_WAITING) report_waiting(p, f, &now);
   else {
-    status = step_form(p, f, &row, &now); /* never negative: of rows that were accepted */
+    status = step_form(p, f, &row, &now); /* never negative: the row was checked */
     now.estimate_age = p->latency;
     for (int a = 0; a < 3; a++) f->waiting.reason[a] = now.reason[a];
     f->waiting.reason[3] = now.grip_reason;
@@ -77,8 +75,8 @@ static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input 
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   if (!p || !f || !u) return TSE_E_NULL;
-  if (!belong(p, f)) return TSE_E_STATE;
-  if (p->form != 0 && u->given) return TSE_E_INPUT; /* it would be without effect */
+  if (!params_match(p, f)) return TSE_E_STATE;
+  if (p->form != 0 && u->given) return TSE_E_INPUT; /* they would have no effect */
 #if defined(TSE_NO_VELOCITY)
   if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;
 #endif

@@ -1,5 +1,5 @@
-/* estimator/input.c - a log row becomes a checked sample. Every refusal of a row happens
- * here, before anything changes. */
+/* estimator/input.c - check a log row and convert it to a sample. Rows are refused here
+ * only, before anything changes. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -13,12 +13,12 @@ void tse_input_default(tse_input *u)
 tse_status tse_input_check(const tse_input *u, const char **wrong)
 {
   if (!u) return TSE_E_NULL;
-  if (!(u->dt > TSE_R(0) && u->dt <= LONGEST_DT)) {
+  if (!(u->dt > TSE_R(0) && u->dt <= MAX_DT)) {
     if (wrong) *wrong = "dt";
     return TSE_E_TIME;
   }
-  for (int k = 0; k < (int)TSE_CHANNELS;
-      k++) { /* what is measured is missing out of its range, not refused */
+  /* inputs out of range are refused, measurements out of range are missing */
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     const channel_row *const row = &channel_rows[k];
     const tse_real x = channel_at(u, row);
     if (!row->drives || is_missing(u, 1u << k, x) || channel_holds(row, x)) continue;

@@ -1,290 +1,20 @@
-/* estimator/prepare.c - settings: defaults, check, and the constants of the filter. */
-#include <stddef.h>
-
-#include "model/state.h"
-#include "tse/tse.h"
-#include "model/effects.h"
-#include "model/effects_constant.h"
+/* estimator/prepare.c - the constants of a filter, from settings. */
+#include "estimator/settings.h"
 #include "model/car.h"
+#include "model/effects_constant.h"
 #include "tables/constants.h"
-#include "tables/rows.h"
-#include "tables/config.h"
+#include "tables/copies.h"
 
-/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows
- * that come up to 7 % closer than the sample time before any is left out (28 of 30 rows
- * at their most). */
-#define ROWS_TO_SPARE 4
-#define NO_LIMIT TSE_R(1000000) /* of a spread, squared */
-#define STANDARD_GRAVITY TSE_S(9.81) /* m/s2: GRAVITY of model/laws.h, in the format of settings */
-#define LEAST_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
-#define SHORTEST_RELAXATION TSE_S(0.05) /* m: numerics; at 10 m/s a shorter one is over within a substep */
-#define LEAST_RADIUS_SD TSE_R(0.002) /* 1: pressure and temperature change radii so much; a quarter of it
-                                      * is half the slip of a steady drive */
-#define ROLLING_USUAL TSE_S(0.01) /* 1: rolling resistance of an axle that rolls freely, where the setting
-                                   * has none */
+#define MAX_SPREAD_VAR TSE_R(1000000) /* max square of a spread */
+#define MIN_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
+#define MIN_RELAXATION TSE_S(0.05) /* m, numerics: at 10 m/s a shorter one ends within a substep */
+#define MIN_RADIUS_SD TSE_R(0.002) /* 1: change of radii by pressure and temperature; a quarter of it is
+                                    * half the slip of steady driving */
+#define DEFAULT_ROLLING TSE_S(0.01) /* 1: rolling resistance of a free-rolling axle if the setting is 0 */
 
-static tse_real real_of(tse_setting x) { return r_from_setting(x); }
-
-void tse_config_default(tse_config *c)
-{
-  if (c) set_defaults(c, reals, REALS, wholes, WHOLES);
-}
-
-void tse_config_exact(tse_config *c)
-{
-  if (!c) return;
-  tse_config_default(c);
-  for (size_t i = 0; i < sizeof exact / sizeof exact[0]; i++)
-    memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
-}
-
-/* Return a stiffness: as it is set, or that of the class under the load of its axle.
- *   Given: share  stiffness over load      other_axle  [m] from the centre of gravity to
- *                                                      it */
-static tse_setting stiffness_of(
-    const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
-{
-  const tse_setting mass = c->mass > 0 ? c->mass : TSE_S(CLASS_MASS);
-  const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(mass, c->lf + c->lr));
-  return as_set > 0 ? as_set : r_mul(share, r_mul(weight, other_axle));
-}
-
-static tse_setting cornering_front(const tse_config *c)
-{
-  return stiffness_of(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr);
-}
-static tse_setting cornering_rear(const tse_config *c)
-{
-  return stiffness_of(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf);
-}
-static tse_setting longitudinal_front(const tse_config *c)
-{
-  return stiffness_of(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr);
-}
-static tse_setting longitudinal_rear(const tse_config *c)
-{
-  return stiffness_of(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf);
-}
-
-void tse_config_complete(tse_config *c)
-{
-  if (!c) return;
-  c->longitudinal_stiffness_front = longitudinal_front(c);
-  c->longitudinal_stiffness_rear = longitudinal_rear(c);
-  c->cornering_stiffness_front = cornering_front(c);
-  c->cornering_stiffness_rear = cornering_rear(c);
-  if (!(c->mass > 0)) {
-    c->mass = TSE_S(CLASS_MASS);
-    if (c->mass_sd < TSE_S(CLASS_MASS_SD)) c->mass_sd = TSE_S(CLASS_MASS_SD);
-  }
-  if (!(c->yaw_inertia > 0)) c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
-}
-
-void tse_config_paper(tse_config *c)
-{
-  if (!c) return;
-  tse_config_exact(c);
-  c->form = 1;
-  c->exact_kinematics_share = TSE_S(0); /* of who simulates the paper's car: (1)-(4) */
-  c->initial_spread = TSE_S(0.3);       /* one reading of "30 %": of the mean and from sample to sample */
-  c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
-  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20); /* as large as it may be: w is free */
-}
-
-void tse_config_robust(tse_config *c)
-{
-  if (!c) return;
-  tse_config_exact(c);
-  c->form = 1;
-  c->exact_kinematics_share = TSE_S(0);
-  c->integration = 1;
-  c->initial_vel_y_sd = TSE_S(1);
-  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->reflect_draws = 1;
-  c->forgetting = TSE_S(0.998);
-  c->forgetting_mean = TSE_S(0.98);
-  c->forgetting_change = TSE_S(0.9);
-  c->initial_spread = TSE_S(0.15);
-  c->spread_max = TSE_S(0.7);
-  c->spread_kernel = TSE_S(0.03);
-}
-
-/* Return whether a formula of the user does something: no program, no formula. */
-static int formula_on(const tse_config *c)
-{
-#if defined(TSE_FORMULA)
-  const int there = 1;
-#else
-  const int there = (c->formula_code_1 & 0xff) != 0;
-#endif
-  return there && (c->formula_gain < 0 || c->formula_gain > 0);
-}
-
-/* Return the bits of the effects with a strength that is not zero. */
-static uint64_t effects_on(const tse_config *c)
-{
-  uint64_t mask = 0;
-  for (int i = 0; i < COUNT_EFFECTS; i++) {
-    const tse_setting x = real_at(c, &reals[FIRST_EFFECTS + i]);
-    if (effect_settings[i].strength && (x < 0 || x > 0)) mask |= (uint64_t)1 << effect_settings[i].effect;
-  }
-  if (formula_on(c)) mask |= (uint64_t)1 << TSE_BIT_FORMULA;
-  return mask;
-}
-
-#if !defined(TSE_NO_EFFECTS)
-/* Unpack the operations of a formula of the user, a byte each. */
-static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
-{
-  for (int k = 0; k < TSE_FORMULA_OPS; k++)
-    code[k] = (uint8_t)(((uint32_t)whole_at(c, &wholes[FIRST_WHOLE_FORMULA + 1 + k / 3]) >> (8 * (k % 3)))
-        & 0xffu);
-}
-
-/* Return whether a formula that is on ends with one value, and never takes more than
- * there is or holds more than there is room for. */
-static int formula_fits(const tse_config *c)
-{
-#if defined(TSE_FORMULA) /* compiled in: there is no other */
-  return !(c->formula_code_1 || c->formula_place);
-#else
-  uint8_t code[TSE_FORMULA_OPS];
-  int depth = 0, memories = 0, late = 0;
-  formula_of(c, code);
-  for (int k = 0; k < TSE_FORMULA_OPS && code[k]; k++) {
-    int takes = -1;
-    for (size_t i = 0; i < sizeof formula_operations / sizeof formula_operations[0]; i++)
-      if (formula_operations[i].code == code[k]) {
-        takes = formula_operations[i].takes;
-        memories += formula_operations[i].memory;
-      }
-    late += code[k] == FORMULA_OP_late;
-    if (takes < 0 || takes > depth) return 0;
-    depth += 1 - takes;
-    if (depth > FORMULA_STACK) return 0;
-  }
-  return depth == 1 && memories <= TSE_FORMULA_MEMORIES && late <= FORMULA_LATE;
-#endif
-}
-#endif
-
-#if TSE_LATENCY_ROWS == 0
-/* Return whether no channel is late. *wrong: the first that is. */
-static tse_status latencies_fit(const tse_config *c, const char **wrong)
-{
-  for (int k = 0; k < COUNT_LATENCY; k++) {
-    const tse_setting late = real_at(c, &reals[FIRST_LATENCY + k]);
-    if (!(late > 0 || late < 0)) continue;
-    if (wrong) *wrong = reals[FIRST_LATENCY + k].name;
-    return TSE_E_CONFIG;
-  }
-  return TSE_OK;
-}
-
-static void prepare_latencies(const tse_config *c, tse_params *p)
-{
-  p->velocity_late = real_of(c->velocity_latency);
-}
-#else
-/* Latency of each channel: of all but the last, the yaw rate, which is the clock. */
-static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
-{
-  for (int k = 0; k < COUNT_LATENCY; k++) latency[k] = real_at(c, &reals[FIRST_LATENCY + k]);
-  latency[TSE_CHANNEL_yaw_rate] = 0;
-}
-
-/* When a row is read: its time is `age` before the newest row, the earliest channel
- * `span` before it. */
-typedef struct reading_time {
-  tse_setting age, span;
-  int earliest, latest;
-} reading_time;
-
-/* Find when a row is read: not before all channels are known, and then at a row of
- * accel_x, if rows are sample_time apart: interpolated noise is in neighbours, too, vel_x
- * follows it, and half a row of it moved the longitudinal stiffness by 8 % and was taken
- * for a disturbance. Noise of accel_y and gyro does neither (tests/lab/test_latency.py).
- * Where all three are one IMU none is interpolated then. */
-static reading_time reading_time_of(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
-{
-  reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) {
-    if (latency[k] < latency[r.earliest]) r.earliest = k;
-    if (latency[k] > latency[r.latest]) r.latest = k;
-  }
-  if (r.earliest == r.latest) return r;
-  const tse_setting rows = r_div(latency[r.latest] - latency[TSE_CHANNEL_accel_x], c->sample_time);
-  const int32_t whole = r_floor_to_int(
-      rows + TSE_S(0.999)); /* 3.001 are 3: as little as decimals are rounded by */
-  r.age = latency[TSE_CHANNEL_accel_x] + r_mul(r_from_int(whole), c->sample_time);
-  if (r.age < latency[r.latest]) r.age = latency[r.latest];
-  r.span = r.age - latency[r.earliest];
-  return r;
-}
-
-/* Return whether the filter keeps enough rows for the channels to wait for each other.
- * *wrong: the one that is furthest from the gyro. */
-static tse_status latencies_fit(const tse_config *c, const char **wrong)
-{
-  const tse_setting most = r_mul(r_from_int(TSE_LATENCY_ROWS - ROWS_TO_SPARE), c->sample_time);
-  tse_setting latency[TSE_CHANNELS];
-  latencies_of(c, latency);
-  const reading_time r = reading_time_of(c, latency);
-  if (!(r.span > r_mul(most, TSE_S(1.0001)))) return TSE_OK; /* 28 times 0.01 is rounded */
-  if (wrong)
-    *wrong = reals[FIRST_LATENCY + (latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest)].name;
-  return TSE_E_CONFIG;
-}
-
-/* Take how old a row is when it is read, and each of its channels. */
-static void prepare_latencies(const tse_config *c, tse_params *p)
-{
-  tse_setting latency[TSE_CHANNELS];
-  latencies_of(c, latency);
-  const reading_time r = reading_time_of(c, latency);
-  p->latency = real_of(r.age);
-  p->velocity_late = real_of(c->velocity_latency - r.age); /* a velocity does not wait */
-  p->latency_span = real_of(r.span);
-  p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
-}
-#endif
-
-/* Return the first setting that is not set and whose value of the class is outside its
- * range; NULL: none. */
-static const char *class_outside(const tse_config *c)
-{
-  tse_config whole = *c;
-  tse_config_complete(&whole);
-  return first_outside(&whole, reals, REALS, wholes, WHOLES);
-}
-
-tse_status tse_config_check(const tse_config *c, const char **wrong)
-{
-  if (!c) return TSE_E_NULL;
-  const char *name = first_outside(c, reals, REALS, wholes, WHOLES);
-  if (!name) name = class_outside(c);
-  if (name) {
-    if (wrong) *wrong = name;
-    return TSE_E_CONFIG;
-  }
-  const int has_formula = (int)(effects_on(c) >> TSE_BIT_FORMULA & 1u);
-#if defined(TSE_NO_EFFECTS)
-  const int formula_fine = !has_formula; /* such a build knows none */
-#else
-  const int formula_fine = !has_formula || formula_fits(c);
-#endif
-  if (!formula_fine) {
-    if (wrong) *wrong = "formula_code_1";
-    return TSE_E_CONFIG;
-  }
-  return latencies_fit(c, wrong);
-}
-
-/* Mix a word into the FNV-1a fingerprint that detects a filter reset with other
+/* Mix a word into the FNV-1a fingerprint. It detects a filter that was reset with other
  * parameters. */
-static uint32_t mix(uint32_t h, uint32_t word)
+static uint32_t mix_word(uint32_t h, uint32_t word)
 {
   for (int i = 0; i < 4; i++) {
     h = (h ^ (word & 0xffu)) * 16777619u;
@@ -293,66 +23,69 @@ static uint32_t mix(uint32_t h, uint32_t word)
   return h;
 }
 
+/* Mix the bytes of a setting into the fingerprint. */
 static uint32_t mix_setting(uint32_t h, tse_setting x)
 {
   uint32_t words[(sizeof(tse_setting) + 3) / 4];
   memcpy(words, &x, sizeof x);
-  for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) h = mix(h, words[i]);
+  for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) h = mix_word(h, words[i]);
   return h;
 }
 
-static uint32_t fingerprint(const tse_config *c)
+/* Return the fingerprint of all settings. */
+static uint32_t compute_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, &reals[i]));
-  for (int i = 0; i < WHOLES; i++) h = mix(h, (uint32_t)whole_at(c, &wholes[i]));
-  return mix(h, TSE_MAX_PARTICLES);
+  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, &setting_reals[i]));
+  for (int i = 0; i < WHOLES; i++) h = mix_word(h, (uint32_t)whole_at(c, &setting_wholes[i]));
+  return mix_word(h, TSE_MAX_PARTICLES);
 }
 
-/* Mix a setting that gives relative stiffness its meaning; of an effect one that is on:
- * one that is off leaves the fingerprint as it was before there were effects. Numbers in
- * single precision, so that builds of every format agree; only there both differ in
- * nothing but how a decimal number is rounded. */
+/* Mix a setting that defines relative stiffness into the fingerprint, if its effect is
+ * active: an inactive effect leaves the fingerprint as it was before effects existed.
+ * Single precision makes builds of all formats agree, which otherwise differ by the
+ * rounding of decimal numbers. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
-  for (; *name; name++) h = mix(h, (uint32_t)(unsigned char)*name);
-  return mix(h, r_single_bits(value));
+  for (; *name; name++) h = mix_word(h, (uint32_t)(unsigned char)*name);
+  return mix_word(h, r_single_bits(value));
 }
 
-static uint32_t vehicle_fingerprint(const tse_config *c)
+/* Return the fingerprint of the settings that define relative stiffness. */
+static uint32_t compute_vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix(h, r_single_bits(real_at(c, &reals[i])));
-  const uint64_t on = effects_on(c)
-      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* the filter's are, whatever the setting says */
+  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &setting_reals[i])));
+  const uint64_t on = find_active_effects(c)
+      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* always exact in the filter */
   for (int i = 0; i < COUNT_EFFECTS; i++) {
-    const real_row *const row = &reals[FIRST_EFFECTS + i];
+    const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
-    /* unless it is 0: what was learnt before there was a balance stays of this vehicle */
+    /* only if not 0: states persisted before this setting existed stay valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
-    h = mix_effect(h, counts && (on >> effect_settings[i].effect & 1u), row->name, value);
+    h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
   const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);
   for (int i = 0; i < COUNT_FORMULA; i++)
-    h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, &reals[FIRST_FORMULA + i]));
+    h = mix_effect(
+        h, formula, setting_reals[FIRST_FORMULA + i].name, real_at(c, &setting_reals[FIRST_FORMULA + i]));
   for (int i = 0; i < COUNT_WHOLE_FORMULA; i++)
-    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name,
-        r_from_int(whole_at(c, &wholes[FIRST_WHOLE_FORMULA + i])));
+    h = mix_effect(h, formula, setting_wholes[FIRST_WHOLE_FORMULA + i].name,
+        r_from_int(whole_at(c, &setting_wholes[FIRST_WHOLE_FORMULA + i])));
   return h;
 }
 
 static tse_setting square(tse_setting x) { return r_mul(x, x); }
 
-/* Let CONSTANT effects act on the settings of the car that the filter's constants are
- * of. */
-static void change_car(uint64_t mask, tse_config *car)
+/* Apply CONSTANT effects to the settings from which the constants are computed. */
+static void apply_constant_effects(uint64_t mask, tse_config *car)
 {
 #define CONSTANT_ON(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
   EFFECTS_CONSTANT(CONSTANT_ON)
 }
 
-/* Take the parameters of all effects and of a formula of the user. */
+/* Copy the parameters of all effects and of a formula. */
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 {
   p->effects.mask = mask;
@@ -360,56 +93,57 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   (void)c;
 #else
   tse_effects *const e = &p->effects;
-  for (int i = 0; i < COUNT_EFFECTS; i++) { /* its members behind the mask are in the same order */
-    const tse_real x = real_of(real_at(c, &reals[FIRST_EFFECTS + i]));
+  for (int i = 0; i < COUNT_EFFECTS; i++) { /* its members after the mask are in the same order */
+    const tse_real x = real_of(real_at(c, &setting_reals[FIRST_EFFECTS + i]));
     memcpy((uint8_t *)e + sizeof e->mask + (size_t)i * sizeof x, &x, sizeof x);
   }
   e->mass = real_of(c->mass);
   e->formula_gain = real_of(c->formula_gain);
   for (int k = 0; k < TSE_FORMULA_NUMBERS; k++)
-    e->formula[k] = real_of(real_at(c, &reals[FIRST_FORMULA + 1 + k])); /* behind the gain */
+    e->formula[k] = real_of(real_at(c, &setting_reals[FIRST_FORMULA + 1 + k])); /* after the gain */
   e->formula_place = c->formula_place;
-  formula_of(c, e->formula_code);
+  unpack_formula(c, e->formula_code);
 #endif
 }
 
 #if defined(TSE_REAL_FIXED)
-/* What follows from the settings must leave the filter room: a covariance in sigma
- * squared holds squares of these, up to FIXED_MOST, 2^27 (1.3e8). Steps of the format are
- * 2e-10: what a row adds must be one at least. */
-#define MOST_GAIN TSE_R(131072)        /* sigma per unit of slip, 230 times the default car's: 10 % of slip
-                                        * and a stiffness off by 30 % */
-#define MOST_START TSE_R(4096)         /* sigma that a state may be off by at the start */
-#define MOST_BIAS_VAR TSE_R(16777216)  /* sigma^2, the same */
-#define MOST_NOISE TSE_R(65536)        /* noise_max squared: times FAULT_NOISE it is still a number */
+/* Limits of the constants in fixed point. A covariance in sigma^2 holds squares of these,
+ * up to FIXED_MOST, 2^27 (1.3e8). The step of the format is 2e-10: an increment per row
+ * must be at least one step. */
+#define MAX_SIGNAL_GAIN TSE_R(131072) /* sigma per unit of slip, 230 times the default car's: 10 % of slip and a
+                                * stiffness error of 30 % */
+#define MAX_START TSE_R(4096) /* sigma: max initial error of a state */
+#define MAX_BIAS_VAR TSE_R(16777216) /* sigma^2: max initial bias variance, its square root the same */
+#define MAX_NOISE TSE_R(65536) /* noise_max squared: times FAULT_NOISE it is in range */
 
+/* Return whether the increment of a row is below one step of the format. */
 static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
-/* Return whether the constants leave the filter that room. *wrong: the setting that does
- * not. */
-static tse_status fits(const tse_params *p, const tse_config *c, const char **wrong)
+/* Return TSE_OK if the constants are within these limits. *wrong: a setting that is
+ * not */
+static tse_status check_range(const tse_params *p, const tse_config *c, const char **wrong)
 {
   const struct {
-    tse_real value, most;
+    tse_real value, max;
     const char *name;
   } row[] = {
-    { r_mul(p->car.kx_front + p->car.kx_rear, p->inv_sd[0]), MOST_GAIN, "accel_x_sd" },
-    { r_mul(r_max(p->car.ky_front, p->car.ky_rear), p->inv_sd[1]), MOST_GAIN, "accel_y_sd" },
-    { r_mul(p->x_sd0[2], p->inv_sd[2]), MOST_START, "yaw_rate_sd" },
-    { p->bias_var0[0], MOST_BIAS_VAR, "accel_x_bias_sd" },
-    { p->bias_var0[1], MOST_BIAS_VAR, "accel_y_bias_sd" },
-    { p->bias_var0[2], MOST_BIAS_VAR, "yaw_rate_bias_sd" },
-    { p->bias_walk[0], MOST_BIAS_VAR, "accel_x_bias_walk" },
-    { p->bias_walk[1], MOST_BIAS_VAR, "accel_y_bias_walk" },
-    { p->bias_walk[2], MOST_BIAS_VAR, "yaw_rate_bias_walk" },
-    { p->noise_max_var, MOST_NOISE, "noise_max" },
-    { r_mul(p->damping, p->max_step), MOST_GAIN, "yaw_inertia" },
-    { r_max(p->car.jf, p->car.jr), MOST_START, "yaw_inertia" },
+    { r_mul(p->car.kx_front + p->car.kx_rear, p->inv_sd[0]), MAX_SIGNAL_GAIN, "accel_x_sd" },
+    { r_mul(r_max(p->car.ky_front, p->car.ky_rear), p->inv_sd[1]), MAX_SIGNAL_GAIN, "accel_y_sd" },
+    { r_mul(p->x_sd0[2], p->inv_sd[2]), MAX_START, "yaw_rate_sd" },
+    { p->bias_var0[0], MAX_BIAS_VAR, "accel_x_bias_sd" },
+    { p->bias_var0[1], MAX_BIAS_VAR, "accel_y_bias_sd" },
+    { p->bias_var0[2], MAX_BIAS_VAR, "yaw_rate_bias_sd" },
+    { p->bias_walk[0], MAX_BIAS_VAR, "accel_x_bias_walk" },
+    { p->bias_walk[1], MAX_BIAS_VAR, "accel_y_bias_walk" },
+    { p->bias_walk[2], MAX_BIAS_VAR, "yaw_rate_bias_walk" },
+    { p->noise_max_var, MAX_NOISE, "noise_max" },
+    { r_mul(p->damping, p->max_step), MAX_SIGNAL_GAIN, "yaw_inertia" },
+    { r_max(p->car.jf, p->car.jr), MAX_START, "yaw_inertia" },
     { vanishes(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
     { p->spread_var < (tse_real)64 ? FIXED_MOST : 0, TSE_R(1), "initial_spread" },
   };
   for (size_t i = 0; i < sizeof row / sizeof row[0]; i++)
-    if (row[i].value > row[i].most) {
+    if (row[i].value > row[i].max) {
       if (wrong) *wrong = row[i].name;
       return TSE_E_FORMAT;
     }
@@ -417,7 +151,7 @@ static tse_status fits(const tse_params *p, const tse_config *c, const char **wr
 }
 #endif
 
-/* Take the constants that are settings as they are. */
+/* Copy the constants that equal a setting. */
 static void prepare_copies(const tse_config *c, tse_params *p)
 {
   for (size_t i = 0; i < sizeof copied / sizeof copied[0]; i++) {
@@ -427,24 +161,24 @@ static void prepare_copies(const tse_config *c, tse_params *p)
     memcpy((uint8_t *)p + copied[i].to, &constant, sizeof constant);
   }
 #if !defined(TSE_NO_VELOCITY)
-  p->extra_sd[0] = TSE_R(1); /* of the heading, whose zero is anywhere */
+  p->extra_sd[0] = TSE_R(1); /* heading: its zero is arbitrary */
 #endif
 }
 
-/* Take loads, grip and load transfer of the tyres from the settings. */
+/* Compute loads, grip and load transfer of the tyres. */
 static void prepare_tyres(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), span = c->lf + c->lr, balance = c->tyre_saturation_balance;
   const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span),
                     load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
-  /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
+  /* within the range of `grip`, 0 .. 50: below 1/50 tyres are linear */
   const tse_setting friction = c->grip > 0
       ? c->grip
       : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction)
                                                            : TSE_S(50));
   const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient
-                                                                    : ROLLING_USUAL;
+                                                                    : DEFAULT_ROLLING;
   car->load_front = real_of(load_front);
   car->load_rear = real_of(load_rear);
   car->end_front = real_of(r_div(load_front, one + balance));
@@ -458,8 +192,7 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
   car->height_front = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lr)));
   car->height_rear = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lf)));
-  car->relaxation = real_of(
-      c->relaxation_length > SHORTEST_RELAXATION ? c->relaxation_length : SHORTEST_RELAXATION);
+  car->relaxation = real_of(c->relaxation_length > MIN_RELAXATION ? c->relaxation_length : MIN_RELAXATION);
   car->free_front = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lr, span))),
       c->longitudinal_stiffness_front));
   car->free_rear = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lf, span))),
@@ -467,7 +200,7 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   car->driven = c->driven_axle;
 }
 
-/* Take inertia, drag, steering and roll of the body from the settings. */
+/* Compute inertia, drag, steering and roll of the body. */
 static void prepare_body(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -492,13 +225,12 @@ static void prepare_body(const tse_config *c, tse_params *p)
   p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
 }
 
-/* Take place, mounting and scales of the IMU from the settings, and the noise of all
- * sensors. */
+/* Compute position, mounting and scales of the IMU, and the noise of all sensors. */
 static void prepare_readings(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front),
-                    speed_sd = wheel > LEAST_WHEEL_SD ? wheel : LEAST_WHEEL_SD;
+                    speed_sd = wheel > MIN_WHEEL_SD ? wheel : MIN_WHEEL_SD;
   car->pitch_leak = real_of(r_mul(STANDARD_GRAVITY, c->pitch_leak_gain));
   car->pitch_height = real_of(r_mul(c->pitch_leak_gain, c->pitch_leak_height));
   sin_cos(real_of(c->imu_misalignment_angle), &car->mount_sin, &car->mount_cos);
@@ -508,14 +240,14 @@ static void prepare_readings(const tse_config *c, tse_params *p)
   for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = i < IMU_CHANNELS ? p->sd[i] : real_of(speed_sd);
 }
 
-/* Find what of means and sds of the state is no setting as it is. */
+/* Compute those means and sds of the initial state that differ from a setting. */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
   p->prior_sd[GX] = real_of(r_mul(STANDARD_GRAVITY, c->grade_sd));
   p->prior_sd[GY] = BANK_SD;
   p->road_sd = real_of(r_mul(STANDARD_GRAVITY, c->road_sd));
-  p->prior_sd[RAD] = r_max(p->prior_sd[RAD], LEAST_RADIUS_SD);
+  p->prior_sd[RAD] = r_max(p->prior_sd[RAD], MIN_RADIUS_SD);
   for (int i = 0; i < 3; i++) {
     p->prior[stiffness_at(i)] = logarithm(real_of(initial[i]));
     p->mu0[i] = real_of(initial[i] - TSE_S(1));
@@ -530,9 +262,9 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->log_max = logarithm(real_of(c->stiffness_max));
 }
 
-/* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT
- *                                                            effects   Updated: p  holds
- *                                                            stiffness and geometry */
+/* Compute the car of form 0 and the prior of its filter.
+ *   Given:    c  settings after CONSTANT effects
+ *   Updated:  p  has stiffness and geometry */
 static void prepare_car(const tse_config *c, tse_params *p)
 {
   prepare_tyres(c, p);
@@ -541,7 +273,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
   prepare_prior(c, p);
 }
 
-/* Take stiffness over mass, geometry and radii from the settings. */
+/* Compute stiffness over mass and yaw arms. */
 static void prepare_vehicle(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -554,8 +286,8 @@ static void prepare_vehicle(const tse_config *c, tse_params *p)
   p->mass_var = real_of(square(c->mass_sd));
 }
 
-/* Find sds, biases and their walks of the IMU in units of the sensors' sds.   Given: p
- * these in SI units */
+/* Compute sds, biases and their walks of the IMU in units of the sensors' sds. Given: p
+ * has these in SI units */
 static void prepare_imu(tse_params *p)
 {
   for (int i = 0; i < 3; i++) {
@@ -566,14 +298,14 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Take times and limits of a row from the settings, and the longest step of form 1 by how
- * fast the car damps its motion. */
+/* Compute times and limits of a row, and the max step of form 1 by the fastest damping of
+ * the car. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
-  /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the
-   * cornering stiffnesses */
+  /* dampings times speed: of vx by longitudinal stiffness, of vy and yaw rate by
+   * cornering stiffness */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
   tse_setting damping = r_div(c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear, c->mass);
   const tse_setting lateral = r_div(cy_f + cy_r, c->mass);
@@ -587,8 +319,8 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   p->valid_var = real_of(square(c->valid_sd));
 }
 
-/* Take what form 1 starts from, remembers and is held to from the settings; the persisted
- * state of both forms ages by the same two. */
+/* Compute prior, memory and limits of form 1. Both forms age a persisted state by
+ * learnt_floor and learnt_walk. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = square(c->initial_spread);
@@ -597,34 +329,34 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
-  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of
-   * the mean */
+  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared, gamma Sigma the variance of the
+   * mean */
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
   p->gamma0 = real_of(r_div(square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(square(c->initial_mean_sd));
   p->spread_var = real_of(spread_var);
-  p->spread_max_var = c->spread_max < TSE_S(2) ? real_of(square(c->spread_max)) : NO_LIMIT;
+  p->spread_max_var = c->spread_max < TSE_S(2) ? real_of(square(c->spread_max)) : MAX_SPREAD_VAR;
   p->kernel = real_of(r_mul(c->spread_kernel, TSE_S(1.4426950408889634)));
   p->learnt_floor = real_of(square(c->learnt_floor));
   p->learnt_walk = real_of(square(c->learnt_walk_day));
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
-  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* never above where it may start */
+  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* <= initial values */
   p->steady_walk = real_of(square(c->steady_walk));
 }
 
-/* Make all constants of a filter, in the order in which they need each other.
- *   Given: settings that tse_config_check() accepts */
+/* Compute all constants of a filter, in the order of their dependence. Given: settings
+ * that tse_config_check() accepts */
 static void make_params(const tse_config *settings, tse_params *p)
 {
-  const uint64_t mask = effects_on(settings);
+  const uint64_t mask = find_active_effects(settings);
   tse_config car = *settings;
   memset(p, 0, sizeof *p);
   p->magic = TSE_PARAMS_MAGIC;
   tse_config_complete(&car);
-  p->fingerprint = fingerprint(&car);
-  p->vehicle = vehicle_fingerprint(&car);
-  change_car(mask, &car);
+  p->fingerprint = compute_fingerprint(&car);
+  p->vehicle = compute_vehicle_fingerprint(&car);
+  apply_constant_effects(mask, &car);
   p->particles = settings->particles;
   p->resampling = settings->resampling;
   p->form = settings->form;
@@ -651,23 +383,11 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
 #if defined(TSE_REAL_FIXED)
   tse_params made;
   make_params(settings, &made);
-  const tse_status fit = fits(&made, settings, wrong);
+  const tse_status fit = check_range(&made, settings, wrong);
   if (fit < 0) return fit; /* p is unchanged */
   *p = made;
 #else
   make_params(settings, p);
 #endif
   return TSE_OK;
-}
-
-void tse_stiffness_si(
-    const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
-{
-  if (!c || !y) return;
-  const tse_setting nominal[3] = { longitudinal_front(c), cornering_front(c), cornering_rear(c) };
-  for (int i = 0; i < 3; i++) {
-    if (mean) mean[i] = r_mul(nominal[i], r_to_setting(y->stiffness[i]));
-    if (sd) sd[i] = r_mul(nominal[i], r_to_setting(y->stiffness_sd[i]));
-    if (spread) spread[i] = r_mul(nominal[i], r_to_setting(y->stiffness_spread[i]));
-  }
 }

@@ -308,7 +308,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     { OF_MODEL, 0 },
   };
   if (!p || !f || !sd) return TSE_E_NULL;
-  if (!belong(p, f) || p->form != 0) return TSE_E_STATE;
+  if (!params_match(p, f) || p->form != 0) return TSE_E_STATE;
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = stiffness_at(a);

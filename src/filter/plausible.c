@@ -233,7 +233,7 @@ static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], 
   static const uint32_t needed = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate | TSE_MISSING_steer_angle;
   tse_agreement *const a = &k->agreement;
   const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < MAX_ROW_TIME;
-  a->complete_for = is_complete ? r_min(a->complete_for + dt, LONGEST_DT) : TSE_R(0);
+  a->complete_for = is_complete ? r_min(a->complete_for + dt, MAX_DT) : TSE_R(0);
   if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > MIN_TURNING_SPEED)) return;
   late_learn(p, k, was, dt);
   a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);

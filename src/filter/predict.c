@@ -106,7 +106,7 @@ void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
   for (int n = 0; n < TSE_SLOW; n++) {
     const int i = PLACED + n;
     tse_real *const since = &k->since_slow[n];
-    *since = r_min(*since + dt, LONGEST_DT);
+    *since = r_min(*since + dt, MAX_DT);
     if (n != k->slow_turn && *since < (i < FAST ? WANDER_TIME : WALK_TIME)) continue;
     if (i < FAST) propagate_gravity(p, k, i == GY, *since);
     else add_walk(p, k, i, *since);

@@ -258,7 +258,7 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
 tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out[TSE_LEARNT_BYTES])
 {
   if (!p || !f || !out) return TSE_E_NULL;
-  if (!belong(p, f) || !f->started) return TSE_E_STATE;
+  if (!params_match(p, f) || !f->started) return TSE_E_STATE;
   content c;
   memset(&c, 0, sizeof c);
   c.vehicle = p->vehicle;
@@ -390,7 +390,7 @@ tse_status tse_learnt_load(
     const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s)
 {
   if (!p || !f || !in) return TSE_E_NULL;
-  if (!belong(p, f) || f->step > 0 || f->waiting.count > 0) return TSE_E_STATE;
+  if (!params_match(p, f) || f->step > 0 || f->waiting.count > 0) return TSE_E_STATE;
   content c;
   const tse_status refused = decode(in, bytes, p->vehicle, &c, NULL);
   if (refused < 0) return refused; /* nothing has changed yet */

@@ -165,9 +165,9 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
       effects_settle(&car, &m, k, &at);
     } else {
       effects_advance(&car, &m, k, &now, dt, vehicle_steps(&car, dt, at.u, now.u), &at);
-      at.vx = vehicle_kept(at.vx, MOST_SPEED);
-      at.vy = vehicle_kept(at.vy, MOST_SPEED);
-      at.r = vehicle_kept(at.r, MOST_YAW_RATE);
+      at.vx = vehicle_limit(at.vx, MAX_SPEED);
+      at.vy = vehicle_limit(at.vy, MAX_SPEED);
+      at.r = vehicle_limit(at.r, MAX_YAW_RATE);
     }
     if (!write_row(log, s, out, i, rows, effects_sense(&at, &m, dt))) {
       if (wrong) *wrong = i;

@@ -24,14 +24,13 @@ static int sound_start(const tse_start *s)
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
-/* Check the waiting rows: at most max_gap apart, and within LONGEST_DT in total. */
+/* Check the waiting rows: at most max_gap apart, and within MAX_DT in total. */
 static int sound_waiting(const tse_params *p, const tse_alignment *m)
 {
   const tse_real most = p->max_gap + p->latency_least;
   const int32_t rows = p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0;
   int fine = sound_int(m->count, 0, rows) && sound_int(m->newest, 0, TSE_LATENCY_KEPT - 1);
-  fine = fine && sound_reals(&m->since, 1, TSE_R(0), LONGEST_DT)
-      && sound_reals(&m->unkept, 1, TSE_R(0), LONGEST_DT);
+  fine = fine && sound_reals(&m->since, 1, TSE_R(0), MAX_DT) && sound_reals(&m->unkept, 1, TSE_R(0), MAX_DT);
   fine = fine && sound_reals(m->before, TSE_LATENCY_KEPT, TSE_R(0), most);
   for (int i = 0; i < TSE_LATENCY_KEPT; i++) {
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
@@ -81,7 +80,7 @@ static int sound_agreement(const tse_agreement *a)
   fine = fine && sound_reals(&a->steered.square, 1, TSE_R(0), MOST_SQUARE)
       && sound_reals(&a->steered.late, 1, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(&a->lags, 1, TSE_R(0), MOST_SQUARE)
-      && sound_reals(&a->complete_for, 1, TSE_R(0), LONGEST_DT);
+      && sound_reals(&a->complete_for, 1, TSE_R(0), MAX_DT);
   for (int i = 0; i < TSE_PAIRS; i++) {
     const tse_pair *const q = &a->pair[i];
     fine = fine && sound_reals(&q->time, 1, TSE_R(0), MOST_REAL)

@@ -34,7 +34,7 @@ static inline int sound_shorts(const tse_short *x, int n)
 {
   int fine = 1;
 #if defined(TSE_REAL_FIXED)
-  for (int i = 0; i < n; i++) fine = fine && x[i] >= -SHORT_MOST && x[i] < SHORT_MOST;
+  for (int i = 0; i < n; i++) fine = fine && x[i] >= -MAX_SHORT && x[i] < MAX_SHORT;
 #else
   fine = sound_reals(x, n, -MOST_REAL, MOST_REAL);
 #endif

@@ -1,21 +1,21 @@
-/* model/car.c - forces, motion and sensors of the car, and their slopes. Equations:
+/* model/car.c - forces, motion and sensors of the car, with their slopes. Equations:
  * car.h. */
 #include "model/car.h"
 #include "number/vector.h"
 
-#define LONGEST TSE_R(0.011)  /* s, numerics: a substep; a row of 10 ms is one */
-#define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20
-                               * mm of deflection, over 0.32 m */
+#define MAX_SUBSTEP TSE_R(0.011) /* s, numerics: max substep; a row of 10 ms is one substep */
+#define RADIUS_LOSS TSE_R(0.005) /* 1, physics: share of the rolling radius lost by static load: 8 % of 20 mm of
+                           * deflection, over 0.32 m */
 
-/* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of
- * stiffness and grip; force over slip; force without an end. */
+/* One direction of a tyre: its force, the slopes over slip (or slip angle) and over the
+ * logarithms of stiffness and grip, force over slip, and the force of a linear tyre. */
 typedef struct tyre {
   tse_real f, by_slip, by_stiffness, by_mu, secant, endless;
 } tyre;
 
 /* Return a tyre's force and its slopes.
- *   Given: limit  where the force ends   slip  or slip angle   shape  of the curve */
-static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real shape)
+ *   Given:  limit  max force    slip  slip or slip angle    shape  of tyre_secant() */
+static tyre compute_tyre(tse_real stiffness, tse_real limit, tse_real slip, tse_real shape)
 {
   const tse_real linear = r_mul(stiffness, slip);
   tse_real slope;
@@ -25,54 +25,56 @@ static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real 
   return t;
 }
 
-/* Both directions of both axles: x along, y across. */
+/* Both directions of both axles: x longitudinal, y lateral. */
 typedef struct tyres {
   tyre x_front, x_rear, y_front, y_rear;
 } tyres;
 
-/* Return all tyre forces at x. Load goes to the rear with the acceleration: slip
- * stiffness and grip with it in proportion, cornering stiffness less; and from wheel to
- * wheel with the lateral acceleration. */
-static tyres tyres_of(const tse_car *c, const tse_real x[TSE_VALUES])
+/* Return all tyre forces at x. Longitudinal acceleration transfers load to the rear: slip
+ * stiffness and grip are proportional to load, cornering stiffness changes less. Lateral
+ * acceleration transfers load between the wheels of an axle. */
+static tyres compute_tyres(const tse_car *c, const tse_real x[TSE_VALUES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
   const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])));
   const tse_real front = r_mul(
-      r_mul(c->ky_front, exponential(x[LCF])), load_left(-r_mul(c->along_front, drive)));
-  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), load_left(r_mul(c->along_rear, drive)));
-  const tse_real square = lateral_square(
+      r_mul(c->ky_front, exponential(x[LCF])), compute_load_share(-r_mul(c->along_front, drive)));
+  const tse_real rear = r_mul(
+      r_mul(c->ky_rear, exponential(x[LCR])), compute_load_share(r_mul(c->along_rear, drive)));
+  const tse_real square = compute_lateral_square(
       r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
-  const tse_real load_front = load_left(-r_mul(c->height_front, drive)),
-                 load_rear = load_left(r_mul(c->height_rear, drive));
-  const tse_real most_front = r_mul(r_mul(mu, c->end_front), load_front);
-  const tse_real most_rear = r_mul(r_mul(mu, c->end_rear), load_rear);
+  const tse_real load_front = compute_load_share(-r_mul(c->height_front, drive)),
+                 load_rear = compute_load_share(r_mul(c->height_rear, drive));
+  const tse_real max_front = r_mul(r_mul(mu, c->end_front), load_front);
+  const tse_real max_rear = r_mul(r_mul(mu, c->end_rear), load_rear);
   tyres t;
-  t.x_front = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
-  t.x_rear = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), most_rear, x[SR], c->shape);
-  t.y_front = tyre_of(r_mul(front, side_left(c->side_front, square)), most_front, x[AF], c->shape);
-  t.y_rear = tyre_of(r_mul(rear, side_left(c->side_rear, square)), most_rear, x[AR], c->shape);
+  t.x_front = compute_tyre(r_mul(r_mul(cx, c->kx_front), load_front), max_front, x[SF], c->shape);
+  t.x_rear = compute_tyre(r_mul(r_mul(cx, c->kx_rear), load_rear), max_rear, x[SR], c->shape);
+  t.y_front = compute_tyre(
+      r_mul(front, compute_side_share(c->side_front, square)), max_front, x[AF], c->shape);
+  t.y_rear = compute_tyre(r_mul(rear, compute_side_share(c->side_rear, square)), max_rear, x[AR], c->shape);
   return t;
 }
 
 void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[3])
 {
-  const tyres t = tyres_of(c, x);
+  const tyres t = compute_tyres(c, x);
   share[0] = r_div(t.x_front.secant, r_mul(c->kx_front, exponential(x[LCX])));
   share[1] = r_div(t.y_front.secant, r_mul(c->ky_front, exponential(x[LCF])));
   share[2] = r_div(t.y_rear.secant, r_mul(c->ky_rear, exponential(x[LCR])));
 }
 
-/* Find the slopes of the forces, without those of load transfer and of steering
- * compliance. What saturates along is no sign of the grip.
- *   Given:    ax, ay  of the front axle, in the axes of the car
- *   Updated:  f       its slopes */
-static void slopes_of_forces(
+/* Compute the slopes of the forces, without those of load transfer and of steering
+ * compliance. Longitudinal saturation has no slope over the grip.
+ *   Given:    ax, ay  force of the front axle, in the axes of the car
+ *   Updated:  f       slopes */
+static void compute_force_slopes(
     const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
   const tse_real none = TSE_R(0), sine = f->sin_d, cosine = f->cos_d;
   const struct {
     int at;
-    tse_real x, y, rear_x, rear_y; /* of the front axle along and across its wheels, of the rear axle */
+    tse_real x, y, rear_x, rear_y; /* front axle, in the axes of its wheels; rear axle */
   } by[] = {
     { SF, t->x_front.by_slip, none, none, none },
     { AF, none, t->y_front.by_slip, none, none },
@@ -95,7 +97,7 @@ static void slopes_of_forces(
   static const int of_d[3] = { STEER_OFFSET, GAIN, LATE };
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate),
     -r_mul(TSE_R(1) + x[GAIN], f->rate) };
-  for (int i = 0; i < 3; i++) { /* forces turn with the wheels */
+  for (int i = 0; i < 3; i++) { /* the front force turns with the wheels */
     f->by_x[of_d[i]] = -r_mul(by_d[i], ay);
     f->by_y[of_d[i]] = r_mul(by_d[i], ax);
     f->by_yaw[of_d[i]] = r_mul(c->jf, r_mul(by_d[i], ax));
@@ -107,7 +109,7 @@ static void slopes_of_forces(
 
 void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_real share, forces *f)
 {
-  const tyres t = tyres_of(c, x);
+  const tyres t = compute_tyres(c, x);
   const tyre *const xf = &t.x_front, *const yf = &t.y_front, *const xr = &t.x_rear, *const yr = &t.y_rear;
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
@@ -117,25 +119,25 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   f->side = yf->f;
   f->endless_x = xf->endless + xr->endless;
   f->endless_y = yf->endless + yr->endless;
-  /* written -(a - b): gcc 12 fuses it else, see turn_axes() */
+  /* written -(a - b): otherwise gcc 12 fuses it, see turn_axes() */
   const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)),
                  ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
   f->x = ax + xr->f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
   f->y = ay + yr->f + c->pull_front + c->pull_rear;
   f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr->f + c->pull_rear)
       - r_mul(c->trail, yf->f + yr->f);
-  slopes_of_forces(c, x, &t, ax, ay, f);
+  compute_force_slopes(c, x, &t, ax, ay, f);
 }
 
-/* Kinematic slip angle of an axle, to which the tyres relax, and its slopes over the
- * speeds across and along. */
+/* Kinematic slip angle of an axle, to which its tyres relax, with slopes over the lateral
+ * and longitudinal speed. */
 typedef struct kinematic {
   tse_real a, by_side, by_v;
 } kinematic;
 
-/* Return the kinematic slip angle of an axle.   Given: side  speed across at the axle,
- *                                                            m/s */
-static kinematic kinematic_of(tse_real side, tse_real vx)
+/* Return the kinematic slip angle of an axle. Given: side  lateral speed of the axle
+ * [m/s] */
+static kinematic compute_kinematic_angle(tse_real side, tse_real vx)
 {
   const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
   kinematic angle;
@@ -145,32 +147,34 @@ static kinematic kinematic_of(tse_real side, tse_real vx)
   return angle;
 }
 
-/* Return phi''. */
-static tse_real roll_swing(const tse_car *c, const tse_real x[TSE_VALUES], tse_real ay)
+/* Return the roll acceleration phi''. */
+static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES], tse_real ay)
 {
-  return mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
+  return compute_mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Whether the motion has a slope over it: biases and the front radius are of the
- * sensors. */
-static int moves(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
+/* Return whether the motion depends on column j. Biases and the front radius enter only
+ * the sensors. */
+static int moves_with(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
-/* Add to the slope of a row over column j, if it is one. */
-static void add_to(tse_short *row, int j, tse_real more)
+/* Add to the slope of a row over column j, if there is such a column. */
+static void add_slope(tse_short *row, int j, tse_real more)
 {
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
 }
 
-/* Move velocities and roll by a substep of h, and their slopes by the chain rule in the
- * same order: the yaw rate first, so that speeds turn with that of its middle. What slip
- * angles follow of the velocities until then is not in f, which would make it of first
- * order where they follow within a substep; it is added.
- *   Given: f  forces in its middle      follow  [s/m] how far slip angles follow in half
- *                                               a substep, over the speed */
-static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
+/* Advance velocities and roll by a substep of h, and their slopes by the chain rule in
+ * the same order. The yaw rate comes first, so that the speeds use its value at mid-step.
+ * f does not include the response of the slip angles to the velocities of this substep.
+ * That response until mid-step is added: without it the scheme would be of first order
+ * where slip angles relax within a substep.
+ *   Given:  f       forces at mid-step
+ *           follow  [s/m] change of the slip angles in half a substep, over the speed */
+static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])
 {
-  const tse_real half = r_mul(TSE_R(0.5), h), level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
+  const tse_real half = r_mul(TSE_R(0.5), h), level = TSE_R(1) - x[LEAN],
+                 swing = compute_roll_swing(c, x, f->y);
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real vx = x[VX], r = x[YAW] + r_mul(half, f->yaw),
@@ -179,9 +183,11 @@ static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const f
                  rear = r_mul(lag, pull - r_mul(c->lr, f->yaw));
   const tse_real across_rate = pull - r_mul(f->by_y[AF], front) - r_mul(f->by_y[AR], rear),
                  vy = x[VY] + r_mul(half, across_rate);
+  /* rows of M: v_x, v_y, r, a_f, a_r, phi, phi' */
   tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR],
                    *const mp = M[HAS_ROLL ? (int)PHI : (int)VX],
                    *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
+  /* slopes of a_x over v_x, a_f, a_r; of a_y and r' over a_f, a_r */
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]),
                       y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx),
@@ -197,19 +203,20 @@ static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const f
   x[DPHI] += r_mul(h, swing);
   x[PHI] += r_mul(h, x[DPHI]);
   for (int j = 0; j < COLUMNS; j++) {
-    if (!moves(j)) continue;
-    const tse_short was = mx[j];
-    r_total gx = r_plus(r_plus(r_product(x_v, was), x_f, mf[j]), x_b, mb[j]);
+    if (!moves_with(j)) continue;
+    const tse_short x_slope = mx[j];
+    r_total gx = r_plus(r_plus(r_product(x_v, x_slope), x_f, mf[j]), x_b, mb[j]);
     r_total gy = r_plus(r_product(y_f, mf[j]), y_b, mb[j]), gr = r_plus(r_product(r_f, mf[j]), r_b, mb[j]);
     if (j >= MOTION) {
       gx = r_plus(gx, r_coef(f->by_x[j]), one);
       gy = r_plus(gy, r_coef(f->by_y[j]), one);
       gr = r_plus(gr, r_coef(f->by_yaw[j]), one);
     }
-    const tse_short spun = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, spun);
-    const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, middle), turn, was));
-    mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
-    mr[j] = r_plus_times(mr[j], step, spun);
+    const tse_short yaw_rate_slope = r_end_rate(gr), middle = r_plus_times(mr[j], half_step, yaw_rate_slope);
+    const tse_short side = r_end_rate(gy),
+                    turned = r_end_rate(r_plus(r_product(ahead, middle), turn, x_slope));
+    mx[j] = r_plus_times(x_slope, step, r_end_rate(r_plus(r_plus(gx, across, middle), turn, my[j])));
+    mr[j] = r_plus_times(mr[j], step, yaw_rate_slope);
     if (!HAS_ROLL) my[j] = r_plus_times(my[j], step, r_end(r_minus(r_start(side), flat, turned)));
     if (!HAS_ROLL) continue;
     const tse_short swings = r_end_rate(
@@ -218,39 +225,39 @@ static void substep_velocities(const tse_car *c, tse_real x[TSE_VALUES], const f
     mq[j] = r_plus_times(mq[j], step, swings);
     mp[j] = r_plus_times(mp[j], step_on, mq[j]);
   }
-  add_to(mx, GX, -h);
-  add_to(my, GY, h);
-  add_to(my, LEAN, r_mul(h, r_mul(vx, r)));
+  add_slope(mx, GX, -h);
+  add_slope(my, GY, h);
+  add_slope(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
-/* Move the slip angles by h, with velocities and roll in its middle, and their slopes;
- * return [1] how far they follow.
- *   Given: side  force of the front axle   from  steering angle at its start, late   rate
- *                                                of it
- * A ramp of the steering angle moves them as one angle of it does, in the middle, or, the
- * shorter the relaxation, later: within 0.1 of h. */
-static tse_real substep_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from,
+/* Advance the slip angles by h, with velocities and roll at mid-step, and their slopes.
+ *   Given:     side  lateral force of the front axle
+ *              from  steering angle at the start, delayed;  rate  its rate
+ *   Returned:  [1] share of the distance to the kinematic slip angle that is covered
+ * A ramp of the steering angle has the effect of one constant angle, the one at mid-step
+ * or, for a short relaxation, later by up to 0.1 h. */
+static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from,
     tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
 {
-  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn),
-                 goes = TSE_R(1) - stays;
-  const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]),
-                  kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
+  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), kept = exponential(-turn),
+                 covered = TSE_R(1) - kept;
+  const kinematic kf = compute_kinematic_angle(x[VY] + r_mul(c->lf, x[YAW]), x[VX]),
+                  kr = compute_kinematic_angle(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
   const tse_real steer = from + r_mul(r_mul(h, rate), r_div(turn + TSE_R(3), turn + TSE_R(6)));
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[STEER_OFFSET] - r_mul(c->compliance, side);
-  const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
-  const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
+  const tse_real gap_front = d + kf.a - x[AF], gap_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
+  const tse_real by_length = -r_div(r_mul(kept, turn), c->relaxation);
   const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW],
                          *const mp = M[HAS_ROLL ? (int)PHI : (int)VX];
   tse_short *const mf = M[AF], *const mb = M[AR];
   const r_coefficient f_side = r_coef(kf.by_side), f_ahead = r_coef(kf.by_v), r_side = r_coef(kr.by_side),
                       r_ahead = r_coef(kr.by_v);
   const r_coefficient to_axle = r_coef(c->lf), from_axle = r_coef(c->lr), roll = r_coef(c->roll_steer),
-                      stay = r_coef(stays), go = r_coef(goes);
-  x[AF] += r_mul(goes, to_front);
-  x[AR] += r_mul(goes, to_rear);
+                      stay = r_coef(kept), go = r_coef(covered);
+  x[AF] += r_mul(covered, gap_front);
+  x[AR] += r_mul(covered, gap_rear);
   for (int j = 0; j < COLUMNS; j++) {
-    if (!moves(j)) continue;
+    if (!moves_with(j)) continue;
     const tse_short front = r_end(
         r_plus(r_product(f_side, r_end(r_plus(r_start(my[j]), to_axle, mr[j]))), f_ahead, mx[j]));
     const r_total back = r_plus(
@@ -259,24 +266,24 @@ static tse_real substep_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], ts
     mf[j] = r_end(r_plus(r_product(stay, mf[j]), go, front));
     mb[j] = r_end(r_plus(r_product(stay, mb[j]), go, rear));
   }
-  add_to(mf, STEER_OFFSET, goes);
-  add_to(mf, GAIN, r_mul(goes, steer));
-  add_to(mf, LATE, -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), rate));
-  add_to(mf, STATES + CONSIDER_CENTRE, r_mul(goes, r_mul(kf.by_side, x[YAW])));
-  add_to(mb, STATES + CONSIDER_CENTRE, r_mul(goes, r_mul(kr.by_side, x[YAW])));
-  add_to(mf, STATES + CONSIDER_RELAXATION_FRONT, r_mul(by_length, to_front));
-  add_to(mb, STATES + CONSIDER_RELAXATION_REAR, r_mul(by_length, to_rear));
-  add_to(mb, STATES + CONSIDER_ROLL_STEER, r_mul(goes, x[PHI]));
-  return goes;
+  add_slope(mf, STEER_OFFSET, covered);
+  add_slope(mf, GAIN, r_mul(covered, steer));
+  add_slope(mf, LATE, -r_mul(r_mul(covered, TSE_R(1) + x[GAIN]), rate));
+  add_slope(mf, STATES + CONSIDER_CENTRE, r_mul(covered, r_mul(kf.by_side, x[YAW])));
+  add_slope(mb, STATES + CONSIDER_CENTRE, r_mul(covered, r_mul(kr.by_side, x[YAW])));
+  add_slope(mf, STATES + CONSIDER_RELAXATION_FRONT, r_mul(by_length, gap_front));
+  add_slope(mb, STATES + CONSIDER_RELAXATION_REAR, r_mul(by_length, gap_rear));
+  add_slope(mb, STATES + CONSIDER_ROLL_STEER, r_mul(covered, x[PHI]));
+  return covered;
 }
 
-/* Slip angles half a substep ahead, then velocities and slip angles in turn, slip angles
- * half a substep at the end: each is moved about the middle of what moves the other, so
- * that the error is of second order in the substep (Strang, SIAM J. Numer. Anal. 5 (1968)
- * 506). */
+/* Strang splitting (SIAM J. Numer. Anal. 5 (1968) 506): slip angles by half a substep,
+ * then velocities and slip angles in turn, at the end slip angles by half a substep. Each
+ * part uses the other at mid-step, so that the error is of second order in the
+ * substep. */
 void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES])
 {
-  int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
+  int32_t steps = -r_floor_to_int(-r_div(u.dt, MAX_SUBSTEP));
   steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS : steps;
   const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part),
                  half = r_mul(TSE_R(0.5), h);
@@ -284,15 +291,15 @@ void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[
   for (int i = 0; i < MOTION; i++)
     for (int j = 0; j < COLUMNS; j++) M[i][j] = r_short_scaled(i == j ? TSE_R(1) : TSE_R(0), ROW_UP);
   tse_real steer = u.from - r_mul(x[LATE], rate),
-           side = c->compliance > TSE_R(0) ? tyres_of(c, x).y_front.f : TSE_R(0), follow = TSE_R(0);
+           side = c->compliance > TSE_R(0) ? compute_tyres(c, x).y_front.f : TSE_R(0), follow = TSE_R(0);
   for (int32_t n = 0; n <= steps; n++) {
     const tse_real length = n > 0 && n < steps ? h : half,
-                   follows = substep_slip_angles(c, x, side, steer, rate, length, M);
+                   follows = move_slip_angles(c, x, side, steer, rate, length, M);
     forces f;
     if (n == steps) break;
     if (n == 0) follow = r_div(follows, rolling_speed(x[VX]));
     car_forces(c, x, u, r_mul(part, r_from_int(n) + TSE_R(0.5)), &f);
-    substep_velocities(c, x, &f, follow, h, M);
+    move_velocities(c, x, &f, follow, h, M);
     side = f.side;
     steer += r_mul(length, rate);
   }
@@ -304,14 +311,14 @@ void car_rates(
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN];
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
-  const tse_real swing = roll_swing(c, x, f->y);
-  const tse_real own = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
+  const tse_real swing = compute_roll_swing(c, x, f->y);
+  const tse_real gain_y = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
   rate[0] = f->x + r_mul(vy, r) - x[GX];
   rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
   rate[2] = f->yaw;
   for (int j = 0; j < PLACES; j++) {
     by[0][j] = f->by_x[j];
-    by[1][j] = r_mul(own, f->by_y[j]);
+    by[1][j] = r_mul(gain_y, f->by_y[j]);
     by[2][j] = f->by_yaw[j];
   }
   by[0][VY] += r;
@@ -331,28 +338,28 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
   return pitch_read(c, pitch, ax);
 }
 
-/* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks
- * in as body rolls and pitches, and an IMU off the centre of gravity swings.
- *   Returned: their rows of z and H */
-static void measure_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
+/* Predict accelerometers and gyro at the position and in the axes of the IMU. Roll and
+ * pitch add gravity; an IMU off the centre of gravity also measures rotation.
+ *   Returned:  their rows of z and H */
+static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
-  const planar there = force_at(f->x, f->y, lx, ly, r, f->yaw);
-  const tse_real here_x = there.x + pitch;
-  const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI])
-      - r_mul(c->roll_height, roll_swing(c, x, f->y));
-  const planar read = turn_axes(here_x, here_y, c->mount_sin, c->mount_cos);
-  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
-                 own_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
+  const planar at_imu = compute_force_at(f->x, f->y, lx, ly, r, f->yaw);
+  const tse_real imu_x = at_imu.x + pitch;
+  const tse_real imu_y = at_imu.y + r_mul(c->roll_leak, x[PHI])
+      - r_mul(c->roll_height, compute_roll_swing(c, x, f->y));
+  const planar read = turn_axes(imu_x, imu_y, c->mount_sin, c->mount_cos);
+  const tse_real gain_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
+                 gain_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
   z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
   z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
   z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];
   for (int j = 0; j < COLUMNS; j++) {
-    tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]),
-             hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
+    tse_real hx = r_mul(gain_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]),
+             hy = r_mul(gain_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
     if (j == YAW) {
       hx -= r_mul(TSE_R(2), r_mul(lx, r));
       hy -= r_mul(TSE_R(2), r_mul(ly, r));
@@ -368,27 +375,28 @@ static void measure_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
   H[YAW_RATE][YAW] = c->scale_r;
 }
 
-/* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and
- * gives it in front: the free axle lies about the speed, the driven one about its slip.
- *   Returned: their rows of z and H */
-static void measure_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f,
+/* Predict the wheel speeds. Load transfer to the rear reduces the rolling radius there
+ * and increases it in front: a free axle then reads another speed, a driven one another
+ * slip.
+ *   Returned:  their rows of z and H */
+static void predict_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
-  const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front),
-                 give_rear = r_mul(GIVE, c->height_rear);
+  const tse_real r = x[YAW], loss_front = r_mul(RADIUS_LOSS, c->height_front),
+                 loss_rear = r_mul(RADIUS_LOSS, c->height_rear);
   const planar wheel = turn_axes(
-      x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
+      x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* wheel.y is the slope of wheel.x over d */
   const tse_real along = wheel.x, radius = TSE_R(1) + x[RAD];
-  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x),
-                 turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
+  const tse_real turns_front = TSE_R(1) - r_mul(loss_front, f->x),
+                 turns_rear = TSE_R(1) + r_mul(loss_rear, f->x);
   const tse_real forward = r_mul(TSE_R(1) + x[SF], radius), sideways = r_mul(forward, f->sin_d),
                  by_d = r_mul(forward, wheel.y);
   tse_real *const front = H[WHEEL_FRONT], *const rear = H[WHEEL_REAR];
   z[WHEEL_FRONT] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), radius), turns_front);
   z[WHEEL_REAR] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
   for (int j = 0; j < COLUMNS; j++) {
-    front[j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
-    rear[j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
+    front[j] = -r_mul(r_mul(along, loss_front), f->by_x[j]);
+    rear[j] = r_mul(r_mul(x[VX], loss_rear), f->by_x[j]);
   }
   for (int j = COLUMNS; j < PLACES; j++) front[j] = rear[j] = TSE_R(0);
   front[VX] += r_mul(forward, f->cos_d);
@@ -407,6 +415,6 @@ static void measure_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const
 void car_measure(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
-  measure_imu(c, x, f, pitch, z, H);
-  measure_wheels(c, x, f, z, H);
+  predict_imu(c, x, f, pitch, z, H);
+  predict_wheels(c, x, f, z, H);
 }

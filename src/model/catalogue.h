@@ -1,7 +1,7 @@
-/* model/catalogue.h - what the effects of src/tables/effects.toml do that act in the
- * model, in its order: a comment with the equation and the usual size, and the functions
- * that the hook names. They include nothing; `point` and `reading` are of effects.h,
- * which includes this. Those that act on settings (CONSTANT): effects_constant.h. */
+/* model/catalogue.h - the effects of src/tables/effects.toml that act in the model, in
+ * its order: a comment with equation and typical size, then the functions that its hook
+ * names. This file includes nothing: effects.h, which declares `point` and `reading`,
+ * includes it. Effects on settings (CONSTANT): effects_constant.h. */
 
 /* steering_ratio: delta (1 + change). Typical 0.02 .. 0.06. */
 static inline tse_real steering_ratio_input(
@@ -29,10 +29,9 @@ static inline tse_real steering_delay_input(
   return effects_delay_get(&m->steer, m->steer_was[0], e->steering_delay_time);
 }
 
-/* steering_lag: two first-order lags in a row, T = time/(1 + second) and second T, which
- * add up to `time`; with
- * second = 0 only one:  T delta_e' = delta - delta_e (lagged in laws.h).   Typical 20 ..
- *                       60 ms. */
+/* steering_lag: two first-order lags in series, T = time/(1 + second) and second T, whose
+ * sum is `time`; one lag if second = 0. T delta_e' = delta - delta_e (`lagged` in
+ * laws.h). Typical 20 .. 60 ms. */
 static inline tse_real steering_lag_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -43,13 +42,12 @@ static inline tse_real steering_lag_input(
   return m->steered_by[2];
 }
 
-/* exact_kinematics: what (1)-(4) take as small is not: velocity of the front wheel in its
- * own axes
+/* exact_kinematics: (1)-(4) without small-angle approximations. Velocity of the front
+ * wheel in its own axes:
  *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d
- *   slip (R omega - v_x)/max(..), slip angles atan(-v_y/|v_x|), atan((lr r - vy)/|vx|);
- *   forces turned by cos d, sin d.
- * share: 0 the plain model, 1 exact, between a mixture, so that a test for it has a slope
- * at 0. */
+ * Slip (R omega - v_x)/max(..), slip angles atan(-v_y/|v_x|), atan((lr r - vy)/|vx|),
+ * forces turned by cos d, sin d. share: 0 plain model, 1 exact. Values between
+ * interpolate, so that a test of this effect has a slope at 0. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -68,18 +66,18 @@ static inline void exact_kinematics_slip(point *pt)
   pt->cos_steer += r_mul(share, cosine - pt->cos_steer);
 }
 
-/* steering_compliance: the wheels give way by c n Fy_f: alpha = alpha_0 - c n C alpha, so
- * alpha_0/(1 + c n C). C is the stiffness without STIFFNESS effects: what saturation
- * would take off the moment is left out. Linear, it is the same as a softer tyre. Typical
- * 0.2 .. 0.5 degrees per 100 Nm. */
+/* steering_compliance: the moment of the front force turns the wheels back by c n Fy_f:
+ * alpha = alpha_0 - c n C alpha, so alpha = alpha_0/(1 + c n C). C is the stiffness
+ * without STIFFNESS effects; saturation does not reduce the moment. A linear compliance
+ * equals a softer tyre. Typical 0.2 .. 0.5 degrees per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)
 {
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the rear wheels steer with the roll angle: alpha_r + gain roll x,
- * where x is accel_y through a second-order mode (mode_step in laws.h). Typical gain 0.03
- * .. 0.1, into the turn. */
+/* rear_roll_steer: the roll angle steers the rear wheels: alpha_r + gain roll x, x:
+ * accel_y through a second-order mode (mode_step in laws.h). Typical gain 0.03 .. 0.1,
+ * into the turn. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -95,38 +93,38 @@ static inline void rear_roll_steer_remember(
       b->force.y, h);
 }
 
-/* relaxation: the tyre holds a slip angle a that follows the kinematic one: a' =
- * (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m. The state is
- * integrated by effects_step(). */
+/* relaxation: the slip angle a of the tyre follows the kinematic one, alpha, over a
+ * length: a' = (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m.
+ * integrator.c integrates the state. */
 static inline void relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.a_front = lag[0];
   pt->s.a_rear = lag[1];
 }
 
-/* [1/s] */
+/* Return the rate of relaxation [1/s]. */
 static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
 {
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
 }
 
-/* longitudinal_relaxation: as relaxation for the slip of an axle: s' = (v/length)(slip -
- * s), v what slip is taken over. Typical length 0.1 .. 0.4 m; stands for the driveline's
- * lag, too. */
+/* longitudinal_relaxation: as relaxation, for the slip of an axle: s' = (v/length)(slip -
+ * s), v: denominator of the slip. Typical length 0.1 .. 0.4 m; includes the driveline's
+ * lag. */
 static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.s_front = lag[2];
   pt->s.s_rear = lag[3];
 }
 
-/* [1/s]; inv: of the axle, slips.inv_front or inv_rear */
+/* Return its rate [1/s]. Given: inv  slips.inv_front or inv_rear */
 static inline tse_real longitudinal_relaxation_rate(const tse_effects *e, tse_real inv)
 {
   return r_div(TSE_R(1), r_mul(e->longitudinal_relaxation_length, inv));
 }
 
-/* stiffness_drift: all stiffness times 1 + change share, share growing from 0 at `start`
- * to 1 `time` later. Typical 5 .. 15 %: temperature, wear, another road. A short time
+/* stiffness_drift: all stiffnesses times 1 + change share. share grows from 0 at `start`
+ * to 1 after `time`. Typical 5 .. 15 %: temperature, wear, another road. A short time
  * makes a step. */
 static inline void stiffness_drift_stiffness(point *pt)
 {
@@ -140,7 +138,7 @@ static inline void stiffness_drift_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, factor);
 }
 
-/* combined_slip: Fy/sqrt(1 + k slip^2), each axle with its own slip. Typical k 50 ..
+/* combined_slip: Fy/sqrt(1 + k slip^2), by the slip of the same axle. Typical k 50 ..
  * 100. */
 static inline void combined_slip_stiffness(point *pt)
 {
@@ -149,10 +147,10 @@ static inline void combined_slip_stiffness(point *pt)
   pt->k.y_rear = r_div(pt->k.y_rear, r_sqrt(TSE_R(1) + r_mul(k, r_mul(pt->s.s_rear, pt->s.s_rear))));
 }
 
-/* tyre_saturation: the lateral force of an axle ends at friction times load: C
- * tyre_secant(C |alpha|/(friction load)), laws.h, with the stiffness C that load transfer
- * leaves: a tyre that is softer is not less grippy. Front 1/friction (1 + balance), rear
- * 1/friction (1 - balance). Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
+/* tyre_saturation: the lateral force of an axle is limited to friction times load: C
+ * tyre_secant(C |alpha|/(friction load)), laws.h. C is the stiffness after load transfer:
+ * a softer tyre has no less grip. Front 1/friction (1 + balance), rear 1/friction (1 -
+ * balance). Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -166,50 +164,49 @@ static inline void tyre_saturation_grip(point *pt)
 }
 
 /* longitudinal_load_transfer: cornering stiffness Cf (1 - k (1 + balance) ax), Cr (1 + k
- * (1 - balance) ax), not below a tenth; ax: specific force of drive and brakes. The
- * longitudinal stiffness is left, whose sum would not change. Typical k 0.02 .. 0.04
- * s2/m. */
+ * (1 - balance) ax), at least a tenth; ax: acceleration by driving and braking. The
+ * longitudinal stiffness is unchanged, because its sum would not change. Typical k 0.02
+ * .. 0.04 s2/m. */
 static inline void longitudinal_load_transfer_stiffness(point *pt)
 {
   const tse_real ax = tyre_pull(r_mul(pt->k.x_front, pt->s.s_front) + r_mul(pt->k.x_rear, pt->s.s_rear));
-  pt->k.y_front = r_mul(pt->k.y_front, load_left(-r_mul(pt->p->car.along_front, ax)));
-  pt->k.y_rear = r_mul(pt->k.y_rear, load_left(r_mul(pt->p->car.along_rear, ax)));
+  pt->k.y_front = r_mul(pt->k.y_front, compute_load_share(-r_mul(pt->p->car.along_front, ax)));
+  pt->k.y_rear = r_mul(pt->k.y_rear, compute_load_share(r_mul(pt->p->car.along_rear, ax)));
 }
 
-/* lateral_load_transfer: cornering stiffness C (1 - k a^2), a: lateral acceleration by
- * the tyres with that very stiffness. With a0 the one before: a = a0 (1 - k a^2), so a =
- * 2 a0/(1 + sqrt(1 + 4 k a0^2)). Front k (1 + balance), rear k (1 - balance); nothing
- * below a tenth. Typical k 0.002 .. 0.005 s4/m2: -8 % at 5 m/s2. */
+/* lateral_load_transfer: cornering stiffness C (1 - k a^2), at least a tenth. a: lateral
+ * acceleration by tyres of this reduced stiffness. With a0 by the unreduced one, a = a0
+ * (1 - k a^2), so a = 2 a0/(1 + sqrt(1 + 4 k a0^2)). Front k (1 + balance), rear k (1 -
+ * balance). Typical k 0.002 .. 0.005 s4/m2: -8 % at 5 m/s2. */
 static inline void lateral_load_transfer_stiffness(point *pt)
 {
   const tse_car *const c = &pt->p->car;
   const tse_real a0 = r_mul(pt->k.y_front, pt->s.a_front) + r_mul(pt->k.y_rear, pt->s.a_rear);
-  const tse_real square = lateral_square(pt->p->effects.lateral_load_transfer_gain, tyre_pull(a0));
-  pt->k.y_front = r_mul(pt->k.y_front, side_left(c->side_front, square));
-  pt->k.y_rear = r_mul(pt->k.y_rear, side_left(c->side_rear, square));
+  const tse_real square = compute_lateral_square(pt->p->effects.lateral_load_transfer_gain, tyre_pull(a0));
+  pt->k.y_front = r_mul(pt->k.y_front, compute_side_share(c->side_front, square));
+  pt->k.y_rear = r_mul(pt->k.y_rear, compute_side_share(c->side_rear, square));
 }
 
 /* aero_drag: m vx' - kd vx |vx|. Typical kd = 1/2 rho cd A: 0.35 .. 0.45 kg/m. */
 static inline void aero_drag_body(point *pt) { pt->force.x = pt->force.x - drag_of(pt->p->car.drag, pt->vx); }
 
-/* rolling_resistance: m vx' - f m g against the motion, rising linearly below 0.5 m/s.
- * Typical f 0.008 .. 0.015. */
+/* rolling_resistance: m vx' - f m g, opposes the motion, linear below 0.5 m/s. Typical f
+ * 0.008 .. 0.015. */
 static inline void rolling_resistance_body(point *pt)
 {
   pt->force.x = pt->force.x - rolling_of(pt->p->car.rolling, pt->vx);
 }
 
-/* grade: vx' - g sin(angle + profile): accelerates the car, but no accelerometer.
- * Typical 1 .. 6 %, uphill > 0. */
+/* grade: vx' - g sin(angle + profile). Accelerates the car; accelerometers do not measure
+ * it. Typical 1 .. 6 %, uphill > 0. */
 static inline void grade_body(point *pt)
 {
   pt->gravity_x = -gravity_along(pt->p->effects.grade_angle + pt->g.grade);
 }
 
-/* bank: vy' - g sin(angle + profile) + superelevation vx r: accelerates the car, but no
- * accelerometer. Roads are built to lean into their curves, and take over a share of what
- * the tyres would have to give. Typical 1.5 .. 3 %, left side high > 0; superelevation
- * 0.05 .. 0.2. */
+/* bank: vy' - g sin(angle + profile) + superelevation vx r. Accelerates the car;
+ * accelerometers do not measure it. Curves are built with a bank that replaces a share of
+ * the tyre forces. Typical 1.5 .. 3 %, left side high > 0; superelevation 0.05 .. 0.2. */
 static inline void bank_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -217,9 +214,9 @@ static inline void bank_body(point *pt)
       - gravity_along(e->bank_angle + pt->g.bank);
 }
 
-/* crosswind: Fy + c w sqrt(vx^2 + w^2) cos(psi), psi: heading since the start, plus the
- * setting's; at `arm` before the centre of gravity. Typical w 3 .. 10 m/s, c 2.8 kg/m,
- * arm 0.45 m. */
+/* crosswind: Fy + c w sqrt(vx^2 + w^2) cos(psi), psi: heading since the start plus the
+ * setting's; the force acts `arm` in front of the centre of gravity. Typical w 3 .. 10
+ * m/s, c 2.8 kg/m, arm 0.45 m. */
 static inline void crosswind_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -238,8 +235,8 @@ static inline void crosswind_remember(tse_effect_memory *m, const point *a, cons
   m->heading = turns - r_from_int(r_floor_to_int(turns));
 }
 
-/* conicity: side forces of the axles without slip: conicity, ply steer. Typical 50 .. 150
- * N. */
+/* conicity: side forces of the axles at zero slip angle: conicity, ply steer. Typical 50
+ * .. 150 N. */
 static inline void conicity_body(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -247,7 +244,7 @@ static inline void conicity_body(point *pt)
   pt->force.yaw += r_mul(c->jf, c->pull_front) - r_mul(c->jr, c->pull_rear);
 }
 
-/* aligning_moment: I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheels'
+/* aligning_moment: I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheel
  * centres. Typical 20 .. 40 mm. */
 static inline void aligning_moment_body(point *pt)
 {
@@ -259,21 +256,21 @@ static inline void aligning_moment_body(point *pt)
 static inline void imu_lever_arm_sensor(reading *z)
 {
   const tse_car *const c = &z->pt->p->car;
-  const planar there = force_at(z->y[0], z->y[1], c->lever_x, c->lever_y, z->pt->r, z->pt->force.yaw);
+  const planar there = compute_force_at(z->y[0], z->y[1], c->lever_x, c->lever_y, z->pt->r, z->pt->force.yaw);
   z->y[0] = there.x;
   z->y[1] = there.y;
 }
 
-/* body_roll: the car leans out of the turn by phi = gain x, x: lateral acceleration
- * through a second-order mode (mode_step in laws.h). Gravity leaks in, and an IMU off the
- * centre of gravity swings: accel_y + g phi - height phi''. The body's mass swings, too,
- * and pushes the car: m (vy' + vx r) = sum of tyre forces + m coupling phi'', coupling =
- * sprung mass times the height of its centre of gravity above the roll axis, over m; vy
- * is that of the roll axis, so height = IMU above it, less coupling. Typical gain 3 .. 6
- * degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+/* body_roll: the body rolls out of the turn by phi = gain x, x: lateral acceleration
+ * through a second-order mode (mode_step in laws.h). accel_y + g phi - height phi'':
+ * gravity and the acceleration of the IMU about the roll axis. The rolling mass also
+ * pushes the car: m (vy' + vx r) = sum of tyre forces + m coupling phi''. coupling:
+ * sprung mass times height of its centre of gravity above the roll axis, over m. vy is
+ * the speed of the roll axis, so height = IMU above the roll axis, less coupling. Typical
+ * gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
-  return mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
+  return compute_mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
 }
 
 static inline void body_roll_body(point *pt)
@@ -282,7 +279,7 @@ static inline void body_roll_body(point *pt)
   const tse_real *const x = pt->m->mode[MODE_ROLL], h = pt->ahead;
   const tse_real then = x[0] + r_mul(h, x[1]),
                  before = body_roll_swing(
-                     pt, then, x[1]); /* the mode is that of `ahead` seconds ago: extrapolated */
+                     pt, then, x[1]); /* the mode lags this point by `ahead` seconds: extrapolate */
   const tse_real swing = body_roll_swing(
       pt, then + r_mul(r_mul(TSE_R(0.5), r_mul(h, h)), before), x[1] + r_mul(h, before));
   pt->gravity_y += r_mul(r_mul(e->body_roll_coupling, e->body_roll_gain), swing);
@@ -303,8 +300,9 @@ static inline void body_roll_remember(
 }
 
 /* pitch_leak: accel_x + gain (g x - height x''): the nose lifts by gain x, x:
- * longitudinal acceleration through a second-order mode (mode_step in laws.h); gravity
- * leaks in, and an IMU above the pitch axis swings. Typical gain 1.5 .. 3 degrees per g. */
+ * longitudinal acceleration through a second-order mode (mode_step in laws.h). Gravity,
+ * and the acceleration of an IMU above the pitch axis. Typical gain 1.5 .. 3 degrees per
+ * g. */
 static inline void pitch_leak_sensor(reading *z)
 {
   z->y[0] += pitch_read(&z->pt->p->car, z->m->mode[MODE_PITCH], z->pt->force.x);

@@ -1,10 +1,9 @@
 /* model/effects.h - the plain model of vehicle.h with the effects of
  * src/tables/effects.toml, at one point of state and input.
  *
- * Each effect is a file effects/<id>.h with one function <id>_<hook>(); the table says
- * when it is called. The functions work on a `point`; they include nothing, because this
- * file includes them where everything they need stands above. With no effect on, every
- * sum and product is that of vehicle.h: the same bits. Not built with TSE_NO_EFFECTS. */
+ * The functions <id>_<hook>() of catalogue.h work on a `point`. The table of effects
+ * names the hook, i.e. when they are called. With all effects off every sum and product
+ * is that of vehicle.h, bit for bit. Not built with TSE_NO_EFFECTS. */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
@@ -14,68 +13,65 @@ static inline int effect_is_on(const tse_effects *e, int effect) { return (int)(
 
 #if !defined(TSE_NO_EFFECTS)
 
-/* What a log row may give beside its inputs: the road's profile, and disturbances placed
- * where an effect would enter. */
+/* Additional inputs of a log row: road profile, and disturbances where an effect would
+ * act. */
 typedef struct given {
-  tse_real grade, bank;           /* [rad] besides the effects' constants                 */
+  tse_real grade, bank;           /* [rad] added to the effects' constants */
   tse_real slip_front, slip_rear; /* [rad] slip angles                                    */
   tse_real x, y, yaw;             /* [m/s2], [m/s2], [rad/s2] forces and moment on the body */
 } given;
 
-/* Wheels whose speeds are states, front and rear; v = R omega:  v' = drive - brake - load
- * Fx/m
- * Brakes oppose rotation; between -still and still their torque rises linearly, so that
+/* Wheels whose speeds are states, front and rear; v = R omega:
+ *   v' = drive - brake - load Fx/m
+ * Brakes oppose rotation. Between -still and still their torque is linear in v, so that
  * they hold a standing wheel without a discontinuity. */
 typedef struct wheels {
-  int32_t turning;             /* 0: their speeds are inputs, and the rest is not used */
+  int32_t turning;             /* 0: speeds are inputs, the other members are unused */
   tse_real load[2];            /* m R^2/J                                              */
   tse_real drive[2], brake[2]; /* [m/s2] torques times R/J                             */
   tse_real still[2];           /* [m/s]                                                */
 } wheels;
 
-/* What acts on the car from outside at one time. */
+/* Inputs, disturbances and torques at one time. */
 typedef struct acting {
   inputs u;
   given g;
   wheels w;
 } acting;
 
-/* One point: what is given, what the effects make of it, what the car then does. Forces
- * are over mass. */
+/* One point of the model: inputs, results of the effects, resulting forces. Forces are
+ * over mass. */
 typedef struct point {
-  const tse_params *p; /* the car                                                                      */
-  const tse_effect_memory
-      *m;             /* what its effects remember                                                    */
+  const tse_params *p;        /* the car */
+  const tse_effect_memory *m; /* memory of its effects */
   tse_real vx, vy, r; /* [m/s] [m/s] [rad/s]                                                          */
-  inputs u;           /* steering angle after the INPUT effects                                       */
-  tse_real ahead;     /* [s] how far this point lies after the time of the memory                     */
+  inputs u;           /* steering angle after the INPUT effects */
+  tse_real ahead;     /* [s] time of this point, after that of the memory */
   given g;
   wheels w;
-  tse_real friction;  /* at which the forces of an axle saturate, along and across; 0: it does not        */
-  slips s;            /* what the tyres' forces are proportional to                                   */
-  tse_real target[4]; /* slip angles front, rear, slips front, rear that the lags of LAG run towards  */
-  tse_real rate[4];   /* [1/s] of these lags, 0: no state                                              */
+  tse_real friction;  /* friction at which the forces of an axle saturate; 0: linear tyres */
+  slips s;            /* slips, to which the tyre forces are proportional */
+  tse_real target[4]; /* slip angles front, rear, slips front, rear: inputs of the LAG states */
+  tse_real rate[4];   /* [1/s] rates of the LAG states; 0: not a state */
   stiffness k;
   tse_real sin_steer,
       cos_steer; /* delta and 1 in the plain model                                               */
   tse_real fx_front, fx_rear, fy_front,
       fy_rear;            /* [m/s2] tyre forces, in the axes of their wheels                    */
   accels force;           /* [m/s2] specific force at the centre of gravity, [rad/s2] yaw acceleration    */
-  tse_real free_angle[2]; /* [rad] slip angles before a formula of the user and before LAG                */
-  tse_real gravity_x,
-      gravity_y; /* [m/s2] accelerates the car, no sensor                                        */
+  tse_real free_angle[2]; /* [rad] slip angles before the user's formula and LAG */
+  tse_real gravity_x, gravity_y; /* [m/s2] accelerates the car, not measured */
 } point;
 
-/* What accelerometers and gyro read at a point, dt after the last row. */
+/* Readings of accelerometers and gyro at a point, dt after the last row. */
 typedef struct reading {
   const point *pt;
-  tse_effect_memory *m; /* that of the point: a delay keeps what was read */
+  tse_effect_memory *m; /* memory of the point; delays write to it */
   tse_real dt, y[3];    /* [s] accel_x, accel_y [m/s2], yaw_rate [rad/s]  */
 } reading;
 
-/* Newest sample in. A sample that follows its predecessor closer than 1/9 of the delay
- * takes its place, so that TSE_DELAY_ROWS samples always reach further back than the
- * delay. */
+/* Store the newest sample of a delay line. A sample closer to its predecessor than 1/9 of
+ * the delay replaces it, so that TSE_DELAY_ROWS samples always span the delay. */
 static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS], tse_real delay,
     tse_real dt, const tse_real *value, int channels)
 {
@@ -94,8 +90,8 @@ static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS
   for (int c = 0; c < channels; c++) was[c][0] = value[c];
 }
 
-/* The value of `delay` seconds ago, linear between samples; the oldest where there is
- * none. */
+/* Return the value `delay` seconds ago, linear between samples, at most as old as the
+ * oldest sample. */
 static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TSE_DELAY_ROWS], tse_real delay)
 {
   int i = 1;
@@ -115,8 +111,8 @@ enum {
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* EFFECTS_INPUT(INPUT_ON) and its like (catalogue.h) call every effect of that hook that
- * is on, in the order of the table. */
+/* EFFECTS_INPUT(INPUT_ON) and the like (catalogue.h) call every active effect of that
+ * hook, in the order of the table. */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 #define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
 #define SLIP_ON(id) IF_ON(id, id##_slip(pt))
@@ -127,9 +123,10 @@ enum {
 #define SENSOR_ON(id) IF_ON(id, id##_sensor(z))
 #define LAG_BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
 
-/* INPUT: the steering angle that a row logs becomes that of the wheels. Once a row, dt
- * since the last one.
- *   Updated:  m   Returned: [rad] */
+/* INPUT: compute the road-wheel angle from the logged one. Once per row, dt since the
+ * last.
+ *   Updated:   m
+ *   Returned:  [rad] */
 static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
   EFFECTS_INPUT(INPUT_ON)
@@ -137,24 +134,24 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
+#define MAX_LAG_RATE TSE_R(1e6) /* 1/s, numerics: limit for relaxation lengths of micrometres */
 
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
 
-/* Rates of the states of LAG, from the slips that they run towards.   Updated: pt->rate */
+/* Compute the rates of the LAG states from the slips. Updated: pt->rate */
 static inline void effects_lag_rates(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
   const int lateral = effect_is_on(e, TSE_EFFECT_relaxation),
             along = effect_is_on(e, TSE_EFFECT_longitudinal_relaxation);
-  pt->rate[0] = pt->rate[1] = lateral ? r_min(relaxation_rate(e, pt), MOST_RATE) : TSE_R(0);
-  pt->rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MOST_RATE) : TSE_R(0);
-  pt->rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MOST_RATE) : TSE_R(0);
+  pt->rate[0] = pt->rate[1] = lateral ? r_min(relaxation_rate(e, pt), MAX_LAG_RATE) : TSE_R(0);
+  pt->rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MAX_LAG_RATE) : TSE_R(0);
+  pt->rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MAX_LAG_RATE) : TSE_R(0);
 }
 
-/* SLIP, LAG: from state and inputs to what the tyres' forces are proportional to.
- *   Given:  lag  the four states of LAG at this point       Updated:  pt->s, target,
- *                                                           rate, sin_steer, cos_steer */
+/* SLIP, LAG: compute the slips from state and inputs.
+ *   Given:    lag  LAG states at this point
+ *   Updated:  pt->s, target, rate, sin_steer, cos_steer */
 static inline void effects_slips(const tse_real lag[4], point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -174,7 +171,7 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   EFFECTS_LAG(LAG_ON)
 }
 
-/* STIFFNESS, GRIP: the secant stiffness at these slips.   Updated: pt->k */
+/* STIFFNESS, GRIP: compute the secant stiffness at these slips. Updated: pt->k */
 static inline void effects_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -184,31 +181,32 @@ static inline void effects_stiffness(point *pt)
   if (formula_is_on(e)) formula_stiffness(pt);
 }
 
-/* Secant of a tyre that saturates along and across, over its stiffness: a brush. `limit`
- * is friction times axle load, `fx`, `fy` are what linear tyres would hold (all over
- * mass). */
-static inline tse_real grip(tse_real limit, tse_real fx, tse_real fy)
+/* Return the force of a brush tyre that saturates in both directions, over that of a
+ * linear tyre. limit: friction times axle load; fx, fy: forces of linear tyres; all over
+ * mass. */
+static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real fy)
 {
   tse_real slope;
   return limit > TSE_R(0) ? tyre_secant(r_div(r_sqrt(r_mul(fx, fx) + r_mul(fy, fy)), limit), TSE_R(0), &slope)
                           : TSE_R(1);
 }
 
-/* The stiffness that the tyres of each axle show at these slips.   Updated: pt->k */
-static inline void lose_grip(point *pt)
+/* Reduce the stiffness of each axle by saturation at these slips. Updated: pt->k */
+static inline void reduce_stiffness(point *pt)
 {
   const tse_car *const c = &pt->p->car;
-  const tse_real front = grip(r_mul(pt->friction, c->load_front), r_mul(pt->k.x_front, pt->s.s_front),
-      r_mul(pt->k.y_front, pt->s.a_front));
-  const tse_real rear = grip(r_mul(pt->friction, c->load_rear), r_mul(pt->k.x_rear, pt->s.s_rear),
-      r_mul(pt->k.y_rear, pt->s.a_rear));
+  const tse_real front = compute_grip_share(r_mul(pt->friction, c->load_front),
+      r_mul(pt->k.x_front, pt->s.s_front), r_mul(pt->k.y_front, pt->s.a_front));
+  const tse_real rear = compute_grip_share(r_mul(pt->friction, c->load_rear),
+      r_mul(pt->k.x_rear, pt->s.s_rear), r_mul(pt->k.y_rear, pt->s.a_rear));
   pt->k.x_front = r_mul(pt->k.x_front, front);
   pt->k.y_front = r_mul(pt->k.y_front, front);
   pt->k.x_rear = r_mul(pt->k.x_rear, rear);
   pt->k.y_rear = r_mul(pt->k.y_rear, rear);
 }
 
-/* BODY: (1) with what acts besides.   Updated: forces, pt->force, gravity */
+/* BODY: compute the forces, (1), with disturbances and effects. Updated: forces,
+ * pt->force, gravity */
 static inline void effects_forces(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -228,12 +226,11 @@ static inline void effects_forces(point *pt)
   pt->force.y = side + pt->fy_rear + pt->g.y;
   pt->force.yaw = r_mul(p->car.jf, side) - r_mul(p->car.jr, pt->fy_rear) + pt->g.yaw;
   EFFECTS_BODY(BODY_ON)
-  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* acts here, too */
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* second hook of this effect */
   if (formula_is_on(e)) formula_body(pt);
 }
 
-/* What effects with memory take from the step of h seconds that led from point a to point
- * b. */
+/* Update the memory of the effects after a step of h seconds from point a to point b. */
 static inline void effects_remember(
     const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
 {
@@ -246,8 +243,8 @@ static inline void effects_remember(
   if (formula_is_on(e)) formula_remember(m, b, 0);
 }
 
-/* SENSOR: what accelerometers and gyro read at a point of the memory m, without noise and
- * bias. Once a row, dt since the last one. */
+/* SENSOR: compute the readings of accelerometers and gyro, without noise and bias. Once
+ * per row, dt since the last. */
 static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_real dt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -258,7 +255,7 @@ static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_r
   return now;
 }
 
-/* All of a point but the sensors, with the stiffness k of no effects. */
+/* Evaluate a point, except for the sensors. Given: k  stiffness without effects */
 static inline void effects_at(
     const tse_params *p, const tse_effect_memory *m, const tse_real lag[4], stiffness k, point *pt)
 {
@@ -267,18 +264,18 @@ static inline void effects_at(
   pt->k = k;
   effects_slips(lag, pt);
   effects_stiffness(pt);
-  if (pt->friction > TSE_R(0)) lose_grip(pt);
+  if (pt->friction > TSE_R(0)) reduce_stiffness(pt);
   effects_forces(pt);
 }
 
 /* integrator.c */
 
-/* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration.
- * Returned: pt evaluated. */
+/* Set the memory to steady state: relaxed slips are the kinematic ones, modes follow the
+ * acceleration. Updated: pt is evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* (7) with the effects, from the evaluated point `at` to what acts dt later, in equal
- * steps, between which that is linear; `at` is then that point. */
+/* Integrate (7) with effects from the evaluated point `at` to the inputs `to`, dt later,
+ * in equal steps with linear inputs. Updated: at is then that point. */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,
     int32_t steps, point *at);
 

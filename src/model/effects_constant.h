@@ -1,31 +1,31 @@
-/* model/effects_constant.h - effects on the settings, in the order of effects.toml; only
- * prepare.c includes it, whose numbers are settings. */
+/* model/effects_constant.h - effects that change settings, in the order of effects.toml.
+ * Included by prepare.c only: their numbers are settings (tse_setting). */
 
-/* mass: the car weighs m (1 + change); yaw inertia and stiffness in N and N/rad stay.
- * Typical 0.1 .. 0.2: passengers, load, fuel. Only m/I is to be seen while all stiffness
- * is free. */
+/* mass: mass m (1 + change); yaw inertia and stiffness in N and N/rad are unchanged.
+ * Typical 0.1 .. 0.2: passengers, load, fuel. If all stiffnesses are free, only m/I is
+ * observable. */
 static inline void mass_constant(tse_config *c) { c->mass += r_mul(c->mass, c->mass_change); }
 
-/* yaw_inertia: the yaw inertia is I (1 + change). Typical 0.1 .. 0.2; see mass. */
+/* yaw_inertia: yaw inertia I (1 + change). Typical 0.1 .. 0.2; see mass. */
 static inline void yaw_inertia_constant(tse_config *c)
 {
   c->yaw_inertia += r_mul(c->yaw_inertia, c->yaw_inertia_change);
 }
 
-/* cg_shift: the centre of gravity lies `distance` further back: lf + d, lr - d. Typical
- * 0.05 .. 0.15 m. No more than 9/10 of lf or lr, so that it stays between the axles. */
+/* cg_shift: centre of gravity further back by `distance`: lf + d, lr - d. Typical 0.05 ..
+ * 0.15 m. Limited to 9/10 of lf or lr, so that it stays between the axles. */
 static inline void cg_shift_constant(tse_config *c)
 {
-  const tse_setting share = TSE_S(0.9), most = r_mul(share, c->lr), least = -r_mul(share, c->lf);
-  const tse_setting d = c->cg_shift_distance > most
-      ? most
-      : (c->cg_shift_distance < least ? least : c->cg_shift_distance);
+  const tse_setting share = TSE_S(0.9), max = r_mul(share, c->lr), min = -r_mul(share, c->lf);
+  const tse_setting d = c->cg_shift_distance > max
+      ? max
+      : (c->cg_shift_distance < min ? min : c->cg_shift_distance);
   c->lf += d;
   c->lr -= d;
 }
 
-/* wheel_radius: the rolling radius is R (1 + change), both axles.
- * Typical 0.01 .. 0.025: wear, pressure, size. */
+/* wheel_radius: rolling radius R (1 + change), both axles. Typical 0.01 .. 0.025: wear,
+ * pressure, size. */
 static inline void wheel_radius_constant(tse_config *c)
 {
   c->wheel_radius_front += r_mul(c->wheel_radius_front, c->wheel_radius_change);

@@ -1,26 +1,26 @@
-/* model/formula.h - a formula of the user, src/tables/formula.toml: what its program
- * makes of a point, and what it remembers of it.
+/* model/formula.h - a formula of the user (src/tables/formula.toml): evaluation at a
+ * point, and its memory.
  *
- * A program is interpreted, or, with TSE_FORMULA, compiled in from tse_formula.h, which
- * tselab wrote; both call the functions below in the same order, so both give the same
- * bits. A point lies `ahead` of the memory: operations with memory say what they will be
- * by then, and formula_remember() keeps it when the step has been made. Includes nothing,
- * as effects/<id>.h. */
+ * A program is interpreted or, with TSE_FORMULA, compiled from tse_formula.h, which
+ * tselab writes. Both call the functions below in the same order and give the same bits.
+ * A point is `ahead` seconds after the memory: operations with memory extrapolate,
+ * formula_remember() stores the result after the step. Includes nothing, as
+ * catalogue.h. */
 
-#define FORMULA_MOST TSE_R(1e6) /* no value is larger; what is no number is 0 */
+#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; NaN becomes 0 */
 
 typedef struct formula_run {
   const point *pt;
-  tse_effect_memory *next; /* NULL, or the memory, where what is remembered at this point goes    */
-  int rest;                /* 1: everything has been as it is at this point for a long time       */
-  int used;                /* operations with memory so far                                       */
+  tse_effect_memory *next; /* NULL, or the memory to update */
+  int rest;                /* 1: steady state at this point */
+  int used;                /* number of operations with memory so far */
 } formula_run;
 
 static inline int formula_is_on(const tse_effects *e) { return (int)((e->mask >> TSE_BIT_FORMULA) & 1u); }
 
-static inline tse_real formula_kept(tse_real x)
+static inline tse_real formula_clip(tse_real x)
 {
-  return x > -FORMULA_MOST && x < FORMULA_MOST ? x : TSE_R(0);
+  return x > -MAX_FORMULA_VALUE && x < MAX_FORMULA_VALUE ? x : TSE_R(0);
 }
 
 static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi)
@@ -64,15 +64,15 @@ static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b,
 {
   if (f->next) {
     tse_real *const kept = f->next->formula[f->used];
-    kept[0] = formula_kept(a);
-    kept[1] = formula_kept(b);
-    kept[2] = formula_kept(c);
+    kept[0] = formula_clip(a);
+    kept[1] = formula_clip(b);
+    kept[2] = formula_clip(c);
   }
   f->used++;
   return a;
 }
 
-/* T y' = x - y, by the trapezoidal rule; a T below half a step is none. */
+/* T y' = x - y, by the trapezoidal rule; no lag if T is below half a step. */
 static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 {
   const tse_real *const was = f->pt->m->formula[f->used];
@@ -100,7 +100,7 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
   return formula_remembers(f, mode[0], mode[1], x);
 }
 
-/* The value of `time` ago; the oldest that is known where there is none. */
+/* Return x `time` seconds ago, at max as old as the oldest sample. */
 static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
 {
   const tse_real late = formula_max(time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
@@ -111,7 +111,7 @@ static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
     else y = was[0] + r_mul(x - was[0], r_div(-back, ahead));
   }
   if (f->next) {
-    const tse_real now = formula_kept(x);
+    const tse_real now = formula_clip(x);
     if (f->rest) f->next->formula_late.count = 0;
     effects_delay_put(&f->next->formula_late, f->next->formula_was, late, ahead, &now, 1);
   }
@@ -126,8 +126,8 @@ static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
 
 static inline tse_real formula_limit(formula_run *f, tse_real x, tse_real rate)
 {
-  const tse_real most = r_mul(r_abs(rate), f->pt->ahead), was = f->pt->m->formula[f->used][0];
-  return formula_remembers(f, f->rest ? x : formula_clamp(x, was - most, was + most), TSE_R(0), TSE_R(0));
+  const tse_real max = r_mul(r_abs(rate), f->pt->ahead), was = f->pt->m->formula[f->used][0];
+  return formula_remembers(f, f->rest ? x : formula_clamp(x, was - max, was + max), TSE_R(0), TSE_R(0));
 }
 
 static inline tse_real formula_rate(formula_run *f, tse_real x)
@@ -152,16 +152,15 @@ static inline int formula_place_of(const tse_effects *e)
 
 static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
 
-/* Write what an operation gives over its operands, which begin at `at`, and return how
- * many values there are then. */
+/* Replace the operands, which begin at `at`, by the result x. Returned: depth of the
+ * stack */
 static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 {
   s[at] = x;
   return at + 1;
 }
 
-/* A case of each kind of operation: its operands are on the stack s, which n values fill,
- * the last written on top. */
+/* One case per kind of operation. Its operands are the top of the stack s of depth n. */
 #define FORMULA_OPERANDS_0
 #define FORMULA_OPERANDS_1 s[n - 1]
 #define FORMULA_OPERANDS_2 s[n - 2], s[n - 1]
@@ -169,11 +168,13 @@ static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 #define FORMULA_CASE(code, takes, value) case code: n = formula_push(s, n - (takes), value); break;
 #define FORMULA_NUMBER(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_number(f, (code) - 1))
 #define FORMULA_SIGNAL(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(f))
-#define FORMULA_PLAIN(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(FORMULA_OPERANDS_##takes))
-#define FORMULA_MEMORY(name, code, takes, unit, text) FORMULA_CASE(code, takes, formula_##name(f, FORMULA_OPERANDS_##takes))
+#define FORMULA_PLAIN(name, code, takes, unit, text) \
+  FORMULA_CASE(code, takes, formula_##name(FORMULA_OPERANDS_##takes))
+#define FORMULA_MEMORY(name, code, takes, unit, text) \
+  FORMULA_CASE(code, takes, formula_##name(f, FORMULA_OPERANDS_##takes))
 
-/* Run the program of a formula. tse_config_check() has seen that it fits its stack and
- * its memory. */
+/* Run the program of a formula. tse_config_check() has verified that it fits stack and
+ * memory. */
 static inline tse_real formula_program(formula_run *f)
 {
   tse_real s[FORMULA_STACK] = { TSE_R(0) };
@@ -189,14 +190,14 @@ static inline tse_real formula_program(formula_run *f)
 
 #endif
 
-/* What the formula says at a point, in the unit of its place. */
+/* Return the value of the formula at a point, in the unit of its place. */
 static inline tse_real formula_at(const point *pt)
 {
   formula_run f = { pt, NULL, 0, 0 };
-  return r_mul(pt->p->effects.formula_gain, formula_kept(formula_program(&f)));
+  return r_mul(pt->p->effects.formula_gain, formula_clip(formula_program(&f)));
 }
 
-/* The four places in an evaluation of the model where it may act. */
+/* The four hooks of the model at which a formula may act. */
 static inline void formula_slip(point *pt)
 {
   const int place = formula_place_of(&pt->p->effects);
@@ -228,7 +229,8 @@ static inline void formula_sensor(const point *pt, tse_real y[3])
   if (place >= PLACE_accel_x) y[place - PLACE_accel_x] += formula_at(pt);
 }
 
-/* The step that ended at this point, or, at rest, the point itself, becomes memory. */
+/* Update the memory after the step that ended at this point; rest: set it to steady
+ * state. */
 static inline void formula_remember(tse_effect_memory *m, const point *pt, int rest)
 {
   formula_run f = { pt, m, rest, 0 };

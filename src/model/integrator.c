@@ -1,25 +1,27 @@
-/* model/integrator.c - the motion of vehicle.h with the effects of effects.h, evaluated
- * at the state of every step. Wheels turn as a log says (replay) or as torques make them
- * (simulator). */
+/* model/integrator.c - integration of the model of vehicle.h with the effects of
+ * effects.h, which are evaluated at the state of every stage. Wheel speeds are logged
+ * (replay) or follow from torques (simulator). */
 #include "model/effects.h"
 
-/* [vx vy r], R omega of the wheels, the four states of LAG */
-enum { TURNS = 3, LAGS = 5, MOTION = 9 };
+/* State: [vx vy r], R omega of the wheels, the four LAG states */
+enum { TURNS = 3, LAGS = 5, STATE_SIZE = 9 };
 
-static tse_real brake(const wheels *w, int a, tse_real v)
+/* Return the torque of a brake, as that of wheels.brake [m/s2]. */
+static tse_real brake_torque(const wheels *w, int a, tse_real v)
 {
   return r_mul(w->brake[a], r_clamp(r_div(v, w->still[a]), TSE_R(-1), TSE_R(1)));
 }
 
-/* Slope of brake() over v; where the brake slips it is zero. The secant never is. */
+/* Return the slope of brake_torque() over v, 0 where the brake slips; or its secant, never
+ * 0. */
 static tse_real brake_slope(const wheels *w, int a, tse_real v, int secant)
 {
   if (secant) return r_div(w->brake[a], r_max(r_abs(v), w->still[a]));
   return r_abs(v) < w->still[a] ? r_div(w->brake[a], w->still[a]) : TSE_R(0);
 }
 
-/* (1), (2) without their sampling, wheels and lags. */
-static void motion_of(const point *pt, const tse_real lag[4], tse_real f[MOTION])
+/* Compute the derivatives of the state: (1), (2), wheels and lags. */
+static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real f[STATE_SIZE])
 {
   const wheels *const w = &pt->w;
   const tse_real v[2] = { pt->u.v_front, pt->u.v_rear }, fx[2] = { pt->fx_front, pt->fx_rear };
@@ -28,25 +30,26 @@ static void motion_of(const point *pt, const tse_real lag[4], tse_real f[MOTION]
   f[1] = pt->force.y - r_mul(pt->vx, pt->r) + pt->gravity_y;
   f[2] = pt->force.yaw;
   for (int a = 0; a < 2; a++)
-    f[TURNS + a] = w->turning ? w->drive[a] - brake(w, a, v[a]) - r_mul(w->load[a], fx[a]) : TSE_R(0);
+    f[TURNS + a] = w->turning ? w->drive[a] - brake_torque(w, a, v[a]) - r_mul(w->load[a], fx[a]) : TSE_R(0);
   for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
 }
 
-/* 1 - g h J of ROS2, J with what is stiff: the arrow (vx; wheels) and the block (vy, r).
- * Tyres that saturate enter by their secant, which overestimates their damping. The
- * states of LAG are eliminated: such a state a, a' = rate (alpha - a), answers with b =
- * gh rate/(1 + gh rate) of what its slip does, so that is how much of its tyre's damping
- * is left. */
+/* Factors of 1 - g h J of ROS2. J holds the stiff part: the arrow (vx; wheels) and the
+ * block (vy, r). Saturated tyres enter by their secant, which overestimates their
+ * damping. LAG states a, a' = rate (alpha - a), are eliminated: they respond with the
+ * factor b = gh rate/(1 + gh rate) to a change of their slip, which scales the tyre's
+ * damping. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2],
-      inv_turn[2]; /* gh times a tyre's damping of vx; 1/diagonal of a wheel, 0 where its speed is given */
+  tse_real pull[2];     /* gh times a tyre's damping of vx */
+  tse_real inv_turn[2]; /* 1/diagonal of a wheel, 0 where its speed is given */
   lateral_block side;
   tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
   int lags;
 } solver;
 
+/* Compute the factors of the LAG states. */
 static void factor_lags(const point *pt, tse_real gh, solver *m)
 {
   const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };
@@ -58,7 +61,8 @@ static void factor_lags(const point *pt, tse_real gh, solver *m)
   }
 }
 
-static solver factored(const point *pt, tse_real gh, int secant)
+/* Compute the factors of 1 - gh J. secant: brakes by their secant */
+static solver factor_matrix(const point *pt, tse_real gh, int secant)
 {
   solver m;
   const wheels *const w = &pt->w;
@@ -75,8 +79,8 @@ static solver factored(const point *pt, tse_real gh, int secant)
     }
     m.pull[a] = m.inv_turn[a] = TSE_R(0);
     if (!w->turning) continue;
-    const tse_real held = TSE_R(1)
-        + r_mul(gh, brake_slope(w, a, v[a], secant)); /* a wheel that the car turns takes the rest along */
+    /* a wheel that turns with the car reduces the damping of vx */
+    const tse_real held = TSE_R(1) + r_mul(gh, brake_slope(w, a, v[a], secant));
     m.pull[a] = r_mul(gh, x[a]);
     m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));
     x[a] = r_mul(x[a], r_mul(held, m.inv_turn[a]));
@@ -86,7 +90,8 @@ static solver factored(const point *pt, tse_real gh, int secant)
   return m;
 }
 
-static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
+/* Solve (1 - gh J) k = f. */
+static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STATE_SIZE])
 {
   const tse_params *const p = m->at->p;
   const tse_real *const load = m->at->w.load;
@@ -110,19 +115,19 @@ static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
                            : TSE_R(0);
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
-  /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d
-   * vx = -1/v, d slip/d (R omega) = 1/v */
+  /* derivatives of the slips: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx
+   * = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* What the inputs alone change of the lags' derivatives until `to`: h df/dt. Added to the
- * first stage of ROS2 and taken from the second, times g, as Rosenbrock methods do with
- * explicit time; without it a lag much shorter than the step, which follows its slip at
- * once, would overshoot by 1/(2 g). */
-static void input_drift(const point *at, const acting *to, tse_real ramp[4])
+/* Compute h df/dt, the change of the lags' derivatives due to the inputs until `to`.
+ * Times g, it is added to the first stage of ROS2 and subtracted from the second, as in
+ * Rosenbrock methods with explicit time. Without it, a lag much shorter than the step
+ * would overshoot by 1/(2 g). */
+static void compute_input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
   const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);
   const tse_real *const rate = at->rate;
@@ -133,7 +138,8 @@ static void input_drift(const point *at, const acting *to, tse_real ramp[4])
   ramp[3] = r_mul(r_mul(given_speeds, rate[3]), r_mul(to->u.v_rear - at->u.v_rear, at->s.inv_rear));
 }
 
-/* Could a brake stop its wheel within the step? Only tyres that saturate let it. */
+/* Return whether a brake may stop its wheel within the step; only with saturating
+ * tyres. */
 static int may_lock(const point *at, const wheels *w, tse_real h)
 {
   const tse_real v[2] = { at->u.v_front, at->u.v_rear };
@@ -143,12 +149,11 @@ static int may_lock(const point *at, const wheels *w, tse_real h)
   return locks;
 }
 
-/* The point h later, dx from `at` and from the lags at it.   Updated: b  all that
- *                                                            effects_at() does not
- *                                                            evaluate    end  the lags
- *                                                            there */
-static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTION], const acting *to,
-    tse_real h, point *b, tse_real end[4])
+/* Compute the point h later, at + dx.
+ *   Updated:  b    all but what effects_at() evaluates
+ *             end  LAG states there */
+static void move_point(const point *at, const tse_real lag[4], const tse_real dx[STATE_SIZE],
+    const acting *to, tse_real h, point *b, tse_real end[4])
 {
   b->vx = at->vx + dx[0];
   b->vy = at->vy + dx[1];
@@ -165,52 +170,54 @@ static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTI
   for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
 }
 
-/* Change of the state within h, by ROS2 of vehicle.h. Its stages would jump over the
- * brake's change of sign where a wheel locks; there it is implicit Euler with what acts
- * at the end: secants keep all terms off the diagonal to the sign with which no wheel is
- * braked into reverse, whatever the torque.   Updated: dx; at, where a wheel locks */
-static void change_within(
-    tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[MOTION])
+/* Compute the change of the state within h by ROS2 of vehicle.h. Where a wheel locks, the
+ * stages would jump over the brake's change of sign. There implicit Euler is used, with
+ * the inputs at the end: secants keep the sign of all off-diagonal terms, so that a brake
+ * never turns a wheel into reverse, at any torque.
+ *   Updated:  dx; at, where a wheel locks */
+static void compute_change(
+    tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[STATE_SIZE])
 {
   const int locks = may_lock(at, &to->w, h);
-  tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
+  tse_real f[STATE_SIZE], k1[STATE_SIZE], k2[STATE_SIZE], lag[4],
+      ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
   point b;
   if (locks) {
     at->u.steer = to->u.steer;
     at->w = to->w;
     effects_at(at->p, m, m->lag, k, at);
   }
-  const solver lu = factored(at, locks ? h : r_mul(ROS2, h), locks);
-  motion_of(at, m->lag, f);
-  if (lu.lags && !locks) input_drift(at, to, ramp);
+  const solver lu = factor_matrix(at, locks ? h : r_mul(ROS2, h), locks);
+  compute_derivatives(at, m->lag, f);
+  if (lu.lags && !locks) compute_input_drift(at, to, ramp);
   for (int i = 0; i < 4; i++) f[LAGS + i] += r_mul(ROS2, ramp[i]);
   solve(&lu, f, k1);
-  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(h, k1[i]);
+  for (int i = 0; i < STATE_SIZE; i++) dx[i] = r_mul(h, k1[i]);
   if (locks) return;
-  moved(at, m->lag, dx, to, h, &b, lag);
+  move_point(at, m->lag, dx, to, h, &b, lag);
   effects_at(at->p, m, lag, k, &b);
-  motion_of(&b, lag, f);
-  for (int i = 0; i < MOTION; i++) f[i] = f[i] - k1[i] - k1[i];
+  compute_derivatives(&b, lag, f);
+  for (int i = 0; i < STATE_SIZE; i++) f[i] = f[i] - k1[i] - k1[i];
   for (int i = 0; i < 4; i++) f[LAGS + i] = f[LAGS + i] - r_mul(ROS2, ramp[i]);
   solve(&lu, f, k2);
-  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
+  for (int i = 0; i < STATE_SIZE; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
 }
 
-/* One step. The point at the end is the first stage of the next step, too. */
+/* Make one step. The point at its end is also the first stage of the next step. */
 static void step(
     const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
-  tse_real dx[MOTION];
+  tse_real dx[STATE_SIZE];
   point b;
-  change_within(h, m, k, to, at, dx);
-  moved(at, m->lag, dx, to, h, &b, m->lag);
+  compute_change(h, m, k, to, at, dx);
+  move_point(at, m->lag, dx, to, h, &b, m->lag);
   for (int i = 0; i < 4; i++)
-    if (r_abs(m->lag[i]) < LEAST) m->lag[i] = TSE_R(0);
+    if (r_abs(m->lag[i]) < MIN_MOTION) m->lag[i] = TSE_R(0);
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
-  /* the roll, and the accelerations that a formula knows, were extrapolated so far */
+  /* roll and the formula's accelerations were extrapolated so far: evaluate again */
   if (effect_is_on(e, TSE_EFFECT_rear_roll_steer) || formula_is_on(e)) effects_at(p, m, m->lag, k, &b);
   *at = b;
 }
@@ -219,7 +226,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
 {
   pt->ahead = TSE_R(0);
   for (int i = 0; i < 3; i++) m->mode[i][0] = m->mode[i][1] = TSE_R(0);
-  for (int pass = 0; pass < 3; pass++) { /* slips, then forces, then what rolls with them */
+  for (int pass = 0; pass < 3; pass++) { /* slips, then forces, then the roll that they cause */
     effects_at(p, m, m->lag, k, pt);
     for (int i = 0; i < 4 && p->effects.mask; i++) m->lag[i] = pt->target[i];
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);
@@ -230,26 +237,27 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
   m->settled = 1;
 }
 
-static tse_real between(tse_real a, tse_real b, tse_real share) { return a + r_mul(share, b - a); }
+/* Return a + share (b - a). */
+static tse_real interpolate(tse_real a, tse_real b, tse_real share) { return a + r_mul(share, b - a); }
 
-/* What acts after k of these steps. */
-static acting acting_between(const acting *from, const acting *to, int32_t k, int32_t steps)
+/* Return the inputs after k of these steps, linear from `from` to `to`. */
+static acting interpolate_inputs(const acting *from, const acting *to, int32_t k, int32_t steps)
 {
   acting now = *to;
   if (k >= steps) return now;
   const tse_real share = r_div(r_from_int(k), r_from_int(steps));
   const given *const a = &from->g, *const b = &to->g;
   now.u = vehicle_between(from->u, to->u, k, steps);
-  now.g.grade = between(a->grade, b->grade, share);
-  now.g.bank = between(a->bank, b->bank, share);
-  now.g.slip_front = between(a->slip_front, b->slip_front, share);
-  now.g.slip_rear = between(a->slip_rear, b->slip_rear, share);
-  now.g.x = between(a->x, b->x, share);
-  now.g.y = between(a->y, b->y, share);
-  now.g.yaw = between(a->yaw, b->yaw, share);
+  now.g.grade = interpolate(a->grade, b->grade, share);
+  now.g.bank = interpolate(a->bank, b->bank, share);
+  now.g.slip_front = interpolate(a->slip_front, b->slip_front, share);
+  now.g.slip_rear = interpolate(a->slip_rear, b->slip_rear, share);
+  now.g.x = interpolate(a->x, b->x, share);
+  now.g.y = interpolate(a->y, b->y, share);
+  now.g.yaw = interpolate(a->yaw, b->yaw, share);
   for (int i = 0; i < 2 && to->w.turning; i++) {
-    now.w.drive[i] = between(from->w.drive[i], to->w.drive[i], share);
-    now.w.brake[i] = between(from->w.brake[i], to->w.brake[i], share);
+    now.w.drive[i] = interpolate(from->w.drive[i], to->w.drive[i], share);
+    now.w.brake[i] = interpolate(from->w.brake[i], to->w.brake[i], share);
   }
   return now;
 }
@@ -260,7 +268,7 @@ void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, con
   const acting from = { at->u, at->g, at->w };
   const tse_real h = r_div(dt, r_from_int(steps));
   for (int32_t i = 1; i <= steps; i++) {
-    const acting now = acting_between(&from, to, i, steps);
+    const acting now = interpolate_inputs(&from, to, i, steps);
     step(p, m, k, &now, h, at);
   }
 }

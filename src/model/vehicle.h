@@ -1,9 +1,7 @@
-/* model/vehicle.h - the single-track model, (1)-(4), and what every integrator of it
- * needs.
+/* model/vehicle.h - the single-track model, (1)-(4), and what its integrators share.
  *
- * Inline and branch-free, so that the loops over particles (paper/) that call it become
- * vector code. Forces are divided by mass, measurements by the sensor's sd. ISO 8855
- * axes, driving slip > 0. */
+ * Inline and branch-free, so that loops over particles (paper/) vectorise. Forces are
+ * over mass, measurements over the sensor's sd. ISO 8855 axes, slip > 0 when driving. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
@@ -11,21 +9,20 @@
 #include "model/laws.h"
 
 typedef struct inputs {
-  tse_real steer, v_front, v_rear;
-} inputs; /* [rad], R omega [m/s] */
+  tse_real steer, v_front, v_rear; /* [rad], R omega [m/s] */
+} inputs;
 
 typedef struct slips {
   tse_real s_front, s_rear;               /* [1]   longitudinal slip (3)  */
   tse_real a_front, a_rear;               /* [rad] slip angle (4)         */
-  tse_real inv_front, inv_rear, inv_body; /* [s/m] what they were taken over, inverted */
+  tse_real inv_front, inv_rear, inv_body; /* reciprocals of their denominators */
 } slips;
 
-/* (3), (4) with absolute values: also valid in reverse, where a tyre's force still
- * opposes its contact velocity.
- *   s = (R omega - vx)/max(|vx|, |R omega|, low)     alpha_f = (delta vx - vy - lf
- *                                                    r)/max(|vx|, low)
- *                                                    alpha_r = (lr r - vy)/max(|vx|,
- *                                                    low) */
+/* Compute slips and slip angles, (3), (4). Absolute values make them valid in reverse,
+ * too: the force of a tyre still opposes its contact velocity.
+ *   s = (R omega - vx)/max(|vx|, |R omega|, low)
+ *   alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
+ *   alpha_r = (lr r - vy)/max(|vx|, low) */
 static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy, tse_real r, inputs u)
 {
   slips s;
@@ -40,8 +37,8 @@ static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy,
   return s;
 }
 
-/* Stiffness over mass at the deviation w: C = C_n (1 + w); the rear longitudinal one
- * follows the front's by `follow`. */
+/* Stiffness over mass at the relative deviation w: C = C_n (1 + w). The rear longitudinal
+ * stiffness follows the front one by the share `follow`. */
 typedef struct stiffness {
   tse_real x_front, x_rear, y_front, y_rear;
 } stiffness;
@@ -57,10 +54,10 @@ static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_
 }
 
 typedef struct accels {
-  tse_real x, y, yaw;
-} accels; /* specific force [m/s2], yaw acceleration [rad/s2] */
+  tse_real x, y, yaw; /* specific force [m/s2], yaw acceleration [rad/s2] */
+} accels;
 
-/* (1), (2) with cos(delta) = 1, sin(delta) = delta. */
+/* Compute the accelerations, (1), (2), with cos(delta) = 1, sin(delta) = delta. */
 static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, tse_real steer)
 {
   accels a;
@@ -72,8 +69,8 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* 1 - g h J of (vy, r), J: what the tyres' damping yf, yr (over mass and speed) makes of
- * them. */
+/* Matrix 1 - g h J of (vy, r). J holds the damping by the tyres; yf, yr: cornering
+ * stiffness over mass and speed. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
@@ -97,34 +94,36 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-/* Every step of (7) in this library: Rosenbrock method of order 2, L-stable (ROS2:
- * Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
- *   (1 - g h J) k1 = f(x, u0),   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1,   x+ = x + h (3
- *                                k1 + k2)/2,   g = 1 - 1/sqrt(2)
- * Its order does not depend on J, so J holds only what is stiff: the tyres' damping of vx
- * and of (vy, r), whose rates grow like 1/speed to over 100/s at walking pace, where an
- * explicit step would explode. */
+/* The integrator of (7) everywhere in this library: Rosenbrock method of order 2,
+ * L-stable (ROS2: Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
+ *   (1 - g h J) k1 = f(x, u0)
+ *   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1
+ *   x+ = x + h (3 k1 + k2)/2,  g = 1 - 1/sqrt(2)
+ * Its order does not depend on J. J therefore holds only the stiff part: the tyres'
+ * damping of vx and of (vy, r). Its rates grow like 1/speed to over 100/s at walking
+ * pace, where an explicit step would diverge. */
 #define ROS2 TSE_R(0.29289321881345254) /* g */
 
-/* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like
- * rails) stays a number. NaN too. Below LEAST it is zero: decaying for minutes of
- * straight driving ends in denormal numbers, which are slow, and which some machines
- * flush and others do not. */
-#define MOST_SPEED TSE_R(200)   /* m/s */
-#define MOST_YAW_RATE TSE_R(20) /* rad/s */
-#define LEAST TSE_R(1e-12)
+/* Limits of the motion: a particle that diverges (jump of a wheel speed, extreme
+ * stiffness) or becomes NaN stays finite. Magnitudes below MIN_MOTION become 0: decay
+ * over minutes of straight driving ends in denormal numbers, which are slow and which
+ * some machines flush. */
+#define MAX_SPEED TSE_R(200) /* m/s */
+#define MAX_YAW_RATE TSE_R(20) /* rad/s */
+#define MIN_MOTION TSE_R(1e-12)
 
-static inline tse_real vehicle_kept(tse_real v, tse_real most)
+static inline tse_real vehicle_limit(tse_real v, tse_real max)
 {
-  const tse_real inside = r_max(r_min(v, most), -most);
-  return r_abs(inside) < LEAST ? TSE_R(0) : inside;
+  const tse_real inside = r_max(r_min(v, max), -max);
+  return r_abs(inside) < MIN_MOTION ? TSE_R(0) : inside;
 }
 
-/* Number of steps that a row of dt seconds takes: of at most max_step, and in which the
- * fastest of the car's own rates, the tyres' damping that grows with 1/speed, turns by at
- * most a quarter: at walking pace one step of a row would cost 3 % of Cx. Below
- * hold_speed nothing is learnt; never more than eight to a max_step. The same for all
- * particles. */
+/* Return the number of integration steps of a row of dt seconds, the same for all
+ * particles. A step is at most max_step, and short enough that the fastest rate of the
+ * car (the tyres' damping, which grows with 1/speed) times the step is at most 1/4: a
+ * single step at walking pace would bias the longitudinal stiffness by 3 %. The speed
+ * counts as hold_speed at least, because nothing is learnt below; at most eight steps per
+ * max_step. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(
@@ -133,7 +132,7 @@ static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs fro
   return -r_floor_to_int(-r_div(dt, r_min(p->max_step, r_max(quarter, p->least_step))));
 }
 
-/* The inputs after k of these steps. */
+/* Return the inputs after k of these steps, linear from row to row. */
 static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t steps)
 {
   if (k < steps) {

@@ -1,27 +1,24 @@
-/* number/vector.h - rows of numbers, and a number that a row is multiplied by: where
- * nearly all products of the filter are made.
+/* number/vector.h - rows of numbers and their products with a factor. Nearly all products
+ * of the filter are computed here.
  *
- * double, float   A tse_short is a tse_real, a factor one too, and every loop the plain
- *                 one: sums in the order in which they are written.
- * fixed           A tse_short is an int32_t in units of 2^-SHORT_BITS, up to
- *                 +-SHORT_MOST, where it stops. What a row is multiplied by
- *                 is a mantissa of 31 bits and a shift, found once a row (r_factor), so
- *                 that a product is 32 x 32 bits, rounded to nearest
- *                 once. Sums of products are exact in 64 bits and rounded once; one of
- *                 the two rows has a shift of its own for that
- *                 (r_row, r_sparse). Quotients by one number share its reciprocal
- *                 (r_divisor): 2^-29 of the quotient off at most.
+ * double, float: a tse_short and a factor are tse_real, and every loop is the plain one.
+ * Sums are computed in the order in which they are written.
  *
- *   r_short r_long      to a tse_short, nearest and stopped; back
- *   r_mul_short(a, b)   r_mul() of two of them
- *   r_factor(x, up)     x 2^up to multiply rows by (2^up: only where rows are scaled, in
- *                       fixed)
- *   r_quotient(x, d, up)  x/d 2^up, the same
- *   r_short_of(a, x, up)  r_short_scaled(x, up), where a is r_factor(x, up)
- *   r_by(x, d)          x/d
- *   r_left(x, was, more, d)  x was/d, d = was + more, nothing negative
- *   r_plus_times(y, a, x)  y + a x, of rows
- * / */
+ * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
+ * factor is a mantissa of 31 bits and a shift, computed once per row (r_factor), so that
+ * a product is 32 x 32 bits, rounded to nearest once. Sums of products are exact in 64
+ * bits and rounded once. One of the two rows therefore has a shift of its own (r_row,
+ * r_sparse). Quotients by one divisor share its reciprocal (r_divisor): relative error at
+ * most 2^-29.
+ *
+ *   r_short r_long           convert to a tse_short (nearest, saturated) and back
+ *   r_mul_short(a, b)        r_mul() of two tse_short
+ *   r_factor(x, up)          factor x 2^up for rows (up: shift of a scaled row, fixed only)
+ *   r_quotient(x, d, up)     factor x/d 2^up
+ *   r_short_of(a, x, up)     r_short_scaled(x, up), where a is r_factor(x, up)
+ *   r_by(x, d)               x/d
+ *   r_left(x, was, more, d)  x was/d, d = was + more, all >= 0
+ *   r_plus_times(y, a, x)    y + a x, for elements of rows */
 #ifndef TSE_VECTOR_H
 #define TSE_VECTOR_H
 
@@ -30,25 +27,25 @@
 #include <arm_acle.h>
 #endif
 
-/* Rows that are taken together, one element of each after the other, of `rows`: what they
- * have in common is read once for them, by a core that takes one element at a time. */
+/* Number of rows, a divisor of `rows`, that one loop processes together, element by
+ * element. A core without vector instructions then reads what they share only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
 #define R_TOGETHER(rows) 1
 #endif
 
-#define ROW_MOST 32 /* elements of a row */
-#define ROW_UP 4    /* what rows are scaled by whose numbers are small */
+#define MAX_ROW 32 /* max elements of a row */
+#define ROW_UP 4 /* log2 of the scale of rows with small numbers */
 
-/* Elements of a row that are not 0, and their places in it. */
+/* Nonzero elements of a row, and their indices. */
 typedef struct r_sparse {
-  tse_short m[ROW_MOST];
+  tse_short m[MAX_ROW];
   int32_t count, right;
-  uint8_t at[ROW_MOST];
+  uint8_t at[MAX_ROW];
 } r_sparse;
 
-/* A row x, to be multiplied by factors made for that scale, r_factor(x, up). */
+/* A row x 2^up. Its factors are r_factor(x, up). */
 typedef struct r_scaled {
   const tse_short *m;
   int32_t up;
@@ -73,43 +70,43 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
   return (void)more, r_mul(x, r_div(was, d));
 }
 
-/* Rows that are scaled by a power of two: none is. */
-static inline int r_scale_of(const tse_real *x, int n, int most) { return (void)x, (void)n, (void)most, 0; }
+/* Scaling by a power of two: only the fixed-point format scales rows. */
+static inline int r_scale_of(const tse_real *x, int n, int max) { return (void)x, (void)n, (void)max, 0; }
 static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
 static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
 static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (void)a, (void)up, x; }
 static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
-/* Return whether a number of a row is above 15/16 of what it may be, where it stops. */
+/* Return whether a number of the row exceeds 15/16 of the saturation limit. */
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
-/* Slopes of a transition, in units of the state: to multiply a row by. r_slope_in_units:
- * x to/over, held within most, of factors that
- * r_unit() and r_over_unit() have made of these units.    r_short_over: a number of a
- *                                                         row, x/over    r_slope_sums: to
- *                                                         + rows of slopes,
- * so far apart, times each of some rows */
+/* Slopes of a transition in units of the state, by which rows are multiplied.
+ *   r_slope_in_units  x to/over, limited to +-max. Factors: r_unit(), r_over_unit()
+ *   r_short_over      x/over for an element of a row, limited to +-max
+ *   r_slope_sums      to += slope rows (`stride` apart) times each of `together` rows
+ * x */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
-static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most)
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real max)
 {
-  return r_clamp(r_mul(r_mul(x, to), over), -most, most);
+  return r_clamp(r_mul(r_mul(x, to), over), -max, max);
 }
-static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most)
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real max)
 {
-  return r_clamp(r_mul(x, over), -most, most);
+  return r_clamp(r_mul(x, over), -max, max);
 }
 static inline void r_slope_sums(
     tse_short *to, int rows, const tse_short *slope, int stride, tse_short *const *x, int together, int n)
 {
-  for (int j = 0; j < n; j++) /* one element after the other: the sums stay in registers */
+  for (int j = 0; j < n; j++) /* element by element: the sums stay in registers */
     for (int i = 0; i < rows; i++)
       for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
-/* Row x as the second of a sum of products; room: for it.   Returned: *right  its shift */
+/* Prepare row x as the second operand of r_sum(). room: memory for it. Returned: *right
+ * its shift */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
 {
   return (void)n, (void)room, *right = 0, x;
@@ -151,7 +148,7 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return (void)from, (void)right, sum;
 }
 
-/* Sums of products that are made element by element: see below. */
+/* Sums of products, element by element: see the fixed-point version below. */
 typedef tse_real r_coefficient;
 typedef tse_real r_total;
 static inline r_coefficient r_coef(tse_real x) { return x; }
@@ -170,7 +167,7 @@ static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
 
 #define SHORT_BITS 22
 #define COEF_BITS 20
-#define SHORT_MOST ((int32_t)1 << 30) /* [2^-SHORT_BITS] 256; one less above */
+#define MAX_SHORT ((int32_t)1 << 30) /* [2^-SHORT_BITS] 256; the upper limit is one less */
 
 /* value = m 2^-(32 + right) */
 typedef struct r_factored {
@@ -182,30 +179,30 @@ typedef struct r_divided {
   int32_t m, right;
 } r_divided;
 
-/* x within what so many bits hold: an instruction of its own where there is one. */
+/* Saturate x to a number of bits. Some cores have an instruction for it. */
 #if defined(__ARM_FEATURE_SAT) && defined(__GNUC__) && !defined(__clang__)
 #define FIXED_WITHIN(x, bits) __ssat(x, bits)
 #else
 #define FIXED_WITHIN(x, bits) fixed_within(x, (int32_t)1 << ((bits) - 1))
-static inline int32_t fixed_within(int32_t x, int32_t most)
+static inline int32_t fixed_within(int32_t x, int32_t max)
 {
-  return x > most - 1 ? most - 1 : (x < -most ? -most : x);
+  return x > max - 1 ? max - 1 : (x < -max ? -max : x);
 }
 #endif
 
 static inline int32_t short_stop(int32_t x) { return FIXED_WITHIN(x, 31); }
 
-/* x 2^-right, nearest, within what a result may be; x up to 2^62. */
+/* Return x 2^-right, rounded to nearest and saturated; |x| up to 2^62. */
 static inline int64_t fixed_shifted(int64_t x, int right)
 {
   if (right > 0) return right > 62 ? 0 : fixed_saturate(((x >> (right - 1)) + 1) >> 1);
   const int left = right < -59 ? 59 : -right;
-  const int64_t most = FIXED_MOST >> left;
-  return x > most ? FIXED_MOST : (x < -most ? -FIXED_MOST : x * ((int64_t)1 << left));
+  const int64_t max = FIXED_MOST >> left;
+  return x > max ? FIXED_MOST : (x < -max ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* x 2^-right, nearest, within so many bits, those of a tse_short; x up to 2^62. Where it
- * stops lower digits remain. */
+/* Return x 2^-right, rounded to nearest and saturated to a number of bits, those of a
+ * tse_short; |x| up to 2^62. A saturated result keeps its lower digits. */
 static inline uint64_t fixed_half_up(int64_t x, int right)
 {
   return (uint64_t)x + ((uint64_t)1 << (right - 1));
@@ -214,16 +211,19 @@ static inline int32_t fixed_joined(int32_t high, uint32_t low, int right)
 {
   return (int32_t)(((uint32_t)high << (32 - right)) | (low >> right));
 }
+#define FIXED_HIGH_WORD(x, right) ((int32_t)(uint32_t)(fixed_half_up(x, right) >> 32))
 #define FIXED_NARROW_TO(x, right, bits) \
-  fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)(fixed_half_up(x, right) >> 32), (bits) + (right) - 32), (uint32_t)fixed_half_up(x, right), right)
+  fixed_joined(FIXED_WITHIN(FIXED_HIGH_WORD(x, right), (bits) + (right) - 32), \
+      (uint32_t)fixed_half_up(x, right), right)
 #define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
 
-/* Leading zeros of the magnitude, 1 .. 63; of all bits of several that are ored. */
+/* Return the leading zeros of the magnitude, 1 .. 63. Bits of several numbers may be
+ * ORed. */
 static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
-/* The 31 binary digits of x that follow so many leading zeros (or fewer than it has),
- * with its sign. */
+/* Return the 31 binary digits of x after `zeros` leading zeros (at most as many as it
+ * has), with its sign. */
 static inline int32_t fixed_mantissa(int64_t x, int zeros)
 {
   return (int32_t)(uint32_t)(((uint64_t)x << (zeros - 1)) >> 32);
@@ -232,14 +232,14 @@ static inline int32_t fixed_mantissa(int64_t x, int zeros)
 static inline tse_short r_short_scaled(tse_real x, int up)
 {
   const int64_t y = fixed_shifted(x, FIXED_BITS - SHORT_BITS - up);
-  return y > SHORT_MOST - 1 ? SHORT_MOST - 1 : (y < -SHORT_MOST ? -SHORT_MOST : (int32_t)y);
+  return y > MAX_SHORT - 1 ? MAX_SHORT - 1 : (y < -MAX_SHORT ? -MAX_SHORT : (int32_t)y);
 }
 static inline tse_short r_short(tse_real x) { return FIXED_NARROW(x, FIXED_BITS - SHORT_BITS); }
 static inline int r_near_end(const tse_short *x, int n)
 {
   uint32_t bits = 0;
-  for (int i = 0; i < n; i++) bits |= (uint32_t)(x[i] ^ (x[i] >> 31)) + SHORT_MOST / 16;
-  return bits >= (uint32_t)SHORT_MOST;
+  for (int i = 0; i < n; i++) bits |= (uint32_t)(x[i] ^ (x[i] >> 31)) + MAX_SHORT / 16;
+  return bits >= (uint32_t)MAX_SHORT;
 }
 static inline tse_real r_long_scaled(tse_short x, int up)
 {
@@ -268,11 +268,11 @@ static inline r_factored r_factor(tse_real x, int up)
 
 static inline r_divided r_divisor(tse_real d)
 {
-  r_divided over = { INT32_MAX, -FIXED_BITS }; /* of nothing: as much as of half a step */
+  r_divided over = { INT32_MAX, -FIXED_BITS }; /* 1/0 is taken as 1/(half a step of the format) */
   if (d <= 0) return over;
   const int zeros = fixed_zeros((uint64_t)d);
   const uint32_t reciprocal = fixed_divide_word(
-      (uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62 over 2^31 .. 2^32 */
+      (uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62/(2^31 .. 2^32) */
   over.m = reciprocal > INT32_MAX ? INT32_MAX : (int32_t)reciprocal;
   over.right = 64 - zeros - FIXED_BITS;
   return over;
@@ -293,8 +293,9 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
       (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* As x - x more/d: what is taken is rounded, and nothing where it is nothing. more is no
- * more than d: their quotient has 32 digits, and both halves of x are multiplied by it. */
+/* Computed as x - x more/d: the decrement is rounded, and is 0 where it should be 0. more
+ * is at most d. Their quotient has 32 digits, and both halves of x are multiplied by
+ * it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */
@@ -305,14 +306,14 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
          x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
 }
 
-/* 2^up, which brings numbers of that size to an eighth of what a row holds, and the
+/* Return the shift that brings the numbers to an eighth of the range of a row, and the
  * square root of a variance to a tenth or more. */
-static inline int r_scale_of(const tse_real *x, int n, int most)
+static inline int r_scale_of(const tse_real *x, int n, int max)
 {
   int64_t bits = 0;
   for (int i = 0; i < n; i++) bits |= fixed_bits_of(x[i]);
   const int up = fixed_zeros_of(bits) - 64 + FIXED_BITS + 2;
-  return up < most ? up : most;
+  return up < max ? up : max;
 }
 static inline int r_scale_of_variance(tse_real x)
 {
@@ -327,13 +328,14 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up)
   return right > 31 ? 0 : ((a.m >> (right - 1)) + 1) >> 1;
 }
 
-/* a x, x of a row that is scaled as a says. */
+/* Return a x. The row of x has the scale for which a was computed. */
 static inline tse_real r_times(tse_short x, r_factored a)
 {
   return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS);
 }
 
-/* Mantissas of `digits` binary digits, with one shift: x = m 2^-(right + FIXED_BITS) */
+/* Write mantissas of `digits` binary digits with a common shift and return it: x = m
+ * 2^-(right + FIXED_BITS) */
 static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
 {
   int64_t bits = 0;
@@ -356,7 +358,7 @@ static inline r_scaled r_scaled_of(const tse_real *x, int n, tse_short *room)
   return s;
 }
 
-/* Of 32 products at most, each below 2^57. */
+/* Return the sum of at most 32 products, each below 2^57. */
 static inline int64_t fixed_sum(const tse_short *a, const tse_short *b, int n)
 {
   int64_t sum = 0;
@@ -401,14 +403,14 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return from + fixed_shifted(sum, SHORT_BITS + right);
 }
 
-/* A factor below a half, as what a row is multiplied by and 2^32 shows: the digits that
- * are shifted out are less than an eighth of a step of the row. */
+/* Return a factor below 1/2 in units of 2^-32. The digits that are shifted out change a
+ * row by less than an eighth of a step. */
 static inline int32_t factor_below_half(r_factored a)
 {
   return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m;
 }
 
-/* y + m x/2^32, nearest: y is the upper half of what the product is added to. */
+/* Return y + m x/2^32, rounded to nearest, saturated. */
 static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
 {
   return short_stop((int32_t)((uint32_t)y + (uint32_t)fixed_product_upper(x, m)));
@@ -417,17 +419,17 @@ static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
 static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 {
   if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
-  const int32_t product = fixed_product_upper(x, a.m), most = SHORT_MOST >> -a.right;
-  const int32_t more = product > most
-      ? SHORT_MOST - 1
-      : (product < -most ? -SHORT_MOST : (int32_t)((uint32_t)product << -a.right));
+  const int32_t product = fixed_product_upper(x, a.m), max = MAX_SHORT >> -a.right;
+  const int32_t more = product > max
+      ? MAX_SHORT - 1
+      : (product < -max ? -MAX_SHORT : (int32_t)((uint32_t)product << -a.right));
   return short_stop(y + more);
 }
 
-/* Slopes: 2^-SLOPE_BITS, up to 16, so that 32 products with a row are below 2^62. Units:
- * 2^-8 .. 1, of what is divided by one 1 is more. */
+/* Slopes have units of 2^-SLOPE_BITS and are below 16, so that 32 products with a row are
+ * below 2^62. Units of states are 2^-8 .. 1; a divisor is at most 1. */
 #define SLOPE_BITS 23
-#define SLOPE_ALL (SLOPE_BITS + 5) /* digits, and the sign's */
+#define SLOPE_ALL (SLOPE_BITS + 5) /* digits and the sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
 static inline r_factored r_unit(tse_real unit)
 {
@@ -440,17 +442,17 @@ static inline r_factored r_over_unit(tse_real unit)
   return part;
 }
 
-static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real most)
+static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real max)
 {
-  const int32_t moved = short_plus(0, x, to.m); /* half of it */
+  const int32_t moved = short_plus(0, x, to.m); /* half of the product */
   const int64_t product = fixed_product(moved, over.m);
-  return (void)most, FIXED_NARROW_TO(product, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
+  return (void)max, FIXED_NARROW_TO(product, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
 }
 
-static inline tse_short r_short_over(tse_short x, r_factored over, tse_real most)
+static inline tse_short r_short_over(tse_short x, r_factored over, tse_real max)
 {
   const int64_t product = fixed_product(x, over.m);
-  return (void)most, FIXED_NARROW(product, ROW_UP + 23);
+  return (void)max, FIXED_NARROW(product, ROW_UP + 23);
 }
 
 static inline void r_slope_sums(
@@ -464,12 +466,12 @@ static inline void r_slope_sums(
     }
 }
 
-/* Sums of products that are made element by element, of coefficients and numbers of rows
- * that are scaled: exact in 64 bits, rounded at the end, to such a number, or to one that
- * is not scaled and may be a rate.
- *   coefficient 2^-20, up to 1024      number 2^-(SHORT_BITS + ROW_UP), up to 16; rate
- *                                      2^-SHORT_BITS, up to 256
- * Of 7 products at most, each below 2^60. */
+/* Sums of products, element by element, of coefficients and numbers of scaled rows: exact
+ * in 64 bits and rounded at the end, to a scaled number or to an unscaled rate.
+ *   coefficient  units 2^-20, up to 1024
+ *   number       units 2^-(SHORT_BITS + ROW_UP), up to 16
+ *   rate         units 2^-SHORT_BITS, up to 256
+ * At max 7 products, each below 2^60. */
 typedef int32_t r_coefficient;
 typedef int64_t r_total;
 static inline r_coefficient r_coef(tse_real x) { return FIXED_NARROW(x, FIXED_BITS - COEF_BITS); }
@@ -491,7 +493,7 @@ static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int
   for (int i = 0; i < n; i++) y[i] = r_plus_times(y[i], a, x[i]);
 }
 
-/* y += a x, x += b y, with y as it was */
+/* y += a x, x += b y, both from the old values */
 static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   for (int i = 0; i < n; i++) {
@@ -501,7 +503,7 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
   }
 }
 
-/* The same with y[0] and then with y[1]: x is read once for both. */
+/* The same with y[0] and then with y[1]. x is read once for both. */
 static inline void r_add_both_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
@@ -515,7 +517,7 @@ static inline void r_add_both_twice(
   }
 }
 
-/* x += b y, y += a x, with x as it is then */
+/* x += b y, then y += a x with the new x */
 static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   for (int i = 0; i < n; i++) {

@@ -1,9 +1,9 @@
 /* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The numbers on the right
  * are its lines and equations.
  *
- * A row begins with lines 17 and 18 of the row before it, because only now is known how
- * long that took. w is drawn (line 16) before the statistics are updated by it (line 4).
- * src/EQUATIONS.md lists every other way in which this is not the print, and why. */
+ * A row begins with lines 17 and 18 of the row before it, because only now the time step
+ * is known. w is drawn (line 16) before the statistics are updated by it (line 4).
+ * src/EQUATIONS.md lists every other deviation from the paper, with its reason. */
 #include "paper/paper.h"
 
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)
@@ -15,7 +15,7 @@ void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)
 void paper_update(
     const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence)
 {
-  const common c = paper_common_of(p, f, y);
+  const common c = paper_compute_common(p, f, y);
   *log2_evidence = paper_update_weights(p, f, y, &c);     /* 3, 6    (22), (23) */
   now->n_eff = paper_effective_size(p, f);                /* 7                  */
   if (now->n_eff <= p->resample_at) paper_resample(p, f); /* 8 .. 10            */

@@ -1,20 +1,21 @@
-/* paper/bias.c - (18), (19): the sensor biases, Gaussian given a particle's path, with
- * one covariance P for all particles. P0, Q and R are diagonal and each bias is in one
- * channel only, so P stays diagonal: a variance a channel. */
+/* paper/bias.c - (18), (19): sensor biases, Gaussian given the path of a particle, with
+ * one covariance P for all particles. P0, Q and R are diagonal and each bias affects one
+ * channel, so P stays diagonal: one variance per channel. */
 #include "paper/paper.h"
 
-#define MOST_BIAS TSE_R(2000) /* sigma, numerics: stays a number whatever is measured */
-#define MOST_BIAS_VARIANCE TSE_R(16777216) /* sigma^2, numerics: 2^24 */
+#define MAX_BIAS TSE_R(2000) /* sigma, numerics: limit of a bias */
+#define MAX_BIAS_VARIANCE TSE_R(16777216) /* sigma^2, numerics: 2^24 */
 
 /* Predict the biases, (18): P += Q dt. */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
 {
   for (int a = 0; a < 3; a++)
-    f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MOST_BIAS_VARIANCE);
+    f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MAX_BIAS_VARIANCE);
 }
 
-/* Find Rbar = P + R of (22), R = 1, and what else (22) .. (25) have in common. */
-common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sample *y)
+/* Compute Rbar = P + R of (22), R = 1, and the other common quantities of (22) ..
+ * (25). */
+common paper_compute_common(const tse_params *p, const tse_filter_paper *f, const sample *y)
 {
   common c;
   c.g = particle_observation_gains(p, y->use[0], y->use[1]);
@@ -31,13 +32,13 @@ common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sam
   return c;
 }
 
-static tse_real bias_bounded(tse_real b) { return r_clamp(b, -MOST_BIAS, MOST_BIAS); }
+static tse_real clip_bias(tse_real b) { return r_clamp(b, -MAX_BIAS, MAX_BIAS); }
 
 /* Move the bias of every particle by its gain times the innovation given w. */
-static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
+static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
     const observation o = particle_observation(c->g, s, y->u.steer);
     const tse_real w0 = q->w[0][i], w1 = q->w[1][i], w2 = q->w[2][i];
@@ -45,17 +46,17 @@ static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTR
     const tse_real e1 = y->y[1] - o.h2 - r_mul(o.d21, w0) - r_mul(o.d22, w1) - r_mul(o.d23, w2)
         - q->bias[1][i];
     const tse_real e2 = y->y[2] - r_mul(q->x[2][i], p->inv_sd[2]) - q->bias[2][i];
-    q->bias[0][i] = bias_bounded(q->bias[0][i] + r_mul(c->gain[0], r_mul(c->l[0], e0)));
-    q->bias[1][i] = bias_bounded(q->bias[1][i] + r_mul(c->gain[1], r_mul(c->l[1], e1)));
-    q->bias[2][i] = bias_bounded(q->bias[2][i] + r_mul(c->gain[2], r_mul(c->l[2], e2)));
+    q->bias[0][i] = clip_bias(q->bias[0][i] + r_mul(c->gain[0], r_mul(c->l[0], e0)));
+    q->bias[1][i] = clip_bias(q->bias[1][i] + r_mul(c->gain[1], r_mul(c->l[1], e1)));
+    q->bias[2][i] = clip_bias(q->bias[2][i] + r_mul(c->gain[2], r_mul(c->l[2], e2)));
   }
 }
 
-/* Update the biases, (19), with the innovation given w: b += K (y - h - d w - b), P -= K
- * S K', K = P S^-1, S = P + R. */
+/* Update the biases, (19), by the innovation given w: b += K (y - h - d w - b), P -= K S
+ * K', K = P S^-1, S = P + R. */
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
-  update_all(p, c, y, &f->p);
+  update_biases(p, c, y, &f->p);
   for (int a = 0; a < 3; a++)
     f->bias_var[a] = r_max(f->bias_var[a] - r_mul(c->gain[a], c->gain[a]), TSE_R(0));
 }

@@ -1,9 +1,9 @@
 /* paper/estimate.c - (26), (27): moments of the weighted particles. */
 #include "paper/paper.h"
 
-/* Return the sum of products, as everywhere in lanes: one order of summation. At most
- * 2^16 weights of 1 and less fit every format. */
-static tse_real sum_of(const tse_real *weight, const tse_real *value, int32_t count)
+/* Return the sum of weight times value, in lanes: one order of summation everywhere. Up
+ * to 2^16 weights of at most 1 fit every format. */
+static tse_real sum_products(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);
   for (int l = 0; l < TSE_LANES; l++) lane[l] = TSE_R(0);
@@ -17,16 +17,15 @@ tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f)
 {
   tse_real lane[TSE_LANES], total = TSE_R(0);
   for (int l = 0; l < TSE_LANES; l++) lane[l] = TSE_R(0);
-  for (int32_t i = 0; i < padded(p->particles); i += TSE_LANES)
+  for (int32_t i = 0; i < pad_count(p->particles); i += TSE_LANES)
     for (int l = 0; l < TSE_LANES; l++) lane[l] = r_add_sat(lane[l], f->weight[i + l]);
   for (int l = 0; l < TSE_LANES; l++) total = r_add_sat(total, lane[l]);
   return total;
 }
 
-/* Find weighted mean and variance of n values; variance about the first value, then
- * shifted, so that a spread of millimetres a second on 20 m/s survives in single
- * precision. */
-static void moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total,
+/* Compute weighted mean and variance of n values. The variance is first taken about the
+ * first value, so that a spread of mm/s on 20 m/s survives in single precision. */
+static void compute_moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total,
     tse_real *mean, tse_real *var)
 {
   const tse_real origin = value[0];
@@ -51,19 +50,20 @@ void paper_weighted_means(
     const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means)
 {
   const tse_real total = paper_total_weight(p, f);
-  for (int k = 0; k < n; k++) means[k] = r_div(sum_of(f->weight, rows[k], padded(p->particles)), total);
+  for (int k = 0; k < n; k++)
+    means[k] = r_div(sum_products(f->weight, rows[k], pad_count(p->particles)), total);
 }
 
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f)
 {
   const tse_real total = paper_total_weight(p, f);
-  return r_mul(total, r_div(total, sum_of(f->weight, f->weight, padded(p->particles))));
+  return r_mul(total, r_div(total, sum_products(f->weight, f->weight, pad_count(p->particles))));
 }
 
 void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *y)
 {
   const tse_particles *const q = &f->p;
-  const int32_t count = padded(p->particles);
+  const int32_t count = pad_count(p->particles);
   static const int diagonal[3] = { 0, 3, 5 };
   const tse_real total = paper_total_weight(p, f);
   tse_real x[3], var;
@@ -71,7 +71,7 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
   tse_real *const state[3] = { &y->vel_x, &y->vel_y, &y->yaw_rate };
   tse_real *const state_sd[3] = { &y->vel_x_sd, &y->vel_y_sd, &y->yaw_rate_sd };
   for (int a = 0; a < 3; a++) {
-    moments(f->weight, q->x[a], count, total, &x[a], &var);
+    compute_moments(f->weight, q->x[a], count, total, &x[a], &var);
     *state[a] = x[a];
     *state_sd[a] = r_sqrt(var);
   }
@@ -80,12 +80,12 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
   const tse_real inv = r_div(f->nu, f->nu - TSE_R(4)); /* Lambda/(nu - d_w - 1) = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     tse_real mean;
-    moments(f->weight, q->mu[a], count, total, &mean, &var);
-    const tse_real sigma = r_mul(inv, r_div(sum_of(f->weight, q->lam[diagonal[a]], count), total));
-    y->stiffness[a] = y->stiffness_secant[a] = TSE_R(1) + mean; /* its tyres are linear */
+    compute_moments(f->weight, q->mu[a], count, total, &mean, &var);
+    const tse_real sigma = r_mul(inv, r_div(sum_products(f->weight, q->lam[diagonal[a]], count), total));
+    y->stiffness[a] = y->stiffness_secant[a] = TSE_R(1) + mean; /* linear tyres */
     y->stiffness_sd[a] = r_sqrt(r_mul(f->gamma, sigma) + var);
     y->stiffness_spread[a] = r_sqrt(sigma);
-    moments(f->weight, q->bias[a], count, total, &mean, &var);
+    compute_moments(f->weight, q->bias[a], count, total, &mean, &var);
     y->bias[a] = r_mul(p->sd[a], mean);
     y->bias_sd[a] = r_mul(p->sd[a], r_sqrt(f->bias_var[a] + var));
   }

@@ -1,26 +1,26 @@
-/* paper/learn.c - (25), (16), (17): draw w given the sample, learn the statistics from
- * it, forget. In short runs of particles, so that the random numbers stay in the fastest
- * memory. */
+/* paper/learn.c - (25), (16), (17): draw w given the sample, update the statistics,
+ * forget. Particles are processed in short runs, so that their random numbers stay in the
+ * cache. */
 #include "paper/paper.h"
 #include "number/random.h"
 
 #define RUN 64
-#define NU_LEAST TSE_R(6)        /* A and Sigma need nu > 4; reached only with a short memory and long time
-                                  * steps */
-#define ALL_FORGOTTEN TSE_R(-20) /* log2 of the share that is left */
-#define TINY TSE_R(1e-6 * 1e-6)  /* smallest pivot: rounding may leave a zero or negative one */
+#define MIN_NU TSE_R(6) /* A and Sigma require nu > 4; reached only with a short memory and long time
+                         * steps */
+#define MIN_LOG2_KEPT TSE_R(-20) /* min log2 of the share that is kept */
+#define TINY TSE_R(1e-6 * 1e-6) /* min pivot: rounding may give a pivot of 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
-#define TINY ((tse_real)16)      /* steps of the format: less has no digit that means anything */
+#define TINY ((tse_real)16) /* 16 steps of the format: a smaller value has no significant digit */
 #endif
 
-/* Forgetting that follows the innovations, `forgetting_change` below 1: */
-#define SLOW_TIME TSE_R(0.1)     /* s: innovations are smoothed over it */
-#define USUAL TSE_R(3)           /* mean square of smoothed innovations over that of white ones: no less is
-                                  * forgotten up to it */
-#define SLOPE TSE_R(0.05)        /* what the factor falls by for each one above it */
+/* Forgetting that depends on the innovations, if `forgetting_change` is below 1: */
+#define SLOW_TIME TSE_R(0.1) /* s: time constant of the low-pass for innovations */
+#define USUAL_RATIO TSE_R(3) /* 1: ratio of their mean square to that of white noise, up to which lambda is
+                              * unchanged */
+#define LAMBDA_SLOPE TSE_R(0.05) /* decrease of lambda per unit of the ratio above USUAL_RATIO */
 
-/* Draw Student-t numbers for a run of particles. */
+/* Draw Student-t variates for a run of particles. */
 static void draw_student(
     const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
 {
@@ -38,10 +38,10 @@ static void draw_student(
   }
 }
 
-/* Reflect a draw below w_low at it, cut one above w_max. With reflect_draws w_low is
- * stiffness_min - 1, so that stiffness stays positive. As printed it is -w_max, or w_min
- * if that is less, which only bounds w: the stiffness 1 + w may be negative. */
-static inline tse_real into_bounds(const tse_params *p, tse_real w)
+/* Reflect a draw below w_low, clip one above w_max. With reflect_draws, w_low is
+ * stiffness_min - 1 and the stiffness stays positive. Otherwise, as in the paper, w_low
+ * is min(-w_max, w_min), which only bounds w: the stiffness 1 + w may be negative. */
+static inline tse_real bound_draw(const tse_params *p, tse_real w)
 {
   return r_min(p->w_low + r_abs(w - p->w_low), p->w_max);
 }
@@ -52,7 +52,7 @@ TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RES
     const sample *TSE_RESTRICT y, tse_real inv_dof, tse_real ta, tse_real tb, tse_real tc, int32_t i,
     tse_particles *TSE_RESTRICT q)
 {
-  const innovation e = innovation_of(p, c, y, q, i);
+  const innovation e = compute_innovation(p, c, y, q, i);
   const tse_real c11 = r_sqrt(r_max(e.a[0], TINY)), inv11 = r_div(TSE_R(1), c11);
   const tse_real c21 = r_mul(e.a[1], inv11), c31 = r_mul(e.a[2], inv11);
   const tse_real c22 = r_sqrt(r_max(e.a[3] - r_mul(c21, c21), TINY));
@@ -60,9 +60,9 @@ TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RES
   const tse_real c33 = r_sqrt(r_max(e.a[5] - r_mul(c31, c31) - r_mul(c32, c32), TINY));
   const tse_real scale = r_sqrt(r_mul(c->nut + e.q, inv_dof));
   const tse_real t1 = r_mul(scale, ta), t2 = r_mul(scale, tb), t3 = r_mul(scale, tc);
-  q->w[0][i] = into_bounds(p, q->mu[0][i] + e.m[0] + r_mul(c11, t1));
-  q->w[1][i] = into_bounds(p, q->mu[1][i] + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
-  q->w[2][i] = into_bounds(p, q->mu[2][i] + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
+  q->w[0][i] = bound_draw(p, q->mu[0][i] + e.m[0] + r_mul(c11, t1));
+  q->w[1][i] = bound_draw(p, q->mu[1][i] + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
+  q->w[2][i] = bound_draw(p, q->mu[2][i] + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
 }
 
 /* Draw w of a run of particles. */
@@ -75,7 +75,7 @@ static void draw_run(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRIC
 
 void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
-  const int32_t count = padded(p->particles);
+  const int32_t count = pad_count(p->particles);
   const tse_real dof = c->nut + r_from_int(y->used), inv_dof = r_div(TSE_R(1), dof);
   for (int32_t base = 0; base < count; base += RUN) {
     const int32_t run = count - base < RUN ? count - base : RUN;
@@ -85,15 +85,16 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
   }
 }
 
-/* Update the statistics, (16): gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu +
- * gamma+ z, Lambda+ = Lambda + z z'/(1 +
- * gamma), z = w - mu; with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu +
- *                                            1). Where spread_max is set, lam is
- * scaled down to it. */
-static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
-    tse_real most, tse_particles *TSE_RESTRICT q)
+/* Update the statistics, (16), with z = w - mu and lam = Lambda/nu:
+ *   gamma+ = gamma/(1 + gamma)
+ *   nu+ = nu + 1
+ *   mu+ = mu + gamma+ z
+ *   Lambda+ = Lambda + z z'/(1 + gamma), or lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
+ * With spread_max, lam is scaled down to it. */
+static void learn_statistics(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
+    tse_real max, tse_particles *TSE_RESTRICT q)
 {
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     const tse_real z0 = q->w[0][i] - q->mu[0][i], z1 = q->w[1][i] - q->mu[1][i],
                    z2 = q->w[2][i] - q->mu[2][i];
     const tse_real l11 = q->lam[0][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z0)) - q->lam[0][i]);
@@ -102,7 +103,7 @@ static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real
     const tse_real l22 = q->lam[3][i] + r_mul(rate, r_mul(shrink, r_mul(z1, z1)) - q->lam[3][i]);
     const tse_real l23 = q->lam[4][i] + r_mul(rate, r_mul(shrink, r_mul(z1, z2)) - q->lam[4][i]);
     const tse_real l33 = q->lam[5][i] + r_mul(rate, r_mul(shrink, r_mul(z2, z2)) - q->lam[5][i]);
-    const tse_real scale = r_div(most, r_max(most, r_max(r_max(l11, l22), l33)));
+    const tse_real scale = r_div(max, r_max(max, r_max(r_max(l11, l22), l33)));
     q->lam[0][i] = r_mul(scale, l11);
     q->lam[1][i] = r_mul(scale, l12);
     q->lam[2][i] = r_mul(scale, l13);
@@ -120,13 +121,14 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
   const tse_real shrink = r_div(TSE_R(1), TSE_R(1) + f->gamma), rate = r_div(TSE_R(1), f->nu + TSE_R(1));
   f->gamma = r_mul(f->gamma, shrink);
   f->nu = f->nu + TSE_R(1);
-  learn_all(p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
+  learn_statistics(
+      p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return how far recent innovations are from white ones: the mean over the channels of
- * their square, smoothed over SLOW_TIME, over what that would be of white noise of
- * variance one. */
-static tse_real persistence(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
+/* Return the ratio of the mean square of low-passed innovations, over SLOW_TIME and the
+ * channels, to that of white noise of variance one. */
+static tse_real compute_persistence(
+    const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const inputs u = y->u;
   const slips s = vehicle_slips(p, now->vel_x, now->vel_y, now->yaw_rate, u);
@@ -148,22 +150,22 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays),
- * with lambda^(dt/sample_time). The factor of gamma, which forgets the mean, is a setting
- * of its own; it falls where innovations last. However long that takes, no less is known
- * of the mean than gamma = 1 says, or the start: what is forgotten cannot be forgotten
- * further. */
+/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu is
+ * unchanged), with lambda^(dt/sample_time). The lambda of gamma, which forgets the mean,
+ * is a setting of its own, and decreases while innovations are correlated. gamma is
+ * limited to 1 or its initial value: a forgotten mean has no less information than
+ * that. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);
   tse_real log2_mean = p->log2_forgetting_mean;
   if (p->forgetting_change < p->forgetting_mean) {
-    const tse_real beyond = r_max(persistence(p, f, y, now) - USUAL, TSE_R(0));
+    const tse_real beyond = r_max(compute_persistence(p, f, y, now) - USUAL_RATIO, TSE_R(0));
     log2_mean = r_log2(
-        r_max(p->forgetting_mean - r_mul(SLOPE, r_min(beyond, TSE_R(20))), p->forgetting_change));
+        r_max(p->forgetting_mean - r_mul(LAMBDA_SLOPE, r_min(beyond, TSE_R(20))), p->forgetting_change));
   }
-  const tse_real lambda = r_exp2(r_max(r_mul(p->log2_forgetting, samples), ALL_FORGOTTEN));
-  const tse_real most = r_max(f->gamma, r_max(p->gamma0, TSE_R(1)));
-  f->gamma = r_min(r_div(f->gamma, r_exp2(r_max(r_mul(log2_mean, samples), ALL_FORGOTTEN))), most);
-  f->nu = r_max(r_mul(f->nu, lambda), NU_LEAST);
+  const tse_real lambda = r_exp2(r_max(r_mul(p->log2_forgetting, samples), MIN_LOG2_KEPT));
+  const tse_real max_gamma = r_max(f->gamma, r_max(p->gamma0, TSE_R(1)));
+  f->gamma = r_min(r_div(f->gamma, r_exp2(r_max(r_mul(log2_mean, samples), MIN_LOG2_KEPT))), max_gamma);
+  f->nu = r_max(r_mul(f->nu, lambda), MIN_NU);
 }

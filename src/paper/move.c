@@ -1,23 +1,23 @@
-/* paper/move.c - (7): every particle from the last row to this one, with the w it drew at
- * the last row. */
+/* paper/move.c - (7): move every particle from the last row to this one, with the w drawn
+ * at the last row. */
 #include "paper/paper.h"
 
-#define EULER 0 /* of the setting `integration`; 1: inputs are linear */
+#define EULER 0 /* values of the setting `integration`; 1: linear inputs */
 #define HELD_STEER 2
 
-/* Store the motion of particle i, within bounds that no car leaves. */
+/* Store the motion of particle i within the limits of vehicle.h. */
 static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, tse_real r)
 {
-  q->x[0][i] = vehicle_kept(vx, MOST_SPEED);
-  q->x[1][i] = vehicle_kept(vy, MOST_SPEED);
-  q->x[2][i] = vehicle_kept(r, MOST_YAW_RATE);
+  q->x[0][i] = vehicle_limit(vx, MAX_SPEED);
+  q->x[1][i] = vehicle_limit(vy, MAX_SPEED);
+  q->x[2][i] = vehicle_limit(r, MAX_YAW_RATE);
 }
 
-/* Move all particles as printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last
- * row. */
-static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real h)
+/* Move all particles as in the paper: x+ = f(x, u) + g(x, u) w, with the inputs of the
+ * last row. */
+static void move_by_euler(const tse_params *p, tse_particles *q, inputs u, tse_real h)
 {
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     const tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
     const accels a = vehicle_accels(p, k, vehicle_slips(p, vx, vy, r, u), u.steer);
@@ -27,9 +27,9 @@ static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real 
 }
 
 /* Move all particles by a method of second order, from inputs u0 to u1. */
-static void step_all(const tse_params *p, tse_particles *q, inputs u0, inputs u1, tse_real h)
+static void move_by_ros2(const tse_params *p, tse_particles *q, inputs u0, inputs u1, tse_real h)
 {
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
     particle_step(p, &vx, &vy, &r, k, u0, u1, h);
@@ -41,7 +41,7 @@ void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample 
 {
   const inputs last = { f->filter.steer, f->filter.v_front, f->filter.v_rear };
   if (p->integration == EULER) {
-    euler_all(p, &f->p, last, y->dt);
+    move_by_euler(p, &f->p, last, y->dt);
     return;
   }
   inputs from = last, end = y->u;
@@ -50,7 +50,7 @@ void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample 
   const tse_real h = steps > 1 ? r_div(y->dt, r_from_int(steps)) : y->dt;
   for (int32_t k = 1; k <= steps; k++) { /* inputs are linear between rows */
     const inputs to = vehicle_between(last, end, k, steps);
-    step_all(p, &f->p, from, to, h);
+    move_by_ros2(p, &f->p, from, to, h);
     from = to;
   }
 }

@@ -1,32 +1,33 @@
-/* paper/resample.c - four ways to choose n ancestors in proportion to their weights,
- * behind one signature.
+/* paper/resample.c - four schemes to choose n ancestors in proportion to their weights,
+ * with one signature.
  *
- * All of them lay n positions along the cumulative weights and take who stands there;
- * they differ in the positions:
- *   systematic    (k + U)/n        one random number
- *   stratified    (k + U_k)/n      one each
- *   multinomial   n sorted uniforms
- *   residual      floor(n q) copies for sure, the rest stratified over what is left of n
- *                 q
+ * Each scheme places n positions along the cumulative weights q and takes the particles
+ * at these positions. The schemes differ in the positions:
+ *   systematic   (k + U)/n, one random number
+ *   stratified   (k + U_k)/n, one random number each
+ *   multinomial  n sorted uniforms
+ *   residual     floor(n q) copies, then stratified over the remainders of n q
  * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
  * ISPA 2005. */
 #include "paper/paper.h"
 #include "number/random.h"
 
-static tse_real uniform(const uint32_t seed[2], uint32_t step, int32_t k)
+/* Return uniform number k of a step. */
+static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
 {
   uint32_t a, b;
   random_words(seed, step, RANDOM_RESAMPLE, (uint32_t)k, &a, &b);
   return r_uniform(a);
 }
 
-/* Position k of n on [0, total): (k + u) total/n. */
-static tse_real position(tse_real share, int32_t k, tse_real u)
+/* Return position k of n on [0, total): (k + u) total/n. */
+static tse_real compute_position(tse_real share, int32_t k, tse_real u)
 {
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
 }
 
-static void multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
+/* Choose ancestors by n sorted uniforms. */
+static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {
   /* Sorted uniforms from the largest down: U_(k) = U_(k+1) U^(1/k), in logs. */
@@ -34,7 +35,7 @@ static void multinomial(const tse_real *weight, int32_t n, tse_real total, const
   tse_real above = total; /* weight up to and including particle i */
   int32_t i = n - 1;
   for (int32_t k = n; k >= 1; k--) {
-    log2_u = log2_u + r_div(r_log2(uniform(seed, step, k)), r_from_int(k));
+    log2_u = log2_u + r_div(r_log2(draw_uniform(seed, step, k)), r_from_int(k));
     const tse_real at = r_mul(total, r_exp2(log2_u));
     while (i > 0 && !(above - weight[i] < at)) {
       above -= weight[i];
@@ -44,31 +45,33 @@ static void multinomial(const tse_real *weight, int32_t n, tse_real total, const
   }
 }
 
-static int32_t whole_copies(tse_real weight, int32_t n, tse_real total)
+/* Return floor(n q), the copies of a particle that are certain. */
+static int32_t count_whole_copies(tse_real weight, int32_t n, tse_real total)
 {
   return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total));
 }
 
-static void residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2], uint32_t step,
-    uint16_t *ancestor)
+/* Choose the certain copies, and the rest stratified. */
+static void choose_residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
+    uint32_t step, uint16_t *ancestor)
 {
   int32_t filled = 0, k = 0;
-  for (int32_t i = 0; i < n; i++) filled += whole_copies(weight[i], n, total);
+  for (int32_t i = 0; i < n; i++) filled += count_whole_copies(weight[i], n, total);
   const int32_t rest = n - filled;          /* >= 0: a sum of floors */
-  const tse_real share = r_share(total, n); /* the rest's weights are n q - floor(n q), in units of total/n */
+  const tse_real share = r_share(total, n); /* remainders n q - floor(n q) are in units of total/n */
   tse_real sum = TSE_R(0);
   int32_t j = 0;
   for (int32_t i = 0; i < n; i++) {
-    int32_t copies = whole_copies(weight[i], n, total);
+    int32_t copies = count_whole_copies(weight[i], n, total);
     sum = r_add_sat(sum, weight[i] - r_mul(share, r_from_int(copies)));
-    while (k < rest && position(share, k, uniform(seed, step, k)) < sum) {
+    while (k < rest && compute_position(share, k, draw_uniform(seed, step, k)) < sum) {
       copies++;
       k++;
     }
     for (; copies > 0 && j < n; copies--) ancestor[j++] = (uint16_t)i;
   }
   for (; j < n; j++)
-    ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last position uncovered */
+    ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last positions empty */
 }
 
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
@@ -78,27 +81,27 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
   for (int32_t i = 0; i < n; i++) total = r_add_sat(total, weight[i]);
   ancestor[0] = 0;
   if (scheme == 2) {
-    residual(weight, n, total, seed, step, ancestor);
+    choose_residual(weight, n, total, seed, step, ancestor);
     return;
   }
   if (scheme == 3) {
-    multinomial(weight, n, total, seed, step, ancestor);
+    choose_multinomial(weight, n, total, seed, step, ancestor);
     return;
   }
 
   const tse_real share = r_share(total, n);
-  const tse_real one = uniform(seed, step, 0);
+  const tse_real one = draw_uniform(seed, step, 0);
   int32_t k = 0;
   for (int32_t i = 0; i < n; i++) {
     sum = r_add_sat(sum, weight[i]);
-    while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : one) < sum)
+    while (k < n && compute_position(share, k, scheme == 1 ? draw_uniform(seed, step, k) : one) < sum)
       ancestor[k++] = (uint16_t)i;
   }
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as above */
 }
 
-/* Rearrange ancestors so that whoever survives keeps its place: then the copy needs no
- * second buffer, because places that are written are never read. */
+/* Reorder ancestors so that survivors keep their places. The copy then needs no second
+ * buffer, because places that are written are never read. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
@@ -119,12 +122,12 @@ void paper_copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
     for (int32_t i = 0; i < n; i++) row[i] = row[ancestor[i]];
 }
 
-/* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal, whose mean
- * is one: regularised resampling. */
-static void scatter(const tse_params *p, tse_filter_paper *f)
+/* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal: a factor of
+ * mean one (regularised resampling). */
+static void scatter_spreads(const tse_params *p, tse_filter_paper *f)
 {
   const tse_real k = p->kernel, half = r_mul(TSE_R(0.34657359027997264), r_mul(k, k));
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     uint32_t a, b;
     tse_real n, unused;
     random_words(p->seed, f->filter.step, RANDOM_KERNEL, (uint32_t)i, &a, &b);
@@ -139,10 +142,10 @@ void paper_resample(const tse_params *p, tse_filter_paper *f)
   paper_choose_ancestors(p->resampling, f->weight, p->particles, p->seed, f->filter.step, f->ancestor);
   paper_keep_survivors(f->ancestor, f->copies, p->particles);
   paper_copy_particles(&f->p, f->ancestor, p->particles);
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     f->p.logw[0][i] = TSE_R(0);
     f->weight[i] = i < p->particles ? TSE_R(1) : TSE_R(0);
   }
   f->log_total = r_log2(r_from_int(p->particles));
-  if (p->kernel > TSE_R(0)) scatter(p, f);
+  if (p->kernel > TSE_R(0)) scatter_spreads(p, f);
 }

@@ -1,33 +1,35 @@
-/* paper/row.c - a row of tse_step() with particles: what stands around Algorithm 1. The
- * paper has rows that come every Ts, of a car that drives, with all channels. A row that
- * is not so is predicted with the mean stiffness, and nothing is learnt from it. */
+/* paper/row.c - a row of tse_step() for the particle filter: the steps around Algorithm
+ * 1. The paper assumes rows every Ts, a moving car and all channels. Other rows are
+ * predicted with the mean stiffness, and nothing is learnt from them. */
 #include "paper/paper.h"
 
-#define REVERSE_SPEED TSE_R(-0.1)   /* m/s, physics: a wheel that turns back by less stands */
-#define EXCITATION_TIME TSE_R(0.1)  /* s: regressors are smoothed over it */
-#define MOST_EXCITED TSE_R(1e6)     /* 1, numerics: of a regressor, in sd of its sensor: squares stay in
-                                     * the range of a float */
+#define REVERSE_SPEED TSE_R(-0.1) /* m/s, physics: a wheel that turns back more slowly stands still */
+#define EXCITATION_TIME TSE_R(0.1) /* s: time constant of the low-pass for regressors */
+#define MAX_REGRESSOR TSE_R(1e6) /* 1, numerics: max regressor over its sensor's sd; its square fits a
+                                  * float */
 
-/* What a row is good for. */
+/* Kind of a row. */
 typedef struct row_kind {
-  int gap;       /* too long after the one before: the states start again       */
-  int held;      /* (4) does not hold: too slow, in reverse, far from small angles */
-  int predicted; /* no inputs, or no measurement                                */
+  int gap;       /* too long after the row before: states are initialised again */
+  int held;      /* outside the validity of (4): too slow, in reverse, large angles */
+  int predicted; /* no inputs, or no measurement */
   int32_t excited[3];
 } row_kind;
 
-static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)); }
+static tse_real find_max_wheel_speed(const sample *y)
+{
+  return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear));
+}
 
-/* Judge whether recent inputs have excited each stiffness. It shows only where its force
- * changes: a constant slip (angle) is explained as well by another velocity and another
- * stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by
- * its variance over the recent past. A mean over `memory` samples, each with noise 1 +
- * phi^2 spread^2, then has the variance
- *     (1 + E[phi^2] spread^2) / (memory var(phi)),
- * which must be below valid_sd^2 for the stiffness to be valid. It decides on nothing
- * else. The past is two memories long: velocity, once settled by a change, is remembered
- * longer than the stiffness is. Regressors are smoothed first: noise of a wheel-speed
- * sensor looks like slip, but moves no car. */
+/* Find the stiffnesses that recent inputs have excited. A stiffness is observable only
+ * while its force changes: a constant slip (angle) is equally well explained by another
+ * velocity and another stiffness. Its regressor phi (a column of d, in sigma per unit of
+ * w) is therefore judged by its variance over the recent past. A mean over `memory`
+ * samples, each with noise 1 + phi^2 spread^2, has the variance
+ *   (1 + E[phi^2] spread^2)/(memory var(phi)),
+ * which must be below valid_sd^2. Only validity depends on it. The recent past is two
+ * memories: after a change, velocity is remembered longer than stiffness. Regressors are
+ * low-passed first: noise of a wheel speed looks like slip but does not move the car. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
@@ -39,7 +41,7 @@ void paper_excitation(
   const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);
   const tse_real gain = r_div(TSE_R(1), r_min(window, seen + TSE_R(1)));
   for (int a = 0; a < 3; a++) {
-    f->excite[a] += r_mul(smooth, r_clamp(phi[a], -MOST_EXCITED, MOST_EXCITED) - f->excite[a]);
+    f->excite[a] += r_mul(smooth, r_clamp(phi[a], -MAX_REGRESSOR, MAX_REGRESSOR) - f->excite[a]);
     f->excite_mean[a] += r_mul(gain, f->excite[a] - f->excite_mean[a]);
     f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
     const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
@@ -49,7 +51,8 @@ void paper_excitation(
   }
 }
 
-/* Bring the particles to this row: start, predict, or start the states again. */
+/* Advance the particles to this row: initialise, predict, or initialise the states
+ * again. */
 static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   tse_filter *const c = &f->filter;
@@ -57,10 +60,10 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   const int lost = c->held_for > p->max_gap;
   c->held_for = y->has_inputs ? TSE_R(0) : r_add_sat(c->held_for, y->dt);
   k.predicted = !y->has_inputs || y->used == 0;
-  k.held = fastest_wheel(y) < p->hold_speed || y->u.v_front < REVERSE_SPEED || y->u.v_rear < REVERSE_SPEED
-      || r_abs(y->u.steer) > p->max_steer;
+  k.held = find_max_wheel_speed(y) < p->hold_speed || y->u.v_front < REVERSE_SPEED
+      || y->u.v_rear < REVERSE_SPEED || r_abs(y->u.steer) > p->max_steer;
   if (!c->started) {
-    paper_start(p, f, y); /* again with every row until there are inputs to start from */
+    paper_start(p, f, y); /* repeated in every row until the first with inputs */
     c->started = y->has_inputs;
     return k;
   }
@@ -72,18 +75,18 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   return k;
 }
 
-/* Estimate a row from which nothing is learnt; the next row is reached with the mean
- * stiffness. */
-static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
+/* Estimate a row from which nothing is learnt. The mean stiffness predicts the next
+ * row. */
+static void report_held(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
   now->n_eff = paper_effective_size(p, f);
   paper_estimate(p, f, now);
   for (int a = 0; a < 3; a++)
-    for (int32_t i = 0; i < padded(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
+    for (int32_t i = 0; i < pad_count(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
 }
 
-/* Say why each stiffness is, or is not, valid: the first reason that applies. */
-static tse_status judge(
+/* Set the reason of each stiffness, the first that applies, and return the status. */
+static tse_status judge_stiffness(
     const tse_params *p, tse_filter_paper *f, const sample *y, const row_kind *k, tse_output *now)
 {
   tse_status status = TSE_OK;
@@ -116,7 +119,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   tse_real evidence = TSE_R(0);
   sample y;
   const tse_status refused = input_decode(p, c, u, &y);
-  if (refused < 0) return refused; /* nothing has changed yet */
+  if (refused < 0) return refused; /* f is unchanged */
 
   row_kind k = advance_particles(p, f, &y);
   c->steer = y.u.steer;
@@ -124,8 +127,8 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   c->v_rear = y.u.v_rear;
 
   memset(&now, 0, sizeof now);
-  if (k.gap) y.dt = p->sample_time; /* a gap is no row, and (17) forgets by rows */
-  if (k.held || k.predicted) hold(p, f, &now);
+  if (k.gap) y.dt = p->sample_time; /* a gap counts as one row for (17) */
+  if (k.held || k.predicted) report_held(p, f, &now);
   else {
     paper_update(p, f, &y, &now, &evidence);
     paper_excitation(p, f, &y, &now, k.excited);
@@ -134,7 +137,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   for (int a = 0; a < 3; a++) now.noise[a] = now.change_ratio[a] = TSE_R(1);
   now.log_evidence = r_mul(LN_2, evidence);
   c->step++;
-  now.status = (int32_t)judge(p, f, &y, &k, &now);
+  now.status = (int32_t)judge_stiffness(p, f, &y, &k, &now);
   if (out) *out = now;
   return (tse_status)now.status;
 }

@@ -1,10 +1,10 @@
 /* paper/start.c - line Initialize: particles from the settings and the first sample;
- * their states alone after a gap. */
+ * after a gap, only their states. */
 #include "paper/paper.h"
 #include "number/random.h"
 
-/* Draw six standard normals for one particle, a function of seed, step and particle. */
-static void normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6])
+/* Draw six standard normals for a particle, as a function of seed, step and particle. */
+static void draw_normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6])
 {
   uint32_t a, b;
   for (uint32_t k = 0; k < 3; k++) {
@@ -13,26 +13,28 @@ static void normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6]
   }
 }
 
-static tse_real stiffness_bounded(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
+/* Clip a stiffness deviation to its limits. */
+static tse_real clip_stiffness(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
 
-static tse_real wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
+/* Return the mean of both wheel speeds [m/s]. */
+static tse_real average_wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
-/* Place the motion of particle i about vel_x, straight ahead, and the gyro.   Given: n
- * standard normals */
-static void place(
+/* Initialise the motion of particle i about vel_x, no lateral speed, and the gyro. Given:
+ * n  standard normals */
+static void place_particle(
     const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
 {
-  /* gyro less its bias where there is a sample, else straight ahead */
+  /* gyro less its bias, or 0 without a sample */
   const tse_real yaw_rate = r_mul(y->use[2], r_mul(p->sd[2], y->y[2] - f->p.bias[2][i]));
-  f->p.x[0][i] = vehicle_kept(vel_x + r_mul(p->x_sd0[0], n[0]), MOST_SPEED);
-  f->p.x[1][i] = vehicle_kept(r_mul(p->x_sd0[1], n[1]), MOST_SPEED);
-  f->p.x[2][i] = vehicle_kept(yaw_rate + r_mul(p->x_sd0[2], n[2]), MOST_YAW_RATE);
+  f->p.x[0][i] = vehicle_limit(vel_x + r_mul(p->x_sd0[0], n[0]), MAX_SPEED);
+  f->p.x[1][i] = vehicle_limit(r_mul(p->x_sd0[1], n[1]), MAX_SPEED);
+  f->p.x[2][i] = vehicle_limit(yaw_rate + r_mul(p->x_sd0[2], n[2]), MAX_YAW_RATE);
 }
 
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
-  const int32_t count = padded(p->particles);
-  const tse_real vel_x = p->vel_x_from_wheels ? wheel_speed(y) : p->vel_x0;
+  const int32_t count = pad_count(p->particles);
+  const tse_real vel_x = p->vel_x_from_wheels ? average_wheel_speed(y) : p->vel_x0;
   tse_start s = f->filter.start;
   if (!s.loaded) start_of_settings(p, &s);
   f->gamma = s.gamma;
@@ -41,13 +43,13 @@ void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y)
   for (int a = 0; a < 3; a++) f->bias_var[a] = s.bias_var[a];
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
-    normals(p, f->filter.step, i, n);
+    draw_normals(p, f->filter.step, i, n);
     for (int k = 0; k < 6; k++) f->p.lam[k][i] = s.lam[k];
     for (int a = 0; a < 3; a++) {
-      f->p.mu[a][i] = f->p.w[a][i] = stiffness_bounded(p, s.mu[a] + r_mul(s.mu_sd[a], n[3 + a]));
+      f->p.mu[a][i] = f->p.w[a][i] = clip_stiffness(p, s.mu[a] + r_mul(s.mu_sd[a], n[3 + a]));
       f->p.bias[a][i] = s.bias[a];
     }
-    place(p, f, y, i, vel_x, n);
+    place_particle(p, f, y, i, vel_x, n);
     f->p.logw[0][i] = TSE_R(0);
     f->weight[i] = i < p->particles ? TSE_R(1) : TSE_R(0);
   }
@@ -55,10 +57,10 @@ void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y)
 
 void paper_place(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
-  const int32_t count = padded(p->particles);
+  const int32_t count = pad_count(p->particles);
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
-    normals(p, f->filter.step, i, n);
-    place(p, f, y, i, wheel_speed(y), n);
+    draw_normals(p, f->filter.step, i, n);
+    place_particle(p, f, y, i, average_wheel_speed(y), n);
   }
 }

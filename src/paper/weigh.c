@@ -1,12 +1,12 @@
-/* paper/weigh.c - (22), (23): the log-likelihood of the sample, by particle. */
+/* paper/weigh.c - (22), (23): log-likelihood of the sample for each particle. */
 #include "paper/paper.h"
 
-#define LOG2_LEAST TSE_R(-120) /* log2, numerics: 2^-120 of the largest weight is no weight */
+#define MIN_LOG2_WEIGHT TSE_R(-120) /* log2, numerics: smaller relative weights are negligible */
 
-/* Return Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by
- * g(x) = g(x + 1) x/(x + 1/2). Relative error below 2e-7 times (6/x)^5: the first term
- * left out is 399/(262144 x^5) at x >= 6. */
-static tse_real gamma_ratio(tse_real x)
+/* Return Gamma(x + 1/2)/Gamma(x), x >= 2, by the asymptotic series at x + 4 and the
+ * recursion g(x) = g(x + 1) x/(x + 1/2). Relative error below 2e-7 (6/x)^5: the first
+ * neglected term is 399/(262144 x^5) at x >= 6. */
+static tse_real compute_gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
   for (int i = 0; i < 4; i++) {
@@ -22,34 +22,33 @@ static tse_real gamma_ratio(tse_real x)
   return r_mul(r_mul(r_sqrt(x), series), back);
 }
 
-/* Return log2 of the factor of the Student-t density that all particles share, dimension
- * d = samples used:
- *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |shared scales|^(-1/2), over the
- *   sensors' sd for SI units */
-static tse_real log2_common(const tse_params *p, const common *n, const sample *y)
+/* Return log2 of the common factor of the Student-t density, dimension d = channels used:
+ *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |common scales|^(-1/2),
+ * over the sensors' sd for SI units. */
+static tse_real compute_log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
   tse_real c = TSE_R(0);
-  if (y->used == 1) c = r_log2(gamma_ratio(half));
+  if (y->used == 1) c = r_log2(compute_gamma_ratio(half));
   if (y->used == 2) c = r_log2(half);
-  if (y->used == 3) c = r_log2(gamma_ratio(half)) + r_log2(half + TSE_R(0.5));
+  if (y->used == 3) c = r_log2(compute_gamma_ratio(half)) + r_log2(half + TSE_R(0.5));
   c = c
       - r_mul(
           r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
-  /* a missing channel's row of d is zero, so its factor of |S| is n->r: taken out again */
+  /* a missing channel has d = 0 and contributes the factor n->r to |S|: remove it */
   c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
 
-/* Add the log-likelihood of the sample to the logarithm of every weight. */
+/* Add the log-likelihood of the sample to every log-weight. */
 static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
-  const int32_t count = padded(p->particles);
+  const int32_t count = pad_count(p->particles);
   for (int32_t i = 0; i < count; i++) {
-    const innovation e = innovation_of(p, c, y, q, i);
+    const innovation e = compute_innovation(p, c, y, q, i);
     /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
     q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
         - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
@@ -61,7 +60,7 @@ tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sa
   const tse_real before = f->log_total;
   weigh_all(p, c, y, &f->p);
   const tse_real largest = paper_normalise(p, f);
-  return largest + f->log_total - before + log2_common(p, c, y);
+  return largest + f->log_total - before + compute_log2_common(p, c, y);
 }
 
 tse_real paper_normalise(const tse_params *p, tse_filter_paper *f)
@@ -75,13 +74,13 @@ tse_real paper_normalise(const tse_params *p, tse_filter_paper *f)
   for (int32_t i = n / TSE_LANES * TSE_LANES; i < n; i++) lane[0] = r_max(lane[0], logw[i]);
   tse_real largest = lane[0];
   for (int l = 1; l < TSE_LANES; l++) largest = r_max(largest, lane[l]);
-  const int32_t count = padded(n);
-  if (!r_is_finite(largest)) { /* no density was a number: the sample tells the particles nothing */
+  const int32_t count = pad_count(n);
+  if (!r_is_finite(largest)) { /* no density is finite: the sample has no information */
     for (int32_t i = 0; i < count; i++) logw[i] = TSE_R(0);
     largest = TSE_R(0);
   }
   for (int32_t i = 0; i < count; i++) {
-    logw[i] = r_max(logw[i] - largest, LOG2_LEAST);
+    logw[i] = r_max(logw[i] - largest, MIN_LOG2_WEIGHT);
     f->weight[i] = r_exp2(logw[i]);
   }
   for (int32_t i = n; i < count; i++) f->weight[i] = TSE_R(0);

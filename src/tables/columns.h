@@ -1,13 +1,17 @@
-/* tables/columns.h - every channel, output, status and reason once: lists that range checks, texts, tse_describe() and the FMUs make their
- * rows of.
+/* tables/columns.h - lists of all channels, outputs, status and reason codes. Range checks,
+ * texts, tse_describe() and the FMUs generate their rows from them.
  *   CHANNELS, VELOCITIES, PEDALS, ROADS
- *                                  ROW(name, 1 if it drives, least, most, unit, text)
- *   DRIVER                         ROW(name, default, least, most, unit, text): what the simulator's driver does
- *   OUTPUTS    NUMBER(name, member, unit, text), FLAG(name, member, text), CODE(name, member, its enumeration, text);
- *              STIFFNESS(name, member, its place in N or N/rad in an FMU, that unit, text); REASON(name, member, place of "valid", of what)
- *   STATUSES, REASON_CODES         ROW(name, word, text)
- *   REPLAY_START                   ROW(name, default, unit, text)
- *   TRUTHS     NUMBER, STIFFNESS, after the group of a column of the simulator
+ *                 ROW(name, 1 if it drives, min, max, unit, text)
+ *   DRIVER        ROW(name, default, min, max, unit, text): inputs of the simulator
+ *   OUTPUTS       NUMBER(name, member, unit, text)
+ *                 FLAG(name, member, text)
+ *                 CODE(name, member, enumeration, text)
+ *                 STIFFNESS(name, member, index of its N or N/rad output in an FMU, unit, text)
+ *                 REASON(name, member, index of "valid", subject)
+ *   STATUSES, REASON_CODES
+ *                 ROW(name, word, text)
+ *   REPLAY_START  ROW(name, default, unit, text)
+ *   TRUTHS        NUMBER, STIFFNESS as above; first argument: group of the simulator's column
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H
@@ -251,6 +255,6 @@
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 // clang-format on: end of table
 
-#define NO_COLUMN(...) /* for a list of the others */
+#define NO_COLUMN(...) /* skips a row */
 
 #endif

@@ -1,4 +1,5 @@
-/* tables/constants.h - rates, thresholds and sizes of the default filter, from constants.toml. Internal to the sources. */
+/* tables/constants.h - rates, thresholds and sizes of the default filter, from constants.toml.
+ * Internal to the sources. */
 #ifndef TABLES_CONSTANTS_H
 #define TABLES_CONSTANTS_H
 

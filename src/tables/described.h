@@ -1,11 +1,14 @@
-/* tables/described.h - rows of tse_describe(): every member, code and effect with unit and text. Written by scripts/dev/tables.py from
- * the tables of this folder. Part of host/describe.c: a controller that does not describe itself carries no texts. */
+/* tables/described.h - rows of tse_describe(): every member, code and effect with unit and
+ * text, generated from the tables of this folder by scripts/dev/tables.py. Part of
+ * host/describe.c, so that a controller that does not call it carries no texts. */
 #include "tables/columns.h"
 #include "tables/formula.h"
 #include "tables/settings.h"
 
-#define FIELD_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
-#define FIELD_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_config, name), def, lo, hi, "1", text },
+#define FIELD_REAL(fmu, name, def, exact, lo, hi, unit, text) \
+  { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
+#define FIELD_WHOLE(fmu, name, def, exact, lo, hi, unit, text) \
+  { #name, 'i', (int32_t)offsetof(tse_config, name), def, lo, hi, "1", text },
 static const tse_field config_fields[] = { SETTINGS(FIELD_REAL, FIELD_WHOLE) };
 
 static const tse_setting_row setting_rows[] = {
@@ -193,23 +196,30 @@ static const tse_setting_row setting_rows[] = {
 #undef FIELD_REAL
 #undef FIELD_WHOLE
 
-#define FIELD_ROW(name, drives, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
+#define FIELD_ROW(name, drives, lo, hi, unit, text) \
+  { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
 static const tse_field input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_input, dt), 0.0, 0.0, 3600.0, "s", "time since the previous row" },
   CHANNELS(FIELD_ROW)
-  { "missing", 'u', (int32_t)offsetof(tse_input, missing), 0.0, 1.0, -1.0, "", "bits of missing channels, in the order of the rows above" },
-  { "given", 'u', (int32_t)offsetof(tse_input, given), 0.0, 1.0, -1.0, "", "bits of what is measured, in the order of the rows below" },
+  { "missing", 'u', (int32_t)offsetof(tse_input, missing), 0.0, 1.0, -1.0, "",
+      "bits of missing channels, in the order of the rows above" },
+  { "given", 'u', (int32_t)offsetof(tse_input, given), 0.0, 1.0, -1.0, "",
+      "bits of what is measured, in the order of the rows below" },
   VELOCITIES(FIELD_ROW) PEDALS(FIELD_ROW) ROADS(FIELD_ROW)
 };
 
 #undef FIELD_ROW
-#define FIELD(of, name, kind, member, unit, text) { name, kind, (int32_t)offsetof(of, member), 0.0, 1.0, -1.0, unit, text },
+#define FIELD(of, name, kind, member, unit, text) \
+  { name, kind, (int32_t)offsetof(of, member), 0.0, 1.0, -1.0, unit, text },
 #define FIELD_NUMBER(name, member, unit, text) FIELD(tse_output, #name, 'r', member, unit, text)
 #define FIELD_FLAG(name, member, text) FIELD(tse_output, #name, 'i', member, "", text)
 #define FIELD_CODE(name, member, type, text) FIELD(tse_output, #name, 'i', member, "", text)
 #define FIELD_STIFFNESS(name, member, si, unit, text) FIELD(tse_output, #name, 'r', member, "1", text)
-#define FIELD_REASON(name, member, valid, what) FIELD(tse_output, #name "_valid", 'i', member, "", "0 valid, else the reason (tse_reason)")
-static const tse_field output_fields[] = { OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIELD_CODE, FIELD_STIFFNESS, FIELD_REASON) };
+#define FIELD_REASON(name, member, valid, what) \
+  FIELD(tse_output, #name "_valid", 'i', member, "", "0 valid, else the reason (tse_reason)")
+static const tse_field output_fields[] = {
+  OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIELD_CODE, FIELD_STIFFNESS, FIELD_REASON)
+};
 #undef FIELD_NUMBER
 #undef FIELD_STIFFNESS
 
@@ -219,11 +229,14 @@ static const tse_field status_fields[] = { STATUSES(CODED) };
 static const tse_field reason_fields[] = { REASON_CODES(CODED) };
 
 #if !defined(TSE_NO_EFFECTS)
-#define FIELD_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
-#define FIELD_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
+#define FIELD_REAL(fmu, name, def, exact, lo, hi, unit, text) \
+  { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
+#define FIELD_WHOLE(fmu, name, def, exact, lo, hi, unit, text) \
+  { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
 static const tse_field sim_config_fields[] = { SETTINGS_SIM(FIELD_REAL, FIELD_WHOLE) };
 
-#define FIELD_ROW(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
+#define FIELD_ROW(name, def, lo, hi, unit, text) \
+  { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
 static const tse_field sim_input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
   DRIVER(FIELD_ROW)
@@ -231,8 +244,10 @@ static const tse_field sim_input_fields[] = {
 
 #undef FIELD_ROW
 #define FIELD_ROW(name, drives, lo, hi, unit, text) FIELD(tse_sim_output, #name, 'r', row.name, unit, text)
-#define FIELD_NUMBER(group, name, member, unit, text) FIELD(tse_sim_output, #group "_" #name, 'r', member, unit, text)
-#define FIELD_STIFFNESS(group, name, member, si, unit, text) FIELD(tse_sim_output, #group "_" #name, 'r', member, "1", text ", relative to nominal")
+#define FIELD_NUMBER(group, name, member, unit, text) \
+  FIELD(tse_sim_output, #group "_" #name, 'r', member, unit, text)
+#define FIELD_STIFFNESS(group, name, member, si, unit, text) \
+  FIELD(tse_sim_output, #group "_" #name, 'r', member, "1", text ", relative to nominal")
 static const tse_field sim_output_fields[] = { CHANNELS(FIELD_ROW) TRUTHS(FIELD_NUMBER, FIELD_STIFFNESS) };
 #undef FIELD_ROW
 
@@ -263,7 +278,8 @@ static const tse_field replay_log_fields[] = {
   // clang-format on: end of table
 };
 
-#define FIELD_ROW(name, def, unit, text) { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
+#define FIELD_ROW(name, def, unit, text) \
+  { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
 static const tse_field replay_start_fields[] = { REPLAY_START(FIELD_ROW) };
 
 static const tse_field replay_out_fields[] = {
@@ -527,6 +543,8 @@ static const tse_effect_row effect_rows[] = {
   // clang-format on: end of table
 };
 
-#define PARAMETER_ROW(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, sign, from, to, negligible) \
-  { #effect, #parameter, #effect "_" #parameter, unit, text, strength, sign, exact, lo, hi, from, to, negligible },
+#define PARAMETER_ROW( \
+    REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, sign, from, to, negligible) \
+  { #effect, #parameter, #effect "_" #parameter, unit, text, \
+      strength, sign, exact, lo, hi, from, to, negligible },
 static const tse_effect_parameter effect_parameters[] = { EFFECT_PARAMETERS(PARAMETER_ROW, ) };

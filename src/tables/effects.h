@@ -1,11 +1,12 @@
-/* tables/effects.h - the effects of effects.toml: their bits, their constants. Internal to the sources. */
+/* tables/effects.h - bits and constants of the effects of effects.toml. Internal to the
+ * sources. */
 #ifndef TABLES_EFFECTS_H
 #define TABLES_EFFECTS_H
 
 #include "tse/real.h"
 
-/* Built without effects: a controller that wants the flash (CMake option TSE_EFFECTS). CONSTANT effects remain;
- * the others are refused by tse_config_check(). Then there is no simulator and no replay either. */
+/* A build without effects (CMake option TSE_EFFECTS) saves flash. It keeps CONSTANT effects;
+ * tse_config_check() refuses the others. It has no simulator and no replay. */
 enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
   // clang-format off: table effect_places
   TSE_EFFECT_mass, TSE_EFFECT_yaw_inertia, TSE_EFFECT_cg_shift, TSE_EFFECT_wheel_radius,
@@ -21,7 +22,7 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
   TSE_EFFECTS,
 };
 
-#define TSE_BIT_FORMULA 62  /* of the mask: a formula of the user, src/tables/formula.toml */
+#define TSE_BIT_FORMULA 62  /* bit of the mask: the user's formula, formula.toml */
 // clang-format off: table formula_limits
 #define TSE_FORMULA_OPS 33       /* operations of a program */
 #define FORMULA_STACK 8          /* values on the stack */
@@ -30,7 +31,8 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
 #define TSE_FORMULA_NUMBERS 8    /* numbers, formula_a .. */
 // clang-format on: end of table
 
-/* Constants, made by tse_prepare(). mask: bit TSE_EFFECT_<id> set when a strength of that effect is not zero. */
+/* Constants, made by tse_prepare(). mask: bit TSE_EFFECT_<id> is set if a strength of that
+ * effect is not zero. */
 typedef struct tse_effects {
   uint64_t mask;
 #if !defined(TSE_NO_EFFECTS)

@@ -1,4 +1,5 @@
-/* tables/formula.h - places and operations of a formula of the user, from formula.toml. Internal to the sources. */
+/* tables/formula.h - places and operations of a user's formula, from formula.toml. Internal to
+ * the sources. */
 #ifndef TABLES_FORMULA_H
 #define TABLES_FORMULA_H
 
@@ -12,7 +13,7 @@ enum {
   // clang-format on: end of table
 };
 
-/* Operations, by their kind: (name, code, operands that it takes, unit, text). */
+/* Operations by kind: (name, code, number of operands, unit, text). */
 // clang-format off: table formula_operations
 #define FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY) \
   NUMBER(a, 1, 0, "", "formula_a") \
@@ -58,12 +59,14 @@ enum {
 enum { FORMULA_OPERATIONS(FORMULA_CODE, FORMULA_CODE, FORMULA_CODE, FORMULA_CODE) };
 
 #if !defined(TSE_FORMULA) && !defined(TSE_NO_EFFECTS)
-/* Operands that each takes from the stack, and whether it remembers. */
+/* Number of operands of each operation, and whether it has memory. */
 #define FORMULA_TAKES(name, code, takes, unit, text) { code, takes, 0 },
 #define FORMULA_REMEMBERS(name, code, takes, unit, text) { code, takes, 1 },
 static const struct {
   uint8_t code, takes, memory;
-} formula_operations[] = { FORMULA_OPERATIONS(FORMULA_TAKES, FORMULA_TAKES, FORMULA_TAKES, FORMULA_REMEMBERS) };
+} formula_operations[] = {
+  FORMULA_OPERATIONS(FORMULA_TAKES, FORMULA_TAKES, FORMULA_TAKES, FORMULA_REMEMBERS)
+};
 #endif
 
 #endif

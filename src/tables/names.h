@@ -1,5 +1,6 @@
-/* tables/names.h - names of internal functions and arrays that several files share, with the number
- * format in them: builds of several formats can be linked into one program. Internal to the sources. */
+/* tables/names.h - names of internal functions and arrays that several files share. They
+ * contain the number format, so that builds of several formats can be linked into one
+ * program. Internal to the sources. */
 #ifndef TABLES_NAMES_H
 #define TABLES_NAMES_H
 
@@ -8,9 +9,16 @@
 // clang-format off: table internal_names
 /* estimator */
 #define align_row TSE_NAME(tse_align_row)
+#define check_latencies TSE_NAME(tse_check_latencies)
+#define find_active_effects TSE_NAME(tse_find_active_effects)
 #define input_decode TSE_NAME(tse_input_decode)
+#define prepare_latencies TSE_NAME(tse_prepare_latencies)
 #define report_start TSE_NAME(tse_report_start)
+#define setting_effects TSE_NAME(tse_setting_effects)
+#define setting_reals TSE_NAME(tse_setting_reals)
+#define setting_wholes TSE_NAME(tse_setting_wholes)
 #define start_of_settings TSE_NAME(tse_start_of_settings)
+#define unpack_formula TSE_NAME(tse_unpack_formula)
 /* filter */
 #define along_estimate TSE_NAME(tse_along_estimate)
 #define along_restart TSE_NAME(tse_along_restart)
@@ -88,7 +96,7 @@
 #define effects_settle TSE_NAME(tse_effects_settle)
 /* paper */
 #define paper_choose_ancestors TSE_NAME(tse_paper_choose_ancestors)
-#define paper_common_of TSE_NAME(tse_paper_common_of)
+#define paper_compute_common TSE_NAME(tse_paper_compute_common)
 #define paper_copy_particles TSE_NAME(tse_paper_copy_particles)
 #define paper_draw_stiffness TSE_NAME(tse_paper_draw_stiffness)
 #define paper_effective_size TSE_NAME(tse_paper_effective_size)

@@ -1,4 +1,5 @@
-/* tables/rows.h - what the tables of this folder are made of, and what is done with each row. Internal to the sources. */
+/* tables/rows.h - row types of the tables in this folder, and functions on rows. Internal to
+ * the sources. */
 #ifndef TABLES_ROWS_H
 #define TABLES_ROWS_H
 
@@ -6,7 +7,7 @@
 
 #include "tse/input.h"
 
-/* A member of a struct of settings: its place in bytes, default and range. */
+/* A setting: name, offset in its struct, default and range. */
 typedef struct real_row {
   const char *name;
   uint16_t at;
@@ -19,7 +20,8 @@ typedef struct whole_row {
   int32_t def, lo, hi;
 } whole_row;
 
-/* A channel: drives 1 is refused out of its range, 0 is missing there. */
+/* A channel. A row with a value out of range is refused if drives is 1; if 0, the value is
+ * missing. */
 typedef struct channel_row {
   const char *name;
   uint16_t at;
@@ -41,21 +43,30 @@ static inline int32_t whole_at(const void *settings, const whole_row *row)
   return x;
 }
 
-static inline void set_defaults(void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
+static inline void set_defaults(
+    void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
 {
   for (int i = 0; i < reals; i++) memcpy((uint8_t *)settings + real[i].at, &real[i].def, sizeof real[i].def);
-  for (int i = 0; i < wholes; i++) memcpy((uint8_t *)settings + whole[i].at, &whole[i].def, sizeof whole[i].def);
+  for (int i = 0; i < wholes; i++)
+    memcpy((uint8_t *)settings + whole[i].at, &whole[i].def, sizeof whole[i].def);
 }
 
-/* Return whether a setting is within its range, or the default, which may stand for one that is not set. */
-static inline int real_holds(const real_row *row, tse_setting x) { return (x >= row->lo && x <= row->hi) || x == row->def; /* NaN is outside */ }
+/* Return whether a setting is within its range, or is the default, which may mean "not
+ * set". NaN is out of range. */
+static inline int real_holds(const real_row *row, tse_setting x)
+{
+  return (x >= row->lo && x <= row->hi) || x == row->def;
+}
 
-/* The first setting that is outside its range, in the order of the members; NULL: none. */
-static inline const char *first_outside(const void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
+/* Return the name of the first setting out of range, in the order of the members, or NULL. */
+static inline const char *first_outside(
+    const void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
 {
   int r = 0, w = 0;
   while (r < reals && real_holds(&real[r], real_at(settings, &real[r]))) r++;
-  while (w < wholes && whole_at(settings, &whole[w]) >= whole[w].lo && whole_at(settings, &whole[w]) <= whole[w].hi) w++;
+  while (w < wholes && whole_at(settings, &whole[w]) >= whole[w].lo
+      && whole_at(settings, &whole[w]) <= whole[w].hi)
+    w++;
   if (r == reals) return w == wholes ? NULL : whole[w].name;
   return w == wholes || real[r].at < whole[w].at ? real[r].name : whole[w].name;
 }

@@ -1,9 +1,11 @@
-/* tables/settings.h - every setting once: lists that settings, tse_describe() and the FMUs make their rows of.
- *   REAL, WHOLE(name in an FMU, member, default, exact, least, most, unit, text)
- *   EFFECT_PARAMETERS   ROW(REAL as it was given, effect, parameter, default, exact, least, most, unit, text, strength, sign, typical from,
- *                       to, negligible): the last as in tse_effect_parameter
- * default: of an ordinary car; exact: of one that is known exactly, without effects (tse_config_exact()).
- * Internal to the sources. */
+/* tables/settings.h - lists of all settings. Settings, tse_describe() and the FMUs generate
+ * their rows from them.
+ *   REAL, WHOLE(name in an FMU, member, default, exact, min, max, unit, text)
+ *   EFFECT_PARAMETERS  ROW(REAL, effect, parameter, default, exact, min, max, unit, text,
+ *                      strength, sign, typical min, typical max, negligible);
+ *                      the last five as in tse_effect_parameter
+ * default: of an ordinary car; exact: of a car whose parameters are known exactly, without
+ * effects (tse_config_exact()). Internal to the sources. */
 #ifndef TABLES_SETTINGS_H
 #define TABLES_SETTINGS_H
 
@@ -422,6 +424,6 @@
   SETTINGS_ROAD(REAL, WHOLE)                                                                            \
   SETTINGS_EFFECTS(REAL, WHOLE) SETTINGS_FORMULA(REAL, WHOLE) SETTINGS_FILTER(REAL, WHOLE)
 
-#define NO_ROW(fmu, name, def, exact, lo, hi, unit, text) /* for a list of the others */
+#define NO_ROW(fmu, name, def, exact, lo, hi, unit, text) /* skips a row */
 
 #endif

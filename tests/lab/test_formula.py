@@ -580,7 +580,8 @@ def test_a_formula_without_signals_is_a_constant():
 
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = "model/integrator.c", "estimator/prepare.c", "host/replay.c"
+PREPARE = "estimator/settings.c", "estimator/latencies.c", "estimator/prepare.c"
+SOURCES = "model/integrator.c", *PREPARE, "host/replay.c"
 PROGRAM = r"""
 #include <stdio.h>
 #include "tse/replay.h"

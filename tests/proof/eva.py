@@ -48,12 +48,12 @@ SHORT = ["learnt"]  # for the tests
 # What these refuse is told apart. Of what stands in a header with a suffix for its format, that is the star.
 REFUSE = [
     "tse_input_check_*", "tse_input_decode_*", "tse_row_decode_*", "tse_align_row_*", "tse_config_check_*", "first_outside",
-    "tse_prepare_*", "latencies_fit",
+    "tse_prepare_*", "tse_check_latencies_*",
 ]  # fmt: skip
 FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
     "tse_step_row_*": 2, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
-    "tse_row_decode_*": 8, "first_outside": 400, "vehicle_fingerprint": 400, "mix_effect": 60,
-    "tse_config_check_*": 8, "latencies_fit": 8, "tse_prepare_*": 8, "prove_prepare": 8,
+    "tse_row_decode_*": 8, "first_outside": 400, "compute_vehicle_fingerprint": 400, "mix_effect": 60,
+    "tse_config_check_*": 8, "tse_check_latencies_*": 8, "tse_prepare_*": 8, "prove_prepare": 8,
 }  # fmt: skip
 # TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
 # TSE_FIXED_CALLS: product, quotient and root are functions; those of eva.c, which give any result.

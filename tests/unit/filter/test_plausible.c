@@ -399,7 +399,8 @@ static void test_axles_that_are_exchanged_show_in_bends_whatever_is_driven(void)
       u.yaw_rate = real(r), u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_steer_angle;
       check_agreement(&p, &k, &u, real(0.01), 0);
     }
-    TEST_ASSERT_EQUAL_INT(exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, find_implausible_channel(&k, &factor));
+    TEST_ASSERT_EQUAL_INT(
+        exchanged ? 1 + TSE_CHANNEL_wheel_speed_front : 0, find_implausible_channel(&k, &factor));
     TEST_ASSERT_TRUE(factor == TSE_R(0));
   }
 }

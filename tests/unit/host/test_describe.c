@@ -186,7 +186,7 @@ static void test_simulator_names_lead_to_their_members(void)
   }
 }
 
-/* Ranges are those that the library enforces. For settings test_prepare.c and
+/* Ranges are those that the library enforces. For settings test_settings.c and
  * test_simulate.c check this, for rows test_input.c and test_simulate.c. */
 
 /* --------------------------------------------------------------------------------- statuses and reasons */

@@ -70,7 +70,7 @@ static void expect_numbers(const tse_output *y, const char *what)
 {
   TEST_ASSERT_TRUE_MESSAGE(outputs_are_finite(y), what);
   TEST_ASSERT_TRUE_MESSAGE(
-      fabs(number(y->yaw_rate)) <= 3 * number(MOST_YAW_RATE), what); /* with the shifts of undecided events */
+      fabs(number(y->yaw_rate)) <= 3 * number(MAX_YAW_RATE), what); /* with the shifts of undecided events */
 }
 
 static void go_through_wild_rows(const char *what, int rows, uint32_t *seed)
@@ -181,8 +181,8 @@ static void row_held(tse_short *at, size_t bytes, const char *what)
   static const struct {
     tse_short value;
     tse_status status;
-  } row[] = { { -SHORT_MOST, TSE_OK }, { SHORT_MOST - 1, TSE_OK }, { -SHORT_MOST - 1, TSE_E_STATE },
-    { SHORT_MOST, TSE_E_STATE } };
+  } row[] = { { -MAX_SHORT, TSE_OK }, { MAX_SHORT - 1, TSE_OK }, { -MAX_SHORT - 1, TSE_E_STATE },
+    { MAX_SHORT, TSE_E_STATE } };
   for (size_t i = 0; i < bytes / sizeof *at; i++) {
     const tse_short was = at[i];
     for (int k = 0; k < ROWS(row); k++) {
@@ -288,8 +288,8 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
   TEST_ASSERT_TRUE(forged.filter.waiting.count > 3);
   WHOLE(filter.waiting.count, 0, TSE_LATENCY_ROWS);
   WHOLE(filter.waiting.newest, 0, TSE_LATENCY_ROWS - 1);
-  HELD(filter.waiting.since, TSE_R(0), LONGEST_DT);
-  HELD(filter.waiting.unkept, TSE_R(0), LONGEST_DT);
+  HELD(filter.waiting.since, TSE_R(0), MAX_DT);
+  HELD(filter.waiting.unkept, TSE_R(0), MAX_DT);
   HELD(filter.waiting.before, TSE_R(0), p.max_gap + p.latency_least);
   for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
     for (int k = 0; k < TSE_CHANNELS; k++)
@@ -323,7 +323,7 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   ANY_SIGN(filter.k.agreement.smooth);
   NOT_NEGATIVE(filter.k.agreement.since);
   HELD(filter.k.agreement.moved, TSE_R(0), MOST_SQUARE);
-  WHOLE(filter.k.agreement.apart, 0, (1 << (TSE_PAIRS + 3)) - 1);
+  WHOLE(filter.k.agreement.apart, 0, (1 << (TSE_PAIRS + 3)) - 1); /* pairs, then LATE_ACCEL ... */
   WHOLE(filter.k.agreement.off_scale, 0, 1);
   for (int c_ = 0; c_ < TSE_PAIRS; c_++) {
     NOT_NEGATIVE(filter.k.agreement.pair[c_].time);

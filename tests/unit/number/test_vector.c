@@ -41,10 +41,10 @@ static void test_a_number_of_a_row_is_the_nearest_and_stops(void)
           STEP / 16 + RELATIVE * fabs(x), "scaled", n);
   }
 #if defined(TSE_REAL_FIXED)
-  const double most = number_of(SHORT_MOST - 1);
+  const double most = number_of(MAX_SHORT - 1);
   expect_near(most, number_of(short_of(1e5)), 1, "stops, with any digits behind the point", 0);
   expect_near(-most, number_of(short_of(-1e5)), 1, "stops below", 0);
-  expect_near(most, number_of(r_short_sum(SHORT_MOST - 1, SHORT_MOST - 1)), 0, "a sum stops", 0);
+  expect_near(most, number_of(r_short_sum(MAX_SHORT - 1, MAX_SHORT - 1)), 0, "a sum stops", 0);
 #endif
 }
 

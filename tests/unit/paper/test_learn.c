@@ -49,7 +49,7 @@ static void fill(const tse_params *p, const update_case *c, uint32_t step)
   memset(&f, 0, sizeof f);
   f.filter.step = step, f.nu = real(c->prior.nu), f.gamma = real(c->prior.gamma);
   for (int a = 0; a < 3; a++) f.bias_var[a] = real(c->prior.bias_var[a]);
-  for (int32_t i = 0; i < padded(p->particles); i++) {
+  for (int32_t i = 0; i < pad_count(p->particles); i++) {
     f.weight[i] = TSE_R(1);
     for (int a = 0; a < 3; a++) {
       f.p.x[a][i] = real(c->q.x[a]), f.p.mu[a][i] = real(c->q.mu[a]);
@@ -62,7 +62,7 @@ static void fill(const tse_params *p, const update_case *c, uint32_t step)
 /* As in paper_update(). */
 static void learn(const tse_params *p, const sample *y)
 {
-  const common c = paper_common_of(p, &f, y);
+  const common c = paper_compute_common(p, &f, y);
   paper_draw_stiffness(p, &f, y, &c);
   paper_update_statistics(p, &f);
   paper_update_bias(p, &f, y, &c);

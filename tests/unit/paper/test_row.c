@@ -398,7 +398,7 @@ static double fuzzed(uint32_t *state, double plausible, double most, int wildnes
 /* States of every particle, and so the estimates, are those of a car. */
 static void expect_bounded(const tse_output *y, int row)
 {
-  for (int32_t i = 0; i < padded(p.particles); i++)
+  for (int32_t i = 0; i < pad_count(p.particles); i++)
     if (!(fabs(number(f.p.x[0][i])) <= 200.0 && fabs(number(f.p.x[1][i])) <= 200.0
             && fabs(number(f.p.x[2][i])) <= 20.0))
       expect_near(0.0, number(f.p.x[2][i]), 20.0, "a state beyond any car", row);

@@ -76,7 +76,7 @@ static void fill(const tse_params *p, const weigh_case *c)
 
 static tse_real weighed(const tse_params *p, const sample *y) /* as paper_update() calls it */
 {
-  const common c = paper_common_of(p, &f, y);
+  const common c = paper_compute_common(p, &f, y);
   return paper_update_weights(p, &f, y, &c);
 }
 

@@ -1,0 +1,191 @@
+/* estimator/settings.c - settings: defaults, values of the vehicle class, check. */
+#include "estimator/settings.h"
+#include "tables/config_rows.h"
+
+const real_row setting_reals[REALS] = { SETTINGS(CONFIG_REAL, NO_ROW) };
+const whole_row setting_wholes[WHOLES] = { SETTINGS(NO_ROW, CONFIG_WHOLE) };
+const effect_row setting_effects[COUNT_EFFECTS] = { EFFECT_PARAMETERS(EFFECT_OF, ) };
+
+void tse_config_default(tse_config *c)
+{
+  if (c) set_defaults(c, setting_reals, REALS, setting_wholes, WHOLES);
+}
+
+void tse_config_exact(tse_config *c)
+{
+  if (!c) return;
+  tse_config_default(c);
+  for (size_t i = 0; i < sizeof exact / sizeof exact[0]; i++)
+    memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
+}
+
+/* Return a stiffness: the setting, or that of the vehicle class for the axle's load.
+ *   Given:  share       stiffness over load
+ *           other_axle  [m] distance of the other axle from the centre of gravity */
+static tse_setting choose_stiffness(
+    const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
+{
+  const tse_setting mass = c->mass > 0 ? c->mass : TSE_S(CLASS_MASS);
+  const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(mass, c->lf + c->lr));
+  return as_set > 0 ? as_set : r_mul(share, r_mul(weight, other_axle));
+}
+
+static tse_setting cornering_front(const tse_config *c)
+{
+  return choose_stiffness(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr);
+}
+static tse_setting cornering_rear(const tse_config *c)
+{
+  return choose_stiffness(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf);
+}
+static tse_setting longitudinal_front(const tse_config *c)
+{
+  return choose_stiffness(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr);
+}
+static tse_setting longitudinal_rear(const tse_config *c)
+{
+  return choose_stiffness(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf);
+}
+
+void tse_config_complete(tse_config *c)
+{
+  if (!c) return;
+  c->longitudinal_stiffness_front = longitudinal_front(c);
+  c->longitudinal_stiffness_rear = longitudinal_rear(c);
+  c->cornering_stiffness_front = cornering_front(c);
+  c->cornering_stiffness_rear = cornering_rear(c);
+  if (!(c->mass > 0)) {
+    c->mass = TSE_S(CLASS_MASS);
+    if (c->mass_sd < TSE_S(CLASS_MASS_SD)) c->mass_sd = TSE_S(CLASS_MASS_SD);
+  }
+  if (!(c->yaw_inertia > 0)) c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
+}
+
+void tse_config_paper(tse_config *c)
+{
+  if (!c) return;
+  tse_config_exact(c);
+  c->form = 1;
+  c->exact_kinematics_share = TSE_S(0); /* (1)-(4) for a simulation of the paper's car */
+  c->initial_spread = TSE_S(0.3);       /* "30 %" taken as the sd of the mean and as the spread */
+  c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
+  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
+  c->stiffness_max = TSE_S(20); /* the upper limit of the setting: w is free */
+}
+
+void tse_config_robust(tse_config *c)
+{
+  if (!c) return;
+  tse_config_exact(c);
+  c->form = 1;
+  c->exact_kinematics_share = TSE_S(0);
+  c->integration = 1;
+  c->initial_vel_y_sd = TSE_S(1);
+  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
+  c->reflect_draws = 1;
+  c->forgetting = TSE_S(0.998);
+  c->forgetting_mean = TSE_S(0.98);
+  c->forgetting_change = TSE_S(0.9);
+  c->initial_spread = TSE_S(0.15);
+  c->spread_max = TSE_S(0.7);
+  c->spread_kernel = TSE_S(0.03);
+}
+
+void tse_stiffness_si(
+    const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
+{
+  if (!c || !y) return;
+  const tse_setting nominal[3] = { longitudinal_front(c), cornering_front(c), cornering_rear(c) };
+  for (int i = 0; i < 3; i++) {
+    if (mean) mean[i] = r_mul(nominal[i], r_to_setting(y->stiffness[i]));
+    if (sd) sd[i] = r_mul(nominal[i], r_to_setting(y->stiffness_sd[i]));
+    if (spread) spread[i] = r_mul(nominal[i], r_to_setting(y->stiffness_spread[i]));
+  }
+}
+
+/* Return whether a formula of the user is active: it has a program and a gain. */
+static int has_formula(const tse_config *c)
+{
+#if defined(TSE_FORMULA)
+  const int there = 1;
+#else
+  const int there = (c->formula_code_1 & 0xff) != 0;
+#endif
+  return there && (c->formula_gain < 0 || c->formula_gain > 0);
+}
+
+uint64_t find_active_effects(const tse_config *c)
+{
+  uint64_t mask = 0;
+  for (int i = 0; i < COUNT_EFFECTS; i++) {
+    const tse_setting x = real_at(c, &setting_reals[FIRST_EFFECTS + i]);
+    if (setting_effects[i].strength && (x < 0 || x > 0)) mask |= (uint64_t)1 << setting_effects[i].effect;
+  }
+  if (has_formula(c)) mask |= (uint64_t)1 << TSE_BIT_FORMULA;
+  return mask;
+}
+
+#if !defined(TSE_NO_EFFECTS)
+void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
+{
+  for (int k = 0; k < TSE_FORMULA_OPS; k++)
+    code[k] = (uint8_t)(((uint32_t)whole_at(c, &setting_wholes[FIRST_WHOLE_FORMULA + 1 + k / 3])
+                            >> (8 * (k % 3)))
+        & 0xffu);
+}
+
+/* Return whether a formula ends with one value and fits stack and memory. */
+static int formula_fits(const tse_config *c)
+{
+#if defined(TSE_FORMULA) /* compiled in: no program in the settings */
+  return !(c->formula_code_1 || c->formula_place);
+#else
+  uint8_t code[TSE_FORMULA_OPS];
+  int depth = 0, memories = 0, late = 0;
+  unpack_formula(c, code);
+  for (int k = 0; k < TSE_FORMULA_OPS && code[k]; k++) {
+    int takes = -1;
+    for (size_t i = 0; i < sizeof formula_operations / sizeof formula_operations[0]; i++)
+      if (formula_operations[i].code == code[k]) {
+        takes = formula_operations[i].takes;
+        memories += formula_operations[i].memory;
+      }
+    late += code[k] == FORMULA_OP_late;
+    if (takes < 0 || takes > depth) return 0;
+    depth += 1 - takes;
+    if (depth > FORMULA_STACK) return 0;
+  }
+  return depth == 1 && memories <= TSE_FORMULA_MEMORIES && late <= FORMULA_LATE;
+#endif
+}
+#endif
+
+/* Return the first setting whose value of the vehicle class is out of range, or NULL. */
+static const char *find_outside_of_class(const tse_config *c)
+{
+  tse_config whole = *c;
+  tse_config_complete(&whole);
+  return first_outside(&whole, setting_reals, REALS, setting_wholes, WHOLES);
+}
+
+tse_status tse_config_check(const tse_config *c, const char **wrong)
+{
+  if (!c) return TSE_E_NULL;
+  const char *name = first_outside(c, setting_reals, REALS, setting_wholes, WHOLES);
+  if (!name) name = find_outside_of_class(c);
+  if (name) {
+    if (wrong) *wrong = name;
+    return TSE_E_CONFIG;
+  }
+  const int formula_is_active = (int)(find_active_effects(c) >> TSE_BIT_FORMULA & 1u);
+#if defined(TSE_NO_EFFECTS)
+  const int formula_fine = !formula_is_active; /* such a build has no formulas */
+#else
+  const int formula_fine = !formula_is_active || formula_fits(c);
+#endif
+  if (!formula_fine) {
+    if (wrong) *wrong = "formula_code_1";
+    return TSE_E_CONFIG;
+  }
+  return check_latencies(c, wrong);
+}
