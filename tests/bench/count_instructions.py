@@ -1,7 +1,8 @@
-"""Instructions per particle and step, counted by valgrind: the number that must not regress.
+"""Count the instructions per particle and step with valgrind, and compare with a limit.
 
-A wall clock cannot tell on a shared machine; a count can. The limit is wide enough for another compiler version, and
-too tight for a learning pass that no longer becomes vector code (2000 and more).
+Instructions are counted because the wall clock of a shared machine is too noisy. The
+limit leaves room for another compiler version. A learning pass that is no longer
+vectorised (2000 instructions and more) exceeds it.
 """
 
 import shutil

@@ -1,4 +1,7 @@
-"""Fixtures of the tests of the FMUs; what they share else is in fmu_support.py, because there is another conftest."""
+"""Fixtures of the FMU tests; their functions are in fmu_support.py.
+
+Functions in a conftest could not be imported: tests/lab has a conftest, too.
+"""
 
 import pytest
 from fmu_support import ESTIMATOR, MODELS, VEHICLE, Unit, unit

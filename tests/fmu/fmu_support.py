@@ -1,4 +1,7 @@
-"""What the tests of the FMUs share: building them, one instance through FMPy, the same drive through FMU and C library."""
+"""Shared by the FMU tests: build the FMUs, run them through FMPy, replay a drive.
+
+The same drive runs through an FMU and through the C library.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +63,10 @@ def headers(fmi: str = "2") -> Path:
 
 @functools.cache
 def build(folder: str = "fmu", *options: str) -> Path:
-    """Build the FMUs with the preset fmu; only what changed is built again.   Returned: the folder of the .fmu files."""
+    """Build the FMUs with the preset fmu, and return the folder of the .fmu files.
+
+    Only what changed is built again.
+    """
     where = ROOT / "build" / folder
     with lock_file(lock_of(where)):  # of other processes that test, and of `tselab fmu build`
         _build(where, *options)
@@ -91,7 +97,10 @@ class Unit:
         self.guid, self.identifier = self.description.guid, self.description.coSimulation.modelIdentifier
 
     def code(self, name: str) -> str:
-        """A variable as tests/fmu/client.c takes it: r12. Of FMI 2.0 the functions of Integer read an Enumeration."""
+        """Return a variable's code for tests/fmu/client.c, such as r12.
+
+        FMI 2.0 reads an Enumeration with the functions of Integer.
+        """
         v = self.variables[name]
         if v.type == "Enumeration" and self.description.fmiVersion.startswith("2"):
             return f"i{v.valueReference}"
@@ -128,7 +137,10 @@ def unit(model: str, folder: str = "fmu") -> Unit:
 
 
 class Instance:
-    """One instance, variables by name. `log` holds what it said: (instance, status, category, text)."""
+    """One instance, with variables by name.
+
+    `log` holds its messages: (instance, status, category, text).
+    """
 
     def __init__(self, of: Unit, name: str = "one", *, guid: str | None = None, logging: bool = False):
         self.unit, self.log = of, []
@@ -157,7 +169,11 @@ class Instance:
         self.free()
 
     def free(self) -> None:
-        """Not FMPy's freeInstance(), which unloads the library below other instances' states."""
+        """Free the instance.
+
+        FMPy's freeInstance() unloads the library, which states of other instances still
+        need.
+        """
         if self.open:
             self.slave.fmi2FreeInstance(self.slave.component)
             self.open = False
@@ -325,7 +341,7 @@ class Log:
 
 
 def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
-    """Settings under the estimator's names; what is not among them is as in tse_config_exact()."""
+    """Return tse_config_exact() with these settings, under the estimator's names."""
     known = {
         n.partition(".")[2].replace(".", "_"): n
         for n, v in of.variables.items()

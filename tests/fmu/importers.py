@@ -1,9 +1,13 @@
-"""Validators, and programs that import FMUs: each client does the same run, of which FMPy's is the reference.
+"""Validate the FMUs, and run them in programs that import FMUs; FMPy is the reference.
 
-    .venv/bin/python tests/fmu/importers.py      the FMUs of all platforms, built and looked at: tables of scripts/results
+    .venv/bin/python tests/fmu/importers.py
 
-The run: steps of 1/128 s, so that time is exact however a client counts it, with inputs that change at every step. A client has a
-process of its own: one that crashes is a finding, no more. What is not installed is said, and no finding.
+builds the FMUs of all platforms, checks them and writes the tables of scripts/results.
+
+All clients do the same run. Its steps of 1/128 s are exact in binary, so every client has
+the same time, however it counts. Inputs change at every step. Each client has a process
+of its own, so that a crash is recorded as a finding. A client that is not installed is
+listed as such and counts as no finding.
 """
 
 import ctypes
@@ -92,7 +96,10 @@ def _fmutool(fmu: Path) -> Verdict:
 
 
 def _schema(fmu: Path, of_3: bool) -> Verdict:
-    """The standard's own XML schemas, which the toolbox carries. FMI 2.0.5 takes some files of FMI 3.0."""
+    """Check against the standard's XML schemas, which the toolbox carries.
+
+    FMI 2.0.5 takes some files of FMI 3.0.
+    """
     verdict = Verdict("XML schema", "FMI 3.0.2" if of_3 else "FMI 2.0.4")
     folder = Path(find_spec(TOOLBOX).submodule_search_locations[0]) / "resources"
     schemas = {
@@ -110,7 +117,8 @@ def _schema(fmu: Path, of_3: bool) -> Verdict:
     return verdict
 
 
-# ---- VDMCheck: a formal model of the standard. A program under the GPL: run where it is, never part of tse.
+# ---- VDMCheck: a formal model of the standard. It is under the GPL, so it is run where
+# it is installed, and is never part of tse.
 
 VDMCHECK = "1.1.3"
 POM = f"""<project xmlns="http://maven.apache.org/POM/4.0.0">
@@ -193,8 +201,11 @@ def run_fmpy(of: Unit) -> list[list[float]]:
 
 
 def load_tbb() -> None:
-    """Load libtbb.so.12, which the library of ecos needs and does not bring: that of the Python package tbb, else that
-    of the system. Raises OSError where there is none."""
+    """Load libtbb.so.12, which the library of ecos needs and does not bring.
+
+    That of the Python package tbb is preferred to that of the system. Raises OSError
+    where there is neither.
+    """
     of_package = Path(sys.prefix) / "lib" / TBB
     ctypes.CDLL(str(of_package) if of_package.is_file() else TBB, mode=ctypes.RTLD_GLOBAL)
 
@@ -379,7 +390,10 @@ def validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
 
 
 def clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
-    """Largest difference to FMPy per client and FMU; what was skipped everywhere is not in it."""
+    """Tabulate the largest difference to FMPy per client and FMU.
+
+    A variable that every client skips is left out.
+    """
     ran = {n: {r.client: r for r in rows if r.ran} for n, rows in found.items()}
     table = []
     for name, number in {r.client: r.version for rows in ran.values() for r in rows.values()}.items():
@@ -388,7 +402,7 @@ def clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
 
 
 def main() -> int:
-    """Without arguments: everything. CLIENT FMU RESULT: what the process of a client does."""
+    """Run everything; with CLIENT FMU RESULT, run one client in this process."""
     if len(sys.argv) == 4:
         client, fmu, result = sys.argv[1:]
         with tempfile.TemporaryDirectory() as folder:

@@ -1,6 +1,8 @@
-"""The paper's study through both FMUs connected: scripts/results/fmu.png, and its table. The same bytes every time.
+"""Run the paper's study through both FMUs connected; write its picture and table.
 
-.venv/bin/python tests/fmu/pictures.py
+    .venv/bin/python tests/fmu/pictures.py
+
+The files, scripts/results/fmu.png and its table, have the same bytes every time.
 """
 
 import numpy as np
@@ -19,8 +21,10 @@ START = 0.7  # of nominal
 
 
 def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Square waves in steering and torque; estimates, truth and log, row by row. The estimate of a row is what the estimator
-    puts out at the next communication point."""
+    """Return estimates, truth and log of square waves in steering and torque, row by row.
+
+    The estimate of a row is the estimator's output at the next communication point.
+    """
     made = [f"estimate.{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_valid")]
     true = ["true.vel_x", *(f"true.{s}" for s in STIFFNESS)]
     start = {f"filter.initial_{s}": START for s in STIFFNESS} | {

@@ -1,4 +1,4 @@
-"""The FMUs of FMI 3.0: what they say is what those of 2.0 say, and more; what they compute has the same bits, everywhere."""
+"""The FMUs of FMI 3.0 describe all that those of 2.0 do, and compute the same bits."""
 
 import re
 import shutil

@@ -1,4 +1,7 @@
-"""modelDescription.xml against the tables of the core; scripts/results/fmu_variables.md has the GUID, a hash of all of it."""
+"""modelDescription.xml agrees with the tables of the core.
+
+scripts/results/fmu_variables.md has the GUID, which is a hash of the whole description.
+"""
 
 import hashlib
 import html
@@ -55,7 +58,7 @@ def xml_of(model: str) -> str:
 
 
 def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -> None:
-    """So it changes when anything changes, and is equal in every build of the same description."""
+    """Every change changes the GUID; every build of a description has the same one."""
     text = xml_of(model.identifier)
     assert text.count(model.guid) == 1
     assert model.guid == "{" + str(uuid.uuid5(NAMESPACE, text.replace(model.guid, "@GUID@"))) + "}"
@@ -64,7 +67,10 @@ def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -
 
 
 def test_saved_states_belong_to_the_sources(model: Unit) -> None:
-    """The frame of a state holds a hash of this: another version with the same description refuses it."""
+    """The frame of a state holds this hash.
+
+    A version with the same description and other sources refuses the state.
+    """
     folder = model.folder / "sources"
     files = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.suffix in (".c", ".h"))
     files.remove("fmu_guid.h")
@@ -142,7 +148,10 @@ OF_THE_FMU = {
 
 
 def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
-    """The row of the library's tables that a variable is of, and its unit there; None: it is of the FMU alone."""
+    """Return a variable's row of the library's tables and its unit there.
+
+    Return None for a variable of the FMU alone.
+    """
     if model == ESTIMATOR:
         columns, prefix = (
             library().fields(INPUT if causality == "input" else OUTPUT),
@@ -167,7 +176,10 @@ def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str
 
 
 def test_variables_are_those_of_the_tables(model: Unit) -> None:
-    """Name, type, unit, range, start and text, in the order of the tables, which value references follow."""
+    """Name, type, unit, range, start and text agree.
+
+    The order is that of the tables, since value references follow it.
+    """
     own, order, known = set(), {}, Config.exact()
     for v in model.description.modelVariables:
         field, unit_there = of_library(v.name, v.causality, model.identifier)
@@ -225,8 +237,8 @@ def test_archive_holds_what_a_user_looks_for(model: Unit) -> None:
         assert (model.folder / name).is_file(), name
 
 
-# ---- The FMUs' documentation/index.html is complete and self-contained; its examples, and those of the guide, run and say
-# what the text says.
+# ---- The FMUs' documentation/index.html is complete and self-contained. Its examples and
+# those of the guide run and print what the text claims.
 
 
 @pytest.fixture(scope="session")
@@ -361,7 +373,7 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
 
 
 def test_the_guides_system_runs(built, tmp_path):
-    """FMPy does not apply the parameters that a system sets; a guide that hands them over may expect more."""
+    """FMPy ignores a system's parameters, so the guide must hand them over."""
     code = guide_examples()[1]
     said = run(code, tmp_path, built / "StiffnessStudy.ssp").split()
     assert float(said[-2]) == pytest.approx(float(said[-1]), rel=0.05 if "calibrated" in code else 0.3)

@@ -1,4 +1,7 @@
-"""FMPy's own ways: simulate_fmu() as a user calls it, and compiling what is in sources/; other validators and clients."""
+"""The FMUs in importers: simulate_fmu() as a user calls it, validators and other clients.
+
+FMPy also compiles the content of sources/.
+"""
 
 import functools
 import os
@@ -48,8 +51,12 @@ STOP = 2.0
 def test_simulation_at_defaults(
     model: Unit, step_size: float, every: int, capfd: pytest.CaptureFixture
 ) -> None:
-    """Nothing set, nothing said, to the stop time; outputs are numbers, and a second run gives the same ones. (What is said
-    is read where FMPy prints it: of several `logger=` in one process it calls the last, also after it is gone.)"""
+    """A run with nothing set reaches the stop time without a message.
+
+    Outputs are numbers, and a second run gives the same ones. Messages are read where
+    FMPy prints them, since with several `logger=` in one process FMPy calls the last,
+    also after it is gone.
+    """
     results = [
         simulate_fmu(str(model.fmu), stop_time=STOP, step_size=step_size, output_interval=every * step_size,
                      output=model.outputs)
@@ -64,7 +71,10 @@ def test_simulation_at_defaults(
 
 
 def table_of_drive(rows: int) -> np.ndarray:
-    """The recorded drive as FMPy takes inputs; a channel that is not there in a row goes straight on to where it is."""
+    """Return the recorded drive as FMPy takes inputs.
+
+    A channel that is missing in some rows is interpolated between its neighbours.
+    """
     log = recorded_drive(rows)
     table = np.zeros(rows, [(n, float) for n in ("time", *CHANNELS)])
     table["time"] = np.arange(rows) * 0.01
@@ -77,7 +87,11 @@ def table_of_drive(rows: int) -> np.ndarray:
 
 
 def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -> None:
-    """FMPy can; a car of which only the mass is known stays an ordinary one, and is not one that is known exactly."""
+    """FMPy can set all start values.
+
+    A car of which only the mass is known stays an ordinary one; it does not become
+    exactly known.
+    """
     table = table_of_drive(600)
     how = {
         "stop_time": 5.9,
@@ -116,8 +130,11 @@ def test_inputs_of_a_table_reach_the_estimator(estimator: Unit) -> None:
 
 
 def test_input_derivatives_of_the_vehicle(vehicle: Unit) -> None:
-    """An importer that gives them has a linear input met at the end of each step. (Not through simulate_fmu(): FMPy 0.3.32
-    takes derivatives for exactly nine inputs.)"""
+    """With input derivatives, a linear input is met at the end of each step.
+
+    simulate_fmu() is not used, because FMPy 0.3.32 takes derivatives for exactly nine
+    inputs.
+    """
     assert vehicle.description.coSimulation.canInterpolateInputs
     reference = [vehicle.variables["steer_angle"].valueReference]
     with Instance(vehicle) as instance:
@@ -163,7 +180,7 @@ def test_fmpy_compiles_the_sources_and_gets_the_same_bits(estimator: Unit, tmp_p
 
 
 def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> None:
-    """tests/fmu/client.c, compiled by the machine's own compiler: what other platforms are compared with."""
+    """tests/fmu/client.c on this machine is the reference of the other platforms."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     client = tmp_path / "client"
     run(compiler, "-std=c99", "-I", headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl")
@@ -240,7 +257,8 @@ def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
     assert importers.difference(crash, reference) == "failed: it crashed"
 
 
-# ---- The estimator as an FMU in the numbers of a controller: TSE_REAL=fixed and float beside a vehicle in double.
+# ---- The estimator as an FMU in the numbers of a controller: TSE_REAL=fixed and float,
+# beside a vehicle in double.
 
 
 PARTICLES = 64
@@ -286,7 +304,8 @@ sys.stdout.buffer.write(pickle.dumps([expected_outputs(row, config) for row in r
 """
 
 
-# An ordinary car is computed in the numbers of the format; Python hands on settings of a fixed-point library in single precision.
+# An ordinary car is computed in the numbers of the format. Python hands the settings of a
+# fixed-point library over in single precision.
 @pytest.mark.parametrize(("real", "exact"), [("fixed", True), ("float", True), ("float", False)])
 def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exact: bool) -> None:
     unit, settings = estimator_in(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
@@ -303,7 +322,10 @@ def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exac
 
 
 def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
-    """A range ends where a number of the format may not: setting the ends is not refused, and reads back within what it holds."""
+    """Both ends of a range are accepted, also where the format cannot hold them.
+
+    They read back within the resolution of the format.
+    """
     unit = estimator_in("fixed")
     for name in ("filter.hold_speed", "vehicle.mass", "sensors.accel_x_sd"):
         v = unit.variables[name]

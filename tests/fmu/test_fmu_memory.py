@@ -1,5 +1,9 @@
-"""No memory error and no leak across the boundary, as sanitizers and valgrind see it in the importer's own process.
-python test_fmu_memory.py BUILD_FOLDER ROWS: what is run under them."""
+"""No memory error and no leak in the importer's own process, by sanitizers and valgrind.
+
+    python test_fmu_memory.py BUILD_FOLDER ROWS
+
+is the program that runs under them.
+"""
 
 import os
 import re
@@ -17,7 +21,7 @@ FLAGS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit
 
 
 def main(folder: str, rows: int) -> None:
-    """Do everything an importer does, several times: drive, save, restore, refuse, free."""
+    """Do all that an importer does, several times: drive, save, restore, refuse, free."""
     for model in MODELS:
         of = unit(model, folder)
         for _ in range(2):
@@ -111,7 +115,10 @@ def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
 
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="valgrind is not installed")
 def test_valgrind_finds_nothing_in_a_client(model, tmp_path: Path) -> None:
-    """With the small client instead of Python: uninitialised bytes in what is saved, too. A few steps: valgrind is slow."""
+    """The small client instead of Python also shows uninitialised bytes in saved states.
+
+    It takes a few steps only, because valgrind is slow.
+    """
     from fmu_support import headers
 
     client, input_ = tmp_path / "client", tmp_path / "in.csv"

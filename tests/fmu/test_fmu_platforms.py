@@ -1,5 +1,7 @@
-"""The same replay on linux64, aarch64-linux (qemu) and win64 (wine), by FMI 2.0 and 3.0: the same bits, and each goes on from the
-others' states."""
+"""A replay has the same bits on linux64, aarch64-linux (qemu) and win64 (wine).
+
+FMI 2.0 and 3.0 agree, too, and each platform goes on from the states of the others.
+"""
 
 from pathlib import Path
 
@@ -43,7 +45,10 @@ def options(of: Unit, outputs: list[str] | None = None) -> list[str]:
 
 @pytest.fixture(scope="module", params=[ESTIMATOR, VEHICLE])
 def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """The drive on this machine, by the library that CMake built, with a state saved in the middle."""
+    """Return the drive on this machine, by the library that CMake built.
+
+    A state is saved in the middle.
+    """
     if why := unavailable("linux64"):
         pytest.skip(why)
     of, folder = unit(request.param), tmp_path_factory.mktemp(request.param)
@@ -58,7 +63,7 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 def run_on(target: str, reference: dict, tmp_path: Path, *more: str, version: str = "") -> str:
-    """What the client says there, of the same inputs; by the FMU of another version of FMI."""
+    """Return the client's output on the target for the same inputs; `version`: of FMI."""
     if why := unavailable(target):
         pytest.skip(why)
     old = reference["unit"]

@@ -1,4 +1,4 @@
-"""The same log through the C library and through the FMU gives the same bits in every output."""
+"""A log gives the same bits in every output through the C library and through the FMU."""
 
 import functools
 import threading
@@ -25,7 +25,7 @@ from tse.simulation.simulate import drive, simulate
 
 
 def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:
-    """Square waves; with lost cells, lost rows and, when irregular, rows 3 .. 30 ms apart."""
+    """Simulate square waves, some cells and rows lost; irregular: steps of 3 .. 30 ms."""
     random = np.random.default_rng(seed)
     config = Config.exact()
     maneuver = maneuvers.build(
@@ -88,7 +88,7 @@ def test_a_drive_with_gaps_with_other_parameters(
 
 
 def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Unit) -> None:
-    """Slalom at constant speed: cornering stiffness shows, longitudinal stiffness does not."""
+    """A slalom at constant speed shows cornering stiffness only."""
     config = Config.exact({"particles": 100})
     maneuver = maneuvers.build("sine-sweep", config, sample_time=0.01, duration=8.0)
     _, outputs = drive(maneuver, config, SimConfig())
@@ -145,7 +145,8 @@ def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
         expect_same_rows(got[k], (expected_outputs(row, Config.exact({"particles": 200})) for row in rows))
 
 
-# ---- The paper's study (Sec. IV-A) with the two FMUs in a loop, against the same study through the library.
+# ---- The paper's study (Sec. IV-A) with the two FMUs in a loop, against the same study
+# through the library.
 
 
 SEEDS = (1, 2, 3)
@@ -160,8 +161,11 @@ def square(time: float, period: float) -> float:
 
 @dataclass
 class Study:
-    """What the estimator was given and put out, row by row; per stiffness mean error [%], mean square error [%^2], share of the
-    time that it is called valid [%]."""
+    """Inputs and outputs of the estimator row by row, and scores per stiffness.
+
+    The scores: mean error [%], mean square error [%^2], share of the time called valid
+    [%].
+    """
 
     log: Log
     rows: list[dict[str, float]]
@@ -193,7 +197,7 @@ def study(seed: int, ramp: bool = True) -> Study:
             for a, s in enumerate(STIFFNESS):
                 errors[k, a] = 100 * (rows[-1][f"estimate.{s}"] / row[f"true.{s}"] - 1)
                 valid[k, a] = rows[-1][f"estimate.{s}_valid"]
-            # with ramp: where the driver is at the end of the step; held: what he did at its start
+            # ramp: the driver's inputs at the end of the step; held: those at its start
             car.set(driver(k + 1 if ramp else k))
             car.step(k * STEP, STEP)
     late = np.arange(n) * STEP >= WINDOW
@@ -206,8 +210,10 @@ def study(seed: int, ramp: bool = True) -> Study:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_each_run_is_the_run_of_the_library(seed: int) -> None:
-    """The vehicle drives as the simulator does, but for the last bit of the time steps; of what it logged the estimator makes what
-    the library makes."""
+    """The vehicle drives as the simulator does, but for the last bit of the time steps.
+
+    From its log the estimator computes what the library computes.
+    """
     run, settings = study(seed), {"seed": seed, **START}
     config = Config.exact(settings)
     maneuver = maneuvers.build("square-waves", config, sample_time=STEP, duration=DURATION)
@@ -227,8 +233,10 @@ def test_estimates_leave_the_start_for_the_truth() -> None:
 
 
 def test_held_inputs_cost_the_stiffness_little() -> None:
-    """src/host/simulate.c, between(): held inputs lead the logged rows by half a row, and the estimator can only interpolate. Hence
-    `ramp` is true by default."""
+    """Held inputs lead the logged rows by half a row (src/host/simulate.c, between()).
+
+    The estimator can only interpolate. Hence `ramp` is true by default.
+    """
     for s in STIFFNESS:
         cost = np.array([study(seed, ramp=False).result[s][0] - study(seed).result[s][0] for seed in SEEDS])
         print(
@@ -238,7 +246,10 @@ def test_held_inputs_cost_the_stiffness_little() -> None:
 
 
 def test_a_first_row_of_zeros_is_forgotten() -> None:
-    """What importers hand on that connect outputs one step late (fmu/connect.html). Soon estimates are about those without it."""
+    """Importers that connect outputs one step late hand on a first row of zeros.
+
+    Soon the estimates are close to those without it (fmu/connect.html).
+    """
     run, estimator = study(1), unit("TireStiffnessEstimator")
     channels = run.log.channels[:2000].copy()
     channels[0] = 0.0

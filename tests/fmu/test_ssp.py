@@ -1,5 +1,7 @@
-"""The system that connects both FMUs: its description, and that an importer of systems gets out of it what two FMUs stepped by hand
-give."""
+"""The system that connects both FMUs: its description, and its results in an importer.
+
+The results are those of two FMUs stepped by hand.
+"""
 
 import re
 import zipfile
@@ -57,7 +59,10 @@ def test_the_description_is_valid_and_every_connector_is_a_variable_of_its_fmu(s
 
 
 def known_car(ssp):
-    """What the system sets of the estimator, as FMPy takes it: it reads the parameters of a system and does not apply them."""
+    """Return the system's parameters of the estimator in the form FMPy takes.
+
+    FMPy reads the parameters of a system and does not apply them.
+    """
     from fmpy.ssp.ssd import Parameter, ParameterSet, read_ssd
 
     vehicle, estimator = read_ssd(str(ssp)).system.elements

@@ -1,4 +1,4 @@
-"""Shared by the tselab tests: running the command as a user does, and one simulated drive."""
+"""Shared by the tselab tests: run the command as a user does; one simulated drive."""
 
 import contextlib
 import io
@@ -34,8 +34,10 @@ def tselab(*args: object, cwd: Path | None = None) -> Result:
 
 
 def tselab_here(*args: object, cwd: Path | None = None) -> Result:
-    """The same in this process: of most commands a start of Python and its packages, a second, is most of the time. Each command
-    that works for long is run as a process somewhere, too: as a user does."""
+    """Run the command in this process, since the start of Python takes a second.
+
+    Every command that runs long is run as a process in some test, too, as a user does.
+    """
     out, err = io.StringIO(), io.StringIO()
     argv, folder = sys.argv, Path.cwd()
     try:

@@ -1,6 +1,9 @@
-"""A Dask cluster of processes of this machine, and work for a process that costs it the life: for tests. A module of its own: the
-process imports the module of a function that it is given, and could not import that of a test, which needs this folder's conftest
-where another folder's may be found first."""
+"""A Dask cluster of local processes, and a task that kills its process: for tests.
+
+It is a module of its own because the process imports the module of a function that it is
+given. It could not import a test module, which needs the conftest of this folder: the
+conftest of another folder may be found first.
+"""
 
 import os
 import signal

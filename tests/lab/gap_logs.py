@@ -1,5 +1,8 @@
-"""Small logs of a car that has an effect, made with the replay of the library: steering and wheel speeds of the planning
-manoeuvres, and what the sensors would read, with their noise and biases. Seeded."""
+"""Write small logs of a car that has an effect, made with the replay of the library.
+
+Steering and wheel speeds are those of the planning manoeuvres. The sensors' readings have
+noise and biases. All is seeded.
+"""
 
 from pathlib import Path
 
@@ -86,8 +89,11 @@ def write_log(
     seconds: float = 24.0,
     **extra: float,
 ) -> Path:
-    """One log of a car with these settings of effects. `drive`: of DRIVES, or a manoeuvre by its full name. `extra`: optional
-    channels with the noise they have."""
+    """Write one log of a car with these settings of effects.
+
+    `drive`: a key of DRIVES, or a manoeuvre by its full name. `extra`: optional channels
+    with the noise they have.
+    """
     config = Config.exact(read_vehicle(vehicle).values)
     log = prepared(candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)

@@ -1,6 +1,8 @@
-"""Drives that manoeuvre: out of parking places and round in three points, between stretches of
-street. A single track that rolls both ways, with tyres that have a relaxation length; sensors with
-noise, of which the wheel speeds know no sign."""
+"""Drives with manoeuvres: parking places and three-point turns between streets.
+
+The car is a single track that rolls both ways, with tyres that have a relaxation length.
+The sensors have noise, and the wheel speeds have no sign.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,7 @@ def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
 
 
 def _out(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
-    """Out of a parking place: backwards in an arc, perhaps a while straight or with little steering, forward."""
+    """Leave a parking place: back in an arc, perhaps almost straight, then forward."""
     side = float(rng.choice([-1, 1]))
     arc = side * lock * rng.uniform(0.4, 1.0)
     parts = [(rng.uniform(0.5, 3.0), 0.0, arc), (rng.uniform(3.0, 7.0), -back, arc)]
@@ -112,7 +114,7 @@ def drive(seed: int, forward: bool = False) -> Drive:
 
 
 def _driven(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
-    """Drive, with a driver who gains and loses speed as drivers do, and turns the wheel at most as fast."""
+    """Drive as a driver does: limited change of speed and limited steering rate."""
     h, length = STEP / SUB, car.lf + car.lr
     vx = vy = r = angle = af = ar = push = 0.0
     relax, mu, slope, at = 0.35, 1.0, 0.0, 0.0
@@ -124,14 +126,9 @@ def _driven(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
             for _ in range(SUB):
                 rate = 0.7 if abs(vx) < 5 else 0.35
                 angle += np.clip(to - angle, -rate * h, rate * h)
-                push += (
-                    h
-                    * (
-                        np.clip(1.5 * (wanted - vx), -1.4 * strength if vx > 0 else -strength, strength)
-                        - push
-                    )
-                    / 0.15
-                )
+                brake = 1.4 * strength if vx > 0 else strength
+                target = np.clip(1.5 * (wanted - vx), -brake, strength)
+                push += h * (target - push) / 0.15
                 sin, cos = np.sin(angle), np.cos(angle)
                 across_front, along_front = (
                     (vy + car.lf * r) * cos - vx * sin,

@@ -1,5 +1,7 @@
-"""The Python API: the numbers of the command and of the C library, and refusals that name what is wrong. The examples of
-scripts/examples run, and do what they say."""
+"""The Python API has the numbers of the command and of the C library.
+
+Its refusals name the error. The examples of scripts/examples run and do what they claim.
+"""
 
 import copy
 import inspect

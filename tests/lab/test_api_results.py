@@ -1,4 +1,4 @@
-"""Python does what the command does: the same numbers, and every result says itself in words, as a table, picture and page."""
+"""The Python API has the command's results: numbers, words, table, picture, page."""
 
 import ast
 import copy
@@ -134,7 +134,10 @@ def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_i
 
 
 def test_a_replay_is_the_car_without_noise(folder, tmp_path):
-    """Of a simulation without noise and spread it is the log, but for what the simulator's wheels do between rows."""
+    """A replay without noise and spread is the log.
+
+    They differ only by the simulator's wheels between rows.
+    """
     quiet = dict.fromkeys(("noise", "spread_cx_front", "spread_cy_front", "spread_cy_rear"), 0.0)
     log = tse.simulate("double-lane-change", CAR, duration=20, settings=quiet).log
     for settings, off in ((None, 0.03), ({"cornering_stiffness_front": 60e3}, None)):
@@ -161,7 +164,10 @@ def calibrated(folder):
 
 
 def test_python_learns_nothing_from_channels_that_contradict_each_other(folder):
-    """As the command; of frames each by itself, which are counted, and as long as they like."""
+    """Contradicting channels are treated as by the command.
+
+    Each frame is checked by itself and named by its number.
+    """
     frame = pd.read_csv(folder / "log.csv")
     wrong = frame.assign(accel_y=frame["accel_y"] / 9.81)
     with pytest.raises(tse.Error, match=r"nothing is learnt from it: .*accel_y is in g"):
@@ -321,8 +327,8 @@ def test_a_setting_of_the_other_filter_is_refused(folder):
     tse.Filter(settings=tse.Filter(CAR).settings)
 
 
-# ---- What the Python API takes besides, and what it says of what it does not take: no cryptic error, nothing silently
-# wrong.
+# ---- What else the Python API takes, and how it refuses the rest: no cryptic error,
+# nothing wrong without a message.
 
 
 @pytest.fixture(scope="module")
@@ -352,7 +358,10 @@ START = pd.Timestamp("2024-05-01 12:00:00")
     ids=["spans", "dates", "with a zone", "as text", "objects", "numpy", "objects of spans"],
 )
 def test_a_time_may_be_dates(time, frame, table):
-    """Means are those of seconds to what a date of 2024 in double resolves: 2e-7 s of a step of 0.01 s."""
+    """Means equal those of times in seconds, within the resolution of a date in double.
+
+    A date of 2024 resolves 2e-7 s of a step of 0.01 s.
+    """
     found = tse.estimate(frame.assign(time=time(frame["time"])), SMALL).table
     assert np.allclose(np.diff(found["time"]), 0.01, atol=1e-6)
     assert np.allclose(found["cy_front"], table["cy_front"], rtol=2e-3)

@@ -1,4 +1,7 @@
-"""Every kind of bad input: exit code 2, one short message that names the place, no traceback, no output touched."""
+"""Every kind of bad input gives exit code 2 and one short message that names the place.
+
+There is no traceback, and no output file is touched.
+"""
 
 import ast
 from collections.abc import Callable, Iterator
@@ -48,7 +51,8 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
     "column all empty": (lambda t: t.assign(steer_angle=""), ["column steer_angle", "every cell is empty", "-1.2 .. 1.2 rad"]),
     "no lateral sensor": (lambda t: t.drop(columns=["accel_y", "yaw_rate"]), ["accel_y and yaw_rate are missing"]),
 }  # fmt: skip
-# What a few bad rows or a sensor that is not there cost: these, no more. What is said of them.
+# A few bad rows or a missing sensor cost these rows or this sensor alone. The words are
+# those of the message.
 REPAIRED: dict[str, tuple[Change, list[str]]] = {
     "a cell that is no number": (cell(7, "accel_x", "abc"),
                                  ["accel_x: a cell that is no number is treated as missing", "line 7: 'abc'"]),
@@ -148,7 +152,7 @@ def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
 
 @pytest.mark.parametrize("cut", [1, 4, 30, 70])
 def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
-    """A number without its last digits is a number: only the end of the line says that it is all."""
+    """A number without its last digits is a number, so the line must have an end."""
     whole = tmp_path / "whole.csv"
     lines = drive.log.read_text().splitlines(keepends=True)[:401]
     whole.write_text("".join(lines))
@@ -314,7 +318,7 @@ def test_every_refusal_of_a_library_that_is_not_there_says_what_to_do(monkeypatc
     refused(tselab("settings"), ["libtse.so", "scripts/setup.sh"])
 
 
-# ---- Nothing that a file says is run: no way of reading in the package makes code of data.
+# ---- No content of a file is executed: no reader in the package turns data into code.
 
 
 SOURCES = sorted(

@@ -1,4 +1,7 @@
-"""Parameter uncertainty (src/tables/uncertainty.toml): a parameter off by its sd moves stiffnesses by what it adds to theirs."""
+"""Parameter uncertainty (src/tables/uncertainty.toml) enters the sd of the stiffnesses.
+
+A parameter that is off by its sd moves a stiffness by the amount that it adds to the sd.
+"""
 
 from collections.abc import Callable
 
@@ -84,7 +87,8 @@ def logged_otherwise(change: Callable[[float], Callable], *columns: str) -> Run:
     return lambda y, by, more: estimated(logged(y, dict.fromkeys(columns, change(by))), **more)
 
 
-# setting: how far off, and the estimates then. wheel_delay_sd shows less than LEAST on this drive, lean_sd needs a bank
+# setting: size of the error, and the estimates with it. wheel_delay_sd shows less than
+# LEAST on this drive. lean_sd needs a bank.
 OFF: dict[str, tuple[float, Run]] = {
     "mass_sd": (0.05, told_otherwise(mass=lambda by: CAR.mass * (1 + by), yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
     "yaw_inertia_sd": (0.05, told_otherwise(yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
@@ -102,7 +106,10 @@ FOUND: dict[str, tuple[float, Run]] = {  # states
 
 
 def moved_by(driven: np.ndarray, name: str, by: float, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """What the stiffnesses move by when the parameter is off by its sd, in a filter that considers it; what is said of it."""
+    """Return how a parameter that is off by its sd moves the stiffnesses, and their sd.
+
+    The filter considers the parameter.
+    """
     (above, parts), (below, _) = (run(driven, sign * by, {name: by}) for sign in (1, -1))
     moved = [abs(float(np.mean(above[s][LAST] - below[s][LAST]))) / 2 for s in STIFFNESS]
     return np.array(moved), parts[name]
@@ -140,8 +147,11 @@ def test_tyres_that_build_up_their_force_are_within_what_is_said(driven: np.ndar
 
 
 def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of a car on slopes that rise and fall by `grade` every 25 s, driven on its front axle and braked on both, and the
-    slope of each row; integrated in steps of 1 ms by nothing of the library."""
+    """Return rows of a car on slopes, and the slope of each row.
+
+    The slope rises and falls by `grade` every 25 s. The car is driven on its front axle
+    and braked on both. The motion is integrated in steps of 1 ms without the library.
+    """
     fine, every, mass, stiffness, radius = (
         0.001,
         10,
@@ -194,7 +204,10 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
 
 
 def test_a_channel_that_comes_back_and_a_gap_leave_no_jump(driven: np.ndarray) -> None:
-    """What is late by a rate takes the rate of its row, and not that since channel or time were lost."""
+    """A delayed channel is corrected by the rate of its row.
+
+    The rate is not that over the time since the channel or the rows were lost.
+    """
     told = {"accel_delay_sd": 0.01, "relaxation_sd": 0.5, "wheel_delay_sd": 0.01}
     rows = logged(driven)
     whole, _ = estimated(rows, **told)
@@ -229,7 +242,7 @@ def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
 
 
 def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -> None:
-    """Two frames that are stamped within a microsecond: what differs between them is noise, and no rate of anything."""
+    """The difference of two frames within a microsecond is noise and gives no rate."""
     config = Config.exact({"model_sd": 0.03, "relaxation_sd": 0.3, "mass_sd": 0.02, "accel_y_scale_sd": 0.02})
     largest = []
     for dt in (DT, 1e-5, 1e-6):

@@ -384,7 +384,8 @@ def test_closed_pipe_is_not_an_error_message():
     assert run.stdout.startswith("setting") and run.stderr == ""
 
 
-# ---- What one drive taught, kept for the next: tselab estimate --save-learnt, --load-learnt.
+# ---- What is learnt on one drive is kept for the next: tselab estimate --save-learnt,
+# --load-learnt.
 
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
 FORMS = ("default", "robust")
@@ -403,7 +404,7 @@ def estimate(folder, name, *options, codes=RAN):
 
 
 def errors(folder, name, first, last):
-    """Relative errors over a span of time: root mean square per stiffness; and the rows that are valid, yet wrong."""
+    """Return the rms relative error per stiffness, and the share of wrong valid rows."""
     est, truth = (pd.read_csv(folder / f"{name}.{kind}.csv") for kind in ("est", "truth"))
     span = (est["time"] >= first) & (est["time"] < last)
     wrong = {key: (est[key] / truth[f"true_{key}"] - 1)[span] for key in STIFFNESS}
@@ -413,7 +414,7 @@ def errors(folder, name, first, last):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """A drive on tyres unlike the settings', learnt in two forms: default.tse, robust.tse."""
+    """Return a drive on other tyres, learnt in two forms: default.tse, robust.tse."""
     folder = tmp_path_factory.mktemp("learnt")
     (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     simulate(folder, "first", 1)
@@ -586,7 +587,10 @@ def test_after_ctrl_c_no_second_pass_begins(drive, monkeypatch):
 
 
 def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, monkeypatch):
-    """The steering angle comes at another time than the vehicle file says: known at the end alone, true of all rows."""
+    """The steering angle has another latency than the vehicle file states.
+
+    This is known only at the end, and holds for all rows.
+    """
     prepared = single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {})
     assert results.exit_code(single.run(prepared, None, None).findings) != results.NOTHING
     late = "steer_angle comes 60 ms later than the vehicle file says. Stiffness is wrong by it"

@@ -1,4 +1,7 @@
-"""tselab fleet: many logs of many cars, in any state, one table and one page; killed and started again; on a cluster."""
+"""tselab fleet: many logs of many cars, in any state, give one table and one page.
+
+The run may be killed and started again, and may run on a cluster.
+"""
 
 import json
 import os
@@ -99,7 +102,10 @@ def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_err
 
 
 def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path):
-    """As by hand with --load-learnt, --age and --save-learnt, to the last bit; the first is late, the others valid at once."""
+    """--load-learnt, --age and --save-learnt by hand give the same bits.
+
+    The first drive is valid late, the others at once.
+    """
     _, out, table = done
     up = [logs / "logs" / "up" / f"2024-05-{day:02d}.csv" for day in (1, 2)]
     car = ["--vehicle", logs / "car.toml"]
@@ -443,7 +449,10 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(os.name == "nt", reason="no signals to a process")
 def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
-    """Four of ten hung while a lock of each future was taken for every result, so six moments tell (1 - 0.6^6 = 95 %)."""
+    """Six interrupts find the fault with a probability of 1 - 0.6^6 = 95 %.
+
+    Four of ten runs hung while a lock of each future was taken for every result.
+    """
     (tmp_path / "many.py").write_text(MANY)
     for moment in range(6):
         run = subprocess.Popen(
@@ -465,7 +474,10 @@ def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
 
 
 def test_cars_are_ranked_by_their_stiffness_and_not_by_their_own_calibration(done):
-    """A car that is soft, as its vehicle file says, is soft; of what is not known the reason is said."""
+    """A car that is soft, and is soft in its vehicle file, is ranked as soft.
+
+    For an unknown stiffness the reason is given.
+    """
     from tse.runs.page import Car, Last
 
     def car(name, **last):

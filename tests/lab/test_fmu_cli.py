@@ -25,7 +25,7 @@ FMUS3 = tuple(f"{name}-fmi3" for name in FMUS)
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with both FMUs, for FMI 2.0 and 3.0, and the system, with the binary of this machine."""
+    """Build both FMUs, for FMI 2.0 and 3.0, and the system; return the folder."""
     folder = tmp_path_factory.mktemp("fmus")
     done = tselab("fmu", "build", "--out", folder)
     assert done.code == 0, done.err
@@ -38,7 +38,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def everywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with binaries of all platforms; those of FMI 3.0, which cost as long again, of two besides this one."""
+    """Return the same with binaries of all platforms.
+
+    The FMUs of FMI 3.0, which take as long again, have those of two platforms besides
+    this one.
+    """
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip(
             "ziglang, which compiles for other platforms, is not installed (scripts/setup.sh platforms)"

@@ -1,4 +1,4 @@
-"""A formula of the user: from text to a program, numbers over a log, C; and whatever is refused on the way."""
+"""A formula of the user: text to program, values over a log, C code, refusals."""
 
 import math
 import shutil
@@ -67,7 +67,10 @@ def test_the_program_of_a_text(text, numbers, program):
 
 
 def stack_machine(formula: Formula, row: dict[str, float]) -> float:
-    """The settings' bytes, run as src/tables/formula.toml says; nothing of the module's own tables."""
+    """Run the settings' bytes as src/tables/formula.toml defines them.
+
+    The module's own tables are not used.
+    """
     settings = formula.settings()
     codes = [int(settings[f"formula_code_{k}"]) >> shift & 255 for k in range(1, 11) for shift in (0, 8, 16)]
     signals = {16: "steer_angle", 17: "vel_x", 18: "vel_y", 19: "yaw_rate", 20: "accel_x", 21: "accel_y"}
@@ -494,8 +497,9 @@ def test_a_lag_is_that_of_a_linear_system():
     time = np.arange(0, 3, 0.01)
     steer = np.sin(3 * time) + 0.2 * np.sin(11 * time) + 0.1
     y = make("lag(steer_angle, tau)", T).evaluate({"steer_angle": steer}, 0.01)
-    # lsim is exact for an input that is linear between rows, from rest at 0: the first value is taken out. The trapezoidal rule
-    # errs by (w h)^2/12 of what passes with w below 11 rad/s, and by (h/T)^2/12 = 1e-3 of the start's kink.
+    # lsim is exact for an input that is linear between rows, from rest at 0, so the first
+    # value is subtracted. The trapezoidal rule errs by (w h)^2/12 of the passed signal,
+    # with w below 11 rad/s, and by (h/T)^2/12 = 1e-3 of the kink at the start.
     _, exact, _ = signal.lsim(([1.0], [T.value, 1.0]), steer - steer[0], time)
     assert y == pytest.approx(exact + steer[0], abs=2e-3)
     assert y[0] == steer[0]
@@ -521,7 +525,8 @@ def test_a_mode_is_that_of_a_linear_system():
     f, w = Number("freq", 1.5, "Hz"), 2 * math.pi * 1.5
     y = make("second(accel_y, freq, 0.3)", f, place="accel_y").evaluate({"accel_y": accel}, 0.005)
     _, exact, _ = signal.lsim(([w**2], [1.0, 2 * 0.3 * w, w**2]), accel - accel[0], time)
-    # The rule detunes the mode by (w h)^2/12 = 2e-4 of its frequency: over the ringing of 2 m/s2 about 1e-3.
+    # The rule detunes the mode by (w h)^2/12 = 2e-4 of its frequency. Over the ringing of
+    # 2 m/s2 this is about 1e-3.
     assert y == pytest.approx(exact + accel[0], abs=3e-3)
 
 

@@ -1,5 +1,8 @@
-"""Logs as the gap workflow takes them: which rows hold something new, and which stretches of long logs are worth the most:
-against the best of all choices, and on a log that is straight but for a minute."""
+"""Logs in the gap workflow: informative rows, and the best stretches of long logs.
+
+The choice is compared with the best of all choices, and made on a log that is straight
+but for a minute.
+"""
 
 import json
 import os
@@ -144,7 +147,10 @@ def test_an_error_of_a_user_stays_one() -> None:
 
 
 def test_pieces_are_chosen_about_as_well_as_by_trying_all():
-    """Greedy choices reach 1 - 1/e of the best ln det (Nemhauser 1978); of eight random pieces, nearly all of it."""
+    """Greedy choices reach 1 - 1/e of the best ln det (Nemhauser 1978).
+
+    With eight random pieces they reach nearly all of it.
+    """
     rng = np.random.default_rng(3)
     says = [(lambda a: a.T @ a)(rng.standard_normal((3, 4)) * rng.uniform(0.2, 3)) for _ in range(8)]
 
@@ -206,7 +212,10 @@ def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
 
 
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
-    """A car that rolls, in 48 s of log, of which 20 are searched: its size is that of all logs, and so is what is left."""
+    """A car rolls in 48 s of log, of which 20 s are searched.
+
+    The size of the roll and the residuals are those of all logs.
+    """
     vehicle = car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
@@ -235,7 +244,7 @@ LOG_SEED, HIDE_SEED = 11, 1
 
 @dataclass
 class Clean:
-    """A log of a car that lacks nothing, and what its verdict says that it could not have shown."""
+    """A log of a car without an effect, and the effects not visible in it."""
 
     vehicle: Path
     problem: Problem
@@ -271,8 +280,11 @@ def clean(tmp_path_factory) -> Clean:
 
 @pytest.mark.parametrize("effect", ["steering_ratio", "lateral_load_transfer"])
 def test_twice_the_smallest_size_is_named_and_half_of_it_is_not(clean, effect):
-    """Nats go with the square of the size: 4 and 1/4 of what a name needs. With a quarter, a class of look-alikes may be above 90 %
-    in one noise of ten, as in this one; none of them is by itself."""
+    """The evidence grows with the square of the size: 4 and 1/4 of what a name needs.
+
+    With a quarter, a class of look-alikes may be above 90 % with one noise of ten, as
+    with this one. None of its effects is by itself.
+    """
     told = clean.undetectable[effect]
     assert told["smallest"] > told["typical"]
     half = clean.named_when_hidden(effect, 0.5)

@@ -1,5 +1,7 @@
-"""The inference of the gap workflow against what is computed another way: integrals, least
-squares, counted cases."""
+"""The inference of the gap workflow against other computations.
+
+These are integrals, least squares and counted cases.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -35,8 +37,10 @@ N = 1500
 
 @dataclass
 class Linear:
-    """What a Space asks of a problem: one log of accel_y, linear in the compliance of front
-    and rear and in an effect."""
+    """The interface that Space needs of a problem, for one log of accel_y.
+
+    It is linear in the compliance of front and rear and in an effect.
+    """
 
     effect: Parameter
     size: float
@@ -85,8 +89,11 @@ def of_a_channel(square: float) -> float:
 
 @pytest.mark.parametrize("rms", [0.8, 1.1, 1.5, 6.0, 40.0])
 def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float) -> None:
-    """As the fit has it (measure_scales), by a difference; 1e-4: of its second order. Nearer
-    to the noise than LASTING all counts as there."""
+    """The derivative of the fit (measure_scales) is compared with a difference.
+
+    Tolerance 1e-4: the second order of the difference. A residual nearer to the noise
+    than LASTING counts in full.
+    """
     noise = np.random.default_rng(3).standard_normal(N)
     residual = rms * noise / np.sqrt(np.mean(noise**2))
     space = SimpleNamespace(
@@ -103,9 +110,11 @@ def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float
 
 
 def test_evidence_of_a_linear_problem_is_the_integral() -> None:
-    """Laplace's method is exact for what is linear and normal; 0.05 nats: the search ends at
-    a tenth of a sd. With and without the effect, whose strength is an unknown either way;
-    what is left is noise, of which the likelihood is a normal."""
+    """Laplace's method is exact for a linear and normal problem.
+
+    0.05 nats: the search ends at a tenth of a sd. The effect is off or on; its strength
+    is unknown in both cases. The residual is noise, whose likelihood is normal.
+    """
     variance = 1.0 + together() * LASTING**2
     for size, members in ((0.0, ()), (1.0, ("mass",))):
         h, problem = one_effect(size)
@@ -145,8 +154,10 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
 
 
 def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
-    """Least squares of numpy, a fold at a time, with the priors as rows; 1 %: the biases are
-    those of all rows."""
+    """Compare with numpy's least squares, a fold at a time, with the priors as rows.
+
+    1 %: the biases are those of all rows.
+    """
     h, problem = one_effect()
     j = judge(problem, [h], ["mass"], {})
     a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in j.space.names])
@@ -183,7 +194,10 @@ def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
 
 
 def test_effects_that_share_the_probability_are_each_others_look_alikes() -> None:
-    """Two of which the logs of all drives prefer the one that the fitted ones do not: one class, surely missing."""
+    """The logs of all drives prefer the effect that the fitted logs do not.
+
+    Both effects form one class, which is certainly missing.
+    """
     sets = {("yaw_inertia",): 0.3, ("mass",): 0.6, ("mass", "grade"): 0.06, (): 0.04}
     known = {frozenset(k): large(*k) for k in sets}
     search = SimpleNamespace(
@@ -214,7 +228,11 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
 
 
 def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path) -> None:
-    """A car that is 12 % heavier than a file that knows its mass to 1 %, and its inertia to a fifth: it is not the mass."""
+    """A car is 12 % heavier than its file states.
+
+    The file states the mass to 1 % and the inertia to a fifth, so the mass is not the
+    cause.
+    """
     path = car(tmp_path)
     assert known_of(read_vehicle(path)) == list(catalogue().values())  # all is 0: nothing is said
     text = path.read_text(encoding="utf-8").replace("\nmass_sd = 0.0", "\nmass_sd = 0.01")
@@ -242,7 +260,10 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 
 
 def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Problem) -> None:
-    """Positive: what the C library simulates as a delay. Negative: as latencies. The same numbers to 2 % of the change."""
+    """A positive delay equals the C library's delay, a negative one equals latencies.
+
+    The numbers agree to 2 % of the change.
+    """
     plain = late.predict({})
     for values in (
         {"imu_delay_time": 0.02},
@@ -262,7 +283,10 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
 
 
 def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
-    """All of them: settings, stiffness, latencies. A road's profile is fitted to what they leave."""
+    """Settings, stiffness and latencies are held.
+
+    A road's profile is fitted to their residuals.
+    """
     values = {
         "cy_front": 0.9,
         "cy_rear": 1.05,
@@ -295,7 +319,7 @@ def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
 
 
 def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
-    """Steering logged 20 ms late and a car that rolls: both, and the improved vehicle says so."""
+    """Steering logged 20 ms late and a roll of the car are both found."""
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 5)
     table = pd.read_csv(log)
@@ -311,7 +335,10 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
 
 
 def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path) -> None:
-    """Of the road: what is written of it is bank_superelevation, and it is no answer by itself where something is left."""
+    """The lean of the road is written as bank_superelevation.
+
+    It is no answer by itself where something else is left.
+    """
     vehicle = car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"bank_superelevation": 0.12}, 5)
@@ -361,7 +388,10 @@ def test_a_level_road_has_no_name(tmp_path: Path) -> None:
 
 
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
-    """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
+    """The steering's latency is its own delay plus the IMU's; the wheels' is the IMU's.
+
+    An effect of the car adds nothing. A low pass has an interval of its own.
+    """
     sizes = {
         "imu_delay": (-0.02, 0.002),
         "steering_delay": (-0.01, 0.001),
@@ -390,8 +420,11 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
 
 
 def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scale that is surely below what counts is not there; a name that does not stand has the reason given, and so has one that
-    closes less of what the others leave than a name must."""
+    """A scale that is surely below the size that counts is not possible.
+
+    A name that does not stand is listed with the reason. So is a name that closes less of
+    the others' residual than a name must.
+    """
     vehicle = car(tmp_path)
     log = write_log(
         tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.002}, 3
@@ -433,7 +466,10 @@ def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
 
 
 def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
-    """Of a car with rolls and delays: no other stiffness leaves less, by a search of scipy without slopes."""
+    """Compare with a search of scipy without slopes, for a car with rolls and delays.
+
+    No other stiffness leaves a smaller residual.
+    """
     vehicle = car(tmp_path)
     log = write_log(
         tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.03}, 3
@@ -453,7 +489,10 @@ def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
 
 
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:
-    """Which has one number, where the effect has two strengths; and a delay below zero is a message that is late."""
+    """A road's profile has one number where an effect has two strengths.
+
+    A negative delay is a late message.
+    """
     bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)
     assert not bank.message
     assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._sentence(bank)

@@ -1,4 +1,4 @@
-"""tselab gap as a user runs it: the verdict, the files it leaves, and that they are what they say."""
+"""tselab gap as a user runs it: the verdict and the content of its files."""
 
 import ctypes
 import json
@@ -90,7 +90,8 @@ def test_the_estimator_is_valid_as_long_and_foresees_rows_as_well_with_the_impro
         )  # lag_steer finds it untold
     assert "The estimator's front cornering stiffness: valid" in case.done.out
     assert [d["part"] for d in estimator["logs"]] == ["fit", "fit", "held_out"]
-    # of a car that is known exactly but for its steering, which the filter follows: hardly worse with its size given
+    # The car is known exactly but for its steering, which the filter follows. With the
+    # size given, the filter is hardly worse.
     assert all(d["evidence"]["after"] > d["evidence"]["before"] - 0.1 for d in estimator["logs"])
 
 
@@ -253,7 +254,7 @@ def test_help_tells_of_the_workflow_and_its_commands():
 
 
 def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_path):
-    """A log of a car with another steering: what is left of the fitted logs is noise, and not of that one."""
+    """A held-out log with another steering has a residual; the fitted logs have noise."""
     held = write_log(
         tmp_path / "other.csv", case.vehicle, "steps", DELAY | {"steering_ratio_change": 0.1}, 3, 16.0
     )

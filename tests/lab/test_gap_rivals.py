@@ -1,4 +1,7 @@
-"""Names against formulas: what a world is worth, on residuals that are drawn, and on a log whose steering ratio goes with speed."""
+"""Names against formulas: the probability of a world.
+
+It is tested on drawn residuals, and on a log whose steering ratio depends on speed.
+"""
 
 from types import SimpleNamespace
 
@@ -72,7 +75,10 @@ def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
 
 
 def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
-    """Both leave more than noise, so that what the names close besides says little; a formula is what stands."""
+    """Both leave more than noise, so the part that the names close besides counts little.
+
+    A formula stands.
+    """
     names = ("mass", "yaw_inertia", "cg_shift", "rear_roll_steer", "combined_slip", "body_roll")
     empty = naming(10.0)
     w = worlds((naming(2.0, *names),), (empty, formula(2.5, 5)))
@@ -114,14 +120,17 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted():
 
 
 def test_nothing_is_a_world_too():
-    """Where the names closed nothing, and no formula does: nothing else is there to be weighed."""
+    """Neither names nor a formula closed anything, so there is no other world."""
     w = worlds((naming(9.0),))
     assert w.best() is w.known[0]
     assert w.best().probability == 1.0
 
 
 def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
-    """Its probability is what the search gave it times that of the worlds that have it: 90 % of 95 % is no name."""
+    """Its probability is that of the search times that of the worlds that have it.
+
+    90 % of 95 % is too little for a name.
+    """
     one = naming(2.0, "mass")
     one.named[0].whole, one.named[0].probability, one.baseline, one.closed = 0.95, 0.95, fit(10.0), 0.9
     found = SimpleNamespace(fit=fit(2.01), values={}, price=6.0, formula=SimpleNamespace(text="k*x"))
@@ -172,8 +181,11 @@ def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
 
 
 def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
-    """A log so short that a formula is hardly worth its length: beside the names that stand it is proposed as its own search has
-    judged, with its words, or it is not, and there are none."""
+    """A log is so short that a formula is hardly worth its length.
+
+    Beside the names that stand, the formula is proposed as its own search has judged, in
+    the same words. Otherwise it is not proposed, and there are no words.
+    """
     short = naming(2.0)
     short.baseline, short.closed, short.possible = fit(2.0), 0.0, []
     found = SimpleNamespace(

@@ -1,5 +1,8 @@
-"""Where: a disturbance that enters at a known place is found there. The residuals are made by scipy's matrix exponential of a
-linear single-track model of its own, not by the filter that looks for it."""
+"""A disturbance that enters at a known place is located there.
+
+The residuals are made by scipy's matrix exponential of a separate linear single-track
+model, not by the filter that looks for them.
+"""
 
 from dataclasses import replace
 
@@ -40,7 +43,10 @@ def drift(n: int, tau: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Change of lateral acceleration and yaw rate that a disturbance makes (N, N m, m/s2 or rad/s), stiffness as in the logs."""
+    """Return the change of lateral acceleration and yaw rate by a disturbance.
+
+    The disturbance is in N, N m, m/s2 or rad/s. The stiffness is that of the logs.
+    """
     if place == "sensor accel_y":
         return d, np.zeros_like(d)
     if place == "sensor yaw_rate":
@@ -107,7 +113,10 @@ def test_disturbance_is_found_where_it_enters(clean, place, size):
 
 
 def test_what_follows_the_steering_is_not_the_road(clean):
-    """Roll of the body: the accelerometer leans with the car's own turning, which a bank of the road does not."""
+    """With a rolling body the accelerometer leans with the car's own turning.
+
+    A bank of the road does not.
+    """
     problem, baseline = clean
     turning = problem.channels(baseline.values, ("accel_y",))["accel_y"]
 

@@ -1,4 +1,7 @@
-"""Channels that are logged late by known times: told to the filter, they cost nothing; and what `tselab estimate` says of it."""
+"""Channels with known latencies cost nothing if the filter has the latencies.
+
+The output of `tselab estimate` names them.
+"""
 
 import numpy as np
 import pandas as pd
@@ -21,7 +24,10 @@ STRICT = {"steer_lag_sd": 0.0, "driven_axle": 1.0}  # nothing is found out that 
 
 @pytest.fixture(scope="module")
 def driven() -> np.ndarray:
-    """Rows of the simulator at 1 ms, nothing late: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s."""
+    """Simulate rows at 1 ms without latencies.
+
+    Steering sweeps to 1.5 Hz, and torque steps are smoothed over 0.1 s.
+    """
     n = 10
     t = DT / n * np.arange(ROWS * n)
     steer, torque = (
@@ -33,7 +39,7 @@ def driven() -> np.ndarray:
 
 
 def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
-    """The log every 10 ms with the sensors' noise, in which columns are late by so many seconds."""
+    """Return a noisy log every 10 ms whose columns are late by these seconds."""
     config, random = Config.exact(), np.random.default_rng(seed)
     rows = np.zeros(ROWS, NativeFilter(config).inputs(1).dtype)
     fine, t = DT / 10 * np.arange(len(driven)), DT * np.arange(ROWS)
@@ -56,7 +62,7 @@ def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np
 
 
 def drawn(seed: int) -> dict[str, float]:
-    """A latency of each channel; the wheels, which are of one controller, come together."""
+    """Draw a latency of each channel; the wheels, of one controller, share theirs."""
     random = np.random.default_rng(seed)
     steer, wheels, x, y = random.uniform(0.0, 0.06, 4)
     return {"steer_angle": steer, **dict.fromkeys(WHEELS, wheels), "accel_x": x, "accel_y": y}
@@ -69,7 +75,10 @@ def normalised(row: np.void) -> list[float]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
-    """Within 4 sd, as the log without latencies is; valid, and no more than 1.3 times as uncertain."""
+    """The error is within 4 sd, as without latencies, and the estimate is valid.
+
+    The sd is at most 1.3 times that without latencies.
+    """
     late = drawn(seed)
     plain, told = estimated(logged(driven, {}, seed), {}), estimated(logged(driven, late, seed), late)
     assert max(map(abs, normalised(plain[-1]))) < 4 and max(map(abs, normalised(told[-1]))) < 4
@@ -91,7 +100,10 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
 
 
 def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
-    """So that the test above shows what telling does: but for one of six, whose latencies happen to be alike."""
+    """This shows that the test above depends on the given latencies.
+
+    One of six drives is exempt: its latencies happen to be alike.
+    """
     worst = [
         max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS)
         for seed in range(6)
@@ -108,7 +120,7 @@ def test_channels_that_are_early_are_as_good(driven: np.ndarray) -> None:
     )
 
 
-# ------------------------------------------------------------------------------------------- tselab estimate
+# ---- tselab estimate
 
 CAR = """mass = 1900.0
 yaw_inertia = 3000.0
@@ -166,7 +178,7 @@ def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> Non
 
 
 def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
-    """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
+    """vel_y agrees with the reference at the plot's time better than at the row's."""
     _, est, table, page = run
     traces = {
         t["name"]: t

@@ -1,4 +1,7 @@
-"""The filter on a bus while driving: the rows and estimates of the file of the same drive, and a sentence for what goes wrong."""
+"""The filter on a bus while driving has the rows and estimates of the drive's file.
+
+Each fault has a sentence.
+"""
 
 import json
 import shutil
@@ -127,7 +130,11 @@ def driven(live, sender, patience=1.0):
 
 
 def test_a_drive_has_the_numbers_of_its_file(folder, trip, tmp_path):
-    """Rows of the record give the same bits; its frames the same values, but for what a spline does not know yet."""
+    """The rows of the record give the same bits.
+
+    Its frames give the same values, but for the end of the spline, which lacks later
+    frames.
+    """
     live = a_live(folder, "same", tmp_path / "out")
     driven(live, Sender("same", trip, 3.0))
     out = tmp_path / "out"
@@ -457,7 +464,7 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
 
 
 def test_the_page_in_a_browser(folder, trip):
-    """Answers and plots at two widths, in the light and in the dark; nothing but its own machine is asked."""
+    """Answers and plots appear at two widths, light and dark, without a network."""
     sys.path.append(str(ROOT / "scripts"))
     import page as built
 

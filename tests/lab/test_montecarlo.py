@@ -1,5 +1,7 @@
-"""Monte-Carlo studies: what the scores mean, that runs are kept and foreign ones refused, that every way of running gives
-the same numbers, and a small seeded part of each study."""
+"""Monte-Carlo studies: the scores, kept runs, and a small seeded part of each study.
+
+Foreign runs are refused, and every way of running gives the same numbers.
+"""
 
 import os
 import re
@@ -102,7 +104,10 @@ CODES = {f.name: code for code, f in library().codes(REASON).items()}
 
 
 def at_rest(rows: int, names: np.dtype, event: float) -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
-    """Rows in which everything is known, the truth is 0.8 and the estimate right, valid and 1 % uncertain; an event."""
+    """Return rows of a known truth of 0.8, with an estimate that is right, and an event.
+
+    The estimate is valid, and its sd is 1 %.
+    """
     time_ = np.round(np.arange(rows) * STEP, 9)
     truth, estimate = np.zeros(rows, library().dtype(SIM_OUTPUT)), np.zeros(rows, names)
     for key in STIFFNESS:
@@ -626,7 +631,8 @@ def test_a_small_part_of_each_study(name, tmp_path):
 
 
 def _accuracy(lines, text):
-    # along: radii, which are exact here, are known to 0.2 %, and a drive of seconds hardly finds them
+    # along: the radii, which are exact here, are known to 0.2 %. A drive of seconds
+    # hardly improves them.
     for name, limit in (("cx_front", 12.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
         assert (
             lines.loc["accuracy", "tse"][f"{name}_rms"] < limit
@@ -635,7 +641,10 @@ def _accuracy(lines, text):
 
 
 def _paper(lines, text):
-    """Of two runs: robust and default do not diverge; a held steering angle that the filter knows of biases nothing."""
+    """In two runs, robust and default do not diverge.
+
+    A held steering angle that the filter has as such gives no bias.
+    """
     for case in ("iv-a", "iv-a-held"):
         robust = lines.loc[case, "robust"]
         assert not robust["diverged"] and (robust[[f"{s}_rms" for s in STIFFNESS[1:]]] < 2).all()
@@ -649,7 +658,10 @@ def _paper(lines, text):
 
 
 def _robust(lines, text):
-    """Noise of three times the setting ends in the spread, where that has no limit, and with it everything."""
+    """Noise of three times the setting ends in the spread, where that has no limit.
+
+    The spread then includes everything.
+    """
     limited, free = (lines.loc["noise-3x", name] for name in ("robust", "robust-no-limit"))
     assert limited["cy_front_rms"] < free["cy_front_rms"] and free["cy_front_spread"] > 35
     assert all(text_ in text for text_, _ in estimators.VARIANTS.values())

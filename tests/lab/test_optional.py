@@ -1,5 +1,8 @@
-"""Channels that a log may have besides (input.toml): a measured velocity, brake switch and wheel torques; from columns to the
-filter, and settings that would be without effect; without them no bit changes."""
+"""Optional channels of a log (input.toml): velocity, brake switch and wheel torques.
+
+They are followed from columns to the filter. Settings without effect are reported.
+Without the channels no bit changes.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -84,7 +87,7 @@ def test_a_csv_reads_as_the_frame(drive: pd.DataFrame, tmp_path: Path) -> None:
 
 
 def test_columns_of_other_names_change_no_bit(drive: pd.DataFrame) -> None:
-    """vel_y, speed, course may be anything; only the names of the library are measurements."""
+    """vel_y, speed, course may be anything; only the library's names are measurements."""
     config, _ = make_config(vehicle(), read_frame(drive))
     plain = estimate(read_frame(drive), config).table
     named = estimate(read_frame(drive.assign(vel_y=9.0, speed=99.0, course=1.0)), config).table
@@ -217,7 +220,7 @@ def test_columns_are_bits_of_a_row_where_they_have_a_number(driven: pd.DataFrame
 
 
 def test_generated_torques_are_those_of_force_and_of_both_axles(made) -> None:
-    """Rolling resistance is a hundredth of the load, spin-up a tenth of the force at most."""
+    """Rolling resistance: a hundredth of the load; spin-up: at most 0.1 of the force."""
     r, p = made.reference, made.car.parameters
     fast = (r["vel_x"] > 5) & (np.abs(r["road_wheel"]) < 0.02)
     for axle, radius in (("front", p["radius_front"]), ("rear", p["radius_rear"])):
@@ -301,7 +304,10 @@ def test_a_switch_that_is_averaged_is_a_share(driven: pd.DataFrame) -> None:
 
 
 def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFrame, tmp_path: Path) -> None:
-    """Proposed by name and by what the speed does, written, read, and 1 where the pressure is above."""
+    """The switch is proposed by its name and by the change of speed, written and read.
+
+    It is 1 where the pressure is above the threshold.
+    """
     pressure = np.where(driven.brake > 0, 5.0 + 40.0 * np.maximum(-driven.accel_x, 0.0), 0.1)
     units = {f.name: f"{f.name} [{f.unit}]" for f in library().channels}
     other = driven.rename(columns={**units, "wheel_torque_front": "FrontAxleTorque [Nm]", "brake": "unused"})

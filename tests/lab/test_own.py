@@ -1,5 +1,8 @@
-"""A car that nobody has calibrated is calibrated on its own log: what that finds, keeps, and leaves to the class. The car is one of
-tests/cars, of 14 degrees of freedom."""
+"""An uncalibrated car is calibrated on its own log.
+
+The tests check what is found, what is kept and what keeps the values of the class. The
+car is one of tests/cars, with 14 degrees of freedom.
+"""
 
 import json
 from dataclasses import dataclass
@@ -75,7 +78,8 @@ def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
         assert np.nanmedian(np.abs(ours)) < 0.1 and np.nanmedian(np.abs(ours)) < np.nanmedian(np.abs(plain))
         sd = (case.est[f"{key}_sd"] / case.est[key]).to_numpy()[case.est["time"].to_numpy() > 20]
         known = np.isfinite(ours)
-        # nearly all rows of one drive share one error: 0.9 fails where the interval misses for seconds, not for a moment
+        # Nearly all rows of one drive share one error. 0.9 fails where the interval
+        # misses for seconds, not for a moment.
         assert (np.abs(ours)[known] < 1.96 * sd[known] * (1 + ours[known])).mean() > 0.9
     assert case.est["cy_front_valid"].mean() > case.plain["cy_front_valid"].mean()
 
@@ -208,7 +212,10 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
 
 
 def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch, tmp_path):
-    """The estimate is written, nothing is kept of the calibration, no lock stays; from Python it is an interrupt as any other."""
+    """The estimate is written, no calibration is kept, and no lock stays.
+
+    In Python it is an ordinary interrupt.
+    """
 
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -271,7 +278,7 @@ def test_channels_that_contradict_each_other_calibrate_nothing(case):
 
 
 def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
-    """Both drives are of one car as calibrated, so that the second starts from what the first taught."""
+    """Both drives are of one car: the second starts from the first's results."""
     rows = case.log.read_text().splitlines()
     (tmp_path / "logs").mkdir()
     for name, part in (("2026-01-01", rows[1:4501]), ("2026-01-02", rows[4501:])):
@@ -317,7 +324,10 @@ def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
 
 
 def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
-    """The search's value moved to twice that of the filter, with a narrow interval; left where it was found, both agree."""
+    """The search's value is moved to twice that of the filter, with a narrow interval.
+
+    Where it is not moved, both agree.
+    """
     vehicle, log = read_vehicle(case.car), read_log(case.log)
     found = own.calibrate_once(vehicle, [log]).found
     config, _ = make_config(vehicle, log)

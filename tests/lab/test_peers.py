@@ -1,4 +1,7 @@
-"""The extended Kalman filters that tse is compared with: beside least squares over a whole window, and on what a log may hold."""
+"""The extended Kalman filters that tse is compared with.
+
+They are compared with least squares over a whole window, and run on all a log may hold.
+"""
 
 import functools
 from dataclasses import dataclass, replace
@@ -62,7 +65,8 @@ def drive(
     return Drive(config, rows, peers.Known((SPREAD,) * 3, sensors, forgetting), simulation.truth)
 
 
-# ---- the reference: (1)-(4) in newtons, inputs linear between rows, Runge and Kutta's fourth-order rule in half a millisecond
+# ---- the reference: (1)-(4) in newtons, inputs linear between rows, Runge and Kutta's
+# fourth-order rule in steps of half a millisecond
 
 
 def reference_accelerations(car, x, w, u):
@@ -116,17 +120,18 @@ def finite(out: np.ndarray) -> bool:
 
 
 class Window:
-    """A short drive as one linear problem: every measurement as a function of everything that is random.
+    """A short drive as one linear problem: measurements as functions of random numbers.
 
-    theta = (x0, mu, b0, eps of each row, step of the biases before each row but the first), whitened: N(0, 1). The
-    functions are the reference's model run from the first row to the last; their derivative is a central difference.
+    theta = (x0, mu, b0, eps of each row, step of the biases before each row but the
+    first), whitened: N(0, 1). The functions run the reference's model from the first row
+    to the last. Their derivative is a central difference.
     """
 
     ROWS, DT = 25, 0.01
     step = 1.0  # of the difference, in sds
 
     def __init__(self, scale: float):
-        """scale: of every doubt and noise. A small one makes the problem linear, whatever its functions are."""
+        """`scale` multiplies every sd; with a small one any problem is linear."""
         n = self.ROWS
         self.config = config = Config.exact(
             {
@@ -189,15 +194,21 @@ class Window:
         return rows
 
     def information(self, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Prior and measurements as one whitened system a theta = ...; use: (rows, 3), which measurements."""
+        """Return prior and measurements as one whitened system a theta = ...
+
+        `use`, (rows, 3), selects the measurements.
+        """
         a = (self.linear[2] / self.sensors[:, None])[use]
         return a, np.eye(len(self.sd)) + a.T @ a
 
 
 def test_estimates_equal_weighted_least_squares_over_the_whole_window(monkeypatch):
-    """Noise a ten-thousandth of a car's: then the filters' problem is linear, and its solution is that of least squares on
-    all rows at once, with whatever channel is missing left out. What is left of the curvature is of that order. Steps are
-    fine, since an sd of vel_x is less than a thousandth of a millimetre a second here."""
+    """With noise a ten-thousandth of a car's, the filters' problem is linear.
+
+    Its solution is that of least squares on all rows at once, without the missing
+    channels. The remaining curvature is of that order. Steps are short, since the sd of
+    vel_x is less than a thousandth of a millimetre per second here.
+    """
     monkeypatch.setattr(peers, "STEP", 0.02)
     window, rng = Window(1e-4), np.random.default_rng(5)
     use = np.ones((window.ROWS, 3), bool)
@@ -257,7 +268,10 @@ def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
 
 
 def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
-    """When the steering turns, the row that logs it has not turned by it yet; that row has no measurement here."""
+    """When the steering turns, its row's motion does not yet show the turn.
+
+    That row has no measurement here.
+    """
     d = drive(duration=4.0, sim={"hold_inputs": 1})
     flip = np.searchsorted(d.time, 2.0 - 1e-9)
     for name in MEASURES:
@@ -270,9 +284,12 @@ def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
 
 
 def test_errors_are_half_of_what_the_filter_believes_of_them():
-    """Forgetting makes its variance 1 + lambda times that of its error. The start is 30 % off, 1 sd, biases drawn and walking;
-    rows four memories apart, whose errors are nearly independent; 99.8 % intervals, Cx up to 15 % worse: a stiffness that is 9 %
-    off is a worse place to linearise at."""
+    """Forgetting makes the filter's variance 1 + lambda times that of its error.
+
+    The start is 30 % off, 1 sd; biases are drawn and walk. Rows are four memories apart,
+    so that their errors are nearly independent. The intervals are 99.8 %. Cx may be up to
+    15 % worse: a stiffness that is 9 % off is a worse place to linearise at.
+    """
     shares = []
     for seed in range(1, 9):
         bias = np.random.default_rng(seed).standard_normal(3)

@@ -1,4 +1,4 @@
-"""The studies of regimes: what counts as a change, what is driven, what the tables say."""
+"""The studies of regimes: the events that count as a change, the drives, the tables."""
 
 from dataclasses import replace
 

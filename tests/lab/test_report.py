@@ -186,7 +186,10 @@ def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said)
 
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
-    """A row of a car that stands is held, whatever its channels: the fault of which the list tells is in the share, too."""
+    """A row of a standing car is held, whatever its channels.
+
+    The fault that the list names is in the share, too.
+    """
     table = table_of([1] * 40 + [0] * 20 + [1] * 40, "sensor fault")
     for key in ("cx_front", "cy_front", "cy_rear"):
         table.loc[50:59, f"{key}_reason"] = "held"
@@ -369,7 +372,10 @@ def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
 
 
 def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
-    """They were thinned to every n-th row: a spike of one block was gone in six of seven places."""
+    """A spike of one block stays visible.
+
+    When the lines were thinned to every n-th row, it was lost in six of seven places.
+    """
     n = 21_000
     table = pd.DataFrame(
         {

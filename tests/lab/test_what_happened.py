@@ -1,4 +1,4 @@
-"""What happened on a drive, told from made-up tables: changes, spells, stretches, and what is said of them."""
+"""The account of a drive from made-up tables: changes, spells, stretches, sentences."""
 
 import json
 
@@ -26,7 +26,11 @@ CALM = [(0.0, 60.0, None)]
 def table_of(
     told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np.ones(len(t), bool)
 ) -> pd.DataFrame:
-    """A drive whose estimates tell: from, to, (time of the change, kind, probability, ratio) or None for no change yet."""
+    """Return the table of a drive.
+
+    Each entry: from, to, (time of the change, kind, probability, ratio), or None before a
+    change.
+    """
     time = np.arange(round(seconds / step)) * step
     n = len(time)
     level = np.ones(n)
@@ -238,7 +242,7 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
 
 
 def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path, monkeypatch):
-    """Whatever happened: the answer first, the newest of the rest, and how much more there is."""
+    """The answer comes first, then the newest events, then the number of the others."""
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.7 + 0.2 * (i % 2))) for i in range(1, 40)]
     for told, seconds in ((CALM, 60), (ROAD, 60), (every_5_s, 200)):
         table = table_of(told, seconds)
@@ -285,16 +289,19 @@ def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_pat
     assert times == [pytest.approx(40.0, abs=1.0)] if level < 1 else times == []
 
 
-# ---- The smoothed stiffness of a stretch: against batch least squares of a random walk, on made-up tables, on drives with truth.
+# ---- The smoothed stiffness of a stretch: against batch least squares of a random walk,
+# on made-up tables, on drives with truth.
 
 
 UNKNOWN = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
 
 
 def random_walk(rng, walk, noise, prior=0.3):
-    """Draw a random walk, measure it (noise: variance of each row, inf: none), and estimate it with a Kalman filter.
+    """Draw a random walk, measure it, and estimate it with a Kalman filter.
 
-    Returned: z, and mean and variance after each row."""
+    `noise`: variance of each row, inf: no measurement. Return z, and mean and variance
+    after each row.
+    """
     true = np.cumsum(np.concatenate([[rng.normal(0, prior)], rng.normal(0, np.sqrt(walk))]))
     read = np.isfinite(noise)
     z = np.where(read, true + rng.normal(size=len(true)) * np.sqrt(np.where(read, noise, 0)), 0.0)
@@ -309,7 +316,7 @@ def random_walk(rng, walk, noise, prior=0.3):
 
 
 def least_squares(z, walk, noise, prior=0.3):
-    """All rows at once: prior, steps and measurements as one linear problem. Returned: means, variances."""
+    """Solve prior, steps and measurements as one problem; return means and variances."""
     n = len(z)
     step = np.diff(np.eye(n), axis=0)
     weight = np.concatenate([[1 / prior**2], 1 / walk, 1 / noise])
@@ -366,7 +373,7 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
 
 
 def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_it():
-    """The filter is drawn to the other road for half a second before it believes in the change."""
+    """The filter moves towards the new road half a second before it detects it."""
     table = table_of(ROAD, valid=lambda t: t < 55)
     doubt = table["time"].between(35.5, 36.02)
     for key in STIFFNESS:
@@ -533,7 +540,8 @@ def signal():
 def test_it_is_that_of_scipy(signal, penalty):
     time, y = signal
     between = np.linspace(time[0], time[-1], 3001)
-    # scipy solves a system whose condition grows with the penalty: 1e-8 at a penalty of 1 s3
+    # scipy solves a system whose condition grows with the penalty: 1e-8 at a penalty of 1
+    # s3
     assert solve_smoothing_spline(time, y, penalty)(between) == pytest.approx(
         make_smoothing_spline(time, y, lam=penalty)(between), abs=1e-8
     )

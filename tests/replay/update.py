@@ -1,18 +1,23 @@
 #!/usr/bin/env python3
-"""Write the golden estimates anew, golden_double.csv, golden_float.csv, golden_fixed.csv, from drive.csv and the core as it is now.
+"""Write the golden estimates anew from drive.csv and the present core.
 
-python3 tests/replay/update.py            says what moved, and by how much
-python3 tests/replay/update.py --drive    also records a new drive with the simulator (rarely wanted)
+    python3 tests/replay/update.py            prints what moved, and by how much
+    python3 tests/replay/update.py --drive    also records a new drive with the simulator
 
-Needs a C compiler only ($CC, else cc). drive.csv is a recorded drive of 30 s at 10 ms from the simulator: standstill,
-acceleration with torque steps, two lane changes, braking to a stop, a little backwards; with lost channels, lost inputs, lost
-rows and one reading out of range. The golden files hold what the filter made of it: a hash of every bit of every output for
-each form (default, robust, paper, the default of a car that nobody has calibrated) and resampling scheme, and every 25th row of
-the default in digits.
+The files are golden_double.csv, golden_float.csv and golden_fixed.csv. Only a C compiler
+is needed ($CC, else cc). A new drive is rarely wanted.
 
-tests/unit/estimator/test_replay.c compares. The hash must be the same for every compiler, optimisation level, vector width and
-sanitizer; the digits say what moved and where. A change that is meant to move the estimates updates the golden files and says
-in its commit message why and by how much.
+drive.csv is a recorded drive of 30 s at 10 ms from the simulator: standstill,
+acceleration with torque steps, two lane changes, braking to a stop, a little backwards.
+It has lost channels, lost inputs, lost rows and one reading out of range. The golden
+files hold the filter's output. They have a hash of every bit of every output for each
+form (default, robust, paper, the default of an uncalibrated car) and resampling scheme,
+and every 25th row of the default in digits.
+
+tests/unit/estimator/test_replay.c compares. The hash must be the same for every compiler,
+optimisation level, vector width and sanitizer. The digits show what moved and where. A
+change that is meant to move the estimates updates the golden files, and its commit
+message states why and by how much.
 """
 
 import argparse

@@ -1,4 +1,7 @@
-"""Write cases: python -m tests.gap.generator --effect body_roll --seed 3 --out DIR, from the root of the repository."""
+"""Write cases; run it from the root of the repository.
+
+python -m tests.gap.generator --effect body_roll --seed 3 --out DIR
+"""
 
 import argparse
 from pathlib import Path
@@ -19,7 +22,7 @@ def _table() -> str:
 
 def main() -> None:
     """Command line."""
-    p = argparse.ArgumentParser(prog="python -m tests.gap.generator", description=__doc__)
+    p = argparse.ArgumentParser(prog="python -m tests.gap.generator", description=__doc__.split("\n")[0])
     p.add_argument(
         "--effect", action="append", default=[], choices=EFFECTS, help="may be repeated; none: a clean car"
     )

@@ -1,11 +1,15 @@
-"""The car: every number of the model, with all physical effects off. An effect changes some of them (effects.py)."""
+"""The car: every number of the model, with all physical effects off.
+
+An effect changes some of them (effects.py).
+"""
 
 import numpy as np
 
 GRAVITY = 9.81
 RIGID = 1000.0  # friction coefficient of a tyre that does not saturate
 
-# As the calibration engineer knows it. The yaw inertia is that which the yaw acceleration sees, spin of the wheels included.
+# As the calibration engineer measures it. The yaw inertia is the one that acts on the yaw
+# acceleration, spin of the wheels included.
 NOMINAL: dict[str, float] = {
     "mass": 1650.0, "yaw_inertia": 2700.0, "lf": 1.20, "lr": 1.52, "track_front": 1.56, "track_rear": 1.55,
     "wheel_radius_front": 0.325, "wheel_radius_rear": 0.325, "cg_height": 0.56,
@@ -47,7 +51,10 @@ def baseline() -> dict[str, float]:
 
 
 def drawn_car(rng: np.random.Generator) -> dict[str, float]:
-    """A car with every effect off whose tyres are not quite the nominal ones: stiffness is what the estimator has to find."""
+    """Draw a car with every effect off whose tyres differ somewhat from the nominal ones.
+
+    The estimator has to find their stiffness.
+    """
     car = baseline()
     axes = rng.uniform(0.90, 1.12, 3)
     for key, factor in zip(
@@ -61,7 +68,10 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
 
 
 def understeer(car: dict[str, float]) -> float:
-    """Understeer gradient, rad s2/m: road-wheel angle per lateral acceleration beyond Ackermann's."""
+    """Return the understeer gradient, rad s2/m.
+
+    It is the road-wheel angle beyond Ackermann's per lateral acceleration.
+    """
     lf, lr = car["lf"], car["lr"]
     return (
         car["mass"]

@@ -1,4 +1,4 @@
-"""Cases: a car with something hidden in it, its logs, the vehicle file as its engineer knows it, and the truth."""
+"""A case: a car with a hidden effect, its logs, its vehicle file and the truth."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -53,7 +53,7 @@ class Case:
         }  # fmt: skip
 
     def vehicle_toml(self) -> str:
-        """Return the vehicle file: nominal values and the kinematics of small angles, nothing of what is hidden."""
+        """Return the vehicle file: nominal values, small angles, no hidden effects."""
         lines = [
             'name = "gap study car"',
             'driven_axle = "front"',
@@ -64,7 +64,10 @@ class Case:
         return "\n".join([*lines, "", "[effects.exact_kinematics]", "share = 0.0", ""])
 
     def write(self, folder: Path | str, optional: bool = False) -> Path:
-        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json. `optional`: with speed and torques."""
+        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json.
+
+        `optional`: with speed and torques.
+        """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         columns = COLUMNS if optional else COLUMNS[:7]
@@ -79,14 +82,16 @@ class Case:
 
 
 def _stream(seed: int, what: str) -> np.random.Generator:
-    """Random numbers that depend on the seed and on what they are for, not on what else is drawn."""
+    """Return random numbers of the seed and the purpose, whatever else is drawn."""
     return np.random.default_rng([seed, *what.encode()])
 
 
 def _careful(car: dict[str, float]) -> float:
-    """How far a driver who feels the car keeps from its limit, as a share of the usual steering angle.
+    """Return the share of the usual steering angle that a careful driver uses.
 
-    Of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Of oversteer: at 26 m/s no more than 1.25 times the usual gain."""
+    Limit of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Limit of oversteer: at 26 m/s no
+    more than 1.25 times the usual gain.
+    """
     turn = (NOMINAL["lf"] + NOMINAL["lr"]) / 26.0**2
     angle = max(0.0, turn + understeer(car)) / (
         turn + understeer(NOMINAL)
@@ -129,7 +134,10 @@ def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) 
 
 
 def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
-    """Simulate cases, many logs at once, and yield them in order; the result does not depend on the batch."""
+    """Simulate cases, many logs at once, and yield them in order.
+
+    The result does not depend on the batch.
+    """
     waiting: list[tuple[Case, list]] = []
     for spec in specs:
         case, jobs = _prepare(spec)
@@ -146,7 +154,11 @@ def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
 def make_case(
     effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more
 ) -> Case:
-    """One case. `effects`: id -> size (1: typical) or {"value": parameter}; `more`: other fields of Spec."""
+    """Simulate one case.
+
+    `effects`: id -> size (1: typical) or {"value": parameter}. `more`: other fields of
+    Spec.
+    """
     return next(make_cases([Spec("+".join(effects) or "clean", effects, seed, size, manoeuvres, **more)]))
 
 

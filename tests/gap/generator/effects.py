@@ -1,7 +1,9 @@
-"""What can be hidden in the car: one row per effect, its sizes, how it changes the car, and what it amounts to.
+"""Effects that can be hidden in the car: one row each, with sizes, change and true value.
 
-`value` of an effect is the catalogue's parameter. Where this model's form is another than the catalogue's, `measure` computes the
-parameter of the catalogue's form that fits this model's own component best, and `apply` sizes the component until it is `value`.
+`value` of an effect is the catalogue's parameter. Some effects have another form in this
+model than in the catalogue. Then `measure` computes the parameter of the catalogue's form
+that fits this model's component best, and `apply` sizes the component until this is
+`value`.
 """
 
 from collections.abc import Callable
@@ -42,7 +44,10 @@ class Effect:
 def _solve(
     car: Car, key: str, target: float, measure: Callable[[Car], float], low: float, high: float
 ) -> None:
-    """Set car[key] between low and high such that measure(car) = target, by bisection on its logarithm."""
+    """Set car[key] such that measure(car) = target, by bisection on its logarithm.
+
+    The value lies between low and high.
+    """
     rising = measure({**car, key: high}) > measure({**car, key: low})
     for _ in range(45):
         middle = np.sqrt(low * high)
@@ -75,7 +80,10 @@ def axle_stiffness(car: Car) -> np.ndarray:
 
 
 def brush_of_magic_formula(car: Car, most: float = 5.5) -> dict[str, float]:
-    """1/mu of the brush C a (1 - z + z^2/3) that fits the tyre up to `most` m/s2 (or 0.85 of the peak), C free as in any fit."""
+    """Return 1/mu of the brush C a (1 - z + z^2/3) that fits the tyre best.
+
+    It is fitted up to `most` m/s2 (or 0.85 of the peak), with C free as in any fit.
+    """
     inverse = []
     for load, stiffness in zip(axle_load(car), axle_stiffness(car), strict=True):
         angle = np.linspace(0, 4 * car["mu"] * load / stiffness, 600)
@@ -136,8 +144,11 @@ def longitudinal_transfer_k(car: Car) -> dict[str, float]:
 
 
 def _apparent(car: Car, which: str) -> dict[str, float]:
-    """The mode from the specific force at the centre of gravity to the angle: that of the axis, the car's mass swinging too.
-    u'' (1 - c w^2) + 2 z w u' + w^2 u = w^2 f."""
+    """Return the mode from the specific force at the centre of gravity to the angle.
+
+    It is the mode of the axis with the car's mass swinging along: u'' (1 - c w^2) + 2 z w
+    u' + w^2 u = w^2 f.
+    """
     w, z = 2 * np.pi * car[f"f_{which}"], car[f"z_{which}"]
     free = np.sqrt(1 - car[f"{which}_coupling"] * w**2)
     return {"k": car[f"{which}_gain"], "f": w / free / (2 * np.pi), "zeta": z / free}
@@ -153,7 +164,10 @@ def trail_tp(car: Car) -> dict[str, float]:
 
 
 def wind_w(car: Car) -> dict[str, float]:
-    """w of 2.8 w sqrt(v^2 + w^2) that is this model's side force across the road, mean over 12 .. 32 m/s."""
+    """Return w of the catalogue's side force 2.8 w sqrt(v^2 + w^2).
+
+    It is the mean over 12 .. 32 m/s of this model's side force across the road.
+    """
     side, head = car["wind_y"], car["wind_x"]
     found = []
     for v in np.linspace(12, 32, 11):
@@ -168,7 +182,7 @@ def wind_w(car: Car) -> dict[str, float]:
 
 
 def warmth(time: np.ndarray, duration: float) -> np.ndarray:
-    """How far warming tyres have got: exponential, 0 at the start, 1 at the end of the log."""
+    """Return the progress of warming tyres: exponential, from 0 to 1 over the log."""
     return (1 - np.exp(-np.clip(time / duration, 0, 1) / WARM_UP)) / (1 - np.exp(-1 / WARM_UP))
 
 
@@ -202,7 +216,10 @@ def steering_eps(car: Car) -> dict[str, float]:
 
 
 def curved_ratio(car: Car, angle: np.ndarray) -> np.ndarray:
-    """Road-wheel angle of a steering gear whose ratio is wrong, the less the more it is turned."""
+    """Return the road-wheel angle of a steering gear whose ratio is wrong.
+
+    The error decreases with the angle.
+    """
     return angle * (1 + car["steer_ratio"] * (1 - STEER_CURVE * (angle / CURVE_ANGLE) ** 2))
 
 
@@ -253,7 +270,10 @@ def _transfer(
 
 def _hang(which: str, arm: tuple[float, float], f: tuple[float, float], z: tuple[float, float]):
     def apply(car: Car, value: float, rng: np.random.Generator) -> None:
-        """`f`, `z`: the mode as it appears at the centre of gravity. A wider angle of the same car is a softer spring."""
+        """Set the mode by `f` and `z`, as it appears at the centre of gravity.
+
+        A wider angle of the same car is a softer spring.
+        """
         coupling = SPRUNG * rng.uniform(*arm) * value
         w = 2 * np.pi * rng.uniform(*f)
         free = 1 / np.sqrt(1 + coupling * w**2)  # sqrt(1 - coupling w_axis^2) with w_axis = w free
@@ -309,7 +329,7 @@ def _cone(car: Car, value: float, rng: np.random.Generator) -> None:
 
 
 def _roll_steer(car: Car, value: float, rng: np.random.Generator) -> None:
-    """The rear axle steers with the body's roll angle, whether or not the IMU rolls with it."""
+    """Steer the rear axle with the body's roll, also where the IMU does not roll."""
     car["rear_roll_steer"] = value * (car["roll_gain"] or rng.uniform(4.0, 5.0) * DEGREE / GRAVITY)
 
 
@@ -434,10 +454,11 @@ _ORDER = {key: i for i, key in enumerate(EFFECTS)}
 def hide(
     car: Car, effects: dict[str, float | dict[str, float]], rng: np.random.Generator, size: float = 1.0
 ) -> list[dict]:
-    """Change the car by all effects; returns the truth of each.
+    """Change the car by all effects, and return the truth of each.
 
-    A number is a size: 1 is what the seed draws from the typical range, 2 twice that. {"value": x} gives the parameter itself,
-    other keys are numbers of the car (car.py), set last: {"value": 0.008, "roll_coupling": 0}.
+    A number is a size: 1 is what the seed draws from the typical range, 2 twice that.
+    {"value": x} gives the parameter itself. Other keys are numbers of the car (car.py),
+    which are set last: {"value": 0.008, "roll_coupling": 0}.
     """
     asked = {}
     for key in sorted(effects, key=_ORDER.__getitem__):  # so that roll comes before what steers by it

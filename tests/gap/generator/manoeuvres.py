@@ -1,6 +1,7 @@
-"""What the driver does: steering angle, wanted speed and acceleration at every step, drawn by seed.
+"""Draw the driver's steering angle, target speed and acceleration of each step.
 
-Steering is open loop and computed from the nominal car, so that a manoeuvre is the same whatever is hidden in the car.
+Steering is open loop and computed from the nominal car, so that a manoeuvre does not
+depend on the hidden effects.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,10 @@ class Program:
 
 
 class Track:
-    """A program in the making; time 0 is the start of the log, `grip` scales lateral acceleration where it could slide."""
+    """A program being built; time 0 is the start of the log.
+
+    `grip` scales the lateral acceleration where the car could slide.
+    """
 
     def __init__(self, rng: np.random.Generator, duration: float, grip: float) -> None:
         self.rng, self.duration, self.grip = rng, duration, grip
@@ -175,7 +179,7 @@ HOLD_OUT = ("slalom", "double_lane_change")
 
 
 def drive_program(name: str, rng: np.random.Generator, duration: float = 30.0, grip: float = 1.0) -> Program:
-    """The program of a manoeuvre; `grip` below 1: the driver keeps away from the limit."""
+    """Draw a manoeuvre; with `grip` below 1 the driver keeps away from the limit."""
     track = Track(rng, duration, grip)
     MANOEUVRES[name](track)
     return track.program()

@@ -1,8 +1,10 @@
-"""Equations of motion of a car on four wheels, many cars at once: arrays are (states or wheels, cars).
+"""Equations of motion of a car on four wheels; arrays are (states or wheels, cars).
 
-Axes of ISO 8855; wheels in the order front left, front right, rear left, rear right. The body's roll and pitch are second-order
-modes u, normalised: in a steady turn u_roll is the lateral and u_pitch the longitudinal specific force; angles are gains times u.
-With `exact` = 0 the kinematics are those of small angles, 1: trigonometric, with the wheels' own velocities and steering angles.
+Axes are those of ISO 8855. Wheels are in the order front left, front right, rear left,
+rear right. The body's roll and pitch are normalised second-order modes u: in a steady
+turn u_roll is the lateral and u_pitch the longitudinal specific force. Angles are gains
+times u. With `exact` = 0 the kinematics are those of small angles. With 1 they are
+trigonometric, with the wheels' own velocities and steering angles.
 """
 
 from dataclasses import dataclass
@@ -58,7 +60,10 @@ def magic_formula(
 
 
 def load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
-    """Cornering stiffness over that at static load; `load` relative to static: sin(2 atan(Fz/Fz_max)), normalised."""
+    """Return the cornering stiffness relative to that at static load.
+
+    `load` is relative to static. The law: sin(2 atan(Fz/Fz_max)), normalised.
+    """
     return load * (1 + ratio**2) / (1 + (ratio * load) ** 2)
 
 
@@ -72,7 +77,8 @@ def trail_weight(slip_angle: np.ndarray) -> np.ndarray:
     return np.cos(TRAIL_C * np.arctan(TRAIL_B * slip_angle))
 
 
-# ---- slope of the road over distance: sums of sines with random phases, hence smooth and without a period in a log
+# ---- slope of the road over distance: sums of sines with random phases, hence smooth and
+# without a period in a log
 
 
 WAVES = 6
@@ -80,7 +86,10 @@ LENGTHS = {"grade": (120.0, 900.0), "bank": (80.0, 500.0)}  # m, wave lengths
 
 
 def profile(rng: np.random.Generator, rms: float, mean: float, lengths: tuple[float, float]) -> np.ndarray:
-    """Rows amplitude, wave number, phase of one profile; the constant is a wave without a wave number."""
+    """Return rows of amplitude, wave number and phase of one profile.
+
+    The constant is a wave of wave number 0.
+    """
     amplitude = rng.uniform(0.5, 1.5, WAVES)
     amplitude *= rms * np.sqrt(2) / np.sqrt((amplitude**2).sum())
     number = 2 * np.pi / np.exp(rng.uniform(*np.log(lengths), WAVES))
@@ -114,7 +123,7 @@ class Drive:
 
 @dataclass
 class Motion:
-    """What the cars did. `fast` is (steps, OUTPUTS, cars), `slow` (samples, SLOW, cars)."""
+    """Motion of cars: `fast` is (steps, OUTPUTS, cars), `slow` (samples, SLOW, cars)."""
 
     fast: np.ndarray
     slow: np.ndarray
@@ -132,7 +141,8 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     p.sigma_y = np.array([p.sigma_front] * 2 + [p.sigma_rear] * 2)
     p.conicity = 0.5 * np.array([p.conicity_front] * 2 + [p.conicity_rear] * 2)
     p.static = 0.5 * p.mass * GRAVITY / p.wheelbase * np.array([p.lr, p.lr, p.lf, p.lf])
-    # per m/s2 of u: the inner wheels are unloaded, the outer loaded; when accelerating the front is unloaded
+    # per m/s2 of u: a turn moves load from the inner to the outer wheels, a positive
+    # acceleration moves load from the front to the rear
     share = np.array([p.roll_front / p.track_front, (1 - p.roll_front) / p.track_rear])
     p.load_roll = p.mass * p.h_lateral * np.array([-share[0], share[0], -share[1], share[1]])
     p.load_pitch = 0.5 * p.mass * p.h_longitudinal / p.wheelbase * np.array([-1.0, -1, 1, 1])[:, None]
@@ -159,7 +169,7 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
 
 
 def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Slip angle, longitudinal slip, speed along the wheel, and the wheel's cos and sin."""
+    """Return slip angle, longitudinal slip, speed, cos and sin of the wheel."""
     wheel = np.empty_like(v.omega)
     wheel[:2] = steer
     wheel[2:] = p.rear_roll_steer * v.roll
@@ -180,7 +190,10 @@ def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[n
 
 
 def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Derivative of the states, and specific force x, y and yaw acceleration. `u`: signals of Drive at this time."""
+    """Return the states' derivative, the specific force x, y and the yaw acceleration.
+
+    `u`: signals of Drive at this time.
+    """
     steer0, speed, accel, coast, gust, shake, warmth = u
     v = SimpleNamespace(**dict(zip(SINGLE, state, strict=False)))
     v.omega, bent_y, bent_x = state[14:18], state[18:22], state[22:26]
@@ -217,7 +230,8 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         fy = fy * side_force_weight(felt_x, p.combined)
     if has.conicity:
         fy = fy + p.conicity * load / p.static
-    # Rolling resistance shifts the wheel load forward: a force on the car that does not turn the wheel.
+    # Rolling resistance shifts the wheel load forward: a force on the car without a
+    # torque on the wheel.
     contact = fx - p.rolling * load * (1 + 0.3 * (v.vx / 40.0) ** 2) if has.rolling else fx
 
     body_x, body_y = contact * cos - fy * sin, fy * cos + contact * sin
@@ -238,7 +252,8 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         force_x, force_y = force_x - p.drag * flow * head, force_y + push
         moment = moment + p.wind_arm * push
 
-    # The body hangs over its roll and pitch axes: the centre of gravity accelerates by f_axis - coupling u''.
+    # The body hangs over its roll and pitch axes: the centre of gravity accelerates by
+    # f_axis - coupling u''.
     def body(
         f: np.ndarray, x: np.ndarray, dx: np.ndarray, w: np.ndarray, z: np.ndarray, coupling: np.ndarray
     ):
@@ -281,7 +296,10 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
 
 
 def simulate(drives: list[Drive], every: int = 10) -> Motion:
-    """Drive all cars at once: RK4, signals linear within a step. `every`: steps from sample to sample."""
+    """Drive all cars at once: RK4, signals linear within a step.
+
+    `every`: steps from sample to sample.
+    """
     p = _parameters(drives)
     names = ("steer", "speed", "accel", "coast", "gust", "shake", "warmth")
     u = np.stack([np.stack([getattr(d, k) for d in drives], -1) for k in names], 1)  # (steps, signals, cars)

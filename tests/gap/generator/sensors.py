@@ -1,5 +1,7 @@
-"""What is logged of a motion: the IMU on the body, wheel speeds, steering angle, and the optional channels. And filters of signals
-at every step, linear and others: (steps,) or (steps, signals)."""
+"""Logged channels of a motion: IMU, wheel speeds, steering, optional channels.
+
+The signal filters, linear and others, work on every step: (steps,) or (steps, signals).
+"""
 
 import numpy as np
 
@@ -14,7 +16,7 @@ BESSEL = (3.0, 3.0)  # s^2 T^2 + 3 s T + 3: second order, group delay T
 
 
 def second_order(x: np.ndarray, w: float, z: float) -> np.ndarray:
-    """w^2/(s^2 + 2 z w s + w^2), by the exact transition of the step with the input linear in between."""
+    """Filter by w^2/(s^2 + 2 z w s + w^2); exact for inputs linear within a step."""
     a = np.array([[0.0, 1.0], [-(w**2), -2 * z * w]])
     block = np.zeros((4, 4))  # x, dx, input, slope of the input
     block[:2, :2], block[1, 2], block[2, 3] = a, w**2, 1.0
@@ -79,11 +81,13 @@ def _rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def imu(car: dict[str, float], fast: np.ndarray) -> np.ndarray:
-    """accel_x, accel_y, yaw_rate at every step. `fast`: (steps, OUTPUTS).
+    """Return accel_x, accel_y and yaw_rate of every step. `fast`: (steps, OUTPUTS).
 
-    An accelerometer feels the forces other than gravity: in the road's axes the tyres' and the air's, and upwards the weight
-    that the tyres carry. A body that rolls by phi (left side up in a left turn) adds g sin(phi) to its lateral axis, one that
-    pitches by theta (nose down when braking) takes g sin(theta) from its longitudinal axis.
+    An accelerometer measures the forces other than gravity. In the road's axes these are
+    the forces of the tyres and the air, and upwards the weight that the tyres carry. A
+    body that rolls by phi (left side up in a left turn) adds g sin(phi) to its lateral
+    axis. A body that pitches by theta (nose down when braking) subtracts g sin(theta)
+    from its longitudinal axis.
     """
     fx, fy, yaw_acc, r, roll, pitch = (fast[:, i] for i in range(len(OUTPUTS)))
     fx, fy = (
