@@ -77,8 +77,15 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
             )[0]
         for who, made in ways.items():
             config = made()
-            rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
-                         **score(NativeFilter(config).estimate_rows(log.rows()), config, log, truth)})  # fmt: skip
+            rows.append(
+                {
+                    "car": k,
+                    "road": road,
+                    "who": who,
+                    "used": bool(itself.calibration),
+                    **score(NativeFilter(config).estimate_rows(log.rows()), config, log, truth),
+                }
+            )
     return pd.DataFrame(rows)
 
 

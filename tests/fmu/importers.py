@@ -80,8 +80,14 @@ def validate(fmu: Path) -> list[Verdict]:
 
 
 def _output(*command: str | Path) -> tuple[list[str], int]:
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, errors="replace", timeout=300,
-                          env={**os.environ, "LC_ALL": "C"})  # fmt: skip
+    done = subprocess.run(
+        [str(c) for c in command],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=300,
+        env={**os.environ, "LC_ALL": "C"},
+    )
     return [x.strip() for x in (done.stdout + done.stderr).splitlines() if x.strip()], done.returncode
 
 

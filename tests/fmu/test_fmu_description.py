@@ -142,9 +142,17 @@ def test_parameters_are_the_settings_of_the_library() -> None:
 
 OF_THE_FMU = {
     VEHICLE: {"ramp"},
-    ESTIMATOR: {"vehicle.exact", "velocity.given", "pedals.given", "road.given", "estimate.valid", "estimate.grip_reason"}
-    | {f"estimate.{k}_reason" for k in NOMINAL} | {f"estimate.nominal.{k}" for k in NOMINAL},
-}  # fmt: skip
+    ESTIMATOR: {
+        "vehicle.exact",
+        "velocity.given",
+        "pedals.given",
+        "road.given",
+        "estimate.valid",
+        "estimate.grip_reason",
+    }
+    | {f"estimate.{k}_reason" for k in NOMINAL}
+    | {f"estimate.nominal.{k}" for k in NOMINAL},
+}
 
 
 def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
@@ -232,8 +240,14 @@ def test_units_have_definitions_that_their_display_units_follow(model: Unit) -> 
 
 
 def test_archive_holds_what_a_user_looks_for(model: Unit) -> None:
-    for name in ("model.png", "documentation/index.html", "documentation/licenses/license.txt", "sources/buildDescription.xml",
-                 "sources/fmi2.c", "sources/tse/tse.h"):  # fmt: skip
+    for name in (
+        "model.png",
+        "documentation/index.html",
+        "documentation/licenses/license.txt",
+        "sources/buildDescription.xml",
+        "sources/fmi2.c",
+        "sources/tse/tse.h",
+    ):
         assert (model.folder / name).is_file(), name
 
 
@@ -359,9 +373,13 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
     driver = np.rec.fromarrays([time, np.where(time % 4 < 2, 0.02, -0.02)], names=["time", "steer_angle"])
     outputs = [f"sensor.{name}" for name in names]
     car = simulate_fmu(
-        str(built / "SingleTrackVehicle.fmu"), input=driver, output=outputs, stop_time=10.0, output_interval=0.01,
+        str(built / "SingleTrackVehicle.fmu"),
+        input=driver,
+        output=outputs,
+        stop_time=10.0,
+        output_interval=0.01,
         start_values={"vehicle.mass": 1650.0, "simulation.true_cy_front": 0.8},
-    )  # fmt: skip
+    )
     columns = [car["time"], *(car[name] for name in outputs)]
     header = ",".join(["time", *names])
     np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")

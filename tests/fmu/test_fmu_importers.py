@@ -123,8 +123,14 @@ def test_default_experiment(model: Unit) -> None:
 def test_inputs_of_a_table_reach_the_estimator(estimator: Unit) -> None:
     """FMPy interpolates between rows; at the rows' own times it sets what they hold."""
     table = table_of_drive(400)
-    result = simulate_fmu(str(estimator.fmu), stop_time=3.9, step_size=0.01, output_interval=0.01, input=table,
-                          output=["estimate.vel_x"])  # fmt: skip
+    result = simulate_fmu(
+        str(estimator.fmu),
+        stop_time=3.9,
+        step_size=0.01,
+        output_interval=0.01,
+        input=table,
+        output=["estimate.vel_x"],
+    )
     speed = 0.33 * np.interp(result["time"], table["time"], table["wheel_speed_front"])
     assert np.abs(result["estimate.vel_x"][1:] - speed[:-1]).max() < 0.3 and speed.max() > 1
 
@@ -185,8 +191,15 @@ def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> N
     client = tmp_path / "client"
     run(compiler, "-std=c99", "-I", headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl")
     log = recorded_drive(300)
-    text = run_client([str(client)], estimator.binary, estimator, client_input(log, estimator, tmp_path / "in.csv"),
-                      tmp_path / "out.csv", "--set", f"{estimator.code('filter.particles')}=100")  # fmt: skip
+    text = run_client(
+        [str(client)],
+        estimator.binary,
+        estimator,
+        client_input(log, estimator, tmp_path / "in.csv"),
+        tmp_path / "out.csv",
+        "--set",
+        f"{estimator.code('filter.particles')}=100",
+    )
     lines = [line.split(",") for line in text.splitlines()]
     at = {name: lines[0].index(estimator.code(name)) for name in estimator.outputs}
     assert len(lines[0]) == 2 + len(estimator.variables)  # all there are, found by trying
@@ -311,9 +324,13 @@ def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exac
     unit, settings = estimator_in(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
     assert f"computes in {real}" in unit.description.description
     done = subprocess.run(
-        [sys.executable, "-c", IN_THE_LIBRARY], input=pickle.dumps((settings, not exact)), capture_output=True,
-        cwd=Path(__file__).parent, timeout=300, env={**os.environ, "TSELAB_LIBRARY": str(library_in(real))},
-    )  # fmt: skip
+        [sys.executable, "-c", IN_THE_LIBRARY],
+        input=pickle.dumps((settings, not exact)),
+        capture_output=True,
+        cwd=Path(__file__).parent,
+        timeout=300,
+        env={**os.environ, "TSELAB_LIBRARY": str(library_in(real))},
+    )
     assert done.returncode == 0, done.stderr.decode()
     log = recorded_drive()
     with Instance(unit) as instance:

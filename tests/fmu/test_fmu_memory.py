@@ -65,8 +65,14 @@ def sanitizer() -> str:
 
 
 def scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess.CompletedProcess:
-    return subprocess.run([*before, sys.executable, __file__, environment["FOLDER"], str(rows)], cwd=HERE, capture_output=True,
-                          text=True, timeout=300, env={**os.environ, "PYTHONMALLOC": "malloc", **environment})  # fmt: skip
+    return subprocess.run(
+        [*before, sys.executable, __file__, environment["FOLDER"], str(rows)],
+        cwd=HERE,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "PYTHONMALLOC": "malloc", **environment},
+    )
 
 
 @pytest.mark.skipif(not sanitizer(), reason="gcc's address sanitizer is not installed")
@@ -102,8 +108,19 @@ def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
         for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()
     }
     needed = {n for n in needed if not n.startswith("_")}
-    assert needed <= {"memcpy", "memset", "memcmp", "memchr", "memmove", "strchr", "strcmp", "strrchr", "strlen", "snprintf",
-                      "sqrt"}, needed  # fmt: skip
+    assert needed <= {
+        "memcpy",
+        "memset",
+        "memcmp",
+        "memchr",
+        "memmove",
+        "strchr",
+        "strcmp",
+        "strrchr",
+        "strlen",
+        "snprintf",
+        "sqrt",
+    }, needed
     header = (model.folder / "sources" / "fmi2Functions.h").read_text()
     common, _, rest = header[header.index("FMI2_Export fmi2GetTypesPlatformTYPE") :].partition(
         "Model Exchange"

@@ -31,8 +31,18 @@ def inputs(of: Unit, path: Path) -> Path:
         return client_input(recorded_drive(900).part(900 - ROWS, 900), of, path)  # moving, with lost channels
     lines = ["time," + ",".join(of.code(n) for n in DRIVER)]
     for k in range(ROWS):
-        row = [0.01 * k, 0.02 * (-1) ** (k // 50), 700.0 * (-1) ** (k // 70), 20.0 * (k % 5), 100.0 * (k % 3), 0.0,
-               1.0 - 0.001 * k, 0.3 * (k % 4), 0.01 * (k % 5), -0.02 * (k % 3)]  # fmt: skip
+        row = [
+            0.01 * k,
+            0.02 * (-1) ** (k // 50),
+            700.0 * (-1) ** (k // 70),
+            20.0 * (k % 5),
+            100.0 * (k % 3),
+            0.0,
+            1.0 - 0.001 * k,
+            0.3 * (k % 4),
+            0.01 * (k % 5),
+            -0.02 * (k % 3),
+        ]
         assert len(row) == 1 + len(DRIVER)
         lines.append(",".join(bits(x) for x in row))
     path.write_text("\n".join(lines) + "\n")
@@ -56,8 +66,17 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
         x for name, value in SETTINGS[of.identifier].items() for x in ("--set", f"{of.code(name)}={value}")
     ]
     input_ = inputs(of, folder / "in.csv")
-    text = run_client(client_for("linux64"), of.binary, of, input_, folder / "out.csv", *options(of), *settings,
-                      "--save", f"{folder / 'state'}@{MIDDLE}")  # fmt: skip
+    text = run_client(
+        client_for("linux64"),
+        of.binary,
+        of,
+        input_,
+        folder / "out.csv",
+        *options(of),
+        *settings,
+        "--save",
+        f"{folder / 'state'}@{MIDDLE}",
+    )
     assert len(text.splitlines()) == ROWS + 1
     return {"unit": of, "input": input_, "text": text, "state": folder / "state", "settings": settings}
 
@@ -68,8 +87,15 @@ def run_on(target: str, reference: dict, tmp_path: Path, *more: str, version: st
         pytest.skip(why)
     old = reference["unit"]
     of = unit(f"{old.identifier}{version}")
-    return run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv",
-                      *options(of, old.outputs), *more)  # fmt: skip
+    return run_client(
+        client_for(target),
+        library_for(target, of),
+        of,
+        reference["input"],
+        tmp_path / "out.csv",
+        *options(of, old.outputs),
+        *more,
+    )
 
 
 @pytest.mark.parametrize("target", RUNNERS)
@@ -126,6 +152,11 @@ def test_channels_are_those_of_the_estimator() -> None:
         "gnss_course",
     ]  # at rest unless one is given
     pedals = ["given", "brake", "wheel_torque_front", "wheel_torque_rear"]
-    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities), *(f"pedals.{v}" for v in pedals),
-                     *(f"road.{v}" for v in ("given", "bank", "grade"))]  # fmt: skip
+    assert names == [
+        *CHANNELS,
+        "missing",
+        *(f"velocity.{v}" for v in velocities),
+        *(f"pedals.{v}" for v in pedals),
+        *(f"road.{v}" for v in ("given", "bank", "grade")),
+    ]
     assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

@@ -227,7 +227,8 @@ def test_estimates_leave_the_start_for_the_truth() -> None:
     for s in STIFFNESS:
         mean, square_, valid = np.array([study(seed).result[s] for seed in SEEDS]).T
         print(
-            f"{s}: mean error {mean.mean():+.2f} %, RMS {np.sqrt(square_).mean():.2f} %, valid {valid.mean():.0f} %"
+            f"{s}: mean error {mean.mean():+.2f} %, RMS {np.sqrt(square_).mean():.2f} %, "
+            f"valid {valid.mean():.0f} %"
         )
         assert np.sqrt(square_).max() < 15 and valid.min() > 50, s
 
@@ -240,7 +241,8 @@ def test_held_inputs_cost_the_stiffness_little() -> None:
     for s in STIFFNESS:
         cost = np.array([study(seed, ramp=False).result[s][0] - study(seed).result[s][0] for seed in SEEDS])
         print(
-            f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % ({cost.min():+.2f} .. {cost.max():+.2f})"
+            f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % "
+            f"({cost.min():+.2f} .. {cost.max():+.2f})"
         )
         assert 0 < np.abs(cost).max() < 5, s
 

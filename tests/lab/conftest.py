@@ -94,7 +94,21 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
     folder = tmp_path_factory.mktemp("drive")
     vehicle, log, truth = folder / "car.toml", folder / "log.csv", folder / "truth.csv"
     vehicle.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
-    done = tselab("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", vehicle, "--out", log,
-                  "--truth", truth, "--seed", 3, "--with-ref")  # fmt: skip
+    done = tselab(
+        "simulate",
+        "--maneuver",
+        "square-waves",
+        "--duration",
+        20,
+        "--vehicle",
+        vehicle,
+        "--out",
+        log,
+        "--truth",
+        truth,
+        "--seed",
+        3,
+        "--with-ref",
+    )
     assert done.code == 0, done.err
     return Drive(folder, log, truth, vehicle)

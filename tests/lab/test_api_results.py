@@ -125,8 +125,17 @@ def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_i
     made = tse.signals(tmp_path / "log.csv", CAR, databases=[tmp_path / "car.dbc"]).write(
         tmp_path / "api.toml"
     )
-    done = tselab_here("signals", "log.csv", "--vehicle", folder / "car.toml", "--database", "car.dbc", "--write", "command.toml",
-                       cwd=tmp_path)  # fmt: skip
+    done = tselab_here(
+        "signals",
+        "log.csv",
+        "--vehicle",
+        folder / "car.toml",
+        "--database",
+        "car.dbc",
+        "--write",
+        "command.toml",
+        cwd=tmp_path,
+    )
     assert done.code == 0, done.err
     wanted = ReadOptions((tmp_path / "car.dbc",), step=0.01, separator=";")
     assert read_signals(made).how == read_signals(tmp_path / "command.toml").how == wanted

@@ -110,8 +110,17 @@ def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
         logged = pd.read_csv(tmp_path / "demo" / "logger" / "est.csv").iloc[-1000:]
         for key in ("cx_front", "cy_front", "cy_rear"):
             assert logged[key].mean() == pytest.approx(est[key].iloc[-1000:].mean(), rel=0.02)
-    again = tselab("estimate", "log.csv", "--vehicle", "vehicle.toml", "--config", "filter.toml", "--out", "again.csv",
-                   cwd=tmp_path / "demo")  # fmt: skip
+    again = tselab(
+        "estimate",
+        "log.csv",
+        "--vehicle",
+        "vehicle.toml",
+        "--config",
+        "filter.toml",
+        "--out",
+        "again.csv",
+        cwd=tmp_path / "demo",
+    )
     assert again.code == 0
     assert (tmp_path / "demo" / "again.csv").read_bytes() == (tmp_path / "demo" / "est.csv").read_bytes()
 

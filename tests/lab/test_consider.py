@@ -90,14 +90,19 @@ def logged_otherwise(change: Callable[[float], Callable], *columns: str) -> Run:
 # setting: size of the error, and the estimates with it. wheel_delay_sd shows less than
 # LEAST on this drive. lean_sd needs a bank.
 OFF: dict[str, tuple[float, Run]] = {
-    "mass_sd": (0.05, told_otherwise(mass=lambda by: CAR.mass * (1 + by), yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
+    "mass_sd": (
+        0.05,
+        told_otherwise(
+            mass=lambda by: CAR.mass * (1 + by), yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by)
+        ),
+    ),
     "yaw_inertia_sd": (0.05, told_otherwise(yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
     "cg_sd": (0.02, told_otherwise(lf=lambda by: CAR.lf - by, lr=lambda by: CAR.lr + by)),
     "accel_y_scale_sd": (0.02, logged_otherwise(lambda by: times(1 + by), "accel_y")),
     "gyro_scale_sd": (0.01, logged_otherwise(lambda by: times(1 + by), "yaw_rate")),
     "accel_delay_sd": (0.001, logged_otherwise(late, "accel_x", "accel_y")),
     "trail_sd": (0.02, told_otherwise(aligning_moment_trail=lambda by: by)),
-}  # fmt: skip
+}
 FOUND: dict[str, tuple[float, Run]] = {  # states
     "steer_ratio_sd": (0.01, logged_otherwise(lambda by: times(1 + by), "steer_angle")),
     "steer_offset_sd": (0.002, logged_otherwise(plus, "steer_angle")),

@@ -40,15 +40,34 @@ ISSUE_COLUMNS = [
     "n_eff", "log_evidence", "status",
 ]  # fmt: skip
 LATER_COLUMNS = [
-    *(f"{s}_spread_seen" for s in STIFFNESS), "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
+    *(f"{s}_spread_seen" for s in STIFFNESS),
+    "noise_accel_x",
+    "noise_accel_y",
+    "noise_yaw_rate",
     *(f"{s}_reason" for s in STIFFNESS),
     *(f"p_{p}" for p in ("steady", "changed", "axle", "fault", "sliding", "restarted")),
-    "change_age", "change_probability", "change_kind", *(f"change_{s}" for s in STIFFNESS), "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
-    "sideslip_sd", "grip", "grip_sd", "grip_valid", "noise_wheel_front", "noise_wheel_rear",
-    *(f"{what}_{c}" for what in ("innovation", "nis") for c in SENSORS), "grip_reason",
-    *(f"{s}_secant" for s in STIFFNESS), "fault_factor",
-]  # fmt: skip
+    "change_age",
+    "change_probability",
+    "change_kind",
+    *(f"change_{s}" for s in STIFFNESS),
+    "fault_channel",
+    "discrepancy_accel_x",
+    "discrepancy_accel_y",
+    "discrepancy_yaw_rate",
+    "lag_steer",
+    "lag_steer_sd",
+    "estimate_age",
+    "sideslip_sd",
+    "grip",
+    "grip_sd",
+    "grip_valid",
+    "noise_wheel_front",
+    "noise_wheel_rear",
+    *(f"{what}_{c}" for what in ("innovation", "nis") for c in SENSORS),
+    "grip_reason",
+    *(f"{s}_secant" for s in STIFFNESS),
+    "fault_factor",
+]
 
 
 @pytest.fixture(scope="module")
@@ -298,9 +317,22 @@ def test_settings_come_from_file_and_options_win(drive, tmp_path):
     (tmp_path / "filter.toml").write_text(
         "forgetting = 0.98\ninitial_mean_sd = 0.01\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n"
     )
-    done = tselab_here("estimate", "--form", "robust", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
-                  "--particles", 48,
-                  "--set", "initial_cy_front=0.8", "--verbose", cwd=tmp_path)  # fmt: skip
+    done = tselab_here(
+        "estimate",
+        "--form",
+        "robust",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--config",
+        "filter.toml",
+        "--particles",
+        48,
+        "--set",
+        "initial_cy_front=0.8",
+        "--verbose",
+        cwd=tmp_path,
+    )
     assert done.code == 0, done.err
     assert "48 particles, forgetting 0.98" in done.out
     first = pd.read_csv(tmp_path / "log.est.csv").iloc[0]
@@ -346,10 +378,23 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     long["time"] = np.arange(len(long)) * 0.01
     long.to_csv(tmp_path / "long.csv", index=False)
     run = subprocess.Popen(
-        [*COMMAND, "estimate", "--verbose", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html",
-         "--save-learnt", "car.tse"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [
+            *COMMAND,
+            "estimate",
+            "--verbose",
+            "long.csv",
+            "--vehicle",
+            str(drive.vehicle),
+            "--progress",
+            "--report",
+            "r.html",
+            "--save-learnt",
+            "car.tse",
+        ],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     seen = b""
     end = time.monotonic() + 60
     while not re.search(rb"[1-9]\d*%", seen) and time.monotonic() < end:
@@ -486,8 +531,20 @@ def test_one_file_may_be_loaded_and_replaced(first):
 def test_sensors_filled_in_from_another_log_and_other_filter_settings_do_not_matter(first):
     lines = (first / "car.toml").read_text().split("[sensors]")[0]
     (first / "bare.toml").write_text(lines)
-    done = tselab_here("estimate", "--verbose", "second.csv", "--vehicle", "bare.toml", "--set", "max_gap=0.3", "--load-learnt",
-                  "default.tse", "--age", 1, cwd=first)  # fmt: skip
+    done = tselab_here(
+        "estimate",
+        "--verbose",
+        "second.csv",
+        "--vehicle",
+        "bare.toml",
+        "--set",
+        "max_gap=0.3",
+        "--load-learnt",
+        "default.tse",
+        "--age",
+        1,
+        cwd=first,
+    )
     assert done.code == 0, done.err
 
 
@@ -538,8 +595,20 @@ def test_another_vehicle_and_a_newer_format_are_told_apart(first):
 def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
     (tmp_path / "car.toml").write_text((first / "car.toml").read_text())
     for name, seed in (("one", 1), ("two", 2)):
-        done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--out", f"{name}.csv",
-                      "--set", "true_bias_yaw_rate=0.008", "--seed", seed, cwd=tmp_path)  # fmt: skip
+        done = tselab_here(
+            "simulate",
+            "--maneuver",
+            "square-waves",
+            "--vehicle",
+            "car.toml",
+            "--out",
+            f"{name}.csv",
+            "--set",
+            "true_bias_yaw_rate=0.008",
+            "--seed",
+            seed,
+            cwd=tmp_path,
+        )
         assert done.code == 0, done.err
     estimate(tmp_path, "one", "--save-learnt", "biased.tse")
     off = []

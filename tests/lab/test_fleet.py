@@ -186,8 +186,18 @@ def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_
 
 
 def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_path):
-    command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--jobs", 1,
-               "--no-reports"]  # fmt: skip
+    command = [
+        *COMMAND,
+        "fleet",
+        logs / "logs",
+        "--vehicle",
+        logs / "car.toml",
+        "--out",
+        tmp_path / "out",
+        "--jobs",
+        1,
+        "--no-reports",
+    ]
     process = subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     kept = tmp_path / "out" / "logs"
     end = time.monotonic() + 90
@@ -333,8 +343,18 @@ def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path
         with distributed.Client(address, set_as_default=False) as client:
             first = start(*worker(address, tmp_path / "dask"))
             until(lambda: len(client.scheduler_info()["workers"]) == 1)
-            command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--no-reports",
-                       "--scheduler", address]  # fmt: skip
+            command = [
+                *COMMAND,
+                "fleet",
+                logs / "logs",
+                "--vehicle",
+                logs / "car.toml",
+                "--out",
+                tmp_path / "out",
+                "--no-reports",
+                "--scheduler",
+                address,
+            ]
             process = subprocess.Popen(
                 [*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
             )
@@ -369,12 +389,13 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
 def test_the_table_is_read_by_others_as_the_help_says(done):
     """What the help says of reading it works."""
     _, out, table = done
-    assert (
-        set(table.usable.unique()) <= {"yes", "in part", "no"}
-        and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
-    )
+    assert set(table.usable.unique()) <= {"yes", "in part", "no"}
+    assert list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
     duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
-    text = f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' where usable <> 'no' group by all"
+    text = (
+        f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' "
+        "where usable <> 'no' group by all"
+    )
     assert len(duckdb.sql(text).fetchall()) == 6
 
 
@@ -423,8 +444,18 @@ def test_cars_of_names_alike_have_files_of_their_own(tmp_path):
 
 
 def test_a_log_of_another_car_is_said():
-    rows = [{"car": "taxi", "log": f"{i}", "stiffness": "cy_front", "value": 100 * x, "nominal": 100.0, "sd": 2.0, "usable": "yes"}
-            for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))]  # fmt: skip
+    rows = [
+        {
+            "car": "taxi",
+            "log": f"{i}",
+            "stiffness": "cy_front",
+            "value": 100 * x,
+            "nominal": 100.0,
+            "sd": 2.0,
+            "usable": "yes",
+        }
+        for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))
+    ]
     found = unlike(pd.DataFrame(rows))
     assert list(found) == ["4"] and "front cornering stiffness 1.9 times theirs" in found["4"]
     assert unlike(pd.DataFrame(rows[:3])) == {}
@@ -481,8 +512,12 @@ def test_cars_are_ranked_by_their_stiffness_and_not_by_their_own_calibration(don
     from tse.runs.page import Car, Last
 
     def car(name, **last):
-        return Car(name, [], {k: Last(v, 5e3, v / nominal, pd.Timestamp(0)) for k, (v, nominal) in last.items()},
-                   {} if last else {"cy_front": "too few bends in this log"})  # fmt: skip
+        return Car(
+            name,
+            [],
+            {k: Last(v, 5e3, v / nominal, pd.Timestamp(0)) for k, (v, nominal) in last.items()},
+            {} if last else {"cy_front": "too few bends in this log"},
+        )
 
     stiff = car("stiff", cy_front=(100e3, 120e3), cx_front=(50e3, 50e3))
     soft = car("soft", cy_front=(90e3, 80e3), cy_rear=(70e3, 70e3))

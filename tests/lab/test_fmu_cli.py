@@ -158,10 +158,27 @@ MACHINES = {
     "aarch64-linux": [ARM],
     "aarch64-darwin": [ARM],
 }
-C_LIBRARY = ("libc.so.6", "libm.so.6", "kernel32.dll", "ntdll.dll", "ucrtbase.dll", "msvcrt.dll", "api-ms-win-crt-",
-             "/usr/lib/libsystem.")  # fmt: skip
-LINKER_MADE = {"_init", "_fini", "_edata", "_end", "__bss_start", "_mh_dylib_header", "__dso_handle", "___dso_handle",
-               "__mh_dylib_header"}  # fmt: skip
+C_LIBRARY = (
+    "libc.so.6",
+    "libm.so.6",
+    "kernel32.dll",
+    "ntdll.dll",
+    "ucrtbase.dll",
+    "msvcrt.dll",
+    "api-ms-win-crt-",
+    "/usr/lib/libsystem.",
+)
+LINKER_MADE = {
+    "_init",
+    "_fini",
+    "_edata",
+    "_end",
+    "__bss_start",
+    "_mh_dylib_header",
+    "__dso_handle",
+    "___dso_handle",
+    "__mh_dylib_header",
+}
 OLDEST = {"linux64": (2, 2, 5), "aarch64-linux": (2, 17)}  # glibc that a binary needs
 
 

@@ -270,8 +270,22 @@ def test_texts_that_are_refused(text, message):
 
 def test_no_text_of_allowed_characters_ends_otherwise_than_in_a_formula_or_a_refusal():
     random = np.random.default_rng(3)
-    pieces = [*"()+-*/.,12 ", "**", "abs", "lag", "play", "steer_angle", "slip_front", "time", "in", "if", "else", "not", "0x",
-              "e9"]  # fmt: skip
+    pieces = [
+        *"()+-*/.,12 ",
+        "**",
+        "abs",
+        "lag",
+        "play",
+        "steer_angle",
+        "slip_front",
+        "time",
+        "in",
+        "if",
+        "else",
+        "not",
+        "0x",
+        "e9",
+    ]
     made = 0
     for _ in range(3000):
         text = "".join(random.choice(pieces, random.integers(1, 12)))
@@ -626,11 +640,26 @@ TITLES = (
     "\u202e ü */",
 )  # none of which ends a comment
 FORMULA = parse(
-    "play_and_lag", "*/ a play, softened with the speed\n#error \\", "rear_angle",
+    "play_and_lag",
+    "*/ a play, softened with the speed\n#error \\",
+    "rear_angle",
     "k*(play(steer_angle, w) - steer_angle)*(1 + soft((vel_x - v0)/vw)) + j*lag(accel_y, T)",
-    [Number(*n, text=text) for n, text in zip((("k", 0.9, "1"), ("w", 0.002, "rad"), ("v0", 17.0, "m/s"), ("vw", 2.0, "m/s"),
-                                               ("j", 2e-4, "s2/m"), ("T", 0.1, "s")), TITLES, strict=True)],
-)  # fmt: skip
+    [
+        Number(*n, text=text)
+        for n, text in zip(
+            (
+                ("k", 0.9, "1"),
+                ("w", 0.002, "rad"),
+                ("v0", 17.0, "m/s"),
+                ("vw", 2.0, "m/s"),
+                ("j", 2e-4, "s2/m"),
+                ("T", 0.1, "s"),
+            ),
+            TITLES,
+            strict=True,
+        )
+    ],
+)
 
 
 def run(folder: Path, settings: dict[str, float], *flags: str) -> bytes:

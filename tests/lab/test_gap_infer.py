@@ -275,8 +275,14 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
         shifted = late.predict(values)
         if any(v < 0 for v in values.values()):
             moved = {k: v for k, v in told.items() if k.endswith("_latency")}
-            assert moved == pytest.approx({"steer_angle_latency": 0.02, "wheel_speed_front_latency": 0.02,
-                                           "wheel_speed_rear_latency": 0.02, "accel_y_latency": 0.01})  # fmt: skip
+            assert moved == pytest.approx(
+                {
+                    "steer_angle_latency": 0.02,
+                    "wheel_speed_front_latency": 0.02,
+                    "wheel_speed_rear_latency": 0.02,
+                    "accel_y_latency": 0.01,
+                }
+            )
             continue
         other = Problem(late.logs, Config.exact(late.config.as_dict() | told))
         assert np.std(other.predict({}) - shifted) < 0.02 * np.std(shifted - plain)

@@ -24,8 +24,18 @@ from tselab.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 DELAY = {"imu_delay_time": 0.02}
-WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wshadow", "-Wundef",
-            "-Wvla", "-Werror")  # fmt: skip
+WARNINGS = (
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wsign-conversion",
+    "-Wdouble-promotion",
+    "-Wshadow",
+    "-Wundef",
+    "-Wvla",
+    "-Werror",
+)
 
 
 @dataclass
@@ -140,14 +150,30 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(
     lib = library()
     source = tmp_path / f"main.{suffix}"
     source.write_text(
-        '#include "effects.h"\n#include "effects.h"\n#ifdef __cplusplus\nextern "C"\n#endif\nvoid set(tse_config *c);\n'
+        '#include "effects.h"\n#include "effects.h"\n'
+        '#ifdef __cplusplus\nextern "C"\n#endif\nvoid set(tse_config *c);\n'
         "void set(tse_config *c) { tse_config_small_case(c); }\n"
     )
     define = f"-DTSE_REAL_{'FLOAT' if lib.format == 'float' else 'DOUBLE'}"
     done = subprocess.run(
-        [compiler, *flags, *WARNINGS, define, "-shared", "-fPIC", "-I", ROOT / "include", "-I", case.out, source, "-o",
-         tmp_path / "set.so"], capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            compiler,
+            *flags,
+            *WARNINGS,
+            define,
+            "-shared",
+            "-fPIC",
+            "-I",
+            ROOT / "include",
+            "-I",
+            case.out,
+            source,
+            "-o",
+            tmp_path / "set.so",
+        ],
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0 and not done.stderr, done.stderr
     theirs, mine = (
         Config.exact(),

@@ -138,10 +138,26 @@ def test_a_drive_has_the_numbers_of_its_file(folder, trip, tmp_path):
     live = a_live(folder, "same", tmp_path / "out")
     driven(live, Sender("same", trip, 3.0))
     out = tmp_path / "out"
-    assert {p.name for p in out.iterdir()} >= {"car.dbc", "events.txt", "filter.toml", "frames.blf", "frames.signals.toml",
-                                               "rows.csv", "rows.est.csv"} - {"events.txt"}  # fmt: skip
-    done = tselab_here("estimate", out / "rows.csv", "--config", out / "filter.toml", "--vehicle", folder / "car.toml",
-                       "--no-calibrate", "--out", tmp_path / "rows.est.csv")  # fmt: skip
+    assert {p.name for p in out.iterdir()} >= {
+        "car.dbc",
+        "events.txt",
+        "filter.toml",
+        "frames.blf",
+        "frames.signals.toml",
+        "rows.csv",
+        "rows.est.csv",
+    } - {"events.txt"}
+    done = tselab_here(
+        "estimate",
+        out / "rows.csv",
+        "--config",
+        out / "filter.toml",
+        "--vehicle",
+        folder / "car.toml",
+        "--no-calibrate",
+        "--out",
+        tmp_path / "rows.est.csv",
+    )
     assert done.code in RAN, done.err
     assert (tmp_path / "rows.est.csv").read_bytes() == (out / "rows.est.csv").read_bytes()
     done = tselab_here("estimate", out / "frames.blf", "--vehicle", folder / "car.toml", "--no-calibrate",
@@ -340,8 +356,9 @@ from pathlib import Path
 folder = Path({folder!r})
 Sender("cli", sent(folder, 30.0), 3.0).start()
 from tselab.cli import main
-sys.argv = ["tselab", "live", "--interface", "virtual", "--channel", "cli", "--bus", "preserve_timestamps=true",
-            "--database", str(folder / "car.dbc"), "--vehicle", str(folder / "car.toml"), *{more!r}]
+sys.argv = ["tselab", "live", "--interface", "virtual", "--channel", "cli",
+            "--bus", "preserve_timestamps=true", "--database", str(folder / "car.dbc"),
+            "--vehicle", str(folder / "car.toml"), *{more!r}]
 main()
 """
 
@@ -382,8 +399,20 @@ def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_p
     assert "started from" in err and "Traceback" not in err and f"Learnt state written to {taught}" in out
     assert "front, in bends" in out and "a second; from a frame to the estimate" in err
     assert taught.read_bytes() != before and (tmp_path / "two" / "before.tse").read_bytes() == before
-    again = tselab_here("estimate", rows, "--config", tmp_path / "two" / "filter.toml", "--vehicle", folder / "car.toml",
-                        "--load-learnt", tmp_path / "two" / "before.tse", "--age", 1, "--out", tmp_path / "e.csv")  # fmt: skip
+    again = tselab_here(
+        "estimate",
+        rows,
+        "--config",
+        tmp_path / "two" / "filter.toml",
+        "--vehicle",
+        folder / "car.toml",
+        "--load-learnt",
+        tmp_path / "two" / "before.tse",
+        "--age",
+        1,
+        "--out",
+        tmp_path / "e.csv",
+    )
     assert (
         again.code in RAN
         and (tmp_path / "e.csv").read_bytes() == (tmp_path / "two" / "rows.est.csv").read_bytes()

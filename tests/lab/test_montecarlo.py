@@ -506,8 +506,20 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
     ids=["ctrl-c", "kill"],
 )
 def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_path, send, what):
-    command = [*COMMAND, "montecarlo", "--study", "stress", "--cases", "nominal", "--runs", "500", "--jobs", "2", "--out",
-               str(tmp_path)]  # fmt: skip
+    command = [
+        *COMMAND,
+        "montecarlo",
+        "--study",
+        "stress",
+        "--cases",
+        "nominal",
+        "--runs",
+        "500",
+        "--jobs",
+        "2",
+        "--out",
+        str(tmp_path),
+    ]
     run = subprocess.Popen(
         command,
         stderr=subprocess.PIPE,
@@ -624,9 +636,14 @@ def test_a_small_part_of_each_study(name, tmp_path):
     if name not in ("stress", "paper", "robust"):
         assert not lines["diverged"].any(), text
     checks = {
-        "accuracy": _accuracy, "paper": _paper, "robust": _robust, "peers": _peers, "stress": _stress, "regimes": _regimes,
+        "accuracy": _accuracy,
+        "paper": _paper,
+        "robust": _robust,
+        "peers": _peers,
+        "stress": _stress,
+        "regimes": _regimes,
         "false-alarms": _false_alarms,
-    }  # fmt: skip
+    }
     checks[name](lines, text)
 
 

@@ -31,8 +31,14 @@ from tse.readers.readers import read_recording
 from tse.readers.recording import ReadOptions
 
 ROWS, DT = 4000, 0.01
-CAR: dict[str, Any] = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33,
-                       "driven_axle": "front"}  # fmt: skip
+CAR: dict[str, Any] = {
+    "mass": 1900.0,
+    "lf": 1.25,
+    "lr": 1.5,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+    "driven_axle": "front",
+}
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +69,16 @@ def gnss(drive: pd.DataFrame) -> pd.DataFrame:
 def test_the_library_names_the_velocities_behind_the_channels() -> None:
     assert [f.name for f in library().channels][-1] == "yaw_rate"
     assert [f.name for f in library().optional] == [
-        "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course", "brake", "wheel_torque_front", "wheel_torque_rear",
-        "bank", "grade",
-    ]  # fmt: skip
+        "ins_vel_x",
+        "ins_vel_y",
+        "gnss_speed",
+        "gnss_course",
+        "brake",
+        "wheel_torque_front",
+        "wheel_torque_rear",
+        "bank",
+        "grade",
+    ]
 
 
 def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) -> None:
@@ -277,11 +290,22 @@ def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.Dat
         ({}, []),
         ({"brake": lambda d: 1.0 - d.brake}, ["brake is on in"]),
         ({"brake": lambda d: 0.0 * d.brake}, ["brake is off in"]),
-        ({"wheel_torque_front": lambda d: -d.wheel_torque_front, "wheel_torque_rear": lambda d: -d.wheel_torque_rear}, ["make -"]),
-        ({"wheel_torque_front": lambda d: d.wheel_torque_front / 1000, "wheel_torque_rear": lambda d: d.wheel_torque_rear / 1000},
-         ["times the force of mass x accel_x"]),
+        (
+            {
+                "wheel_torque_front": lambda d: -d.wheel_torque_front,
+                "wheel_torque_rear": lambda d: -d.wheel_torque_rear,
+            },
+            ["make -"],
+        ),
+        (
+            {
+                "wheel_torque_front": lambda d: d.wheel_torque_front / 1000,
+                "wheel_torque_rear": lambda d: d.wheel_torque_rear / 1000,
+            },
+            ["times the force of mass x accel_x"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_contradicts_the_speed_or_the_acceleration_is_said(
     made, driven: pd.DataFrame, change, words
 ) -> None:

@@ -46,10 +46,18 @@ class Drive:
 
 
 def drive(
-    name: str = "square-waves", *, seed: int = 1, duration: float = 10.0, dt: float = 0.01, noise: float = 1.0,
-    low: bool = False, settings: dict | None = None, sim: dict | None = None, road: list | None = None,
+    name: str = "square-waves",
+    *,
+    seed: int = 1,
+    duration: float = 10.0,
+    dt: float = 0.01,
+    noise: float = 1.0,
+    low: bool = False,
+    settings: dict | None = None,
+    sim: dict | None = None,
+    road: list | None = None,
     forgetting: float = 0.99,
-) -> Drive:  # fmt: skip
+) -> Drive:
     """A simulated drive. low: slip of half a per cent, steering of 0.005 rad."""
     config = Config.exact({**START, "sample_time": dt, **(settings or {})})
     maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)

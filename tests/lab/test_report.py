@@ -73,10 +73,19 @@ def test_text_of_the_user_is_escaped(page):
 
 @pytest.mark.parametrize(
     ("column", "quantity"),
-    [("ref_vel_x", "vel_x"), ("ref_vehicle_speed", "vel_x"), ("ref_yaw_rate_phone", "yaw_rate"), ("ref_cy_rear", "cy_rear"),
-     ("ref_cx_front_n", "cx_front"), ("ref_wheel_fl", "wheel_speed_front"), ("ref_wheel_rr", "wheel_speed_rear"),
-     ("ref_throttle_pct", None), ("ref_vel_z", None), ("ref_steering_wheel", None)],
-)  # fmt: skip
+    [
+        ("ref_vel_x", "vel_x"),
+        ("ref_vehicle_speed", "vel_x"),
+        ("ref_yaw_rate_phone", "yaw_rate"),
+        ("ref_cy_rear", "cy_rear"),
+        ("ref_cx_front_n", "cx_front"),
+        ("ref_wheel_fl", "wheel_speed_front"),
+        ("ref_wheel_rr", "wheel_speed_rear"),
+        ("ref_throttle_pct", None),
+        ("ref_vel_z", None),
+        ("ref_steering_wheel", None),
+    ],
+)
 def test_reference_columns_find_their_quantity(column, quantity):
     assert match_reference(column) == quantity
 
@@ -280,8 +289,13 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
 
 
 def figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:
-    made = [plots.stiffness_figure(data, table, Config.exact()), plots.states_figure(data), plots.inputs_figure(data),
-            plots.health_figure(data), plots.others_figure(data)]  # fmt: skip
+    made = [
+        plots.stiffness_figure(data, table, Config.exact()),
+        plots.states_figure(data),
+        plots.inputs_figure(data),
+        plots.health_figure(data),
+        plots.others_figure(data),
+    ]
     return [f for f in made if f is not None]
 
 
@@ -447,8 +461,17 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
         tmp_path / "r.html", Estimates(table, False), log, make_default_vehicle(), Config.exact(), []
     )
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
-                 "From 36.0 .. 119.9 s", "From 119.9 .. 200.0 s", "<td>front axle changed</td>"):  # fmt: skip
+    for text in (
+        "What happened",
+        "<td>road changed</td>",
+        "36.03 s",
+        "97 %",
+        "front cornering x 0.70",
+        "From 0.0 .. 36.0 s",
+        "From 36.0 .. 119.9 s",
+        "From 119.9 .. 200.0 s",
+        "<td>front axle changed</td>",
+    ):
         assert text in page, text
     assert "<h3>Grip</h3>" not in page  # a setting, no estimate
     calm = drive(CALM)[1]

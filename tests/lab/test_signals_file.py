@@ -341,9 +341,17 @@ def test_a_proposal_with_a_bare_name_stands_beside_the_log_where_it_is_looked_fo
     log = tmp_path / "logs" / "log.csv"
     t = np.arange(0, 20, 0.02)
     speed, lean = 20 + np.sin(0.3 * t), 0.2 * np.sin(t)
-    pd.DataFrame({"t [s]": t, "Lenkwinkel [deg]": 30 * lean, "v_VL [km/h]": 3.6 * speed, "v_HL [km/h]": 3.6 * speed,
-                  "Gierrate [deg/s]": np.rad2deg(lean), "ay [m/s2]": speed * lean, "ax [m/s2]": 0.3 * np.cos(0.3 * t)}).to_csv(
-        log, index=False)  # fmt: skip
+    pd.DataFrame(
+        {
+            "t [s]": t,
+            "Lenkwinkel [deg]": 30 * lean,
+            "v_VL [km/h]": 3.6 * speed,
+            "v_HL [km/h]": 3.6 * speed,
+            "Gierrate [deg/s]": np.rad2deg(lean),
+            "ay [m/s2]": speed * lean,
+            "ax [m/s2]": 0.3 * np.cos(0.3 * t),
+        }
+    ).to_csv(log, index=False)
     done = tselab_here("signals", "logs/log.csv", "--write", "signals.toml", cwd=tmp_path)
     assert done.code in (0, 3), done.err
     assert (log.parent / "signals.toml").is_file() and not (tmp_path / "signals.toml").exists()

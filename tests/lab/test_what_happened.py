@@ -128,19 +128,34 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
     [
         (CALM, []),
         # rows tell only the last: earlier ones are remembered
-        ([(0, 10.1, None), (10.1, 30.2, (10, 1, 0.95, 0.5)), (30.2, 45, (30, 1, 0.9, 2)), (45, 60, (44.8, 3, 1.0, 0.9))],
-         [(10, 1, 0.95), (30, 1, 0.9), (44.8, 3, 1.0)]),
+        (
+            [
+                (0, 10.1, None),
+                (10.1, 30.2, (10, 1, 0.95, 0.5)),
+                (30.2, 45, (30, 1, 0.9, 2)),
+                (45, 60, (44.8, 3, 1.0, 0.9)),
+            ],
+            [(10, 1, 0.95), (30, 1, 0.9), (44.8, 3, 1.0)],
+        ),
         # a refused row in between is no new change
         ([(10.1, 30, (10, 1, 0.9, 0.7)), (30.01, 60, (10, 1, 0.95, 0.7))], [(10, 1, 0.95)]),
         # what became likely stays reported; what is not likely is none
-        ([(20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))],
-         [(20.0, 1, 0.99), (39.7, 3, 0.97)]),
+        (
+            [
+                (20, 39.9, (20.0, 1, 0.99, 0.5)),
+                (39.9, 40, (20.0, 1, 0.6, 0.5)),
+                (40, 60, (39.7, 3, 0.97, 0.8)),
+            ],
+            [(20.0, 1, 0.99), (39.7, 3, 0.97)],
+        ),
         ([(36.1, 60, (36.03, 1, 0.85, 0.7))], []),
         # and so is what did nothing
-        *(([(36.1, 60, (36.03, 1, 0.99, ratio))], [(36.03, 1, 0.99)] * said)
-          for ratio, said in ((1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1))),
+        *(
+            ([(36.1, 60, (36.03, 1, 0.99, ratio))], [(36.03, 1, 0.99)] * said)
+            for ratio, said in ((1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1))
+        ),
     ],
-)  # fmt: skip
+)
 def test_changes_are_told_once_each(told, expected):
     assert [(c.time, c.kind, c.probability) for c in changes(table_of(told))] == [
         pytest.approx(e) for e in expected
@@ -169,9 +184,12 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
     table.loc[during(55, 56), "p_sliding"] = 0.3
     found = spells(table)
     assert [(s.what, s.channel, round(s.start, 2), round(s.end, 2)) for s in found] == [
-        ("sliding", "", 5, 6.99), ("fault", "yaw_rate", 19.5, 21.99), ("fault", "accel_x", 22, 22.99), ("sliding", "", 40, 40.99),
+        ("sliding", "", 5, 6.99),
+        ("fault", "yaw_rate", 19.5, 21.99),
+        ("fault", "accel_x", 22, 22.99),
+        ("sliding", "", 40, 40.99),
         ("sliding", "", 50, 51.99),
-    ]  # fmt: skip
+    ]
     assert found[1].label == "yaw_rate at fault 19.50 .. 21.99 s, 90 %"
     assert words([], found)[0] == "sliding 3 times, 5.0 s in all, first at 5.00 s"
 
@@ -259,8 +277,22 @@ def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path
     assert "more notes: --verbose" in done.out
 
 
-CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front = 0.33\nwheel_radius_rear = 0.33\n"
-CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
+CAR = """\
+mass = 1900
+lf = 1.25
+lr = 1.5
+yaw_inertia = 3000
+wheel_radius_front = 0.33
+wheel_radius_rear = 0.33
+"""
+CALIBRATED = """\
+[uncertainty]
+model_sd = 0.03
+mass_sd = 0.01
+relaxation_sd = 0.1
+wheel_delay_sd = 0.002
+steer_ratio_sd = 0.01
+"""
 
 
 @pytest.mark.parametrize(
@@ -446,9 +478,14 @@ def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
 
 @pytest.mark.parametrize(
     ("sd", "rows", "reason"),
-    [(0.01, "valid", "valid"), (0.2, "valid", "uncertain"), (0.2, "parameters uncertain", "parameters uncertain"),
-     (0.2, "held", "held"), (0.01, "not excited", "not excited")],
-)  # fmt: skip
+    [
+        (0.01, "valid", "valid"),
+        (0.2, "valid", "uncertain"),
+        (0.2, "parameters uncertain", "parameters uncertain"),
+        (0.2, "held", "held"),
+        (0.01, "not excited", "not excited"),
+    ],
+)
 def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason):
     table = table_of([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
     for key in STIFFNESS:

@@ -14,5 +14,15 @@ from .effects import CATALOGUE, EFFECTS, OUTSIDE
 from .manoeuvres import CORE, HOLD_OUT, MANOEUVRES
 
 __all__ = [
-    "CATALOGUE", "CORE", "EFFECTS", "HOLD_OUT", "MANOEUVRES", "OUTSIDE", "Case", "Spec", "make_case", "make_cases", "study",
-]  # fmt: skip
+    "CATALOGUE",
+    "CORE",
+    "EFFECTS",
+    "HOLD_OUT",
+    "MANOEUVRES",
+    "OUTSIDE",
+    "Case",
+    "Spec",
+    "make_case",
+    "make_cases",
+    "study",
+]

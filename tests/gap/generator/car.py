@@ -26,23 +26,69 @@ SPEED_NOISE, TORQUE_NOISE = 0.05, 8.0  # m/s, N m: the optional channels
 
 # Beyond NOMINAL: parts of the car, and every effect at "off".
 PARTS: dict[str, float] = {
-    "wheel_inertia": 1.1, "drive_front": 1.0, "brake_front": 0.66,  # kg m2 of one wheel; shares of torque
+    "wheel_inertia": 1.1,
+    "drive_front": 1.0,
+    "brake_front": 0.66,  # kg m2 of one wheel; shares of torque
     "roll_front": 0.54,  # share of the lateral load transfer that the front axle takes
-    "f_roll": 1.6, "z_roll": 0.3, "f_pitch": 1.7, "z_pitch": 0.35,  # the body's modes: Hz, damping ratio
-    "exact": 0.0, "ackermann": 0.6,
-    "mu": RIGID, "shape_y": -0.4, "shape_x": 0.0, "combined": 0.0,
-    "load_sensitive": 0.0, "h_lateral": 0.0, "h_longitudinal": 0.0,
-    "sigma_front": 0.0, "sigma_rear": 0.0, "sigma_x": 0.0,
-    "roll_gain": 0.0, "roll_coupling": 0.0, "pitch_gain": 0.0, "pitch_coupling": 0.0,  # rad s2/m, s2
-    "rear_roll_steer": 0.0, "trail": 0.0, "conicity_front": 0.0, "conicity_rear": 0.0, "drift": 0.0,
-    "drag": 0.0, "rolling": 0.0, "wind_x": 0.0, "wind_y": 0.0, "side_area": 0.0, "wind_arm": 0.45,
-    "grade": 0.0, "bank": 0.0, "bank_wander": 0.0,  # rms, mean, rms of the road's profiles, rad
-    "steer_ratio": 0.0, "steer_offset": 0.0, "steer_lag": 0.0, "steer_lag_z": 0.8, "steer_delay": 0.0, "compliance": 0.0,
-    "imu_x": 0.0, "imu_y": 0.0, "scale_x": 0.0, "scale_y": 0.0, "scale_r": 0.0,
-    "imu_yaw": 0.0, "imu_roll": 0.0, "imu_pitch": 0.0, "imu_delay": 0.0,
+    "f_roll": 1.6,
+    "z_roll": 0.3,
+    "f_pitch": 1.7,
+    "z_pitch": 0.35,  # the body's modes: Hz, damping ratio
+    "exact": 0.0,
+    "ackermann": 0.6,
+    "mu": RIGID,
+    "shape_y": -0.4,
+    "shape_x": 0.0,
+    "combined": 0.0,
+    "load_sensitive": 0.0,
+    "h_lateral": 0.0,
+    "h_longitudinal": 0.0,
+    "sigma_front": 0.0,
+    "sigma_rear": 0.0,
+    "sigma_x": 0.0,
+    "roll_gain": 0.0,
+    "roll_coupling": 0.0,
+    "pitch_gain": 0.0,
+    "pitch_coupling": 0.0,  # rad s2/m, s2
+    "rear_roll_steer": 0.0,
+    "trail": 0.0,
+    "conicity_front": 0.0,
+    "conicity_rear": 0.0,
+    "drift": 0.0,
+    "drag": 0.0,
+    "rolling": 0.0,
+    "wind_x": 0.0,
+    "wind_y": 0.0,
+    "side_area": 0.0,
+    "wind_arm": 0.45,
+    "grade": 0.0,
+    "bank": 0.0,
+    "bank_wander": 0.0,  # rms, mean, rms of the road's profiles, rad
+    "steer_ratio": 0.0,
+    "steer_offset": 0.0,
+    "steer_lag": 0.0,
+    "steer_lag_z": 0.8,
+    "steer_delay": 0.0,
+    "compliance": 0.0,
+    "imu_x": 0.0,
+    "imu_y": 0.0,
+    "scale_x": 0.0,
+    "scale_y": 0.0,
+    "scale_r": 0.0,
+    "imu_yaw": 0.0,
+    "imu_roll": 0.0,
+    "imu_pitch": 0.0,
+    "imu_delay": 0.0,
     # outside the catalogue
-    "play": 0.0, "gust": 0.0, "resonance": 0.0, "f_resonance": 4.5, "patch": 0.0, "stick": 0.0, "ratio_v": 0.0, "active": 0.0,
-}  # fmt: skip
+    "play": 0.0,
+    "gust": 0.0,
+    "resonance": 0.0,
+    "f_resonance": 4.5,
+    "patch": 0.0,
+    "stick": 0.0,
+    "ratio_v": 0.0,
+    "active": 0.0,
+}
 
 
 def baseline() -> dict[str, float]:

@@ -46,11 +46,15 @@ class Case:
     def truth(self) -> dict:
         """What is hidden."""
         return {
-            "name": self.spec.name, "seed": self.spec.seed, "size": self.spec.size,
-            "effects": [e for e in self.effects if not e["outside"]], "outside": [e for e in self.effects if e["outside"]],
-            "vehicle": {k: self.car[k] for k in NOMINAL}, "biases": self.biases,
+            "name": self.spec.name,
+            "seed": self.spec.seed,
+            "size": self.spec.size,
+            "effects": [e for e in self.effects if not e["outside"]],
+            "outside": [e for e in self.effects if e["outside"]],
+            "vehicle": {k: self.car[k] for k in NOMINAL},
+            "biases": self.biases,
             "changed": {k: v for k, v in self.car.items() if k not in NOMINAL},
-        }  # fmt: skip
+        }
 
     def vehicle_toml(self) -> str:
         """Return the vehicle file: nominal values, small angles, no hidden effects."""
@@ -199,11 +203,19 @@ def _finish(waiting: list[tuple[Case, list]]) -> Iterator[Case]:
 SEEDS = (1, 2, 3)
 CLEAN_SEEDS = tuple(range(101, 121))
 PAIRS = (
-    ("body_roll", "tyre_saturation"), ("body_roll", "steering_ratio"), ("tyre_saturation", "relaxation"),
-    ("grade", "pitch_leak"), ("bank", "steering_lag"), ("lateral_load_transfer", "longitudinal_load_transfer"),
-    ("gyro_scale", "imu_lever_arm"), ("wheel_radius", "combined_slip"), ("crosswind", "body_roll"),
-    ("imu_misalignment", "yaw_inertia"), ("steering_offset", "relaxation"), ("longitudinal_load_transfer", "imu_scale_ay"),
-)  # fmt: skip
+    ("body_roll", "tyre_saturation"),
+    ("body_roll", "steering_ratio"),
+    ("tyre_saturation", "relaxation"),
+    ("grade", "pitch_leak"),
+    ("bank", "steering_lag"),
+    ("lateral_load_transfer", "longitudinal_load_transfer"),
+    ("gyro_scale", "imu_lever_arm"),
+    ("wheel_radius", "combined_slip"),
+    ("crosswind", "body_roll"),
+    ("imu_misalignment", "yaw_inertia"),
+    ("steering_offset", "relaxation"),
+    ("longitudinal_load_transfer", "imu_scale_ay"),
+)
 
 
 def study() -> list[Spec]:

@@ -158,13 +158,23 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     p.grade_profile, p.bank_profile = (np.stack([d.road[k] for d in drives], -1) for k in ("grade", "bank"))
     # what no car of this batch has need not be computed
     p.has = SimpleNamespace(
-        road=bool(p.grade_profile[0].any() or p.bank_profile[0].any()), mu=bool((p.mu < RIGID).any()),
-        air=bool(np.any([p.drag, p.wind_x, p.wind_y])), exact=bool(p.exact.any()), load=bool(p.load_sensitive.any()),
-        combined=bool(p.combined.any()), sigma_y=bool(p.sigma_y.any()), sigma_x=bool(p.sigma_x.any()),
-        trail=bool(p.trail.any()), patch=bool(p.patch.any()), rolling=bool(p.rolling.any()), drift=bool(p.drift.any()),
-        steering=bool(np.any([p.ratio_v, p.active, p.compliance])), conicity=bool(p.conicity.any()),
-        gust=bool(p.gust.any()), resonance=bool(p.resonance.any()),
-    )  # fmt: skip
+        road=bool(p.grade_profile[0].any() or p.bank_profile[0].any()),
+        mu=bool((p.mu < RIGID).any()),
+        air=bool(np.any([p.drag, p.wind_x, p.wind_y])),
+        exact=bool(p.exact.any()),
+        load=bool(p.load_sensitive.any()),
+        combined=bool(p.combined.any()),
+        sigma_y=bool(p.sigma_y.any()),
+        sigma_x=bool(p.sigma_x.any()),
+        trail=bool(p.trail.any()),
+        patch=bool(p.patch.any()),
+        rolling=bool(p.rolling.any()),
+        drift=bool(p.drift.any()),
+        steering=bool(np.any([p.ratio_v, p.active, p.compliance])),
+        conicity=bool(p.conicity.any()),
+        gust=bool(p.gust.any()),
+        resonance=bool(p.resonance.any()),
+    )
     return p
 
 
@@ -315,10 +325,13 @@ def simulate(drives: list[Drive], every: int = 10) -> Motion:
         if i % every == 0:
             drive, brake = state[9], state[10]
             slow[i // every] = (
-                *state[:5], 0.5 * (state[14] + state[15]), 0.5 * (state[16] + state[17]),
-                drive * p.drive_front - brake * p.brake_front, drive * (1 - p.drive_front) - brake * (1 - p.brake_front),
+                *state[:5],
+                0.5 * (state[14] + state[15]),
+                0.5 * (state[16] + state[17]),
+                drive * p.drive_front - brake * p.brake_front,
+                drive * (1 - p.drive_front) - brake * (1 - p.brake_front),
                 u[i, 0] - state[11],
-            )  # fmt: skip
+            )
         if i + 1 == steps:
             break
         middle = 0.5 * (u[i] + u[i + 1])
