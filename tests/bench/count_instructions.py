@@ -15,7 +15,7 @@ PARTICLES, ROWS = 512, 100
 SKIPPED = 77
 
 
-def instructions(bench: str, rows: int) -> int:
+def count_instructions(bench: str, rows: int) -> int:
     command = [
         "valgrind",
         "--tool=callgrind",
@@ -34,7 +34,7 @@ def main() -> int:
     if shutil.which("valgrind") is None:
         print("skipped: valgrind is not installed")
         return SKIPPED
-    step = (instructions(bench, 2 * ROWS) - instructions(bench, ROWS)) / ROWS / PARTICLES
+    step = (count_instructions(bench, 2 * ROWS) - count_instructions(bench, ROWS)) / ROWS / PARTICLES
     print(f"{step:.0f} instructions per particle and step ({real}, limit {LIMIT[real]})")
     return 0 if step <= LIMIT[real] else 1
 

@@ -46,7 +46,7 @@ def run(*command: object, **options: Any) -> subprocess.CompletedProcess:
     return done
 
 
-def connections() -> set[tuple[str, str]]:
+def read_connections() -> set[tuple[str, str]]:
     """Of the vehicle's outputs to the estimator's inputs, as the system has them."""
     ssd = ElementTree.parse(ROOT / "fmu" / "StiffnessStudy.ssd")
     return {
@@ -56,7 +56,7 @@ def connections() -> set[tuple[str, str]]:
     }
 
 
-def headers(fmi: str = "2") -> Path:
+def find_headers(fmi: str = "2") -> Path:
     """The FMI headers, where scripts/setup.sh puts them."""
     return ROOT / ".venv" / "share" / f"fmi{fmi}" / "headers"
 
@@ -79,7 +79,9 @@ def _build(where: Path, *options: str) -> None:
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={ROOT}\n" not in cache.read_text():
         shutil.rmtree(where)
     generator = [] if cache.is_file() or not shutil.which("ninja") else ["-G", "Ninja"]
-    sources = [f"-DFETCHCONTENT_SOURCE_DIR_FMI{v}={headers(v).parent}" for v in FMI if headers(v).is_dir()]
+    sources = [
+        f"-DFETCHCONTENT_SOURCE_DIR_FMI{v}={find_headers(v).parent}" for v in FMI if find_headers(v).is_dir()
+    ]
     run("cmake", "--preset", "fmu", "-B", where, *generator, *sources, *options, cwd=ROOT)
     run("cmake", "--build", where, "--target", "fmus", cwd=ROOT)
 
@@ -115,22 +117,22 @@ class Unit:
         )
 
 
-def exported(binary: Path) -> set[str]:
+def list_exports(binary: Path) -> set[str]:
     """Names that a shared library of this machine exports."""
     return {line.split()[-1] for line in run("nm", "-D", "--defined-only", binary).stdout.splitlines()}
 
 
 @functools.cache
-def scratch() -> Path:
+def make_scratch_folder() -> Path:
     """A folder for what lasts as long as the tests."""
     return Path(tempfile.mkdtemp(prefix="tse-fmu-"))
 
 
 @functools.cache
-def unit(model: str, folder: str = "fmu") -> Unit:
+def load_unit(model: str, folder: str = "fmu") -> Unit:
     """An FMU of a build."""
     fmu = (build() if folder == "fmu" else ROOT / "build" / folder / "fmu") / f"{model}.fmu"
-    return Unit(fmu, scratch() / folder / model)
+    return Unit(fmu, make_scratch_folder() / folder / model)
 
 
 # ---- one instance
@@ -291,7 +293,7 @@ class Instance3:
 REAL_BITS = "<d"
 
 
-def bits(x: float) -> str:
+def format_bits(x: float) -> str:
     """A Real as tests/fmu/client.c writes it."""
     return "x" + struct.pack(">d", x).hex()
 
@@ -340,7 +342,7 @@ class Log:
         return rows
 
 
-def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
+def make_parameters(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
     """Return tse_config_exact() with these settings, under the estimator's names."""
     known = {
         n.partition(".")[2].replace(".", "_"): n
@@ -350,7 +352,7 @@ def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
     return {**KNOWN, **{known[name]: value for name, value in settings.items()}}
 
 
-def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
+def compute_expected_outputs(row: np.void, config: Config) -> dict[str, float]:
     """What the estimator FMU has to put out where the C library puts out this row."""
     expected: dict[str, float] = {}
     si = convert_stiffness(config, row)
@@ -379,7 +381,7 @@ def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
     return expected
 
 
-def same(a: float, b: float) -> bool:
+def has_same_bits(a: float, b: float) -> bool:
     """The same bits."""
     return struct.pack(REAL_BITS, float(a)) == struct.pack(REAL_BITS, float(b))
 
@@ -388,11 +390,11 @@ def expect_same_rows(got: Iterable[Mapping[str, float]], expected: Iterable[Mapp
     """Every output of every row has the same bits; says which do not."""
     for i, (a, b) in enumerate(zip(got, expected, strict=True)):
         assert a.keys() == b.keys(), sorted(a.keys() ^ b.keys())
-        wrong = [f"row {i}: {n} is {a[n]!r}, expected {b[n]!r}" for n in b if not same(a[n], b[n])]
+        wrong = [f"row {i}: {n} is {a[n]!r}, expected {b[n]!r}" for n in b if not has_same_bits(a[n], b[n])]
         assert not wrong, "\n".join(wrong[:10])
 
 
-def recorded_drive(rows: int | None = None) -> Log:
+def read_recorded_drive(rows: int | None = None) -> Log:
     """tests/replay/drive.csv."""
     lines = [
         s for s in (ROOT / "tests" / "replay" / "drive.csv").read_text().splitlines() if s[:1].isdigit()
@@ -412,7 +414,7 @@ RUNNERS = {
 }
 
 
-def unavailable(target: str) -> str:
+def explain_unavailable(target: str) -> str:
     """Why programs of this platform cannot be built or run here; empty: they can."""
     if subprocess.run([sys.executable, "-m", "ziglang", "version"], capture_output=True).returncode:
         return "ziglang is not installed (scripts/setup.sh platforms)"
@@ -425,11 +427,11 @@ def unavailable(target: str) -> str:
 
 
 @functools.cache
-def library_for(target: str, of: Unit) -> Path:
+def build_library(target: str, of: Unit) -> Path:
     """The FMU's shared library for a platform, compiled as `tselab fmu build` does."""
     build()
     platform = PLATFORMS[target]
-    result = scratch() / target / of.fmu.stem / (of.identifier + platform.suffix)
+    result = make_scratch_folder() / target / of.fmu.stem / (of.identifier + platform.suffix)
     result.parent.mkdir(parents=True, exist_ok=True)
     sources = ROOT / "build" / "fmu" / "fmu" / of.fmu.stem / "sources"
     result.write_bytes(compile_for(platform, sources, CACHE, version_of(of.fmu.stem)))
@@ -437,10 +439,12 @@ def library_for(target: str, of: Unit) -> Path:
 
 
 @functools.cache
-def _client(target: str) -> Path:
-    program = scratch() / f"client-{target}{RUNNERS[target][0]}"
+def build_client(target: str) -> Path:
+    program = make_scratch_folder() / f"client-{target}{RUNNERS[target][0]}"
     fmi = (
-        ["-DCLIENT_FMI3", *(f"-I{headers(v)}" for v in FMI)] if headers("3").is_dir() else [f"-I{headers()}"]
+        ["-DCLIENT_FMI3", *(f"-I{find_headers(v)}" for v in FMI)]
+        if find_headers("3").is_dir()
+        else [f"-I{find_headers()}"]
     )
     arguments = [
         "-target",
@@ -456,15 +460,17 @@ def _client(target: str) -> Path:
     return program
 
 
-def client_for(target: str) -> list[str]:
+def make_client_command(target: str) -> list[str]:
     """tests/fmu/client.c for a platform, as a command."""
-    return [*RUNNERS[target][1], str(_client(target))]
+    return [*RUNNERS[target][1], str(build_client(target))]
 
 
-def client_input(log: Log, of: Unit, path: Path) -> Path:
+def write_client_input(log: Log, of: Unit, path: Path) -> Path:
     """A log as INPUT.csv of the client."""
     lines = ["time," + ",".join(of.code(n) for n in CHANNELS)]
-    lines += [",".join(bits(x) for x in (t, *row)) for t, row in zip(log.time, log.channels, strict=True)]
+    lines += [
+        ",".join(format_bits(x) for x in (t, *row)) for t, row in zip(log.time, log.channels, strict=True)
+    ]
     path.write_text("\n".join(lines) + "\n")
     return path
 

@@ -8,7 +8,7 @@ The files, scripts/results/fmu.png and its table, have the same bytes every time
 import numpy as np
 import pandas as pd
 from docsite.pictures import shrink_picture
-from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, unit
+from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, load_unit
 
 from tse.estimation.verdict import NAMES
 from tse.library.core import STIFFNESS
@@ -20,7 +20,7 @@ ROAD_CHANGE = (30.0, 0.7)  # s, level
 START = 0.7  # of nominal
 
 
-def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+def run_study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Return estimates, truth and log of square waves in steering and torque, row by row.
 
     The estimate of a row is the estimator's output at the next communication point.
@@ -31,7 +31,7 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
         "vehicle.exact": True
     }  # known, but for its tyres
     rows = []
-    with Instance(unit(VEHICLE)) as car, Instance(unit(ESTIMATOR)) as estimator:
+    with Instance(load_unit(VEHICLE)) as car, Instance(load_unit(ESTIMATOR)) as estimator:
         car.start()
         estimator.start(start)
         for k in range(round(DURATION / STEP)):
@@ -58,7 +58,7 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 
 
 def main() -> None:
-    est, truth, log = study()
+    est, truth, log = run_study()
     picture = ROOT / "scripts" / "results" / "fmu.png"
     demo_picture(picture, est, truth, log)
     shrink_picture(picture)

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmu_support import ESTIMATOR, MODELS, ROOT, VEHICLE, Instance, Unit, build, connections, unit
+from fmu_support import ESTIMATOR, MODELS, ROOT, VEHICLE, Instance, Unit, build, load_unit, read_connections
 from fmu_support import run as command
 
 from tse.library.core import (
@@ -53,13 +53,13 @@ GROUPS = {
 }
 
 
-def xml_of(model: str) -> str:
-    return (unit(model).folder / "modelDescription.xml").read_text(encoding="utf-8")
+def read_xml(model: str) -> str:
+    return (load_unit(model).folder / "modelDescription.xml").read_text(encoding="utf-8")
 
 
 def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -> None:
     """Every change changes the GUID; every build of a description has the same one."""
-    text = xml_of(model.identifier)
+    text = read_xml(model.identifier)
     assert text.count(model.guid) == 1
     assert model.guid == "{" + str(uuid.uuid5(NAMESPACE, text.replace(model.guid, "@GUID@"))) + "}"
     assert f'"{model.guid}"' in (model.folder / "sources" / "fmu_guid.h").read_text()
@@ -127,7 +127,7 @@ def test_names_and_references_are_unique_and_structured(model: Unit) -> None:
 def test_parameters_are_the_settings_of_the_library() -> None:
     settings, simulator = ({f.name for f in library().fields(which)} for which in (CONFIG, SIM_CONFIG))
     found = {
-        name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"}
+        name: {v.name for v in load_unit(name).description.modelVariables if v.causality == "parameter"}
         for name in GROUPS
     }
     assert all(
@@ -155,7 +155,7 @@ OF_THE_FMU = {
 }
 
 
-def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
+def find_in_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
     """Return a variable's row of the library's tables and its unit there.
 
     Return None for a variable of the FMU alone.
@@ -190,7 +190,7 @@ def test_variables_are_those_of_the_tables(model: Unit) -> None:
     """
     own, order, known = set(), {}, Config.exact()
     for v in model.description.modelVariables:
-        field, unit_there = of_library(v.name, v.causality, model.identifier)
+        field, unit_there = find_in_library(v.name, v.causality, model.identifier)
         if field is None or v.name.endswith("given"):
             own.add(v.name)
             continue
@@ -216,7 +216,7 @@ def test_variables_are_those_of_the_tables(model: Unit) -> None:
 
 
 def test_structure_names_every_output_once_and_says_what_it_depends_on(model: Unit) -> None:
-    root = ET.fromstring(xml_of(model.identifier))
+    root = ET.fromstring(read_xml(model.identifier))
     variables = root.findall("./ModelVariables/ScalarVariable")
     outputs = [i + 1 for i, v in enumerate(variables) if v.get("causality") == "output"]
     for element, dependencies in (("Outputs", ""), ("InitialUnknowns", None)):
@@ -227,7 +227,7 @@ def test_structure_names_every_output_once_and_says_what_it_depends_on(model: Un
 
 
 def test_units_have_definitions_that_their_display_units_follow(model: Unit) -> None:
-    root = ET.fromstring(xml_of(model.identifier))
+    root = ET.fromstring(read_xml(model.identifier))
     defined = {u.get("name"): u for u in root.findall("./UnitDefinitions/Unit")}
     used = {v.find("Real").get("unit") for v in root.iter("ScalarVariable") if v.find("Real") is not None}
     assert used == set(defined)
@@ -261,11 +261,11 @@ def built() -> Path:
     return build()
 
 
-def page(built: Path, model: str) -> str:
+def read_page(built: Path, model: str) -> str:
     return (built / model / "documentation" / "index.html").read_text(encoding="utf-8")
 
 
-def examples(text: str, kind: str) -> list[str]:
+def find_examples(text: str, kind: str) -> list[str]:
     return [
         html.unescape(code) for code in re.findall(rf'<pre class="{kind}">\n(.*?)</pre>', text, flags=re.S)
     ]
@@ -283,7 +283,7 @@ def run(code: str, folder: Path, *fmus: Path) -> str:
 
 
 def test_the_estimators_example_finds_the_soft_front_tyres(built, tmp_path):
-    (code,) = examples(page(built, "TireStiffnessEstimator"), "example")
+    (code,) = find_examples(read_page(built, "TireStiffnessEstimator"), "example")
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu")
     found = re.search(r"front cornering stiffness ([\d.]+) \+- ([\d.]+) kN/rad, valid: True", said)
     assert found, said
@@ -294,7 +294,7 @@ def test_the_estimators_example_finds_the_soft_front_tyres(built, tmp_path):
 
 
 def test_the_vehicles_example_scatters_as_its_parameters_say(built, tmp_path):
-    (code,) = examples(page(built, "SingleTrackVehicle"), "example")
+    (code,) = find_examples(read_page(built, "SingleTrackVehicle"), "example")
     said = run(code, tmp_path, built / "SingleTrackVehicle.fmu")
     noise = float(re.search(r"noise of the gyro ([\d.]+) rad/s", said)[1])
     mean, spread = map(
@@ -306,7 +306,7 @@ def test_the_vehicles_example_scatters_as_its_parameters_say(built, tmp_path):
 
 
 def test_the_loop_that_connects_both_finds_the_stiffness(built, tmp_path):
-    (code,), (same,) = (examples(page(built, model), "connected") for model in MODELS)
+    (code,), (same,) = (find_examples(read_page(built, model), "connected") for model in MODELS)
     assert code == same
     said = run(code, tmp_path, *(built / f"{model}.fmu" for model in MODELS))
     found, true = map(
@@ -317,23 +317,23 @@ def test_the_loop_that_connects_both_finds_the_stiffness(built, tmp_path):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_table_of_connections_is_that_of_the_ssp(built, model):
-    table = re.search(r'<table class="connections">.*?</table>', page(built, model), flags=re.S)[0]
+    table = re.search(r'<table class="connections">.*?</table>', read_page(built, model), flags=re.S)[0]
     said = set(re.findall(r"<td><code>([\w.]+)</code></td><td><code>(\w+)</code></td>", table))
-    assert said == connections()
+    assert said == read_connections()
 
 
-def variables(built: Path, model: str) -> set[str]:
+def list_variables(built: Path, model: str) -> set[str]:
     return {v.get("name") for v in ET.parse(built / model / "modelDescription.xml").iter("ScalarVariable")}
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
-    text = page(built, model)
+    text = read_page(built, model)
     listed = re.findall(
         r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean|Enumeration)</td>", text
     )
-    assert {name.replace("<wbr>", "") for name in listed} == variables(built, model)
-    names = set().union(*(variables(built, m) for m in MODELS))
+    assert {name.replace("<wbr>", "") for name in listed} == list_variables(built, model)
+    names = set().union(*(list_variables(built, m) for m in MODELS))
     groups = "vehicle|uncertainty|sensors|latency|filter|simulation|estimate|sensor|true|drawn"
     for name in re.findall(rf"<code>((?:{groups})\.[\w.]+)</code>", text):
         pattern = re.sub(r"\.{3,}", ".*", name) + r"(\..*)?"  # sensors..._walk; and groups: true.relative
@@ -344,7 +344,7 @@ def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_page_needs_neither_network_nor_script_and_nothing_is_left_to_fill_in(built, model):
-    text = page(built, model)
+    text = read_page(built, model)
     assert re.findall(r"@\w+@", text) == []
     assert not re.search(r"<script|<link|<img|@import|url\((?!#)", text)
     links = re.findall(r'(?:href|src)="([^"#]+)"', text)
@@ -362,7 +362,7 @@ def test_the_page_needs_neither_network_nor_script_and_nothing_is_left_to_fill_i
     assert open_tags == []
 
 
-def guide_examples() -> list[str]:
+def find_guide_examples() -> list[str]:
     guide = (ROOT / "docs" / "pages" / "use" / "fmu.md").read_text(encoding="utf-8")
     return re.findall(r"```python\n(.*?)```", guide, flags=re.S)
 
@@ -383,7 +383,7 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
     columns = [car["time"], *(car[name] for name in outputs)]
     header = ",".join(["time", *names])
     np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
-    code = guide_examples()[0]
+    code = find_guide_examples()[0]
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu").split()
     car = Config.exact({"mass": 1650.0}) if "vehicle.exact" in code else Config({"mass": 1650.0}).complete()
     assert float(said[-2]) * car.cornering_stiffness_front == pytest.approx(0.8 * 1.2e5, rel=0.15)
@@ -392,7 +392,7 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
 
 def test_the_guides_system_runs(built, tmp_path):
     """FMPy ignores a system's parameters, so the guide must hand them over."""
-    code = guide_examples()[1]
+    code = find_guide_examples()[1]
     said = run(code, tmp_path, built / "StiffnessStudy.ssp").split()
     assert float(said[-2]) == pytest.approx(float(said[-1]), rel=0.05 if "calibrated" in code else 0.3)
 

@@ -27,15 +27,15 @@ from fmu_support import (
     Instance,
     Unit,
     build,
-    client_input,
     expect_same_rows,
-    headers,
-    parameters_of,
-    recorded_drive,
+    find_headers,
+    load_unit,
+    make_parameters,
+    make_scratch_folder,
+    read_recorded_drive,
     run,
     run_client,
-    scratch,
-    unit,
+    write_client_input,
 )
 
 from tse.library.files import lock_file
@@ -70,12 +70,12 @@ def test_simulation_at_defaults(
         assert np.isfinite(results[0][name]).all(), name
 
 
-def table_of_drive(rows: int) -> np.ndarray:
+def make_drive_table(rows: int) -> np.ndarray:
     """Return the recorded drive as FMPy takes inputs.
 
     A channel that is missing in some rows is interpolated between its neighbours.
     """
-    log = recorded_drive(rows)
+    log = read_recorded_drive(rows)
     table = np.zeros(rows, [(n, float) for n in ("time", *CHANNELS)])
     table["time"] = np.arange(rows) * 0.01
     for i, name in enumerate(CHANNELS):
@@ -92,7 +92,7 @@ def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -
     A car of which only the mass is known stays an ordinary one; it does not become
     exactly known.
     """
-    table = table_of_drive(600)
+    table = make_drive_table(600)
     how = {
         "stop_time": 5.9,
         "step_size": 0.01,
@@ -122,7 +122,7 @@ def test_default_experiment(model: Unit) -> None:
 
 def test_inputs_of_a_table_reach_the_estimator(estimator: Unit) -> None:
     """FMPy interpolates between rows; at the rows' own times it sets what they hold."""
-    table = table_of_drive(400)
+    table = make_drive_table(400)
     result = simulate_fmu(
         str(estimator.fmu),
         stop_time=3.9,
@@ -189,13 +189,15 @@ def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> N
     """tests/fmu/client.c on this machine is the reference of the other platforms."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     client = tmp_path / "client"
-    run(compiler, "-std=c99", "-I", headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl")
-    log = recorded_drive(300)
+    run(
+        compiler, "-std=c99", "-I", find_headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl"
+    )
+    log = read_recorded_drive(300)
     text = run_client(
         [str(client)],
         estimator.binary,
         estimator,
-        client_input(log, estimator, tmp_path / "in.csv"),
+        write_client_input(log, estimator, tmp_path / "in.csv"),
         tmp_path / "out.csv",
         "--set",
         f"{estimator.code('filter.particles')}=100",
@@ -203,13 +205,13 @@ def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> N
     lines = [line.split(",") for line in text.splitlines()]
     at = {name: lines[0].index(estimator.code(name)) for name in estimator.outputs}
     assert len(lines[0]) == 2 + len(estimator.variables)  # all there are, found by trying
-    got = [{n: _value(line[k]) for n, k in at.items()} for line in lines[1:]]
+    got = [{n: parse_value(line[k]) for n, k in at.items()} for line in lines[1:]]
     with Instance(estimator) as instance:
         instance.start({"filter.particles": 100})
         expect_same_rows(got, log.through_fmu(instance))
 
 
-def _value(cell: str) -> float:
+def parse_value(cell: str) -> float:
     return struct.unpack(">d", bytes.fromhex(cell[1:]))[0] if cell.startswith("x") else int(cell)
 
 
@@ -221,20 +223,20 @@ FMUS = [*MODELS, *(f"{m}-fmi3" for m in MODELS)]
 
 @pytest.mark.parametrize("name", FMUS)
 def test_validators_find_nothing(name: str) -> None:
-    verdicts = [v for v in importers.validate(unit(name).fmu) if not v.skipped]
+    verdicts = [v for v in importers.validate(load_unit(name).fmu) if not v.skipped]
     assert {"FMPy validate_fmu", "fmutool -check", "XML schema"} <= {v.validator for v in verdicts}
     assert [text for v in verdicts for text in v.findings] == []
 
 
 @functools.cache
-def reference_of(name: str) -> np.ndarray:
-    return importers.in_process("FMPy", unit(name))
+def run_reference(name: str) -> np.ndarray:
+    return importers.in_process("FMPy", load_unit(name))
 
 
 @pytest.mark.parametrize("name", FMUS)
 @pytest.mark.parametrize("client", importers.CLIENTS)
 def test_a_client_gets_the_same_bits(client: str, name: str) -> None:
-    row = importers.compare_one(client, unit(name), reference_of(name))
+    row = importers.compare_one(client, load_unit(name), run_reference(name))
     if not row.ran:
         pytest.skip(f"{row.client}: {row.says.removeprefix('skipped: ')}")
     assert row.says == "same bits"
@@ -265,9 +267,11 @@ def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
         (other, "2.5e-09"),
         (reference[1:], "failed: 1 steps instead of 2"),
     ):
-        assert importers.difference(lambda v=values: v, reference) == says
-    assert importers.difference(lambda: np.nan_to_num(reference), reference).startswith("failed: no number")
-    assert importers.difference(crash, reference) == "failed: it crashed"
+        assert importers.describe_difference(lambda v=values: v, reference) == says
+    assert importers.describe_difference(lambda: np.nan_to_num(reference), reference).startswith(
+        "failed: no number"
+    )
+    assert importers.describe_difference(crash, reference) == "failed: it crashed"
 
 
 # ---- The estimator as an FMU in the numbers of a controller: TSE_REAL=fixed and float,
@@ -277,7 +281,7 @@ def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
 PARTICLES = 64
 
 
-def built(real: str) -> Path:
+def build_format(real: str) -> Path:
     """The folder of the FMUs; compiled quickly, which changes no bit."""
     return build(
         f"fmu-{real}-test",
@@ -288,12 +292,12 @@ def built(real: str) -> Path:
 
 
 @functools.cache  # a binary that is loaded is not to be written again
-def estimator_in(real: str) -> Unit:
-    return Unit(built(real) / f"{ESTIMATOR}.fmu", scratch() / real)
+def load_estimator(real: str) -> Unit:
+    return Unit(build_format(real) / f"{ESTIMATOR}.fmu", make_scratch_folder() / real)
 
 
 @functools.cache
-def library_in(real: str) -> Path:
+def find_library(real: str) -> Path:
     """The shared library of this format, likewise."""
     where = ROOT / "build" / f"lab-{real}-test"
     with lock_file(lock_of(where)):
@@ -321,7 +325,7 @@ sys.stdout.buffer.write(pickle.dumps([expected_outputs(row, config) for row in r
 # fixed-point library over in single precision.
 @pytest.mark.parametrize(("real", "exact"), [("fixed", True), ("float", True), ("float", False)])
 def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exact: bool) -> None:
-    unit, settings = estimator_in(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
+    unit, settings = load_estimator(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
     assert f"computes in {real}" in unit.description.description
     done = subprocess.run(
         [sys.executable, "-c", IN_THE_LIBRARY],
@@ -329,12 +333,12 @@ def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exac
         capture_output=True,
         cwd=Path(__file__).parent,
         timeout=300,
-        env={**os.environ, "TSELAB_LIBRARY": str(library_in(real))},
+        env={**os.environ, "TSELAB_LIBRARY": str(find_library(real))},
     )
     assert done.returncode == 0, done.stderr.decode()
-    log = recorded_drive()
+    log = read_recorded_drive()
     with Instance(unit) as instance:
-        instance.start({**parameters_of(settings, unit), "vehicle.exact": exact}, time=float(log.time[0]))
+        instance.start({**make_parameters(settings, unit), "vehicle.exact": exact}, time=float(log.time[0]))
         expect_same_rows(log.through_fmu(instance), pickle.loads(done.stdout))
 
 
@@ -343,7 +347,7 @@ def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
 
     They read back within the resolution of the format.
     """
-    unit = estimator_in("fixed")
+    unit = load_estimator("fixed")
     for name in ("filter.hold_speed", "vehicle.mass", "sensors.accel_x_sd"):
         v = unit.variables[name]
         for edge in (float(v.min), float(v.max)):
@@ -353,14 +357,14 @@ def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
 
 
 def test_the_capacity_that_was_asked_for_is_that_of_the_binary() -> None:
-    unit = estimator_in("fixed")
+    unit = load_estimator("fixed")
     assert int(unit.variables["filter.particles"].max) == PARTICLES
     with Instance(unit) as instance, pytest.raises(Exception, match="fmi2SetInteger failed"):
         instance.set({"filter.particles": PARTICLES + 1})
 
 
 def test_the_vehicle_beside_it_is_the_one_of_the_double_build(vehicle: Unit) -> None:
-    beside = Unit(built("fixed") / f"{VEHICLE}.fmu", scratch() / "vehicle-beside-fixed")
+    beside = Unit(build_format("fixed") / f"{VEHICLE}.fmu", make_scratch_folder() / "vehicle-beside-fixed")
     assert beside.guid == vehicle.guid
     how = [(u.folder / "sources" / "buildDescription.xml").read_text() for u in (beside, vehicle)]
     assert (

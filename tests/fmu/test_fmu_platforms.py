@@ -13,22 +13,24 @@ from fmu_support import (
     RUNNERS,
     VEHICLE,
     Unit,
-    bits,
-    client_for,
-    client_input,
-    library_for,
-    recorded_drive,
+    build_library,
+    explain_unavailable,
+    format_bits,
+    load_unit,
+    make_client_command,
+    read_recorded_drive,
     run_client,
-    unavailable,
-    unit,
+    write_client_input,
 )
 
 ROWS, MIDDLE, SETTINGS = 260, 150, {ESTIMATOR: {"filter.particles": 100}, VEHICLE: {"simulation.seed": 4}}
 
 
-def inputs(of: Unit, path: Path) -> Path:
+def write_inputs(of: Unit, path: Path) -> Path:
     if of.identifier == ESTIMATOR:
-        return client_input(recorded_drive(900).part(900 - ROWS, 900), of, path)  # moving, with lost channels
+        return write_client_input(
+            read_recorded_drive(900).part(900 - ROWS, 900), of, path
+        )  # moving, with lost channels
     lines = ["time," + ",".join(of.code(n) for n in DRIVER)]
     for k in range(ROWS):
         row = [
@@ -44,12 +46,12 @@ def inputs(of: Unit, path: Path) -> Path:
             -0.02 * (k % 3),
         ]
         assert len(row) == 1 + len(DRIVER)
-        lines.append(",".join(bits(x) for x in row))
+        lines.append(",".join(format_bits(x) for x in row))
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
-def options(of: Unit, outputs: list[str] | None = None) -> list[str]:
+def make_options(of: Unit, outputs: list[str] | None = None) -> list[str]:
     return ["--outputs", ",".join(of.code(n) for n in outputs or of.outputs)]
 
 
@@ -59,20 +61,20 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
     A state is saved in the middle.
     """
-    if why := unavailable("linux64"):
+    if why := explain_unavailable("linux64"):
         pytest.skip(why)
-    of, folder = unit(request.param), tmp_path_factory.mktemp(request.param)
+    of, folder = load_unit(request.param), tmp_path_factory.mktemp(request.param)
     settings = [
         x for name, value in SETTINGS[of.identifier].items() for x in ("--set", f"{of.code(name)}={value}")
     ]
-    input_ = inputs(of, folder / "in.csv")
+    input_ = write_inputs(of, folder / "in.csv")
     text = run_client(
-        client_for("linux64"),
+        make_client_command("linux64"),
         of.binary,
         of,
         input_,
         folder / "out.csv",
-        *options(of),
+        *make_options(of),
         *settings,
         "--save",
         f"{folder / 'state'}@{MIDDLE}",
@@ -83,17 +85,17 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 def run_on(target: str, reference: dict, tmp_path: Path, *more: str, version: str = "") -> str:
     """Return the client's output on the target for the same inputs; `version`: of FMI."""
-    if why := unavailable(target):
+    if why := explain_unavailable(target):
         pytest.skip(why)
     old = reference["unit"]
-    of = unit(f"{old.identifier}{version}")
+    of = load_unit(f"{old.identifier}{version}")
     return run_client(
-        client_for(target),
-        library_for(target, of),
+        make_client_command(target),
+        build_library(target, of),
         of,
         reference["input"],
         tmp_path / "out.csv",
-        *options(of, old.outputs),
+        *make_options(of, old.outputs),
         *more,
     )
 
@@ -142,8 +144,8 @@ def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path
 
 
 def test_channels_are_those_of_the_estimator() -> None:
-    """So that inputs() sets all there are."""
-    names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
+    """So that write_inputs() sets all there are."""
+    names = [v.name for v in load_unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
     velocities = [
         "given",
         "ins_vel_x",
@@ -159,4 +161,4 @@ def test_channels_are_those_of_the_estimator() -> None:
         *(f"pedals.{v}" for v in pedals),
         *(f"road.{v}" for v in ("given", "bank", "grade")),
     ]
-    assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER
+    assert [v.name for v in load_unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

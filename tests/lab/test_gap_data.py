@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from gap_logs import car, write_log
-from tests.gap.runs import changed
+from tests.gap.runs import change_constant
 from tse.car.vehicle import read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.channels.log import read_log
@@ -192,7 +192,7 @@ def long_log(tmp_path_factory):
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     baseline = fit(problem, STIFFNESS, {})
-    with changed("gaps.infer.excerpt.MAX_SECONDS", 60.0):
+    with change_constant("gaps.infer.excerpt.MAX_SECONDS", 60.0):
         assert ex.is_long(problem)
         few = ex.excerpt(problem, baseline)
     log = few.logs[0]
@@ -206,7 +206,7 @@ def test_the_part_with_the_bends_is_chosen(long_log):
 
 def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
-    with changed("gaps.infer.excerpt.MAX_SECONDS", 200.0):
+    with change_constant("gaps.infer.excerpt.MAX_SECONDS", 200.0):
         assert not ex.is_long(problem)
         assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
 
@@ -221,7 +221,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
         for k, d in enumerate(("sweep", "brakes"))
     ]
-    with changed("gaps.infer.excerpt.MAX_SECONDS", 20.0):
+    with change_constant("gaps.infer.excerpt.MAX_SECONDS", 20.0):
         result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]

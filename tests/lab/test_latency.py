@@ -18,7 +18,7 @@ from tse.report.report import figures_of
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-# Share of the stiffness, with an sd of 0.02. The row of 10 ms in one substep makes 0.01 of it.
+# Share of the stiffness, with an sd of 0.02. The row of 10 ms in one substep makes 0.01.
 # With two substeps it is 0.02 at most.
 INTEGRATED = 0.035
 STRICT = {"steer_lag_sd": 0.0, "driven_axle": 1.0}  # the filter finds no latency by itself

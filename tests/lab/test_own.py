@@ -15,8 +15,8 @@ import pytest
 import tse
 from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
-from tests.cars.study import TRUTH, truth_of
-from tests.gap.runs import changed
+from tests.cars.study import TRUTH, compute_truth
+from tests.gap.runs import change_constant
 from tse.calibration import own, workflow
 from tse.car.config import make_config
 from tse.car.vehicle import make_filter_values, make_vehicle, read_vehicle
@@ -55,7 +55,7 @@ def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
 def errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
     """Relative, of the rows after 20 s."""
     truth = pd.read_csv(case.folder / "reference_mountain.csv")
-    true = truth_of({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
+    true = compute_truth({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
     return (est[key].to_numpy() / true - 1)[est["time"].to_numpy() > 20]
 
 
@@ -202,7 +202,7 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
     longest = own.MAX_SEARCH_SECONDS
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # nothing is kept there
     monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", -1.0)
-    with changed("identify.fit.MAX_FIT_STEPS", 1):
+    with change_constant("identify.fit.MAX_FIT_STEPS", 1):
         late = own.calibrate_once(car, [log])
         assert late.text == "" and late.found == {"used": False, "why": own.TOO_LONG}
         monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", longest)
@@ -253,7 +253,7 @@ def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows[:6000]) + "\n")  # names, and 5999 rows
     log, car = read_log(tmp_path / "log.csv"), read_vehicle(case.car)
     assert log.time[-1] - log.time[0] == pytest.approx(59.98, abs=1e-6)
-    with changed("identify.fit.MAX_FIT_STEPS", 1):
+    with change_constant("identify.fit.MAX_FIT_STEPS", 1):
         assert "s are needed" not in own.calibrate_once(car, [log]).words[0]
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import tse
-from tests.cars.along import config_of, line_of
+from tests.cars.along import fit_line, make_start_config
 from tse._tables import Reason
 from tse.car.vehicle import SHAPE, make_vehicle
 from tse.channels.log import read_frame
@@ -63,7 +63,7 @@ def test_a_calibration_is_not_misled_by_the_noise_of_accel_x(stiffness: float) -
     mean, sd = estimate_longitudinal(config, {}, [log], known)
     off = mean + np.log(config.longitudinal_stiffness_front / stiffness)
     assert abs(off) < 0.1 and abs(off) < 1.96 * sd
-    assert line_of(log, known) > 1.1 * stiffness
+    assert fit_line(log, known) > 1.1 * stiffness
 
 
 @pytest.mark.parametrize("driven", ["front", "rear"])
@@ -105,6 +105,6 @@ def test_tyres_that_do_not_bend_are_not_taken_for_stiffer_ones(driven: str) -> N
     log["accel_x"] += np.gradient(speed, time) + 0.05
     known = make_vehicle(dict(car), Path("car.toml"))
     made = read_frame(pd.DataFrame(log))
-    config = config_of(known, made)
+    config = make_start_config(known, made)
     mean, _ = estimate_longitudinal(config, {}, [made], known)
     assert abs(mean + np.log(getattr(config, f"longitudinal_stiffness_{driven}") / stiffness[driven])) < 0.05

@@ -32,7 +32,7 @@ ROOT = HERE.parents[1]
 FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall -Wextra"
 
 
-def compiled(real, folder):
+def compile_program(real, folder):
     program = Path(folder) / f"update_{real}"
     sources = [HERE / "update.c", *sorted((ROOT / "src").rglob("*.c"))]
     command = [*shlex.split(os.environ.get("CC", "cc")), *FLAGS.split(), f"-DTSE_REAL_{real.upper()}=1"]
@@ -41,23 +41,23 @@ def compiled(real, folder):
     return program
 
 
-def output_of(*command):
+def get_output(*command):
     return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True).stdout
 
 
-def table(text):
+def read_table(text):
     lines = [line.split(",") for line in text.splitlines() if line and not line.startswith("#")]
     return lines[0][1:], [[float(x) for x in line[1:]] for line in lines[1:]]
 
 
-def report(name, before, after):
+def report_changes(name, before, after):
     if before == after:
         print(f"{name}: unchanged")
         return
     print(f"{name}: changed")
     if not before:
         return
-    (names, old), (new_names, new) = table(before), table(after)
+    (names, old), (new_names, new) = read_table(before), read_table(after)
     if names != new_names or len(old) != len(new):
         print("  other columns or rows")
         return
@@ -74,15 +74,15 @@ def main():
     parser.add_argument("--drive", action="store_true", help="record a new drive.csv first")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        programs = {real: compiled(real, folder) for real in ("double", "float", "fixed")}
+        programs = {real: compile_program(real, folder) for real in ("double", "float", "fixed")}
         if args.drive:
-            (HERE / "drive.csv").write_text(output_of(programs["double"], "drive"))
+            (HERE / "drive.csv").write_text(get_output(programs["double"], "drive"))
         for real, program in programs.items():
             path = HERE / f"golden_{real}.csv"
             before = path.read_text() if path.exists() else ""
-            after = output_of(program, "golden", HERE / "drive.csv")
+            after = get_output(program, "golden", HERE / "drive.csv")
             path.write_text(after)
-            report(path.name, before, after)
+            report_changes(path.name, before, after)
 
 
 if __name__ == "__main__":

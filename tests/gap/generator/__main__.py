@@ -11,7 +11,7 @@ from .effects import EFFECTS
 from .manoeuvres import HOLD_OUT, MANOEUVRES
 
 
-def _table() -> str:
+def make_table() -> str:
     rows = ["| id | parameter | typical | form here, and what the parameter means |", "|---|---|---|---|"]
     for e in EFFECTS.values():
         sign = "+-" if e.signed else ""
@@ -40,7 +40,7 @@ def main() -> None:
     p.add_argument("--out", type=Path)
     a = p.parse_args()
     if a.list or a.table:
-        print("\n".join(s.name for s in study()) if a.list else _table())
+        print("\n".join(s.name for s in study()) if a.list else make_table())
         return
     if a.out is None:
         p.error("--out is missing")

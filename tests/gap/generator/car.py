@@ -91,17 +91,17 @@ PARTS: dict[str, float] = {
 }
 
 
-def baseline() -> dict[str, float]:
+def make_baseline() -> dict[str, float]:
     """The nominal car with every effect off."""
     return {**NOMINAL, **PARTS}
 
 
-def drawn_car(rng: np.random.Generator) -> dict[str, float]:
+def draw_car(rng: np.random.Generator) -> dict[str, float]:
     """Draw a car with every effect off whose tyres differ somewhat from the nominal ones.
 
     The estimator has to find their stiffness.
     """
-    car = baseline()
+    car = make_baseline()
     axes = rng.uniform(0.90, 1.12, 3)
     for key, factor in zip(
         ("longitudinal_stiffness", "cornering_stiffness_front", "cornering_stiffness_rear"), axes, strict=True
@@ -113,7 +113,7 @@ def drawn_car(rng: np.random.Generator) -> dict[str, float]:
     return car
 
 
-def understeer(car: dict[str, float]) -> float:
+def compute_understeer(car: dict[str, float]) -> float:
     """Return the understeer gradient, rad s2/m.
 
     It is the road-wheel angle beyond Ackermann's per lateral acceleration.

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .car import GRAVITY, NOMINAL, SENSORS, drawn_car, understeer
-from .effects import CATALOGUE, OUTSIDE, curved_ratio, hide, warmth
+from .car import GRAVITY, NOMINAL, SENSORS, compute_understeer, draw_car
+from .effects import CATALOGUE, OUTSIDE, compute_curved_ratio, compute_warmth, hide
 from .manoeuvres import CORE, HOLD_OUT, SETTLE, SIXTH, Program, drive_program
-from .model import LENGTHS, STEP, Drive, profile, simulate
-from .sensors import COLUMNS, backlash, delayed, log_of, second_order
+from .model import LENGTHS, STEP, Drive, draw_profile, simulate
+from .sensors import COLUMNS, apply_backlash, delay_signal, filter_second_order, make_log
 
 BATCH = 72  # logs simulated at once: more cost memory, fewer cost time
 Wish = float | dict[str, float]
@@ -85,32 +85,32 @@ class Case:
         return folder
 
 
-def _stream(seed: int, what: str) -> np.random.Generator:
+def make_stream(seed: int, what: str) -> np.random.Generator:
     """Return random numbers of the seed and the purpose, whatever else is drawn."""
     return np.random.default_rng([seed, *what.encode()])
 
 
-def _careful(car: dict[str, float]) -> float:
+def compute_careful_share(car: dict[str, float]) -> float:
     """Return the share of the usual steering angle that a careful driver uses.
 
     Limit of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Limit of oversteer: at 26 m/s no
     more than 1.25 times the usual gain.
     """
     turn = (NOMINAL["lf"] + NOMINAL["lr"]) / 26.0**2
-    angle = max(0.0, turn + understeer(car)) / (
-        turn + understeer(NOMINAL)
+    angle = max(0.0, turn + compute_understeer(car)) / (
+        turn + compute_understeer(NOMINAL)
     )  # for the same turn, over the usual one
     return min(1.0, 0.7 * car["mu"] * GRAVITY / 5.6, max(0.4, 1.25 * angle))
 
 
-def _steering(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
+def compute_road_wheel_angle(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
     """Angle of the road wheels for that of the steering wheel over its nominal ratio."""
-    x = backlash(wheel, car["play"]) if car["play"] > 0 else wheel
+    x = apply_backlash(wheel, car["play"]) if car["play"] > 0 else wheel
     if car["steer_lag"] > 0:
-        x = second_order(x, 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"])
+        x = filter_second_order(x, 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"])
     if car["steer_delay"] > 0:
-        x = delayed(x, car["steer_delay"])
-    return curved_ratio(car, x) + car["steer_offset"]
+        x = delay_signal(x, car["steer_delay"])
+    return compute_curved_ratio(car, x) + car["steer_offset"]
 
 
 def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) -> Drive:
@@ -125,15 +125,15 @@ def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) 
         gust += strength * np.sin(np.pi * np.clip((time - start) / length, 0, 1)) ** 2
         start += length + rng.uniform(0.5, 4.0)
     road = {
-        "grade": profile(rng, car["grade"], 0.0, LENGTHS["grade"]),
-        "bank": profile(rng, car["bank_wander"], car["bank"], LENGTHS["bank"]),
+        "grade": draw_profile(rng, car["grade"], 0.0, LENGTHS["grade"]),
+        "bank": draw_profile(rng, car["bank_wander"], car["bank"], LENGTHS["bank"]),
     }
     place = np.cumsum(program.speed) * STEP
     patch_at = place[np.searchsorted(time, rng.uniform(0.25, 0.75) * time[-1])]
     shake = 3.0 * rng.standard_normal(n) if car["resonance"] > 0 else np.zeros(n)
     return Drive(
-        car, _steering(car, program.steer), program.speed, program.accel, program.coast, road,
-        car["gust"] * gust, shake, warmth(time, time[-1]), float(patch_at),
+        car, compute_road_wheel_angle(car, program.steer), program.speed, program.accel, program.coast, road,
+        car["gust"] * gust, shake, compute_warmth(time, time[-1]), float(patch_at),
     )  # fmt: skip
 
 
@@ -167,17 +167,19 @@ def make_case(
 
 
 def _prepare(spec: Spec) -> tuple[Case, list]:
-    car = drawn_car(_stream(spec.seed, "car"))
+    car = draw_car(make_stream(spec.seed, "car"))
     truth = hide(
-        car, spec.effects, _stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size
+        car, spec.effects, make_stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size
     )
     names = spec.manoeuvres or (*CORE, SIXTH[spec.seed % len(SIXTH)])
     jobs = []
     for kind, chosen in (("log", names), ("hold_out", spec.hold_out)):
         for name in chosen:
-            program = drive_program(name, _stream(spec.seed, f"{kind} {name}"), spec.duration, _careful(car))
+            program = drive_program(
+                name, make_stream(spec.seed, f"{kind} {name}"), spec.duration, compute_careful_share(car)
+            )
             jobs.append(
-                (kind, name, program, drive_of(car, program, _stream(spec.seed, f"{kind} {name} road")))
+                (kind, name, program, drive_of(car, program, make_stream(spec.seed, f"{kind} {name} road")))
             )
     return Case(spec, car, truth), jobs
 
@@ -189,8 +191,8 @@ def _finish(waiting: list[tuple[Case, list]]) -> Iterator[Case]:
     motion, i = simulate(drives), 0
     for case, jobs in waiting:
         for kind, name, program, _ in jobs:
-            noise = _stream(case.spec.seed, f"{kind} {name} noise")
-            log, bias = log_of(case.car, motion, i, program, noise, case.spec.noise)
+            noise = make_stream(case.spec.seed, f"{kind} {name} noise")
+            log, bias = make_log(case.car, motion, i, program, noise, case.spec.noise)
             (case.logs if kind == "log" else case.hold_out)[name] = log
             case.biases[f"{kind}_{name}"] = bias
             i += 1

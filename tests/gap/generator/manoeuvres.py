@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .car import NOMINAL, understeer
+from .car import NOMINAL, compute_understeer
 from .model import STEP
 
 SETTLE = 2.0  # s driven straight before the log begins
@@ -47,14 +47,14 @@ class Track:
     def angle(self, ay: float, v: float | None = None) -> float:
         """Steady road-wheel angle of the nominal car for a lateral acceleration."""
         v = self.v0 if v is None else v
-        return self.grip * ay * ((NOMINAL["lf"] + NOMINAL["lr"]) / v**2 + understeer(NOMINAL))
+        return self.grip * ay * ((NOMINAL["lf"] + NOMINAL["lr"]) / v**2 + compute_understeer(NOMINAL))
 
     def program(self) -> Program:
         speed = self.v0 + np.cumsum(self.accel) * STEP
         return Program(self.steer, speed, self.accel, self.coast)
 
 
-def _sine_sweep(k: Track) -> None:
+def steer_sine_sweep(k: Track) -> None:
     k.v0 = k.rng.uniform(19, 26)
     end = k.duration - 1.0
     t = np.clip(k.t - 1.0, 0, end - 1.0)
@@ -64,7 +64,7 @@ def _sine_sweep(k: Track) -> None:
     k.steer += k.angle(k.rng.uniform(2.8, 3.4)) * np.sin(phase) * k.pulse(1.0, end, 0.5)
 
 
-def _steps(low: float, high: float) -> Callable[[Track], None]:
+def make_steps(low: float, high: float) -> Callable[[Track], None]:
     def steps(k: Track) -> None:
         k.v0 = k.rng.uniform(low, high)
         side = k.rng.choice([-1.0, 1.0])
@@ -78,7 +78,7 @@ def _steps(low: float, high: float) -> Callable[[Track], None]:
     return steps
 
 
-def _slalom(k: Track) -> None:
+def steer_slalom(k: Track) -> None:
     k.v0 = k.rng.uniform(14, 20)
     f = k.rng.uniform(0.4, 0.65)
     k.steer += (
@@ -86,7 +86,7 @@ def _slalom(k: Track) -> None:
     )
 
 
-def _double_lane_change(k: Track) -> None:
+def change_lanes(k: Track) -> None:
     k.v0 = k.rng.uniform(17, 24)
     for start in np.arange(1.5, k.duration - 6.0, 8.5):
         a = k.angle(k.rng.uniform(3.6, 4.8))
@@ -118,7 +118,7 @@ def _brake_throttle(k: Track) -> None:
     _wander(k, 0.002, 1.5)
 
 
-def _urban(k: Track) -> None:
+def drive_in_town(k: Track) -> None:
     k.v0 = k.rng.uniform(5.5, 7.0)
     side = k.rng.choice([-1.0, 1.0])
     for i, start in enumerate(np.arange(1.0, k.duration - 4.5, 4.8)):
@@ -134,7 +134,7 @@ def _urban(k: Track) -> None:
         )
 
 
-def _highway(k: Track) -> None:
+def drive_on_highway(k: Track) -> None:
     k.v0 = k.rng.uniform(29, 34)
     _wander(k, 0.002, 0.8)
     for start in np.arange(2.0, k.duration - 6.0, 9.0):
@@ -156,15 +156,15 @@ def _wander(k: Track, size: float, fastest: float) -> None:
 
 
 MANOEUVRES: dict[str, Callable[[Track], None]] = {
-    "sine_sweep": _sine_sweep,
-    "steps_slow": _steps(12, 15),
-    "steps_fast": _steps(24, 29),
-    "slalom": _slalom,
-    "double_lane_change": _double_lane_change,
+    "sine_sweep": steer_sine_sweep,
+    "steps_slow": make_steps(12, 15),
+    "steps_fast": make_steps(24, 29),
+    "slalom": steer_slalom,
+    "double_lane_change": change_lanes,
     "brake_in_turn": _brake_in_turn,
     "brake_throttle": _brake_throttle,
-    "urban": _urban,
-    "highway": _highway,
+    "urban": drive_in_town,
+    "highway": drive_on_highway,
     "coast_down": _coast_down,
 }
 CORE = (

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from .car import GRAVITY, NOMINAL, RIGID, understeer
+from .car import GRAVITY, NOMINAL, RIGID, compute_understeer
 
 STEP = 0.001  # s
 DRIVE_LAG, BRAKE_LAG, RACK_LAG = 0.08, 0.04, 0.01  # s
@@ -51,7 +51,7 @@ TRAIL_B, TRAIL_C = 8.0, 1.1  # of the pneumatic trail
 DEGRESSIVE = 0.5  # static load over the load at which cornering stiffness is largest
 
 
-def magic_formula(
+def compute_magic_formula(
     slip: np.ndarray, stiffness: np.ndarray, peak: np.ndarray, c: float, e: np.ndarray
 ) -> np.ndarray:
     """Force at a slip; `stiffness` is its slope at zero, `peak` its largest value."""
@@ -59,7 +59,7 @@ def magic_formula(
     return peak * np.sin(c * np.arctan(x - e * (x - np.arctan(x))))
 
 
-def load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
+def compute_load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
     """Return the cornering stiffness relative to that at static load.
 
     `load` is relative to static. The law: sin(2 atan(Fz/Fz_max)), normalised.
@@ -67,12 +67,12 @@ def load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
     return load * (1 + ratio**2) / (1 + (ratio * load) ** 2)
 
 
-def side_force_weight(slip: np.ndarray, b: np.ndarray) -> np.ndarray:
+def compute_side_force_weight(slip: np.ndarray, b: np.ndarray) -> np.ndarray:
     """What longitudinal slip leaves of the side force."""
     return np.cos(COMBINED_C * np.arctan(b * slip))
 
 
-def trail_weight(slip_angle: np.ndarray) -> np.ndarray:
+def compute_trail_weight(slip_angle: np.ndarray) -> np.ndarray:
     """Pneumatic trail over that at zero slip angle."""
     return np.cos(TRAIL_C * np.arctan(TRAIL_B * slip_angle))
 
@@ -85,7 +85,9 @@ WAVES = 6
 LENGTHS = {"grade": (120.0, 900.0), "bank": (80.0, 500.0)}  # m, wave lengths
 
 
-def profile(rng: np.random.Generator, rms: float, mean: float, lengths: tuple[float, float]) -> np.ndarray:
+def draw_profile(
+    rng: np.random.Generator, rms: float, mean: float, lengths: tuple[float, float]
+) -> np.ndarray:
     """Return rows of amplitude, wave number and phase of one profile.
 
     The constant is a wave of wave number 0.
@@ -97,7 +99,7 @@ def profile(rng: np.random.Generator, rms: float, mean: float, lengths: tuple[fl
     return np.array([[*amplitude, mean], [*number, 0.0], [*phase, 0.5 * np.pi]])
 
 
-def slope(waves: np.ndarray, s: np.ndarray) -> np.ndarray:
+def compute_slope(waves: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Angle of slope at distance s, rad. `waves`: (3, waves, cars)."""
     return (waves[0] * np.sin(waves[1] * s + waves[2])).sum(0)
 
@@ -129,7 +131,7 @@ class Motion:
     slow: np.ndarray
 
 
-def _parameters(drives: list[Drive]) -> SimpleNamespace:
+def stack_parameters(drives: list[Drive]) -> SimpleNamespace:
     cars = [d.car for d in drives]
     p = SimpleNamespace(**{k: np.array([c[k] for c in cars]) for k in cars[0]})
     p.wheelbase = p.lf + p.lr
@@ -154,7 +156,7 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     p.brake_share = 0.5 * np.array([p.brake_front] * 2 + [1 - p.brake_front] * 2)
     p.driver_mass = NOMINAL["mass"]
     p.patch_at = np.array([d.patch_at for d in drives])
-    p.driver_understeer = understeer(NOMINAL)
+    p.driver_understeer = compute_understeer(NOMINAL)
     p.grade_profile, p.bank_profile = (np.stack([d.road[k] for d in drives], -1) for k in ("grade", "bank"))
     # what no car of this batch has need not be computed
     p.has = SimpleNamespace(
@@ -178,7 +180,7 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     return p
 
 
-def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[np.ndarray, ...]:
+def compute_slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return slip angle, longitudinal slip, speed, cos and sin of the wheel."""
     wheel = np.empty_like(v.omega)
     wheel[:2] = steer
@@ -199,7 +201,9 @@ def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[n
     return angle, (rolling - along) / np.maximum(np.abs(along), np.abs(rolling)), along, cos, sin
 
 
-def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+def compute_rates(
+    p: SimpleNamespace, state: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
     """Return the states' derivative, the specific force x, y and the yaw acceleration.
 
     `u`: signals of Drive at this time.
@@ -213,13 +217,13 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     if has.steering:
         steer = steer0 * (1 + p.ratio_v * (v.vx - 20.0) / 20.0) - v.rack
         steer = steer - p.active * (v.r - v.vx * steer0 / (p.wheelbase + p.driver_understeer * v.vx**2))
-    angle, slip, along, cos, sin = _slips(p, v, steer)
+    angle, slip, along, cos, sin = compute_slips(p, v, steer)
 
     load, cx, cy = p.static, p.cx, p.cy
     if has.load:
         load = np.maximum(p.static + p.load_roll * v.roll + p.load_pitch * v.pitch, 1.0)
         relative = load / p.static
-        cy = cy * (1 + p.load_sensitive * (load_factor(relative) - 1))
+        cy = cy * (1 + p.load_sensitive * (compute_load_factor(relative) - 1))
         cx = cx * (1 + p.load_sensitive * (relative - 1))
     if has.drift:
         level = 1 + p.drift * warmth
@@ -232,12 +236,12 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     felt_y = np.where(p.sigma_y > 0, bent_y, angle) if has.sigma_y else angle
     felt_x = np.where(p.sigma_x > 0, bent_x, slip) if has.sigma_x else slip
     if has.mu:
-        fy = magic_formula(felt_y, cy, p.mu * load, LATERAL_C, p.shape_y)
-        fx = magic_formula(felt_x, cx, p.mu * load, LONGITUDINAL_C, p.shape_x)
+        fy = compute_magic_formula(felt_y, cy, p.mu * load, LATERAL_C, p.shape_y)
+        fx = compute_magic_formula(felt_x, cx, p.mu * load, LONGITUDINAL_C, p.shape_x)
     else:
         fy, fx = cy * felt_y, cx * felt_x
     if has.combined:
-        fy = fy * side_force_weight(felt_x, p.combined)
+        fy = fy * compute_side_force_weight(felt_x, p.combined)
     if has.conicity:
         fy = fy + p.conicity * load / p.static
     # Rolling resistance shifts the wheel load forward: a force on the car without a
@@ -247,7 +251,7 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     body_x, body_y = contact * cos - fy * sin, fy * cos + contact * sin
     moment = (p.x * body_y - p.y * body_x).sum(0)
     if has.trail:
-        moment = moment - (p.trail * trail_weight(felt_y) * fy).sum(0)
+        moment = moment - (p.trail * compute_trail_weight(felt_y) * fy).sum(0)
     force_x, force_y = body_x.sum(0), body_y.sum(0)
     if has.gust:
         force_y, moment = force_y + gust, moment + p.wind_arm * gust
@@ -276,8 +280,8 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     axis_y, ddroll = body(fy_cg, v.roll, v.droll, p.w_roll, p.z_roll, p.roll_coupling)
     yaw_acc = moment / p.body_inertia
     if has.road:
-        axis_x = axis_x - GRAVITY * np.sin(slope(p.grade_profile, v.s))
-        axis_y = axis_y - GRAVITY * np.sin(slope(p.bank_profile, v.s))
+        axis_x = axis_x - GRAVITY * np.sin(compute_slope(p.grade_profile, v.s))
+        axis_y = axis_y - GRAVITY * np.sin(compute_slope(p.bank_profile, v.s))
 
     wanted = p.driver_mass * (accel + SPEED_GAIN * (speed - v.vx)) * p.radius[0]
     wanted = np.where(coast > 0.5, ENGINE_DRAG, wanted)
@@ -310,7 +314,7 @@ def simulate(drives: list[Drive], every: int = 10) -> Motion:
 
     `every`: steps from sample to sample.
     """
-    p = _parameters(drives)
+    p = stack_parameters(drives)
     names = ("steer", "speed", "accel", "coast", "gust", "shake", "warmth")
     u = np.stack([np.stack([getattr(d, k) for d in drives], -1) for k in names], 1)  # (steps, signals, cars)
     steps, cars = len(u), len(drives)
@@ -320,7 +324,7 @@ def simulate(drives: list[Drive], every: int = 10) -> Motion:
     fast = np.empty((steps, len(OUTPUTS), cars))
     slow = np.empty(((steps - 1) // every + 1, len(SLOW), cars))
     for i in range(steps):
-        k1, (fx, fy, yaw_acc) = _rates(p, state, u[i])
+        k1, (fx, fy, yaw_acc) = compute_rates(p, state, u[i])
         fast[i] = fx, fy, yaw_acc, state[2], state[5], state[7]
         if i % every == 0:
             drive, brake = state[9], state[10]
@@ -335,8 +339,8 @@ def simulate(drives: list[Drive], every: int = 10) -> Motion:
         if i + 1 == steps:
             break
         middle = 0.5 * (u[i] + u[i + 1])
-        k2, _ = _rates(p, state + 0.5 * STEP * k1, middle)
-        k3, _ = _rates(p, state + 0.5 * STEP * k2, middle)
-        k4, _ = _rates(p, state + STEP * k3, u[i + 1])
+        k2, _ = compute_rates(p, state + 0.5 * STEP * k1, middle)
+        k3, _ = compute_rates(p, state + 0.5 * STEP * k2, middle)
+        k4, _ = compute_rates(p, state + STEP * k3, u[i + 1])
         state = state + STEP / 6 * (k1 + 2 * (k2 + k3) + k4)
     return Motion(fast, slow)
