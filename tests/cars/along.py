@@ -26,7 +26,7 @@ from tse.library.core import Config, NativeFilter
 from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
-OFF, SMOOTH, FEWEST = 0.1, 61, 500  # relative error; rows; rows
+OFF, SMOOTH, MIN_LINE_ROWS = 0.1, 61, 500  # relative error; rows; rows
 SHOWN = 0.2  # ln: sd below which a log has shown the stiffness
 MANOEUVRES = (
     "square-waves",
@@ -76,7 +76,7 @@ def fit_line(log: CheckedLog, vehicle: Vehicle) -> float:
         v * log.data["yaw_rate"].rolling(SMOOTH, center=True, min_periods=1).mean().to_numpy(float)
     )
     use = (v > 4.0) & (pull > -0.1) & (turns < 1.0) & (np.abs(log.data["steer_angle"].to_numpy(float)) < 0.03)
-    if use.sum() < FEWEST:
+    if use.sum() < MIN_LINE_ROWS:
         return np.nan
     slope = np.polyfit(pull[use], ahead[use] / v[use], 1)[0]
     return float(vehicle.values["mass"] / slope) if slope > 0 else np.nan

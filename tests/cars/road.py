@@ -208,8 +208,8 @@ DRAW = {"highway": draw_highway, "mountain": draw_mountain_road, "city": draw_ci
 COMFORT = {"highway": (1.5, 2.5), "mountain": (2.3, 4.2), "city": (1.8, 3.2)}  # m/s2, lateral, in curves
 # m/s2, where the road asks for less speed
 BRAKING = {"highway": (0.8, 1.6), "mountain": (1.5, 2.8), "city": (1.3, 2.3)}
-FASTEST = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
-SLOWEST = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
+MAX_ROAD_SPEED = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
+MIN_ROAD_SPEED = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
 
 
 def draw_waves(rng: np.random.Generator, n: int, rms: float, lengths: tuple[float, float]) -> np.ndarray:
@@ -240,7 +240,7 @@ def draw_roads(
     even
         No unevenness.
     """
-    n = int(FASTEST[name] * duration) + 400
+    n = int(MAX_ROAD_SPEED[name] * duration) + 400
     columns = []
     for rng in streams:
         curvature, limit, offset, stops, waits = DRAW[name](rng, n)
@@ -272,7 +272,7 @@ def draw_roads(
     for i, c in enumerate(columns):
         stop_at[: len(c[5]), i], stop_for[: len(c[5]), i] = c[5], c[6]
     curvature, speed, offset, grade, bank = (np.stack([c[k] for c in columns], -1) for k in range(5))
-    speed = np.maximum(speed, SLOWEST[name])
+    speed = np.maximum(speed, MIN_ROAD_SPEED[name])
     braking = np.array([c[7] for c in columns])
     square = speed**2
     for i in range(n - 2, -1, -1):  # brake in time

@@ -29,7 +29,7 @@ from tse.estimation.verdict import findings
 from tse.library.core import STIFFNESS, Config
 from tse.report.tables import markdown_table
 
-OFF, LEAST, SHORTEST = 0.1, 100, 5.0  # relative error; rows with a truth; s
+OFF, MIN_STRETCH_ROWS, MIN_STRETCH_TIME = 0.1, 100, 5.0  # relative error; rows with a truth; s
 LAST, MEAN, SHOWN, SMOOTHED = (
     "last row",
     "mean of the valid rows",
@@ -70,7 +70,11 @@ def score_drive(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
     for s, key, by in make_answers(est, config):
         true = truth[key][s.rows]
         true = true[np.isfinite(true) & (true > 0) & moving[s.rows]] / 1000
-        if s.end - s.start < SHORTEST or len(true) < LEAST or (key == "cx_front" and not config.driven_axle):
+        if (
+            s.end - s.start < MIN_STRETCH_TIME
+            or len(true) < MIN_STRETCH_ROWS
+            or (key == "cx_front" and not config.driven_axle)
+        ):
             continue
         is_true = float(np.median(true))
         for who, (value, band, valid) in by.items():

@@ -37,7 +37,7 @@ from tse.report.tables import markdown_table
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
 TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_axle"}
 OFF, SETTLED, SLOW, SMOOTH = 0.1, 20.0, 3.0, 201  # relative error; s; m/s; rows
-SLOWEST = 0.5  # m/s: no relaxation is slower
+MIN_RELAXATION_SPEED = 0.5  # m/s: no relaxation is slower
 PRIOR = {"cx_front": "cx", "cy_front": "cy_front", "cy_rear": "cy_rear"}
 CONSTANT = "constant of the calibration"
 BEST = "best constant, from the truth"
@@ -86,7 +86,10 @@ def relax_truth(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.
     truth: truth.json of the drive
     """
     made = {column: reference[column].to_numpy(float) for column in TRUTH.values()}
-    time, speed = reference["time"].to_numpy(float), np.maximum(reference["vel_x"].to_numpy(float), SLOWEST)
+    time, speed = (
+        reference["time"].to_numpy(float),
+        np.maximum(reference["vel_x"].to_numpy(float), MIN_RELAXATION_SPEED),
+    )
     for axle, column in (("front", TRUTH["cy_front"]), ("rear", TRUTH["cy_rear"])):
         force, known = reference[f"fy_{axle}"].to_numpy(float), np.isfinite(made[column])
         angle = np.interp(time, time[known], force[known] / made[column][known])

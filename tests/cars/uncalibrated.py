@@ -37,7 +37,7 @@ CAR = {
     "driven_axle": "front",
 }
 SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
-LEAST = 40.0  # s: what a shorter manoeuvre lasts here
+MIN_MANEUVER_TIME = 40.0  # s: what a shorter manoeuvre lasts here
 
 
 CARS = ("one of its class", "the car of the default settings")
@@ -60,7 +60,7 @@ def score_manoeuvre(job: tuple[str, float, float, int, str]) -> dict[str, float 
     car = Config.exact((make_filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
     sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
-    duration = max(LEAST, maneuvers.MANEUVERS[maneuver].duration)
+    duration = max(MIN_MANEUVER_TIME, maneuvers.MANEUVERS[maneuver].duration)
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
     config, _ = make_config(vehicle, log)

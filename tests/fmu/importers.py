@@ -315,8 +315,9 @@ def run_foreign(target: str, of: Unit) -> np.ndarray:
     (of.folder / "input.csv").write_text("\n".join(lines) + "\n")
     binary = of.folder / "binaries" / to.folder(version_of(of.fmu.stem)) / (of.identifier + to.suffix)
     try:
-        text = run_client(make_client_command(target), binary, of, of.folder / "input.csv", of.folder / "output.csv",
-                          "--outputs", ",".join(wanted))  # fmt: skip
+        command = make_client_command(target)
+        files = of.folder / "input.csv", of.folder / "output.csv"
+        text = run_client(command, binary, of, *files, "--outputs", ",".join(wanted))
     except RuntimeError as error:
         raise Failed(str(error).splitlines()[-1]) from None
     head, *rows = (line.split(",") for line in text.splitlines())

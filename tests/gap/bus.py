@@ -115,8 +115,9 @@ def make_table(cases: list[dict]) -> str:
     more = sum(len(set(c["mf4"]["names"]) - {c["hidden"]}) for c in hidden)
     lines.append(
         f"\nNo effect of the car on {quiet} of {len(clean)} cars on a bus that hide nothing (95 %: "
-        f"{format_interval(quiet, len(clean))}); the same names as from the clean log in {alike} of {len(cases)} "
-        f"({format_interval(alike, len(cases))}); on a bus {found} of {len(hidden)} hidden effects are named, "
+        f"{format_interval(quiet, len(clean))}); the same names as from the clean log in {alike} "
+        f"of {len(cases)} ({format_interval(alike, len(cases))}); "
+        f"on a bus {found} of {len(hidden)} hidden effects are named, "
         f"and {more} more names."
     )
     return "\n".join(lines) + "\n"

@@ -183,7 +183,8 @@ def make_reliability_table(cases: list[dict]) -> list[str]:
             k, n = sum(there for _, there in mine), len(mine)
             mean = np.mean([p for p, _ in mine])
             lines.append(
-                f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % | {100 * k / n:.0f} % ({format_interval(k, n)}) |"
+                f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % "
+                f"| {100 * k / n:.0f} % ({format_interval(k, n)}) |"
             )
     return lines
 
@@ -239,8 +240,8 @@ def make_tables(cases: list[dict]) -> dict[str, str]:
         k = sum(low <= true <= high for _, low, high, true in sizes)
         near = sum(abs(value / true - 1.0) < 0.25 for value, _, _, true in sizes)
         lines.append(
-            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} ({format_interval(k, len(sizes))}); {near} "
-            f"are within 25 % of it. Its forms are others than the catalogue's."
+            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} "
+            f"({format_interval(k, len(sizes))}); {near} are within 25 % of it. Its forms are others than the catalogue's."
         )
     lines += ["", *make_reliability_table([c for c in cases if not c["outside"]])]
     each = [
@@ -264,7 +265,8 @@ def make_tables(cases: list[dict]) -> dict[str, str]:
         change = f"{max(fit['before'].values()):.2f} -> {max(fit['after'].values()):.2f}"
         each.append(
             f"| {c['name']} | {c['verdict']}: {named} | "
-            f"{'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} | {find_worst_held_out(c):.2f} |"
+            f"{'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} "
+            f"| {find_worst_held_out(c):.2f} |"
         )
     return {"gap.md": head + "\n".join([*lines, "", *each]) + "\n"}
 

@@ -21,7 +21,7 @@ Start = Callable[..., subprocess.Popen]
 
 
 @contextmanager
-def starting() -> Iterator[Start]:
+def start_programs() -> Iterator[Start]:
     """Starts `dask ARGS`; ends all of them, whatever happens."""
     processes: list[subprocess.Popen] = []
 
@@ -42,15 +42,15 @@ def starting() -> Iterator[Start]:
             process.wait()
 
 
-def scheduler(start: Start) -> str:
+def start_scheduler(start: Start) -> str:
     """Start one; its address."""
     port = free_port()
     start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
-    until(lambda: listens(port))
+    wait_until(lambda: is_listening(port))
     return f"tcp://127.0.0.1:{port}"
 
 
-def worker(address: str, folder: Path) -> tuple[object, ...]:
+def make_worker_command(address: str, folder: Path) -> tuple[object, ...]:
     """The words that start one."""
     return ("worker", address, "--no-nanny", "--nthreads", 1, "--no-dashboard", "--local-directory", folder)
 
@@ -61,14 +61,14 @@ def free_port() -> int:
         return s.getsockname()[1]
 
 
-def until(what: Callable[[], object], seconds: float = 120.0) -> None:
+def wait_until(what: Callable[[], object], seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, "the cluster does not start"
         time.sleep(0.1)
 
 
-def listens(port: int) -> bool:
+def is_listening(port: int) -> bool:
     with socket.socket() as s:
         s.settimeout(1.0)
         return s.connect_ex(("127.0.0.1", port)) == 0

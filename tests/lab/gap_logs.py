@@ -64,19 +64,19 @@ DRIVES = {
 STIFFNESS = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}  # over the vehicle file's
 
 
-def car(folder: Path) -> Path:
+def write_car(folder: Path) -> Path:
     path = folder / "car.toml"
     path.write_text(CAR, encoding="utf-8")
     return path
 
 
-def problem_of(vehicle: Path, *logs: Path) -> Problem:
+def make_problem(vehicle: Path, *logs: Path) -> Problem:
     """These logs, of a car whose settings the vehicle file has."""
     config = Config.exact(read_vehicle(vehicle).values)
     return Problem([prepare(read_log(p), config) for p in logs], config)
 
 
-def candidate(config: Config, name: str) -> Candidate:
+def find_candidate(config: Config, name: str) -> Candidate:
     return next(c for c in library(config) if c.name == name)
 
 
@@ -95,7 +95,7 @@ def write_log(
     with the noise they have.
     """
     config = Config.exact(read_vehicle(vehicle).values)
-    log = prepared(candidate(config, DRIVES.get(drive, drive)), config)[0]
+    log = prepared(find_candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)
     rng = np.random.default_rng(seed)
     inputs = {k: x[:n] for k, x in log.inputs.items()}

@@ -62,7 +62,7 @@ def draw_car(rng: np.random.Generator) -> Car:
     )
 
 
-def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
+def draw_street(rng: np.random.Generator, seconds: float) -> list[Part]:
     """Bends and lane changes at 7 .. 17 m/s."""
     parts, done = [], 0.0
     while done < seconds:
@@ -74,7 +74,7 @@ def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
     return [*parts, (1.0, 8.0, 0.0), (8.0, 0.0, 0.0)]
 
 
-def _out(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
+def draw_exit(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
     """Leave a parking place: back in an arc, perhaps almost straight, then forward."""
     side = float(rng.choice([-1, 1]))
     arc = side * lock * rng.uniform(0.4, 1.0)
@@ -84,7 +84,7 @@ def _out(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
     return [*parts, (8.0, 0.0, 0.0), (rng.uniform(0.2, 2.0), 0.0, -arc), (3.0, rng.uniform(1.0, 4.0), -arc)]
 
 
-def _round(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
+def draw_three_point_turn(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
     """Round in three points."""
     side = float(rng.choice([-1, 1]))
     ahead = [
@@ -104,16 +104,18 @@ def drive(seed: int, forward: bool = False) -> Drive:
     """Return a drive with six manoeuvres.   forward: all of it is driven forward."""
     rng = np.random.default_rng(seed)
     car = draw_car(rng)
-    parts = [(2.0, 0.0, 0.0), *_street(rng, 40.0)]
+    parts = [(2.0, 0.0, 0.0), *draw_street(rng, 40.0)]
     for _ in range(6):
-        parts += (_out if rng.random() < 0.5 else _round)(rng, car.lock, rng.uniform(1.0, 4.0))
-        parts += _street(rng, rng.uniform(15.0, 35.0))
+        parts += (draw_exit if rng.random() < 0.5 else draw_three_point_turn)(
+            rng, car.lock, rng.uniform(1.0, 4.0)
+        )
+        parts += draw_street(rng, rng.uniform(15.0, 35.0))
     if forward:
         parts = [(seconds, abs(v), angle) for seconds, v, angle in parts]
-    return _driven(car, parts, rng)
+    return drive_parts(car, parts, rng)
 
 
-def _driven(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
+def drive_parts(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
     """Drive as a driver does: limited change of speed and limited steering rate."""
     h, length = STEP / SUB, car.lf + car.lr
     vx = vy = r = angle = af = ar = push = 0.0

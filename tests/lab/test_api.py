@@ -46,7 +46,7 @@ def result(drive, frame):
     return tse.estimate(frame, drive.vehicle)
 
 
-def same_bits(a, b):
+def has_same_bits(a, b):
     return np.array_equal(np.asarray(a, float), np.asarray(b, float), equal_nan=True)
 
 
@@ -75,7 +75,7 @@ def test_a_frame_that_contradicts_itself_warns_and_leaves_nothing_usable(drive, 
     assert all("contradict" in line for line in wrong.words)
 
 
-def as_row(table, i):
+def make_row(table, i):
     return {name: table[name][i] for name in table.columns}
 
 
@@ -304,7 +304,7 @@ def test_what_is_no_log_car_or_setting_is_named(frame, call, error, said):
 def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
     f = result.filter()
     for i in range(600):
-        e = f.step(as_row(frame, i)).as_dict()
+        e = f.step(make_row(frame, i)).as_dict()
         row = result.table.iloc[i]
         for name, value in e.items():
             if name == "fault_channel":
@@ -313,7 +313,7 @@ def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
             elif isinstance(value, str):
                 assert value == row[name]
             else:
-                assert same_bits(value, row[name]), name
+                assert has_same_bits(value, row[name]), name
     assert set(e) == set(result.table)
 
 
@@ -417,7 +417,7 @@ def test_a_channel_that_is_late_is_waited_for(frame):
         "accel_x": 0.0,
         "accel_y": 0.03,
     }
-    seen = [f.step(as_row(frame, i)) for i in range(100)]
+    seen = [f.step(make_row(frame, i)) for i in range(100)]
     assert seen[0].status == tse.Status.WAITING
     assert 0.029 < seen[-1].estimate_age < 0.051 and seen[-1].status != tse.Status.WAITING
 
@@ -426,13 +426,15 @@ def test_what_a_stream_has_learnt_is_what_the_log_has(frame, result):
     f = result.filter()
     assert f.save_learnt() is None
     for i in range(len(frame)):
-        f.step(as_row(frame, i))
+        f.step(make_row(frame, i))
     assert f.save_learnt() == result.learnt
     for name, sd in f.uncertainty_sd().items():
         assert np.array_equal(sd, result.uncertainty_sd[name])
     new = result.filter()
     new.load_learnt(result.learnt, age=60.0)
-    assert new.step(as_row(frame, 0)).cy_front_sd < 0.5 * result.filter().step(as_row(frame, 0)).cy_front_sd
+    assert (
+        new.step(make_row(frame, 0)).cy_front_sd < 0.5 * result.filter().step(make_row(frame, 0)).cy_front_sd
+    )
     with pytest.raises(tse.LearntError):
         new.load_learnt(result.learnt)  # after the first row
     with pytest.raises(tse.LearntError, match="another vehicle"):
@@ -589,7 +591,7 @@ def test_nothing_is_loaded_that_only_other_parts_need(used, heavy, drive):
 EXAMPLES = ROOT / "scripts" / "examples"
 
 
-def example(name, *arguments):
+def run_example(name, *arguments):
     done = subprocess.run(
         [sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120
     )
@@ -598,7 +600,7 @@ def example(name, *arguments):
 
 
 def test_a_stream_is_followed():
-    out = example("stream.py")
+    out = run_example("stream.py")
     assert "row refused: steer_angle = 7 is outside its range -1.2 .. 1.2 rad" in out
     assert "late channels: {'steer_angle': 0.02} s" in out and "of 0.020 s before" in out
     (now, within), (first, _) = (

@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
     return place
 
 
-def shown(result, path):
+def show_result(result, path):
     """Everything that a result must be able to do; the page that it wrote."""
     assert result.words and all(isinstance(line, str) for line in result.words)
     assert isinstance(result.to_frame(), pd.DataFrame)
@@ -56,7 +56,7 @@ def shown(result, path):
 def test_a_log_is_read_shown_and_estimated_like_its_frame(folder, tmp_path):
     log = tse.read_log(folder / "log.csv", CAR)
     assert len(log) == len(log.time) == 6001 and log.sample_time == pytest.approx(0.01)
-    shown(log, tmp_path / "log.html")
+    show_result(log, tmp_path / "log.html")
     frame = log.to_frame()
     assert np.array_equal(frame["yaw_rate"], pd.read_csv(folder / "log.csv")["yaw_rate"])
     tables = [
@@ -88,7 +88,7 @@ def test_an_estimate_draws_and_writes_the_page_of_the_command(folder, tmp_path):
     assert done.code in (0, 3, 4), done.err
     result = tse.estimate(folder / "log.csv", folder / "car.toml")
     assert result.to_frame() is result.table and len(result.log) == len(result)
-    page = shown(result, tmp_path / "api.html")
+    page = show_result(result, tmp_path / "api.html")
     command = (tmp_path / "command.html").read_text(encoding="utf-8")
     for mine, theirs in zip(figures_of(page), figures_of(command), strict=True):
         assert [t.get("name") for t in mine["data"]] == [t.get("name") for t in theirs["data"]]
@@ -105,7 +105,7 @@ def test_signals_are_proposed_and_read_back(folder, tmp_path):
     )
     turned.to_csv(tmp_path / "odd.csv", index=False)
     found = tse.signals(tmp_path / "odd.csv", CAR)
-    shown(found, tmp_path / "signals.html")
+    show_result(found, tmp_path / "signals.html")
     used = found.to_frame().set_index("name")["used"]
     assert used["YawRate_degps"] == "yaw_rate" and not found.missing
     done = tselab_here("signals", "odd.csv", "--vehicle", folder / "car.toml", "--json", cwd=tmp_path)
@@ -154,7 +154,7 @@ def test_a_replay_is_the_car_without_noise(folder, tmp_path):
         table = result.to_frame()
         rms = (table["accel_y"] - table["accel_y_simulated"]).std() / table["accel_y"].std()
         assert rms < off if off else rms > 0.1
-    page = shown(result, tmp_path / "replay.html")
+    page = show_result(result, tmp_path / "replay.html")
     assert "measured less simulated" in page
     late = log.assign(accel_y=log["accel_y"].shift(5, fill_value=0.0))
     apart = [tse.replay(x, CAR, settings=s).apart()["accel_y"].rms
@@ -233,7 +233,7 @@ def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
         mine.values == pytest.approx(theirs.values, rel=1e-9)
         and mine.calibration.keys() == theirs.calibration.keys()
     )
-    shown(calibrated, tmp_path / "calibrated.html")
+    show_result(calibrated, tmp_path / "calibrated.html")
     assert calibrated.to_frame()["shown"].any() and calibrated.words[0] in done.out
     tse.read_vehicle(calibrated.write(tmp_path / "mine.toml"))
     narrow, wide = (tse.estimate(folder / "log.csv", car, calibrate=False) for car in (mine, CAR))
@@ -253,7 +253,7 @@ def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
     )
     assert done.code in (0, 3, 4), done.err
     result = tse.fleet(folder / "log.csv", CAR, out=tmp_path / "api", calibrate=False)
-    shown(result, tmp_path / "fleet.html")
+    show_result(result, tmp_path / "fleet.html")
     drop = ["report", "log", "car", "vehicle"]
     theirs = pd.read_parquet(tmp_path / "command" / "fleet.parquet").drop(columns=drop)
     pd.testing.assert_frame_equal(
@@ -316,7 +316,7 @@ def test_the_notebook_of_a_missing_effect(tmp_path, monkeypatch):
         and set(gap.to_frame()["id"]) == {"steering_ratio"}
     )
     assert gap.vehicle.values["steering_ratio_change"] == pytest.approx(0.15, abs=0.04)
-    shown(gap, tmp_path / "page.html")
+    show_result(gap, tmp_path / "page.html")
     rms = [
         (t["yaw_rate"] - t["yaw_rate_simulated"]).std()
         for t in (n[x].to_frame() for x in ("before", "after"))

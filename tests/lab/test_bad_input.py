@@ -19,7 +19,7 @@ FORGETTING = Config.exact().fields["forgetting"].range_text
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
-def cell(row: int, column: str, value: str) -> Change:
+def change_cell(row: int, column: str, value: str) -> Change:
     """Line `row` of the file (the header is line 1) gets another value."""
 
     def change(table: pd.DataFrame) -> pd.DataFrame:
@@ -29,7 +29,7 @@ def cell(row: int, column: str, value: str) -> Change:
     return change
 
 
-def scaled(column: str, factor: float) -> Change:
+def scale_column(column: str, factor: float) -> Change:
     return lambda table: table.assign(**{column: (table[column].astype(float) * factor).astype(str)})
 
 
@@ -55,15 +55,15 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
         lambda t: t.assign(time=t.time[::-1].to_numpy()),
         ["line 3", "column time", "earlier than line 2"],
     ),
-    "milliseconds": (scaled("time", 1000), ["column time", "divide by 1000"]),
+    "milliseconds": (scale_column("time", 1000), ["column time", "divide by 1000"]),
     "rows shuffled": (
         lambda t: t.sample(frac=1, random_state=1),
         ["column time", "earlier than line", "sort the rows by time"],
     ),
-    "microseconds": (scaled("time", 1e6), ["column time", "3600 s", "microseconds or nanoseconds"]),
-    "days": (scaled("time", 1 / 86400), ["column time", "from 0.001 s", "days: by 86400"]),
+    "microseconds": (scale_column("time", 1e6), ["column time", "3600 s", "microseconds or nanoseconds"]),
+    "days": (scale_column("time", 1 / 86400), ["column time", "from 0.001 s", "days: by 86400"]),
     "steering in degrees": (
-        scaled("steer_angle", 180 / 3.14159 * 2),
+        scale_column("steer_angle", 180 / 3.14159 * 2),
         ["line 2", "steer_angle", "-1.2 .. 1.2 rad", "degrees"],
     ),
     "steering infinite": (
@@ -71,11 +71,11 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
         ["line 2", "column steer_angle", "-1.2 .. 1.2 rad"],
     ),
     "wheel speed in rpm": (
-        scaled("wheel_speed_front", 9.5493),
+        scale_column("wheel_speed_front", 9.5493),
         ["line 2", "wheel_speed_front", "-400 .. 400 rad/s", "rpm"],
     ),
     "yaw rate in deg/s": (
-        lambda t: scaled("yaw_rate", 573)(t),
+        lambda t: scale_column("yaw_rate", 573)(t),
         ["column yaw_rate", "-6 .. 6 rad/s", "deg/s"],
     ),
     "column all empty": (
@@ -91,21 +91,27 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
 # those of the message.
 REPAIRED: dict[str, tuple[Change, list[str]]] = {
     "a cell that is no number": (
-        cell(7, "accel_x", "abc"),
+        change_cell(7, "accel_x", "abc"),
         ["accel_x: a cell that is no number is treated as missing", "line 7: 'abc'"],
     ),
     "a cell with a decimal comma": (
-        cell(9, "yaw_rate", "0,5"),
+        change_cell(9, "yaw_rate", "0,5"),
         ["yaw_rate: a cell that is no number", "line 9"],
     ),
     "a wheel that spins": (
-        cell(8, "wheel_speed_rear", "401"),
+        change_cell(8, "wheel_speed_rear", "401"),
         ["wheel_speed_rear: 1 values outside", "-400 .. 400 rad/s", "line 8"],
     ),
-    "an infinite angle": (cell(30, "steer_angle", "inf"), ["steer_angle: 1 values outside", "line 30"]),
-    "a row late": (cell(12, "time", "0.05"), ["time: 1 entries are out of order: left out"]),
-    "a row twice": (cell(12, "time", "0.09"), ["time: 1 entries have the time of the next one", "0.090 s"]),
-    "a row without time": (cell(5, "time", ""), ["time: 1 entries without a time are left out"]),
+    "an infinite angle": (
+        change_cell(30, "steer_angle", "inf"),
+        ["steer_angle: 1 values outside", "line 30"],
+    ),
+    "a row late": (change_cell(12, "time", "0.05"), ["time: 1 entries are out of order: left out"]),
+    "a row twice": (
+        change_cell(12, "time", "0.09"),
+        ["time: 1 entries have the time of the next one", "0.090 s"],
+    ),
+    "a row without time": (change_cell(5, "time", ""), ["time: 1 entries without a time are left out"]),
     "a clock set back": (
         lambda t: t.assign(time=[*t.time[:50], *(t.time[50:].astype(float) - 0.4).astype(str)]),
         ["time: the clock goes back 1 time (first by 0.39 s at 0.490 s)", "the rest continues"],
@@ -151,7 +157,7 @@ def test_log_is_refused_with_its_place(name, drive, tmp_path):
     log, out = tmp_path / "bad.csv", tmp_path / "est.csv"
     change(drive.table()).to_csv(log, index=False)
     out.write_text("as before\n")
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", log, "--vehicle", drive.vehicle, "--out", out),
         ["bad.csv", *words],
     )
@@ -159,7 +165,7 @@ def test_log_is_refused_with_its_place(name, drive, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv", "est.csv"]
 
 
-def refused(done, words: list[str]) -> None:
+def expect_refusal(done, words: list[str]) -> None:
     assert done.code == 2, (done.out, done.err)
     assert "Traceback" not in done.err
     assert len(done.err.splitlines()) <= 4
@@ -203,7 +209,7 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
 def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
     content, words = FILES[name]
     (tmp_path / "bad.csv").write_bytes(content)
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path),
         ["bad.csv", *words],
     )
@@ -229,25 +235,25 @@ def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
 
 
 def test_missing_files_and_directories_are_named(drive, tmp_path):
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path),
         ["nowhere.csv: no such file"],
     )
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path),
         ["nowhere.toml: no such file"],
     )
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path),
         ["is a directory"],
     )
-    refused(
+    expect_refusal(
         tselab_here(
             "estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"
         ),
         ["does not exist"],
     )
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, "--out", drive.log),
         ["same file as the log"],
     )
@@ -318,7 +324,7 @@ VEHICLES |= {  # a rule would take the place of what a misspelt key says
 def test_vehicle_is_refused_with_file_and_key(name, tmp_path):
     text, words = VEHICLES[name]
     (tmp_path / "car.toml").write_text(text)
-    refused(tselab_here("vehicle", "car.toml", cwd=tmp_path), ["car.toml", *words])
+    expect_refusal(tselab_here("vehicle", "car.toml", cwd=tmp_path), ["car.toml", *words])
 
 
 SETTINGS: dict[str, tuple[str, list[str]]] = {
@@ -344,7 +350,7 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
         "filter.toml",
         cwd=tmp_path,
     )
-    refused(done, ["filter.toml", *words])
+    expect_refusal(done, ["filter.toml", *words])
 
 
 @pytest.mark.parametrize(
@@ -360,7 +366,7 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     ],
 )
 def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
-    refused(
+    expect_refusal(
         tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path),
         words,
     )
@@ -380,13 +386,13 @@ def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
     ],
 )
 def test_simulation_option_is_refused_with_its_range(options, words, tmp_path):
-    refused(tselab_here("simulate", *options, "--out", "log.csv", cwd=tmp_path), words)
+    expect_refusal(tselab_here("simulate", *options, "--out", "log.csv", cwd=tmp_path), words)
     assert not list(tmp_path.iterdir())
 
 
 def test_every_refusal_of_a_library_that_is_not_there_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("TSELAB_LIBRARY", str(tmp_path / "libtse.so"))
-    refused(tselab("settings"), ["libtse.so", "scripts/setup.sh"])
+    expect_refusal(tselab("settings"), ["libtse.so", "scripts/setup.sh"])
 
 
 # ---- No content of a file is executed: no reader in the package turns data into code.
@@ -411,7 +417,7 @@ CALLS = {"eval", "exec", "compile", "__import__"}
 METHODS = {"read_pickle", "unsafe_load"}
 
 
-def code_of_data(source: str) -> Iterator[str]:
+def find_code_of_data(source: str) -> Iterator[str]:
     """What in a source may run what it reads."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -431,7 +437,7 @@ def code_of_data(source: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: "/".join(p.parts[-2:]))
 def test_no_source_makes_code_of_data(path):
-    assert not list(code_of_data(path.read_text(encoding="utf-8")))
+    assert not list(find_code_of_data(path.read_text(encoding="utf-8")))
 
 
 @pytest.mark.parametrize(
@@ -446,4 +452,4 @@ def test_no_source_makes_code_of_data(path):
     ],
 )
 def test_what_makes_code_of_data_is_seen(source):
-    assert list(code_of_data(source))
+    assert list(find_code_of_data(source))

@@ -448,7 +448,7 @@ def estimate(folder, name, *options, codes=RAN):
     return done
 
 
-def errors(folder, name, first, last):
+def compute_errors(folder, name, first, last):
     """Return the rms relative error per stiffness, and the share of wrong valid rows."""
     est, truth = (pd.read_csv(folder / f"{name}.{kind}.csv") for kind in ("est", "truth"))
     span = (est["time"] >= first) & (est["time"] < last)
@@ -476,10 +476,10 @@ def first(tmp_path_factory):
 def test_the_next_drive_is_right_at_once(first, form):
     """Square waves teach everything within tenths of a second: nothing to gain there."""
     estimate(first, "quiet", "--form", form)
-    without, _ = errors(first, "quiet", 0, 2)
+    without, _ = compute_errors(first, "quiet", 0, 2)
     done = estimate(first, "quiet", "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
     assert f"started from: {form}.tse, 1 days old (--age)" in done.out
-    learnt, _ = errors(first, "quiet", 0, 2)
+    learnt, _ = compute_errors(first, "quiet", 0, 2)
     mean = [np.mean(list(errors.values())) for errors in (without, learnt)]
     if form == "default":
         assert mean[0] > 0.1 and mean[1] < 0.05
@@ -494,10 +494,10 @@ def test_the_next_drive_is_right_at_once(first, form):
 @pytest.mark.parametrize("form", FORMS)
 def test_a_road_that_has_changed_since_is_followed(first, form):
     estimate(first, "changed", "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
-    late, sure = errors(first, "changed", 20, 30)
+    late, sure = compute_errors(first, "changed", 20, 30)
     assert max(late["cy_front"], late["cy_rear"]) < 0.05 and late["cx_front"] < 0.15 and sure == 0
     if form == "default":
-        soon, sure = errors(first, "changed", 5, 10)
+        soon, sure = compute_errors(first, "changed", 5, 10)
         assert max(soon["cy_front"], soon["cy_rear"]) < 0.05 and soon["cx_front"] < 0.15 and sure == 0
 
 

@@ -53,7 +53,7 @@ def everywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refused(done, words: list[str]) -> None:
+def expect_refusal(done, words: list[str]) -> None:
     assert done.code == 2, done.out + done.err
     assert "Traceback" not in done.err
     for word in words:
@@ -124,8 +124,10 @@ def test_a_missing_compiler_is_said_before_anything_is_built(tmp_path, monkeypat
 
 def test_build_refuses_a_file_and_a_platform_that_nobody_knows(tmp_path):
     (tmp_path / "taken").write_text("")
-    refused(tselab_here("fmu", "build", "--out", tmp_path / "taken"), ["taken", "a directory is needed"])
-    refused(tselab_here("fmu", "build", "--platform", "vax"), ["vax", "linux64"])
+    expect_refusal(
+        tselab_here("fmu", "build", "--out", tmp_path / "taken"), ["taken", "a directory is needed"]
+    )
+    expect_refusal(tselab_here("fmu", "build", "--platform", "vax"), ["vax", "linux64"])
 
 
 def test_slices_are_joined_as_the_loader_of_macos_wants_them():
@@ -140,7 +142,7 @@ def test_slices_are_joined_as_the_loader_of_macos_wants_them():
     assert platforms.universal([arm]) == arm
 
 
-def slices(data: bytes) -> list:
+def read_slices(data: bytes) -> list:
     """A shared library as lief reads it; a universal one of macOS is one a processor."""
     if data[:2] == b"MZ":
         return [lief.PE.parse(data)]
@@ -201,7 +203,7 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, n
     assert set(binaries) == {platforms.PLATFORMS[p].folder(fmi) for p in wanted}
     for platform, machines in wanted.items():
         data = binaries[platforms.PLATFORMS[platform].folder(fmi)]
-        found = slices(data)
+        found = read_slices(data)
         assert [b.abstract.header.architecture for b in found] == (machines if fmi == "2" else machines[:1])
         for b in found:
             assert {f.name for f in b.exported_functions} - LINKER_MADE in (

@@ -31,7 +31,7 @@ def make(text, *numbers, place="front_angle", **more) -> Formula:
     return parse("it", "a title", place, text, numbers, **more)
 
 
-def names(formula) -> list[str]:
+def list_operations(formula) -> list[str]:
     table = {op.code: op.name for op in module.library().formula_ops.values()}
     return [table[code] for code in formula.operations]
 
@@ -63,10 +63,10 @@ def drive(rows=200, seed=1) -> dict[str, np.ndarray]:
     ],
 )
 def test_the_program_of_a_text(text, numbers, program):
-    assert names(make(text, *numbers)) == program.split()
+    assert list_operations(make(text, *numbers)) == program.split()
 
 
-def stack_machine(formula: Formula, row: dict[str, float]) -> float:
+def run_stack_machine(formula: Formula, row: dict[str, float]) -> float:
     """Run the settings' bytes as src/tables/formula.toml defines them.
 
     The module's own tables are not used.
@@ -134,7 +134,7 @@ def test_text_program_and_settings_mean_the_same(text):
 
     for i in range(20):
         row = {name: float(values_of[i]) for name, values_of in signals.items()}
-        assert values[i] == pytest.approx(stack_machine(formula, row), rel=1e-12)
+        assert values[i] == pytest.approx(run_stack_machine(formula, row), rel=1e-12)
         assert values[i] == pytest.approx(python(row), rel=1e-12)
 
 
@@ -173,7 +173,7 @@ def test_other_values_keep_all_else_and_are_checked():
 def test_the_longest_and_the_deepest_are_allowed():
     assert len(make("+".join(["slip_front*slip_rear"] * 8) + "+1").operations) == 33
     assert len(make("1-(1-(1-(1-(1-(1-(1-1))))))").operations) == 15
-    assert names(make("rate(rate(rate(steer_angle)))*time**3")).count("rate") == 3
+    assert list_operations(make("rate(rate(rate(steer_angle)))*time**3")).count("rate") == 3
     assert make("(" * 20 + "steer_angle" + ")" * 20).operations == (16,)
 
 

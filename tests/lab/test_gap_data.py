@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gap_logs import car, write_log
+from gap_logs import write_car, write_log
 from tests.gap.runs import change_constant
 from tse.car.vehicle import read_vehicle
 from tse.channels.agree import read_agreeing
@@ -70,7 +70,7 @@ def test_a_sensor_that_stands_still_is_no_slow_one() -> None:
 
 
 def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     good = write_log(tmp_path / "good.csv", vehicle, "sweep", {}, 1)
     (tmp_path / "bad.csv").write_text("no log\n")
     notes: list[str] = []
@@ -88,7 +88,7 @@ def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
 
 def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     """The rest of it is compared as it was."""
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     whole = write_log(tmp_path / "whole.csv", vehicle, "sweep", {}, 1)
     table = pd.read_csv(whole)
     table.drop(columns="accel_x").to_csv(tmp_path / "without.csv", index=False, float_format="%.9g")
@@ -216,7 +216,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
 
     The size of the roll and the residuals are those of all logs.
     """
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
         for k, d in enumerate(("sweep", "brakes"))
@@ -269,7 +269,7 @@ class Clean:
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory) -> Clean:
     folder = tmp_path_factory.mktemp("detect")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=30.0)
     result = workflow.run([log], vehicle)
     assert result.verdict == "none"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from gap_logs import car, problem_of, write_log
+from gap_logs import make_problem, write_car, write_log
 from tse.car.formula import Number, parse, read_formula, write_formula
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
@@ -28,26 +28,28 @@ HIDDEN = parse("damper", "hidden", "yaw_moment", "k*(yaw_rate - max(-w, min(w, y
                [Number("k", -3.0, "1/s"), Number("w", 0.1, "rad/s")])  # fmt: skip
 
 
-def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int) -> Problem:
-    vehicle = car(folder)
+def make_hidden_problem(
+    folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int
+) -> Problem:
+    vehicle = write_car(folder)
     paths = [
         write_log(folder / f"{d}_{seed}.csv", vehicle, d, effects, seed + i) for i, d in enumerate(drives)
     ]
-    return problem_of(vehicle, *paths)
+    return make_problem(vehicle, *paths)
 
 
 @pytest.fixture(scope="module")
 def damped(tmp_path_factory) -> tuple[Problem, Problem]:
     """A car with the damper: fitted logs, and one that is held out."""
     folder = tmp_path_factory.mktemp("damped")
-    return problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), problem(
+    return make_hidden_problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), make_hidden_problem(
         folder, HIDDEN.settings(), ("steps",), 7
     )
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory) -> Problem:
-    return problem(tmp_path_factory.mktemp("plain"), {}, ("sweep", "brakes"), 1)
+    return make_hidden_problem(tmp_path_factory.mktemp("plain"), {}, ("sweep", "brakes"), 1)
 
 
 @pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])
@@ -185,7 +187,7 @@ def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     logs = [
         write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i)
         for i, d in enumerate(("sweep", "brakes"), 1)
@@ -270,7 +272,7 @@ def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
 
 
 def test_vehicle_files_that_name_a_formula_wrongly_are_refused(tmp_path):
-    path = car(tmp_path)
+    path = write_car(tmp_path)
     text = path.read_text()
     write_formula(tmp_path / "damper.toml", HIDDEN)
     for table, words in (

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from gap_logs import car, write_log
+from gap_logs import write_car, write_log
 from tse.car.vehicle import read_vehicle
 from tse.gaps.run import workflow
 from tse.identify.data import prepare, remove_latencies
@@ -31,7 +31,7 @@ HIDDEN = {"body_roll_gain": 0.009}
 def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path]]:
     """Log and vehicle file: in time; late and told; late and not told."""
     folder = tmp_path_factory.mktemp("late")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     log = write_log(folder / "in_time.csv", vehicle, "sweep", HIDDEN, 5, 12.0)
     table = pd.read_csv(log)
     for name, by in LATE.items():
@@ -99,7 +99,7 @@ def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(tmp_path: Pa
 
     There, late wheels and a late IMU have the same effect.
     """
-    vehicle, out = car(tmp_path), tmp_path / "out"
+    vehicle, out = write_car(tmp_path), tmp_path / "out"
     log = write_log(tmp_path / "gentle.csv", vehicle, GENTLE, {"imu_delay_time": DELAY}, 7, seconds=12.0)
     done = tselab("gap", "--verbose", log, "--vehicle", vehicle, "--out", out, "--jobs", 1)
     assert done.code == 11, done.out + done.err

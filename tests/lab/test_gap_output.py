@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, Result, tselab
-from gap_logs import STIFFNESS, car, write_log
+from gap_logs import STIFFNESS, write_car, write_log
 from tse.car.vehicle import make_filter_values, read_vehicle
 from tse.gaps.run.output import COLUMNS
 from tse.library.core import Config, library
@@ -56,7 +56,7 @@ class Case:
 def case(tmp_path_factory):
     """An IMU that is 20 ms late, in two logs and one that is held out."""
     folder = tmp_path_factory.mktemp("gap")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     logs = [
         write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0)
         for seed, d in enumerate(("sweep", "brakes"), 1)
@@ -231,7 +231,7 @@ def test_picture_is_a_png(case):
 
 
 def test_nothing_hidden_is_exit_0(tmp_path):
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed)
         for seed, d in enumerate(("sweep", "brakes"), 5)

@@ -12,7 +12,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from conftest import RAN, tselab_here
-from gap_logs import CAR, DRIVES, STIFFNESS, car, problem_of, write_log
+from gap_logs import CAR, DRIVES, STIFFNESS, make_problem, write_car, write_log
 from tse.car.config import make_config
 from tse.car.vehicle import get_unknown_car, read_vehicle
 from tse.channels.log import read_log
@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def vehicle(folder):
-    return car(folder)
+    return write_car(folder)
 
 
 @pytest.fixture
@@ -184,7 +184,7 @@ def case(tmp_path_factory):
     paths = [
         write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)
     ]
-    problem = problem_of(vehicle, *paths)
+    problem = make_problem(vehicle, *paths)
     found = fit(problem, PARAMETERS, {})
     naming = Naming(found, found, [], 0.0, [], [], True)
     improved = folder / "improved.toml"

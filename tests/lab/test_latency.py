@@ -40,7 +40,7 @@ def driven() -> np.ndarray:
     return simulated({"sample_time": DT / n}, sim, DT / n, steer_angle=steer, wheel_torque_front=torque)
 
 
-def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
+def make_log(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
     """Return a noisy log every 10 ms whose columns are late by these seconds."""
     config, random = Config.exact(), np.random.default_rng(seed)
     rows = np.zeros(ROWS, NativeFilter(config).inputs(1).dtype)
@@ -54,7 +54,7 @@ def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndar
     return rows
 
 
-def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np.ndarray:
+def estimate_rows(rows: np.ndarray, late: dict[str, float], **settings: float) -> np.ndarray:
     filter_ = NativeFilter(
         Config.exact(STRICT | settings | {f"{name}_latency": by for name, by in late.items()})
     )
@@ -63,14 +63,14 @@ def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np
     return out
 
 
-def drawn(seed: int) -> dict[str, float]:
+def draw_latencies(seed: int) -> dict[str, float]:
     """Draw a latency of each channel; the wheels, of one controller, share theirs."""
     random = np.random.default_rng(seed)
     steer, wheels, x, y = random.uniform(0.0, 0.06, 4)
     return {"steer_angle": steer, **dict.fromkeys(WHEELS, wheels), "accel_x": x, "accel_y": y}
 
 
-def normalised(row: np.void) -> list[float]:
+def normalise_errors(row: np.void) -> list[float]:
     """Errors of the stiffness in sd; the simulated tyres are the nominal ones."""
     return [float((row[key] - 1) / row[f"{key}_sd"]) for key in STIFFNESS]
 
@@ -81,9 +81,12 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
 
     The sd is at most 1.3 times that without latencies.
     """
-    late = drawn(seed)
-    plain, told = estimated(logged(driven, {}, seed), {}), estimated(logged(driven, late, seed), late)
-    assert max(map(abs, normalised(plain[-1]))) < 4 and max(map(abs, normalised(told[-1]))) < 4
+    late = draw_latencies(seed)
+    plain, told = (
+        estimate_rows(make_log(driven, {}, seed), {}),
+        estimate_rows(make_log(driven, late, seed), late),
+    )
+    assert max(map(abs, normalise_errors(plain[-1]))) < 4 and max(map(abs, normalise_errors(told[-1]))) < 4
     for key in STIFFNESS:
         assert told[-1][key] == pytest.approx(plain[-1][key], abs=0.01)
         assert told[-1][key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else INTEGRATED)
@@ -107,16 +110,19 @@ def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
     One of six drives is exempt: its latencies happen to be alike.
     """
     worst = [
-        max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS)
+        max(
+            abs(estimate_rows(make_log(driven, draw_latencies(seed), seed), {})[-1][key] - 1)
+            for key in STIFFNESS
+        )
         for seed in range(6)
     ]
     assert sorted(worst)[1] > 0.05, worst
 
 
 def test_channels_that_are_early_are_as_good(driven: np.ndarray) -> None:
-    late = {name: -by for name, by in drawn(7).items()}
-    last = estimated(logged(driven, late), late)[-1]
-    assert last["estimate_age"] < DT and max(map(abs, normalised(last))) < 4
+    late = {name: -by for name, by in draw_latencies(7).items()}
+    last = estimate_rows(make_log(driven, late), late)[-1]
+    assert last["estimate_age"] < DT and max(map(abs, normalise_errors(last))) < 4
     assert all(
         last[key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else INTEGRATED) for key in STIFFNESS
     )
@@ -150,7 +156,7 @@ LATE = {"steer_angle": 0.034, "accel_y": -0.011}
 @pytest.fixture(scope="module")
 def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     folder = tmp_path_factory.mktemp("latency")
-    rows = logged(driven, LATE)
+    rows = make_log(driven, LATE)
     table = pd.DataFrame({"time": DT * np.arange(ROWS)} | {c.name: rows[c.name] for c in library().channels})
     table["ref_vel_y"] = driven["true_vel_y"][::10]
     table.to_csv(folder / "log.csv", index=False)

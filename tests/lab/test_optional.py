@@ -51,11 +51,11 @@ def drive() -> pd.DataFrame:
     return table.assign(ref_vel_x=out["true_vel_x"], ref_vel_y=out["true_vel_y"])
 
 
-def vehicle(**sensors: float):
+def make_car(**sensors: float):
     return make_vehicle({**CAR, **({"sensors": sensors} if sensors else {})}, Path("car.toml"))
 
 
-def gnss(drive: pd.DataFrame) -> pd.DataFrame:
+def make_gnss_columns(drive: pd.DataFrame) -> pd.DataFrame:
     """The same with speed and course ten times a second; a course from any zero."""
     heading = np.cumsum(drive.yaw_rate) * DT + 3.0
     course = heading + np.arctan2(drive.ref_vel_y, drive.ref_vel_x)
@@ -82,7 +82,7 @@ def test_the_library_names_the_velocities_behind_the_channels() -> None:
 
 
 def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) -> None:
-    log = read_frame(gnss(drive))
+    log = read_frame(make_gnss_columns(drive))
     rows = log.rows()
     assert log.optional == ["gnss_speed", "gnss_course"]
     assert set(rows["given"][::10]) == {12}
@@ -92,7 +92,7 @@ def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) 
 
 
 def test_a_csv_reads_as_the_frame(drive: pd.DataFrame, tmp_path: Path) -> None:
-    table = gnss(drive)
+    table = make_gnss_columns(drive)
     table.to_csv(tmp_path / "log.csv", index=False)
     rows, same = read_log(tmp_path / "log.csv").rows(), read_frame(table).rows()
     assert (rows["given"] == same["given"]).all()
@@ -101,7 +101,7 @@ def test_a_csv_reads_as_the_frame(drive: pd.DataFrame, tmp_path: Path) -> None:
 
 def test_columns_of_other_names_change_no_bit(drive: pd.DataFrame) -> None:
     """vel_y, speed, course may be anything; only the library's names are measurements."""
-    config, _ = make_config(vehicle(), read_frame(drive))
+    config, _ = make_config(make_car(), read_frame(drive))
     plain = estimate(read_frame(drive), config).table
     named = estimate(read_frame(drive.assign(vel_y=9.0, speed=99.0, course=1.0)), config).table
     pd.testing.assert_frame_equal(plain, named)
@@ -111,9 +111,9 @@ def test_a_measured_speed_across_is_followed(drive: pd.DataFrame) -> None:
     """Of a car of its class, whose stiffness nobody knows."""
     table = drive.assign(ins_vel_x=drive.ref_vel_x, ins_vel_y=drive.ref_vel_y)
     off = {}
-    for name, frame in (("without", drive), ("with", table), ("gnss", gnss(drive))):
+    for name, frame in (("without", drive), ("with", table), ("gnss", make_gnss_columns(drive))):
         log = read_frame(frame)
-        config, _ = make_config(vehicle(), log)
+        config, _ = make_config(make_car(), log)
         found = estimate(log, config).table
         late = found.time > 20
         off[name] = np.sqrt(np.mean((found.vel_y - drive.ref_vel_y)[late] ** 2))
@@ -122,11 +122,11 @@ def test_a_measured_speed_across_is_followed(drive: pd.DataFrame) -> None:
 
 
 def test_a_row_of_a_filter_has_them_too(drive: pd.DataFrame) -> None:
-    log = read_frame(gnss(drive).head(300))
-    config, _ = make_config(vehicle(), log)
+    log = read_frame(make_gnss_columns(drive).head(300))
+    config, _ = make_config(make_car(), log)
     found = estimate(log, config).table
     step = tse.Filter({**CAR}, sample_time=DT)
-    for row in gnss(drive).head(300).to_dict("records"):
+    for row in make_gnss_columns(drive).head(300).to_dict("records"):
         y = step.step(row)
     assert y.vel_y == pytest.approx(found.vel_y.iloc[-1], abs=1e-12)
     nothing = tse.Filter({**CAR}, sample_time=DT)
@@ -166,15 +166,15 @@ def test_a_velocity_in_another_unit_or_of_another_sign_is_said(
 def test_settings_without_a_velocity_are_refused_where_this_run_asks_for_them(drive: pd.DataFrame) -> None:
     """A vehicle file that was calibrated with an INS is of logs without one, too."""
     with pytest.raises(UserError, match=r"velocity_lever_x without effect: the log has none of ins_vel_x"):
-        make_config(vehicle(), read_frame(drive), options={"velocity_lever_x": 1.0})
-    make_config(vehicle(velocity_lever_x=1.0), read_frame(drive))
-    config, _ = make_config(vehicle(velocity_lever_x=1.0), read_frame(gnss(drive)))
+        make_config(make_car(), read_frame(drive), options={"velocity_lever_x": 1.0})
+    make_config(make_car(velocity_lever_x=1.0), read_frame(drive))
+    config, _ = make_config(make_car(velocity_lever_x=1.0), read_frame(make_gnss_columns(drive)))
     assert config.velocity_lever_x == 1.0
 
 
 def test_forms_that_do_not_use_a_velocity_refuse_it(drive: pd.DataFrame) -> None:
     with pytest.raises(UserError, match=r"column gnss_speed, gnss_course: only the default filter"):
-        make_config(vehicle(), read_frame(gnss(drive)), form="paper")
+        make_config(make_car(), read_frame(make_gnss_columns(drive)), form="paper")
 
 
 def test_a_course_that_wraps_is_averaged_along_the_shorter_way(drive: pd.DataFrame) -> None:
@@ -211,7 +211,7 @@ def its_car(made, tmp_path_factory) -> Vehicle:
     return read_vehicle(folder / "car.toml")
 
 
-def said(log: CheckedLog, made) -> list[str]:
+def list_notes(log: CheckedLog, made) -> list[str]:
     v = made.vehicle
     return check_units(
         log,
@@ -309,7 +309,7 @@ def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.Dat
 def test_what_contradicts_the_speed_or_the_acceleration_is_said(
     made, driven: pd.DataFrame, change, words
 ) -> None:
-    found = said(read_frame(driven.assign(**change)), made)
+    found = list_notes(read_frame(driven.assign(**change)), made)
     for word in words:
         assert any(word in line for line in found), found
     assert bool(found) == bool(words), found

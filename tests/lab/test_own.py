@@ -52,7 +52,7 @@ def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
     return Case(folder, log, car, first, est, pd.read_csv(folder / "plain.csv"))
 
 
-def errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
+def compute_errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
     """Relative, of the rows after 20 s."""
     truth = pd.read_csv(case.folder / "reference_mountain.csv")
     true = compute_truth({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
@@ -74,7 +74,7 @@ def test_the_stiffness_of_the_car_is_found_and_said(case):
 
 def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
     for key in AXLES:
-        ours, plain = (errors(case, e, key) for e in (case.est, case.plain))
+        ours, plain = (compute_errors(case, e, key) for e in (case.est, case.plain))
         assert np.nanmedian(np.abs(ours)) < 0.1 and np.nanmedian(np.abs(ours)) < np.nanmedian(np.abs(plain))
         sd = (case.est[f"{key}_sd"] / case.est[key]).to_numpy()[case.est["time"].to_numpy() > 20]
         known = np.isfinite(ours)
@@ -139,7 +139,7 @@ def test_python_says_and_estimates_the_same(case):
 
 
 def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
-    entry = kept(case, cache)
+    entry = find_kept(case, cache)
     entry.unlink()  # the command's has the bits of one thread of the BLAS
     own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
     whole = entry.read_text()
@@ -150,7 +150,7 @@ def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
         assert entry.read_text() == whole
 
 
-def kept(case: Case, cache: Path) -> Path:
+def find_kept(case: Case, cache: Path) -> Path:
     key = own._compute_key(read_vehicle(case.car), [read_log(case.log)])
     return cache / "tselab" / "calibrated" / f"{key}.json"
 

@@ -77,7 +77,7 @@ def drive(
 # fourth-order rule in steps of half a millisecond
 
 
-def reference_accelerations(car, x, w, u):
+def compute_reference_accelerations(car, x, w, u):
     """(1)-(4): specific force and yaw acceleration. Works for columns, too."""
     (vx, vy, r), (delta, omega_f, omega_r) = x, u
     vf, vr = car["wheel_radius_front"] * omega_f, car["wheel_radius_rear"] * omega_r
@@ -90,37 +90,37 @@ def reference_accelerations(car, x, w, u):
     return ax, ay, (car["lf"] * (fy_f + fx_f * delta) - car["lr"] * fy_r) / car["yaw_inertia"]
 
 
-def reference_rate(car, x, w, u):
-    ax, ay, yaw = reference_accelerations(car, x, w, u)
+def compute_reference_rate(car, x, w, u):
+    ax, ay, yaw = compute_reference_accelerations(car, x, w, u)
     return np.array([ax + x[1] * x[2], ay - x[0] * x[2], yaw])
 
 
-def reference_move(car, x, w, u0, u1, dt):
+def move_reference(car, x, w, u0, u1, dt):
     """x after a row: classical Runge-Kutta, inputs linear between rows."""
     steps = int(np.ceil(dt / 5e-4 - 1e-9))
     at, h = (lambda k: u0 + (u1 - u0) * k / steps), dt / steps
     for k in range(steps):
-        k1 = reference_rate(car, x, w, at(k))
-        k2 = reference_rate(car, x + h / 2 * k1, w, at(k + 0.5))
-        k3 = reference_rate(car, x + h / 2 * k2, w, at(k + 0.5))
-        k4 = reference_rate(car, x + h * k3, w, at(k + 1))
+        k1 = compute_reference_rate(car, x, w, at(k))
+        k2 = compute_reference_rate(car, x + h / 2 * k1, w, at(k + 0.5))
+        k3 = compute_reference_rate(car, x + h / 2 * k2, w, at(k + 0.5))
+        k4 = compute_reference_rate(car, x + h * k3, w, at(k + 1))
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return x
 
 
-def reference_observe(car, x, w, u):
-    ax, ay, _ = reference_accelerations(car, x, w, u)
+def observe_reference(car, x, w, u):
+    ax, ay, _ = compute_reference_accelerations(car, x, w, u)
     return np.array(np.broadcast_arrays(ax, ay, x[2]))
 
 
 # ---- what is compared
 
 
-def estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def get_estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([out[s] for s in STIFFNESS]).T, np.array([out[f"{s}_sd"] for s in STIFFNESS]).T
 
 
-def finite(out: np.ndarray) -> bool:
+def is_finite(out: np.ndarray) -> bool:
     return all(np.isfinite(out[name]).all() for name in out.dtype.names)
 
 
@@ -182,9 +182,9 @@ class Window:
         x, mu = [self.start[:, None] + theta[:3]], self.mu[:, None] + theta[3:6]
         for k in range(1, n):
             x.append(
-                reference_move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT)
+                move_reference(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT)
             )
-        y = [reference_observe(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
+        y = [observe_reference(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
         return np.array(x), b, np.array(y)
 
     @functools.cached_property
@@ -267,7 +267,7 @@ def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
     )
     x, w = np.array([speed, 0.05, 0.02]), np.array([0.1, 0.2, 0.1])
     u, to = np.array([rows[name] for name in DRIVES]).T
-    exact = reference_move(config.as_dict(), x, w, u, to, dt)
+    exact = move_reference(config.as_dict(), x, w, u, to, dt)
     moved = peers.move(SimpleNamespace(**config.as_dict()), x[:, None], w[:, None], u, to, dt)
     np.testing.assert_allclose(moved[:, 0], exact, atol=2e-5)
 
@@ -306,7 +306,7 @@ def test_errors_are_half_of_what_the_filter_believes_of_them():
             for m, b in zip(MEASURES, bias, strict=True)
         }
         d = drive(duration=20.0, seed=seed, sim={**start, "bias_walk": 1.0})
-        mean, sd = estimates(d.run("ekf"))
+        mean, sd = get_estimates(d.run("ekf"))
         at = np.searchsorted(d.time, np.array((8.0, 12.0, 16.0, 20.0)) - 1e-6)
         shares.append(1.99 * (((mean - d.mean) / sd)[at]) ** 2)
     low, high = stats.chi2.interval(0.998, 32)
@@ -318,7 +318,7 @@ def test_what_nothing_excites_any_more_is_forgotten_up_to_the_variance_of_the_st
     d = drive(duration=20.0)
     for name in ("accel_y", "yaw_rate", "steer_angle"):
         d.rows[name][600:] = 0.0  # straight ahead: no side force, nothing about the lateral stiffness
-    sd = estimates(d.run("ekf"))[1][:, 1:]
+    sd = get_estimates(d.run("ekf"))[1][:, 1:]
     np.testing.assert_allclose(sd[660] / sd[650], d.known.forgetting**-5, rtol=1e-3)
     np.testing.assert_allclose(sd[-1], d.config.initial_mean_sd, rtol=1e-3)
 
@@ -328,10 +328,10 @@ def test_what_nothing_excites_any_more_is_forgotten_up_to_the_variance_of_the_st
 def test_a_missing_input_teaches_nothing_and_ends(kind, name):
     d = drive(duration=6.0)
     gap = slice(300, 340)  # longer than max_gap: states start again
-    whole = estimates(d.run(kind))
+    whole = get_estimates(d.run(kind))
     d.rows[name][gap] = np.nan
-    mean, sd = estimates(out := d.run(kind))
-    assert finite(out)
+    mean, sd = get_estimates(out := d.run(kind))
+    assert is_finite(out)
     for held in (mean, sd):
         np.testing.assert_allclose(held[gap][1:], held[gap][:1].repeat(39, 0), atol=1e-9)
     assert np.abs(mean[-1] - whole[0][-1]).max() < 2 * whole[1][-1].max()
@@ -345,22 +345,22 @@ def test_values_that_no_sensor_has_are_missing():
     assert (d.run("ekf") == missing).all()
 
 
-def spin(d: Drive) -> None:
+def spin_wheel(d: Drive) -> None:
     d.rows["wheel_speed_front"][200:300] *= 3
 
 
-def stuck(d: Drive) -> None:
+def freeze_sensors(d: Drive) -> None:
     for name in ("accel_y", "wheel_speed_rear"):
         d.rows[name][200:400] = d.rows[name][200]
 
 
-def silent(d: Drive) -> None:
+def lose_channels(d: Drive) -> None:
     for name in (*DRIVES, *MEASURES):
         d.rows[name][:20] = np.nan
         d.rows[name][300:310] = np.nan
 
 
-def gap(d: Drive) -> None:
+def make_gap(d: Drive) -> None:
     d.rows["dt"][300] = 5.0
 
 
@@ -371,10 +371,10 @@ HARD = {
     "short rows": ({"dt": 0.005, "duration": 3.0}, None),
     "long rows": ({"dt": 0.04}, None),
     "standstill": ({"name": "stop-and-go", "duration": 22.0, "dt": 0.02}, None),
-    "wheel spin": ({}, spin),
-    "stuck channels": ({}, stuck),
-    "nothing logged": ({}, silent),
-    "gap": ({}, gap),
+    "wheel spin": ({}, spin_wheel),
+    "stuck channels": ({}, freeze_sensors),
+    "nothing logged": ({}, lose_channels),
+    "gap": ({}, make_gap),
     "no noise of the stiffness": ({"sim": {f"spread_{s}": 0.0 for s in STIFFNESS}}, None),
 }
 
@@ -388,8 +388,8 @@ def test_every_hard_case_ends_with_numbers(kind, case):
         d = Drive(d.config, d.rows, peers.Known((0.0,) * 3, d.known.noise_sd), d.truth)
     if harm:
         harm(d)
-    mean, _ = estimates(out := d.run(kind))
-    assert finite(out)
+    mean, _ = get_estimates(out := d.run(kind))
+    assert is_finite(out)
     assert (mean >= d.config.stiffness_min - 1e-9).all() and (mean <= d.config.stiffness_max + 1e-9).all()
 
 
@@ -399,7 +399,7 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
         duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD)
     )
     known = replace(d.known, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
-    mean, sd = estimates(out := peers.run("known", d.rows, d.config, known))
+    mean, sd = get_estimates(out := peers.run("known", d.rows, d.config, known))
     event = np.searchsorted(d.time, 8.0 - 1e-9)
     assert (sd[event] > 3 * sd[event - 1]).all()
     for part in (slice(200, event), slice(event, None)):
@@ -415,5 +415,5 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
     spread = [out[f"{s}_spread"][late].mean() for s in STIFFNESS]
     assert spread == pytest.approx([SPREAD * level] * 3, rel=0.02)
 
-    deaf = estimates(peers.run("known", d.rows, d.config, replace(known, changes=())))[0]
+    deaf = get_estimates(peers.run("known", d.rows, d.config, replace(known, changes=())))[0]
     assert (np.abs(deaf / d.mean - 1)[event + 50] > 0.10).all()

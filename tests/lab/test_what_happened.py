@@ -23,7 +23,7 @@ NOMINAL = {"cx_front": 1.6e5, "cy_front": 1.2e5, "cy_rear": 1.4e5}
 CALM = [(0.0, 60.0, None)]
 
 
-def table_of(
+def make_table(
     told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np.ones(len(t), bool)
 ) -> pd.DataFrame:
     """Return the table of a drive.
@@ -70,19 +70,19 @@ ROAD = [(0, 36.1, None), (36.1, 60, (36.03, 1, 0.97, 0.7))]
 
 
 def test_a_table_without_the_columns_has_no_events_and_is_one_stretch():
-    table = table_of(CALM)[["time", "status", *(f"{s}{p}" for s in STIFFNESS for p in
+    table = make_table(CALM)[["time", "status", *(f"{s}{p}" for s in STIFFNESS for p in
                             ("", "_sd", "_spread", "_valid", "_spread_seen", "_reason"))]]  # fmt: skip
     assert changes(table) == [] and spells(table) == [] and words([], []) == []
     (stretch,) = stretches(table, [])
     assert stretch.rows == slice(0, 6000) and (stretch.start, stretch.end) == (0.0, pytest.approx(59.99))
     (finding,) = findings(table, Config.exact(), [])
     assert finding.title == "" and finding.lines()[1].startswith("Front cornering stiffness: 120 kN/rad")
-    empty = table_of(CALM).iloc[:0]
+    empty = make_table(CALM).iloc[:0]
     assert changes(empty) == [] and spells(empty) == [] and stretches(empty, []) == []
 
 
 def test_a_change_has_time_kind_probability_and_what_it_did():
-    (change,) = changes(table_of(ROAD))
+    (change,) = changes(make_table(ROAD))
     assert (
         change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
     )
@@ -105,7 +105,7 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     ],
 )
 def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, touched):
-    (change,) = changes(table_of([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
+    (change,) = changes(make_table([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
     assert change.what == what and len(change.ratio) == touched and bool(change.effect) == bool(touched)
 
 
@@ -115,7 +115,7 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
         (10.3, 11, (10.2, 1, 0.95, 0.75)),
         (11, 60, (10.1, 1, 0.99, 0.7)),
     ]
-    (change,) = changes(table_of(told))
+    (change,) = changes(make_table(told))
     assert (
         change.time == pytest.approx(10.1)
         and change.kind == 1
@@ -157,20 +157,20 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
     ],
 )
 def test_changes_are_told_once_each(told, expected):
-    assert [(c.time, c.kind, c.probability) for c in changes(table_of(told))] == [
+    assert [(c.time, c.kind, c.probability) for c in changes(make_table(told))] == [
         pytest.approx(e) for e in expected
     ]
 
 
 def test_single_precision_tells_the_same():
-    table = table_of([(3000.1, 3600, (3000.03, 1, 0.97, 0.7))], seconds=3600, step=0.1)
+    table = make_table([(3000.1, 3600, (3000.03, 1, 0.97, 0.7))], seconds=3600, step=0.1)
     small = table.astype({c: np.float32 for c in table.select_dtypes("float64") if c != "time"})
     (change,) = changes(small)
     assert change.time == pytest.approx(3000.03, abs=2e-3) and change.label.endswith("97 %")
 
 
 def test_spells_have_their_channel_and_short_gaps_are_bridged():
-    table = table_of(CALM)
+    table = make_table(CALM)
     at = table["time"].to_numpy()
 
     def during(a, b):
@@ -195,7 +195,7 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
 
 
 def pieces(*times: float, seconds: float = 60.0) -> list[tuple[float, float, int, int]]:
-    table = table_of(CALM, seconds)
+    table = make_table(CALM, seconds)
     found = [Change(t, 1, 0.9, {}) for t in times]
     return [(round(s.start, 1), round(s.end, 1), s.rows.start, s.rows.stop) for s in stretches(table, found)]
 
@@ -211,7 +211,7 @@ def test_stretches_lie_between_changes_and_short_ones_join_a_neighbour():
 
 
 def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
-    table = table_of(ROAD, valid=lambda t: (t < 30) | (t > 48))
+    table = make_table(ROAD, valid=lambda t: (t < 30) | (t > 48))
     found = changes(table)
     one, two = findings(table, Config.exact(), found)
     assert one.title == "From 0.0 .. 36.0 s"
@@ -230,7 +230,7 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
 
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
-    table = table_of(ROAD, valid=lambda t: t < 30)
+    table = make_table(ROAD, valid=lambda t: t < 30)
     _, two = findings(table, Config.exact(), changes(table))
     title, *lines = two.lines()
     assert title == "From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"
@@ -245,7 +245,7 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(table_of(ROAD), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(make_table(ROAD), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     lines = done.out.splitlines()
@@ -254,7 +254,7 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert lines[at + 2].startswith("  Front cornering stiffness: 120 kN/rad ± 2 (95 %)")
     assert lines[at + 4] == "From 36.0 .. 60.0 s:" and "84 kN/rad ± 2 (95 %)" in lines[at + 6]
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
-    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(table_of(every_5_s, 200), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(make_table(every_5_s, 200), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
@@ -263,7 +263,7 @@ def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path
     """The answer comes first, then the newest events, then the number of the others."""
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.7 + 0.2 * (i % 2))) for i in range(1, 40)]
     for told, seconds in ((CALM, 60), (ROAD, 60), (every_5_s, 200)):
-        table = table_of(told, seconds)
+        table = make_table(told, seconds)
         table["noise_accel_x"] = 3.0  # a note
         monkeypatch.setattr(single, "estimate_to", lambda *_, table=table, **__: Estimates(table, False))
         done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
@@ -328,7 +328,7 @@ def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_pat
 UNKNOWN = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
 
 
-def random_walk(rng, walk, noise, prior=0.3):
+def estimate_random_walk(rng, walk, noise, prior=0.3):
     """Draw a random walk, measure it, and estimate it with a Kalman filter.
 
     `noise`: variance of each row, inf: no measurement. Return z, and mean and variance
@@ -347,7 +347,7 @@ def random_walk(rng, walk, noise, prior=0.3):
     return z, np.array(mean), np.array(var)
 
 
-def least_squares(z, walk, noise, prior=0.3):
+def solve_least_squares(z, walk, noise, prior=0.3):
     """Solve prior, steps and measurements as one problem; return means and variances."""
     n = len(z)
     step = np.diff(np.eye(n), axis=0)
@@ -368,8 +368,8 @@ def test_it_is_batch_least_squares_of_the_random_walk(seed):
         0.2,
         np.inf,
     )  # the filter has opened the state here, and nobody says so but its variance
-    z, mean, var = random_walk(rng, opened, noise)
-    expected, expected_var = least_squares(z, opened, noise)
+    z, mean, var = estimate_random_walk(rng, opened, noise)
+    expected, expected_var = solve_least_squares(z, opened, noise)
     found, found_var = backward(mean, var, walk)
     np.testing.assert_allclose(found, expected, atol=1e-10)
     np.testing.assert_allclose(found_var, expected_var, atol=1e-12)
@@ -382,14 +382,14 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
         {"steady_walk": 0.05, **{setting: NOMINAL[key] for key, setting in SETTING.items()}}
     )
     walk, noise = np.full(n - 1, config.steady_walk**2 * step), np.full(n, 0.04)
-    z, mean, var = random_walk(np.random.default_rng(7), walk, noise)
+    z, mean, var = estimate_random_walk(np.random.default_rng(7), walk, noise)
     table = pd.DataFrame({"time": (np.arange(n) + 0.5) * step, "status": np.zeros(n, int)})
     told = {"one": np.zeros(3), "other": np.zeros(3)}
     for a, key in enumerate(STIFFNESS):
         table[key] = NOMINAL[key] * np.exp(mean)
         table[f"{key}_sd"] = table[key] * np.sqrt(var + part**2)
         told["one"][a], told["other"][a] = (np.exp(mean[-1]) * part * x for x in (0.6, 0.8))
-    expected, expected_var = least_squares(z, walk, noise)
+    expected, expected_var = solve_least_squares(z, walk, noise)
     for key, found in fixed(table, config, told).items():
         assert found == pytest.approx(part**2)
         value, sd = smooth(table, key, config, found)
@@ -406,7 +406,7 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
 
 def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_it():
     """The filter moves towards the new road half a second before it detects it."""
-    table = table_of(ROAD, valid=lambda t: t < 55)
+    table = make_table(ROAD, valid=lambda t: t < 55)
     doubt = table["time"].between(35.5, 36.02)
     for key in STIFFNESS:
         table.loc[doubt, key] *= np.linspace(1, 0.75, doubt.sum())
@@ -427,9 +427,9 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
     assert rows[1]["smoothed_low"] < 1.2e5 < rows[1]["smoothed_high"] and rows[0]["change"] is None
 
 
-def drawn_along(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.DataFrame:
+def make_moving_table(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.DataFrame:
     """A road of 0.7; the filter moves towards it before it believes in the change."""
-    table = table_of(ROAD)
+    table = make_table(ROAD)
     before = table["time"].between(since, 36.09)
     for key in keys:
         table.loc[before, key] *= np.linspace(1, to, before.sum())
@@ -439,7 +439,7 @@ def drawn_along(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.Dat
 
 @pytest.mark.parametrize("keys", [STIFFNESS, ("cx_front",)], ids=["all", "one"])
 def test_a_change_began_where_the_estimates_began_to_move(keys):
-    table = drawn_along(33.0, keys)
+    table = make_moving_table(33.0, keys)
     found = changes(table)
     assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(
         36.03
@@ -457,10 +457,10 @@ def test_a_change_began_where_the_estimates_began_to_move(keys):
 
 
 def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
-    assert [c.time for c in changes(drawn_along(1.0, STIFFNESS, 0.95))] == [
+    assert [c.time for c in changes(make_moving_table(1.0, STIFFNESS, 0.95))] == [
         pytest.approx(36.03)
     ]  # 0.5 % of the way in a second
-    table = drawn_along(33.0, STIFFNESS)
+    table = make_moving_table(33.0, STIFFNESS)
     for key in STIFFNESS:  # as far as it was uncertain
         table[f"{key}_sd"] = table[key] * np.interp(table["time"], [33, 36.09], [0.08, 0.01])
     assert [c.time for c in changes(table)] == [pytest.approx(36.03)]
@@ -468,7 +468,7 @@ def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
 
 def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
     told = [(30.1, 33, (30.03, 1, 0.97, 0.8)), (33, 60, (33.0, 1, 0.97, 0.4))]
-    table = table_of(told)
+    table = make_table(told)
     moving = table["time"].between(28, 32.99)
     for key in STIFFNESS:
         table.loc[moving, key] = NOMINAL[key] * np.linspace(1, 0.6, moving.sum())
@@ -487,7 +487,7 @@ def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
     ],
 )
 def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason):
-    table = table_of([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
+    table = make_table([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
     for key in STIFFNESS:
         table[f"{key}_sd"], table[f"{key}_reason"] = sd * table[key], rows
     (found,) = findings(table, Config.exact(), [])
@@ -496,12 +496,12 @@ def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason
 
 
 def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_nothing():
-    table = table_of(ROAD)
+    table = make_table(ROAD)
     (found,) = findings(table, Config.exact(), changes(table), ["a sign"])
     assert all(v.smoothed_reason == "contradicted" and np.isnan(v.smoothed) for v in found.verdicts)
     (found,) = findings(table.assign(status=-1), Config.exact(), [])
     assert all(v.smoothed_reason == "" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(table_of([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
+    (found,) = findings(make_table([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
     assert all(
         v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts
     )  # particles forget
