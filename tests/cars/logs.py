@@ -71,7 +71,7 @@ class CarLog:
 
     @property
     def vehicle(self) -> dict[str, Any]:
-        """Keys of the vehicle file."""
+        """Return the keys of the vehicle file."""
         return self.car.vehicle
 
     def write(self, folder: Path, road: str) -> None:

@@ -47,7 +47,7 @@ def run(*command: object, **options: Any) -> subprocess.CompletedProcess:
 
 
 def read_connections() -> set[tuple[str, str]]:
-    """Of the vehicle's outputs to the estimator's inputs, as the system has them."""
+    """Return the system's connections from vehicle outputs to estimator inputs."""
     ssd = ElementTree.parse(ROOT / "fmu" / "StiffnessStudy.ssd")
     return {
         (c.get("startConnector"), c.get("endConnector"))
@@ -57,7 +57,7 @@ def read_connections() -> set[tuple[str, str]]:
 
 
 def find_headers(fmi: str = "2") -> Path:
-    """The FMI headers, where scripts/setup.sh puts them."""
+    """Return the folder of the FMI headers, where scripts/setup.sh puts them."""
     return ROOT / ".venv" / "share" / f"fmi{fmi}" / "headers"
 
 
@@ -118,19 +118,19 @@ class Unit:
 
 
 def list_exports(binary: Path) -> set[str]:
-    """Names that a shared library of this machine exports."""
+    """Return the names that a shared library of this machine exports."""
     return {line.split()[-1] for line in run("nm", "-D", "--defined-only", binary).stdout.splitlines()}
 
 
 @functools.cache
 def make_scratch_folder() -> Path:
-    """A folder for what lasts as long as the tests."""
+    """Return a folder that lasts as long as the tests."""
     return Path(tempfile.mkdtemp(prefix="tse-fmu-"))
 
 
 @functools.cache
 def load_unit(model: str, folder: str = "fmu") -> Unit:
-    """An FMU of a build."""
+    """Return an FMU of a build."""
     fmu = (build() if folder == "fmu" else ROOT / "build" / folder / "fmu") / f"{model}.fmu"
     return Unit(fmu, make_scratch_folder() / folder / model)
 
@@ -189,7 +189,7 @@ class Instance:
                 getattr(self.slave, setter)(references, [as_type(values[n]) for n in names])
 
     def get(self, names: Sequence[str] | None = None) -> dict[str, float]:
-        """Values by name; without names all outputs."""
+        """Return values by name; without names all outputs."""
         names = self.unit.outputs if names is None else names
         result = {}
         for kind, (_, getter) in self._of_type.items():
@@ -209,7 +209,7 @@ class Instance:
         return self
 
     def step(self, time: float, size: float) -> int:
-        """The fmi2Status of the step; an error raises."""
+        """Return the fmi2Status of the step; raise on an error."""
         return self.slave.fmi2DoStep(self.slave.component, time, size, 1)
 
     def state(self) -> bytes:
@@ -261,7 +261,7 @@ class Instance3:
                 getattr(self.slave, f"set{kind}")(references, [python(values[n]) for n in names])
 
     def get(self, names: list[str]) -> dict[str, Any]:
-        """Values by name; those of an array as a list."""
+        """Return values by name, those of an array as a list."""
         found = {}
         for kind, function in FUNCTIONS.items():
             group = [self.unit.variables[n] for n in names if self.unit.variables[n].type == kind]
@@ -294,7 +294,7 @@ REAL_BITS = "<d"
 
 
 def format_bits(x: float) -> str:
-    """A Real as tests/fmu/client.c writes it."""
+    """Return a Real in the form of tests/fmu/client.c."""
     return "x" + struct.pack(">d", x).hex()
 
 
@@ -308,7 +308,7 @@ class Log:
         return len(self.time)
 
     def step(self, i: int) -> float:
-        """To the next row; the last one as long as the one before."""
+        """Step to the next row; the last step is as long as the one before."""
         return float(
             self.time[i + 1] - self.time[i] if i + 1 < len(self) else self.time[i] - self.time[i - 1]
         )
@@ -317,7 +317,7 @@ class Log:
         return Log(self.time[first:last], self.channels[first:last])
 
     def through_library(self, settings: Mapping[str, float] | Config, form: str | None = None) -> np.ndarray:
-        """One row of the core's outputs per row."""
+        """Return a row of the core's outputs per row."""
         config = settings
         if not isinstance(settings, Config):
             config = Config.exact({**(Config.settings_of(form) if form else {}), **settings})
@@ -333,7 +333,7 @@ class Log:
     def through_fmu(
         self, instance: Instance, first: int = 0, last: int | None = None
     ) -> list[dict[str, float]]:
-        """One dictionary of the FMU's outputs per row."""
+        """Return a dictionary of the FMU's outputs per row."""
         rows = []
         for i in range(first, len(self) if last is None else last):
             instance.set(dict(zip(CHANNELS, self.channels[i], strict=True)))
@@ -353,7 +353,7 @@ def make_parameters(settings: Mapping[str, float], of: Unit) -> dict[str, float]
 
 
 def compute_expected_outputs(row: np.void, config: Config) -> dict[str, float]:
-    """What the estimator FMU has to put out where the C library puts out this row."""
+    """Return the estimator FMU's outputs for this row of the C library."""
     expected: dict[str, float] = {}
     si = convert_stiffness(config, row)
     for f in library().fields(OUTPUT):
@@ -382,12 +382,12 @@ def compute_expected_outputs(row: np.void, config: Config) -> dict[str, float]:
 
 
 def has_same_bits(a: float, b: float) -> bool:
-    """The same bits."""
+    """Return whether both have the same bits."""
     return struct.pack(REAL_BITS, float(a)) == struct.pack(REAL_BITS, float(b))
 
 
 def expect_same_rows(got: Iterable[Mapping[str, float]], expected: Iterable[Mapping[str, float]]) -> None:
-    """Every output of every row has the same bits; says which do not."""
+    """Check that every output of every row has the same bits; name those that differ."""
     for i, (a, b) in enumerate(zip(got, expected, strict=True)):
         assert a.keys() == b.keys(), sorted(a.keys() ^ b.keys())
         wrong = [f"row {i}: {n} is {a[n]!r}, expected {b[n]!r}" for n in b if not has_same_bits(a[n], b[n])]
@@ -395,7 +395,7 @@ def expect_same_rows(got: Iterable[Mapping[str, float]], expected: Iterable[Mapp
 
 
 def read_recorded_drive(rows: int | None = None) -> Log:
-    """tests/replay/drive.csv."""
+    """Read tests/replay/drive.csv."""
     lines = [
         s for s in (ROOT / "tests" / "replay" / "drive.csv").read_text().splitlines() if s[:1].isdigit()
     ][:rows]
@@ -415,7 +415,7 @@ RUNNERS = {
 
 
 def explain_unavailable(target: str) -> str:
-    """Why programs of this platform cannot be built or run here; empty: they can."""
+    """Return why programs of this platform cannot be run here; empty: they can."""
     if subprocess.run([sys.executable, "-m", "ziglang", "version"], capture_output=True).returncode:
         return "ziglang is not installed (scripts/setup.sh platforms)"
     runner = RUNNERS[target][1]
@@ -428,7 +428,7 @@ def explain_unavailable(target: str) -> str:
 
 @functools.cache
 def build_library(target: str, of: Unit) -> Path:
-    """The FMU's shared library for a platform, compiled as `tselab fmu build` does."""
+    """Build the FMU's shared library for a platform, as `tselab fmu build` does."""
     build()
     platform = PLATFORMS[target]
     result = make_scratch_folder() / target / of.fmu.stem / (of.identifier + platform.suffix)
@@ -461,12 +461,12 @@ def build_client(target: str) -> Path:
 
 
 def make_client_command(target: str) -> list[str]:
-    """tests/fmu/client.c for a platform, as a command."""
+    """Return the command of tests/fmu/client.c on a platform."""
     return [*RUNNERS[target][1], str(build_client(target))]
 
 
 def write_client_input(log: Log, of: Unit, path: Path) -> Path:
-    """A log as INPUT.csv of the client."""
+    """Write a log as INPUT.csv of the client."""
     lines = ["time," + ",".join(of.code(n) for n in CHANNELS)]
     lines += [
         ",".join(format_bits(x) for x in (t, *row)) for t, row in zip(log.time, log.channels, strict=True)

@@ -138,7 +138,7 @@ VDMCHECK_FOLDER = Path(sys.prefix) / "share" / f"vdmcheck-{VDMCHECK}"
 
 
 def fetch_vdmcheck() -> None:
-    """Have Maven bring VDMCheck, once."""
+    """Fetch VDMCheck with Maven, once."""
     if (VDMCHECK_FOLDER / "vdmcheck2.jar").is_file() or not shutil.which("mvn"):
         return
     with tempfile.TemporaryDirectory(dir=VDMCHECK_FOLDER.parent, ignore_cleanup_errors=True) as scratch:
@@ -177,7 +177,7 @@ def check_by_vdmcheck(fmu: Path, of_3: bool) -> Verdict:
 
 
 def make_inputs(of: Unit) -> dict[str, np.ndarray]:
-    """A drive: what the driver does, or what the sensors say; a value a step."""
+    """Return a drive by step: the driver's inputs, or the sensors' readings."""
     config = Config.exact({"sample_time": STEP})
     plan = maneuvers.build("square-waves", config, sample_time=STEP, duration=STEP * STEPS)
     driver, sensors = drive(plan, config, SimConfig({"seed": 1}))
@@ -295,7 +295,7 @@ class Failed(Exception):
 
 
 def in_process(client: str, of: Unit) -> np.ndarray:
-    """A client that is a Python package, in a process of its own."""
+    """Run a client that is a Python package, in a process of its own."""
     with tempfile.TemporaryDirectory(prefix="tse-client-", ignore_cleanup_errors=True) as folder:
         result = Path(folder) / "result.npy"
         lines, code = run_program(sys.executable, __file__, client, of.fmu, result)
@@ -305,7 +305,7 @@ def in_process(client: str, of: Unit) -> np.ndarray:
 
 
 def run_foreign(target: str, of: Unit) -> np.ndarray:
-    """tests/fmu/client.c with the binary of another platform."""
+    """Run tests/fmu/client.c with the binary of another platform."""
     to, inputs = PLATFORMS[target], make_inputs(of)
     wanted = [of.code(n) for n in list_outputs(of)]
     lines = [",".join(["time", *map(of.code, inputs)])]
@@ -371,7 +371,7 @@ def compare_one(client: str, of: Unit, reference: np.ndarray) -> Row:
 
 
 def describe_difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
-    """What a client's run is beside the reference."""
+    """Describe how a client's run differs from the reference."""
     try:
         values = run()
     except (Failed, subprocess.TimeoutExpired) as error:
@@ -392,7 +392,10 @@ def describe_difference(run: Callable[[], np.ndarray], reference: np.ndarray) ->
 
 
 def make_validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
-    """Findings per validator and FMU; what was skipped everywhere is not in it."""
+    """Tabulate the findings per validator and FMU.
+
+    A check that was skipped everywhere is left out.
+    """
     ran = {n: {v.validator: v for v in found if not v.skipped} for n, found in verdicts.items()}
     rows = []
     for name, number in {v.validator: v.version for found in ran.values() for v in found.values()}.items():

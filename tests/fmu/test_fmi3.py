@@ -79,7 +79,7 @@ def test_structure_names_every_output_once_and_what_it_depends_on(name: str) -> 
 
 
 def read_terminals(model: str) -> dict[str, dict[str, str]]:
-    """Per kind of terminal its members and their variables."""
+    """Return the members and their variables of each kind of terminal."""
     root = ElementTree.parse(load_fmi3(model).folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
     return {
         t.get("terminalKind"): {

@@ -272,7 +272,7 @@ def find_examples(text: str, kind: str) -> list[str]:
 
 
 def run(code: str, folder: Path, *fmus: Path) -> str:
-    """What the example prints, with these FMUs in the current directory."""
+    """Run an example with these FMUs in the current directory; return its output."""
     for fmu in fmus:
         shutil.copy(fmu, folder)
     done = subprocess.run(

@@ -282,7 +282,7 @@ PARTICLES = 64
 
 
 def build_format(real: str) -> Path:
-    """The folder of the FMUs; compiled quickly, which changes no bit."""
+    """Build the FMUs quickly, which changes no bit; return their folder."""
     return build(
         f"fmu-{real}-test",
         f"-DTSE_REAL={real}",
@@ -298,7 +298,7 @@ def load_estimator(real: str) -> Unit:
 
 @functools.cache
 def find_library(real: str) -> Path:
-    """The shared library of this format, likewise."""
+    """Return the shared library of this format, built likewise."""
     where = ROOT / "build" / f"lab-{real}-test"
     with lock_file(lock_of(where)):
         options = [f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug"]

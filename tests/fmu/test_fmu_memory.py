@@ -65,7 +65,7 @@ def main(folder: str, rows: int) -> None:
 
 
 def find_sanitizer() -> str:
-    """The run time of gcc's address sanitizer; empty: there is none."""
+    """Return the run-time library of gcc's address sanitizer; empty: there is none."""
     if not shutil.which("gcc"):
         return ""
     path = subprocess.run(

@@ -15,7 +15,7 @@ the model (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS ty
 all.
 
 The package has axes of SAE (z down, y right: a left wheel runs faster for yaw rate > 0,
-gravity adds to z'), tse those of ISO 8855 (z up, y left). Here all is SAE until `make_log`
+gravity adds to z'), tse those of ISO 8855 (z up, y left). All is SAE until `make_log`
 converts it. A `Program`, the driver's demand, is ISO.
 """
 

@@ -241,7 +241,8 @@ def make_tables(cases: list[dict]) -> dict[str, str]:
         near = sum(abs(value / true - 1.0) < 0.25 for value, _, _, true in sizes)
         lines.append(
             f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} "
-            f"({format_interval(k, len(sizes))}); {near} are within 25 % of it. Its forms are others than the catalogue's."
+            f"({format_interval(k, len(sizes))}); {near} are within 25 % of it. "
+            "Its forms are others than the catalogue's."
         )
     lines += ["", *make_reliability_table([c for c in cases if not c["outside"]])]
     each = [

@@ -56,7 +56,7 @@ def tselab_here(*args: object, cwd: Path | None = None) -> Result:
 
 
 def simulated(config: dict[str, float], sim: dict[str, float], dt: float, **driver: np.ndarray) -> np.ndarray:
-    """Rows of the simulator for what the driver does, on a road of level 1."""
+    """Return rows of the simulator for the driver's inputs, on a road of level 1."""
     simulator, rows = Simulator(Config.exact(config), SimConfig(sim)), len(driver["steer_angle"])
     inputs, outputs = simulator.inputs(rows), simulator.outputs(rows)
     for name, values in {"dt": dt, "road_level": 1.0, **driver}.items():

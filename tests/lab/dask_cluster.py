@@ -22,7 +22,7 @@ Start = Callable[..., subprocess.Popen]
 
 @contextmanager
 def start_programs() -> Iterator[Start]:
-    """Starts `dask ARGS`; ends all of them, whatever happens."""
+    """Start `dask ARGS`; end all programs afterwards, whatever happens."""
     processes: list[subprocess.Popen] = []
 
     def one(*args: object, path: Path | None = None) -> subprocess.Popen:
@@ -51,7 +51,7 @@ def start_scheduler(start: Start) -> str:
 
 
 def make_worker_command(address: str, folder: Path) -> tuple[object, ...]:
-    """The words that start one."""
+    """Return the arguments that start a worker."""
     return ("worker", address, "--no-nanny", "--nthreads", 1, "--no-dashboard", "--local-directory", folder)
 
 
@@ -75,7 +75,7 @@ def is_listening(port: int) -> bool:
 
 
 def kill_this_process(task: Task) -> Outcome:
-    """A log called deadly is as one that is too long for the memory."""
+    """Kill the process on a log called deadly, as a log too long for the memory does."""
     if "deadly" in task.log.name:
         os.kill(os.getpid(), signal.SIGKILL)
     return Outcome(seconds=1.0)

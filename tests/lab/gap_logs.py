@@ -71,7 +71,7 @@ def write_car(folder: Path) -> Path:
 
 
 def make_problem(vehicle: Path, *logs: Path) -> Problem:
-    """These logs, of a car whose settings the vehicle file has."""
+    """Return the problem of these logs, with the settings of the vehicle file."""
     config = Config.exact(read_vehicle(vehicle).values)
     return Problem([prepare(read_log(p), config) for p in logs], config)
 

@@ -30,7 +30,7 @@ class Car:
     lock: float  # rad
 
     def vehicle(self) -> str:
-        """The file of it: an ordinary car with known mass and axles."""
+        """Return the vehicle file of an ordinary car with known mass and axles."""
         return (
             f'name = "car"\nmass = {self.mass}\nlf = {self.lf}\nlr = {self.lr}\n'
             f'wheel_radius_front = {self.radius}\nwheel_radius_rear = {self.radius}\ndriven_axle = "front"\n'
@@ -63,7 +63,7 @@ def draw_car(rng: np.random.Generator) -> Car:
 
 
 def draw_street(rng: np.random.Generator, seconds: float) -> list[Part]:
-    """Bends and lane changes at 7 .. 17 m/s."""
+    """Draw bends and lane changes at 7 .. 17 m/s."""
     parts, done = [], 0.0
     while done < seconds:
         v, length = rng.uniform(7.0, 17.0), rng.uniform(1.0, 3.0)
@@ -85,7 +85,7 @@ def draw_exit(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
 
 
 def draw_three_point_turn(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
-    """Round in three points."""
+    """Turn round in three points."""
     side = float(rng.choice([-1, 1]))
     ahead = [
         (4.0, rng.uniform(1.5, 4.0), side * lock),

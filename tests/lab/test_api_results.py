@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
 
 
 def show_result(result, path):
-    """Everything that a result must be able to do; the page that it wrote."""
+    """Use every output of a result; return the page that it wrote."""
     assert result.words and all(isinstance(line, str) for line in result.words)
     assert isinstance(result.to_frame(), pd.DataFrame)
     assert isinstance(result.plot(), go.Figure)
@@ -266,7 +266,7 @@ def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
 
 
 def run_notebook(name, folder, monkeypatch):
-    """What its cells leave; the last line of a cell is shown, as in a browser."""
+    """Run the cells, and return their variables; show the value of a cell's last line."""
     monkeypatch.chdir(folder)
     cells = json.loads((ROOT / "scripts" / "examples" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     names: dict = {}

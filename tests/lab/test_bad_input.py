@@ -20,7 +20,7 @@ Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 def change_cell(row: int, column: str, value: str) -> Change:
-    """Line `row` of the file (the header is line 1) gets another value."""
+    """Change the value in line `row` of the file; the header is line 1."""
 
     def change(table: pd.DataFrame) -> pd.DataFrame:
         table.loc[row - 2, column] = value
@@ -418,7 +418,7 @@ METHODS = {"read_pickle", "unsafe_load"}
 
 
 def find_code_of_data(source: str) -> Iterator[str]:
-    """What in a source may run what it reads."""
+    """Find calls in a source that may execute the data they read."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from (a.name for a in node.names if a.name.split(".")[0] in MODULES)

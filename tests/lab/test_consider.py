@@ -39,7 +39,7 @@ def driven() -> np.ndarray:
 def make_log(
     driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
 ) -> np.ndarray:
-    """The log, with columns changed by functions of time and column."""
+    """Return the log, with columns changed by functions of time and column."""
     rows = np.zeros(ROWS, NativeFilter(Config.exact()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
     for name in rows.dtype.names:
@@ -54,7 +54,7 @@ def rms(x: np.ndarray) -> float:
 
 
 def estimate_rows(rows: np.ndarray, **settings: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Estimates of all rows, and Filter.uncertainty_sd() at the end."""
+    """Return the estimates of all rows, and Filter.uncertainty_sd() at the end."""
     filter_ = NativeFilter(Config.exact(BASE | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
@@ -78,12 +78,12 @@ Run = Callable[[np.ndarray, float, dict[str, float]], tuple[np.ndarray, dict[str
 
 
 def change_car(**settings: Callable[[float], float]) -> Run:
-    """The car is another one than the settings say."""
+    """Return a run whose car differs from the settings."""
     return lambda y, by, more: estimate_rows(make_log(y), **{k: f(by) for k, f in settings.items()}, **more)
 
 
 def change_sensors(change: Callable[[float], Callable], *columns: str) -> Run:
-    """The sensors are others than the settings say."""
+    """Return a run whose sensors differ from the settings."""
     return lambda y, by, more: estimate_rows(make_log(y, dict.fromkeys(columns, change(by))), **more)
 
 

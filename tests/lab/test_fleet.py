@@ -214,7 +214,7 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
 
 
 def make_task(log: Path) -> Task:
-    """Nothing but a log."""
+    """Return a task that has a log only."""
     return Task(
         log,
         log.parent,

@@ -143,7 +143,7 @@ def test_slices_are_joined_as_the_loader_of_macos_wants_them():
 
 
 def read_slices(data: bytes) -> list:
-    """A shared library as lief reads it; a universal one of macOS is one a processor."""
+    """Read a shared library with lief; a universal one has one part per processor."""
     if data[:2] == b"MZ":
         return [lief.PE.parse(data)]
     if data[:4] == b"\x7fELF":

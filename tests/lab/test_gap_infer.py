@@ -77,7 +77,7 @@ class Linear:
 
 
 def make_one_effect(of: float = 1.0) -> tuple[Hypothesis, Linear]:
-    """An effect of one strength and no shape, `of` times its typical size."""
+    """Return an effect of one strength and no shape, `of` times its typical size."""
     h = next(h for h in hypotheses() if h.id == "mass")
     (p,) = h.effect.fitted
     return h, Linear(p, of * p.scale)
@@ -174,7 +174,7 @@ def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
 
 
 def make_large_set(*ids: str) -> SimpleNamespace:
-    """A set in which every effect has its typical size, known to a percent."""
+    """Return a set in which every effect has its typical size, known to a percent."""
     effects = [SimpleNamespace(id=i, effect=catalogue()[i]) for i in ids]
     strengths = [p for h in effects for p in h.effect.strengths]
     values, sd = ({p.name: share * p.scale for p in strengths} for share in (1.0, 0.01))

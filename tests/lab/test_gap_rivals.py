@@ -20,7 +20,7 @@ ROWS = 3000
 
 
 def make_one_log_problem():
-    """One log, accel_y alone."""
+    """Return a problem of one log with accel_y alone."""
     every = np.ones(ROWS, bool)
     rows = SimpleNamespace(of=lambda channel: every, group=np.zeros(ROWS, int))
     return SimpleNamespace(rows=rows, used=lambda: [("accel_y", every)], noise_energy=np.ones(ROWS), jobs=1)

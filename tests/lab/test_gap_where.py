@@ -35,7 +35,7 @@ def clean(tmp_path_factory):
 
 
 def draw_drift(n: int, tau: float, rng: np.random.Generator) -> np.ndarray:
-    """Ornstein-Uhlenbeck of unit variance."""
+    """Draw an Ornstein-Uhlenbeck process of unit variance."""
     x, keep = np.zeros(n), np.exp(-STEP / tau)
     for k in range(1, n):
         x[k] = keep * x[k - 1] + np.sqrt(1 - keep**2) * rng.standard_normal()
@@ -80,7 +80,7 @@ def compute_response(
 
 
 def make_disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
-    """Entries for residuals of noise, of a wrong stiffness and of a disturbance."""
+    """Return entries for residuals of noise, a wrong stiffness and a disturbance."""
     problem, baseline = clean
     rng = np.random.default_rng(7)
     residuals = rng.standard_normal(len(baseline.residuals)) + baseline.jacobian @ [0.02, -0.03, 0.02]

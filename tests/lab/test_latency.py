@@ -71,7 +71,7 @@ def draw_latencies(seed: int) -> dict[str, float]:
 
 
 def normalise_errors(row: np.void) -> list[float]:
-    """Errors of the stiffness in sd; the simulated tyres are the nominal ones."""
+    """Return the stiffness errors in sd; the simulated tyres are the nominal ones."""
     return [float((row[key] - 1) / row[f"{key}_sd"]) for key in STIFFNESS]
 
 

@@ -69,7 +69,7 @@ def folder(tmp_path_factory):
 def sent(
     folder: Path, seconds: float = 20.0, qualifier: np.ndarray | None = None
 ) -> list[tuple[float, int, bytes]]:
-    """Frames of a drive, three messages each 10 ms."""
+    """Return the frames of a drive, three messages each 10 ms."""
     clean = make_drive(folder / "car.toml", seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):

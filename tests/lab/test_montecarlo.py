@@ -662,7 +662,7 @@ def check_accuracy(lines, text):
 
 
 def check_paper(lines, text):
-    """In two runs, robust and default do not diverge.
+    """Check that in two runs robust and default do not diverge.
 
     A held steering angle that the filter has as such gives no bias.
     """
@@ -679,7 +679,7 @@ def check_paper(lines, text):
 
 
 def check_robust(lines, text):
-    """Noise of three times the setting ends in the spread, where that has no limit.
+    """Check that triple noise ends in the spread, where the spread has no limit.
 
     The spread then includes everything.
     """

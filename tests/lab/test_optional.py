@@ -56,7 +56,7 @@ def make_car(**sensors: float):
 
 
 def make_gnss_columns(drive: pd.DataFrame) -> pd.DataFrame:
-    """The same with speed and course ten times a second; a course from any zero."""
+    """Return the drive with speed and course at 10 Hz; the course has any zero."""
     heading = np.cumsum(drive.yaw_rate) * DT + 3.0
     course = heading + np.arctan2(drive.ref_vel_y, drive.ref_vel_x)
     new = np.arange(len(drive)) % 10 == 0

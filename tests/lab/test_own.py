@@ -53,7 +53,7 @@ def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
 
 
 def compute_errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
-    """Relative, of the rows after 20 s."""
+    """Return the relative errors of the rows after 20 s."""
     truth = pd.read_csv(case.folder / "reference_mountain.csv")
     true = compute_truth({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
     return (est[key].to_numpy() / true - 1)[est["time"].to_numpy() > 20]

@@ -58,7 +58,7 @@ def drive(
     road: list | None = None,
     forgetting: float = 0.99,
 ) -> Drive:
-    """A simulated drive. low: slip of half a per cent, steering of 0.005 rad."""
+    """Simulate a drive; low: slip of half a per cent, steering of 0.005 rad."""
     config = Config.exact({**START, "sample_time": dt, **(settings or {})})
     maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)
     if low:
@@ -78,7 +78,7 @@ def drive(
 
 
 def compute_reference_accelerations(car, x, w, u):
-    """(1)-(4): specific force and yaw acceleration. Works for columns, too."""
+    """Return specific force and yaw acceleration by (1)-(4), also for columns."""
     (vx, vy, r), (delta, omega_f, omega_r) = x, u
     vf, vr = car["wheel_radius_front"] * omega_f, car["wheel_radius_rear"] * omega_r
     fx_f = car["longitudinal_stiffness_front"] * (1 + w[0]) * (vf - vx) / np.maximum(vx, vf)
@@ -96,7 +96,7 @@ def compute_reference_rate(car, x, w, u):
 
 
 def move_reference(car, x, w, u0, u1, dt):
-    """x after a row: classical Runge-Kutta, inputs linear between rows."""
+    """Return x after a row: classical Runge-Kutta, inputs linear between rows."""
     steps = int(np.ceil(dt / 5e-4 - 1e-9))
     at, h = (lambda k: u0 + (u1 - u0) * k / steps), dt / steps
     for k in range(steps):
@@ -174,7 +174,7 @@ class Window:
         self.sensors = sensors
 
     def trajectory(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, b and y of every row, (rows, 3, columns), for whitened theta in columns."""
+        """Return x, b, y of every row, (rows, 3, columns), for whitened theta in columns."""
         n, theta = self.ROWS, self.sd[:, None] * theta
         eps = theta[9 : 9 + 3 * n].reshape(n, 3, -1)
         steps = np.concatenate([theta[None, 6:9], theta[9 + 3 * n :].reshape(n - 1, 3, -1)])
@@ -189,7 +189,7 @@ class Window:
 
     @functools.cached_property
     def linear(self) -> tuple[np.ndarray, ...]:
-        """Derivatives of x, b and y by whitened theta."""
+        """Return the derivatives of x, b and y by whitened theta."""
         each = self.step * np.eye(len(self.sd))
         ahead, back = self.trajectory(each), self.trajectory(-each)
         return tuple((a - b) / (2 * self.step) for a, b in zip(ahead, back, strict=True))

@@ -39,7 +39,7 @@ def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
 def expect_change(
     estimate: np.ndarray, d: Drive, first: float, when: float, until: float = np.inf, sure: float = 0.9
 ) -> None:
-    """From `first` on the estimator says that the regime changed at `when`."""
+    """Make the estimator report from row `first` on that the regime changed at `when`."""
     rows = (d.time > first - 1e-9) & (d.time < until - 1e-9)
     estimate["change_age"][rows] = d.time[rows] - when
     estimate["change_probability"][rows] = sure

@@ -246,7 +246,7 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
 
 
 def make_estimates(n: int) -> tuple[CheckedLog, pd.DataFrame]:
-    """A log and estimates of n rows that nobody computed."""
+    """Make up a log and estimates of n rows."""
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
     data = pd.DataFrame({c: rng.standard_normal(n) for c in list_columns()[1:]})

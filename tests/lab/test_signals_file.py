@@ -134,7 +134,7 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of
 
 
 def table(rows: int = 1000) -> pd.DataFrame:
-    """A drive in odd names and units."""
+    """Return a drive in odd names and units."""
     t = np.arange(rows) * 0.01
     turn = 0.2 * np.sin(t)
     v = 20 + np.sin(0.5 * t)

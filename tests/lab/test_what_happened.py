@@ -428,7 +428,7 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
 
 
 def make_moving_table(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.DataFrame:
-    """A road of 0.7; the filter moves towards it before it believes in the change."""
+    """Return the table of a road of 0.7; the filter moves there before it detects it."""
     table = make_table(ROAD)
     before = table["time"].between(since, 36.09)
     for key in keys:

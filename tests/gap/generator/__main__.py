@@ -21,7 +21,7 @@ def make_table() -> str:
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     p = argparse.ArgumentParser(prog="python -m tests.gap.generator", description=__doc__.split("\n")[0])
     p.add_argument(
         "--effect", action="append", default=[], choices=EFFECTS, help="may be repeated; none: a clean car"

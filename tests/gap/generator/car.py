@@ -92,7 +92,7 @@ PARTS: dict[str, float] = {
 
 
 def make_baseline() -> dict[str, float]:
-    """The nominal car with every effect off."""
+    """Return the nominal car with every effect off."""
     return {**NOMINAL, **PARTS}
 
 

@@ -104,7 +104,7 @@ def compute_careful_share(car: dict[str, float]) -> float:
 
 
 def compute_road_wheel_angle(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
-    """Angle of the road wheels for that of the steering wheel over its nominal ratio."""
+    """Return the road wheels' angle for the steering wheel's over its nominal ratio."""
     x = apply_backlash(wheel, car["play"]) if car["play"] > 0 else wheel
     if car["steer_lag"] > 0:
         x = filter_second_order(x, 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"])
@@ -114,7 +114,7 @@ def compute_road_wheel_angle(car: dict[str, float], wheel: np.ndarray) -> np.nda
 
 
 def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) -> Drive:
-    """A program driven with a car, on a road and in gusts drawn by `rng`."""
+    """Return a program driven with a car, on a road and in gusts drawn by `rng`."""
     n = len(program.steer)
     time = np.arange(n) * STEP - SETTLE
     gust = np.zeros(n)
@@ -221,7 +221,7 @@ PAIRS = (
 
 
 def study() -> list[Spec]:
-    """All cases. Names are unique: effect or clean, size, seed."""
+    """Return all cases; their unique names have effect or clean, size and seed."""
     specs = [Spec(f"clean-{seed}", {}, seed) for seed in CLEAN_SEEDS]
     for size, label in ((1.0, "1x"), (0.5, "0.5x"), (2.0, "2x")):
         for key in CATALOGUE:

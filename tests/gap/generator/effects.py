@@ -65,7 +65,7 @@ def _solve(
 
 
 def find_minimum(error: Callable[[float], float], low: float, high: float) -> float:
-    """Where error is least: golden section."""
+    """Return the place of the minimum of `error`, by golden section."""
     g = (np.sqrt(5) - 1) / 2
     for _ in range(60):
         a, b = high - g * (high - low), low + g * (high - low)
@@ -77,7 +77,7 @@ def find_minimum(error: Callable[[float], float], low: float, high: float) -> fl
 
 
 def compute_axle_load(car: Car) -> np.ndarray:
-    """Static load, front and rear."""
+    """Return the static load, front and rear."""
     return car["mass"] * GRAVITY / (car["lf"] + car["lr"]) * np.array([car["lr"], car["lf"]])
 
 
@@ -126,7 +126,7 @@ def fit_combined_k(car: Car) -> dict[str, float]:
 
 
 def fit_lateral_transfer_k(car: Car) -> dict[str, float]:
-    """Least squares of C(ay)/C(0) = 1 - k ay^2 up to 5 m/s2."""
+    """Fit C(ay)/C(0) = 1 - k ay^2 by least squares up to 5 m/s2."""
     ay = np.linspace(0, 5.0, 26)
     share = np.array([car["roll_front"], 1 - car["roll_front"]])
     track = np.array([car["track_front"], car["track_rear"]])
@@ -141,7 +141,7 @@ def fit_lateral_transfer_k(car: Car) -> dict[str, float]:
 
 
 def fit_longitudinal_transfer_k(car: Car) -> dict[str, float]:
-    """Least squares of C(ax)/C(0) = 1 -+ k ax within 4 m/s2."""
+    """Fit C(ax)/C(0) = 1 -+ k ax by least squares within 4 m/s2."""
     ax = np.linspace(-4.0, 4.0, 41)
     moved = car["mass"] * car["h_longitudinal"] / (car["lf"] + car["lr"]) / compute_axle_load(car)
     k = [
@@ -168,7 +168,7 @@ def compute_apparent_mode(car: Car, which: str) -> dict[str, float]:
 
 
 def fit_trail_tp(car: Car) -> dict[str, float]:
-    """Least squares of moment = tp Fy up to 4 m/s2."""
+    """Fit moment = tp Fy by least squares up to 4 m/s2."""
     part = []
     for load, stiffness in zip(compute_axle_load(car), compute_axle_stiffness(car), strict=True):
         angle = np.linspace(0, 4.0 / GRAVITY * load / stiffness, 41)
@@ -202,14 +202,14 @@ def compute_warmth(time: np.ndarray, duration: float) -> np.ndarray:
 
 
 def fit_drift_kappa(car: Car) -> dict[str, float]:
-    """Least squares of C = c (1 + kappa t/T) over the log, c free."""
+    """Fit C = c (1 + kappa t/T) by least squares over the log, c free."""
     t = np.linspace(0, 1, 101)
     slope, start = np.polyfit(t, 1 + car["drift"] * compute_warmth(t, 1.0), 1)
     return {"kappa": float(slope / start)}
 
 
 def fit_steering_lag_tau(car: Car) -> dict[str, float]:
-    """tau of the first-order lag nearest to the second-order one from 0.2 to 3 Hz."""
+    """Return tau of the first-order lag nearest to the second-order lag, 0.2 to 3 Hz."""
     s = 2j * np.pi * HERTZ
     w, z = 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"]
     h = w**2 / (s**2 + 2 * z * w * s + w**2)
@@ -217,7 +217,7 @@ def fit_steering_lag_tau(car: Car) -> dict[str, float]:
 
 
 def fit_imu_delay_tau(car: Car) -> dict[str, float]:
-    """Pure delay nearest to the Bessel filter from 0.2 to 3 Hz."""
+    """Return the pure delay nearest to the Bessel filter from 0.2 to 3 Hz."""
     s = 2j * np.pi * HERTZ * car["imu_delay"]
     h = BESSEL[1] / (s**2 + BESSEL[0] * s + BESSEL[1])
     s = 2j * np.pi * HERTZ
@@ -843,7 +843,7 @@ _ROWS = (
 
 
 def compute_drift_per_kappa(value: float) -> float:
-    """Drift over kappa; it depends a little on kappa because c is free."""
+    """Return drift over kappa, which depends a little on kappa because c is free."""
     drift = value
     for _ in range(20):
         drift *= value / fit_drift_kappa({"drift": drift})["kappa"]

@@ -38,14 +38,14 @@ class Track:
         self.v0 = 20.0
 
     def ramp(self, start: float, length: float) -> np.ndarray:
-        """0 before `start`, 1 after `start + length`, smooth between."""
+        """Return 0 before `start`, 1 after `start + length`, smooth between."""
         return 0.5 - 0.5 * np.cos(np.pi * np.clip((self.t - start) / length, 0, 1))
 
     def pulse(self, start: float, end: float, rise: float) -> np.ndarray:
         return self.ramp(start, rise) - self.ramp(end - rise, rise)
 
     def angle(self, ay: float, v: float | None = None) -> float:
-        """Steady road-wheel angle of the nominal car for a lateral acceleration."""
+        """Return the nominal car's steady road-wheel angle for a lateral acceleration."""
         v = self.v0 if v is None else v
         return self.grip * ay * ((NOMINAL["lf"] + NOMINAL["lr"]) / v**2 + compute_understeer(NOMINAL))
 
@@ -149,7 +149,7 @@ def _coast_down(k: Track) -> None:
 
 
 def _wander(k: Track, size: float, fastest: float) -> None:
-    """Small steering corrections: five sines below `fastest` Hz."""
+    """Add small steering corrections: five sines below `fastest` Hz."""
     for _ in range(5):
         f, phase = k.rng.uniform(0.1, fastest), k.rng.uniform(0, 2 * np.pi)
         k.steer += size / np.sqrt(2.5) * np.sin(2 * np.pi * f * k.t + phase) * k.ramp(0.5, 1.0)

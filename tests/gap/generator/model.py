@@ -54,7 +54,7 @@ DEGRESSIVE = 0.5  # static load over the load at which cornering stiffness is la
 def compute_magic_formula(
     slip: np.ndarray, stiffness: np.ndarray, peak: np.ndarray, c: float, e: np.ndarray
 ) -> np.ndarray:
-    """Force at a slip; `stiffness` is its slope at zero, `peak` its largest value."""
+    """Return the force at a slip; `stiffness`: its slope at zero, `peak`: its maximum."""
     x = stiffness / (c * peak) * slip
     return peak * np.sin(c * np.arctan(x - e * (x - np.arctan(x))))
 
@@ -68,12 +68,12 @@ def compute_load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarr
 
 
 def compute_side_force_weight(slip: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """What longitudinal slip leaves of the side force."""
+    """Return the share of the side force that remains at a longitudinal slip."""
     return np.cos(COMBINED_C * np.arctan(b * slip))
 
 
 def compute_trail_weight(slip_angle: np.ndarray) -> np.ndarray:
-    """Pneumatic trail over that at zero slip angle."""
+    """Return the pneumatic trail over that at zero slip angle."""
     return np.cos(TRAIL_C * np.arctan(TRAIL_B * slip_angle))
 
 
@@ -100,7 +100,7 @@ def draw_profile(
 
 
 def compute_slope(waves: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Angle of slope at distance s, rad. `waves`: (3, waves, cars)."""
+    """Return the angle of the slope at distance s, rad. `waves`: (3, waves, cars)."""
     return (waves[0] * np.sin(waves[1] * s + waves[2])).sum(0)
 
 

@@ -31,19 +31,19 @@ def filter_second_order(x: np.ndarray, w: float, z: float) -> np.ndarray:
 
 
 def filter_bessel(x: np.ndarray, delay: float) -> np.ndarray:
-    """Two-pole Bessel low-pass."""
+    """Apply a two-pole Bessel low-pass."""
     w = np.sqrt(BESSEL[1]) / delay
     return filter_second_order(x, w, BESSEL[0] / (2 * np.sqrt(BESSEL[1])))
 
 
 def delay_signal(x: np.ndarray, delay: float) -> np.ndarray:
-    """Pure delay, also of a fraction of a step; before the start the first value."""
+    """Delay by any part of a step; before the start the first value holds."""
     at = np.arange(len(x)) - delay / STEP
     return np.interp(at, np.arange(len(x)), x)
 
 
 def apply_backlash(x: np.ndarray, half: float) -> np.ndarray:
-    """What follows x through a play of +-half."""
+    """Return the signal that follows x through a play of +-half."""
     y = np.empty_like(x)
     last = x[0]
     for i, value in enumerate(x.tolist()):
@@ -53,7 +53,7 @@ def apply_backlash(x: np.ndarray, half: float) -> np.ndarray:
 
 
 def apply_sticking(x: np.ndarray, threshold: float) -> np.ndarray:
-    """A sensor that stays until it is `threshold` off, then jumps to the value."""
+    """Hold the value until it is off by `threshold`, then jump to the signal."""
     y = np.empty_like(x)
     last = x[0]
     for i, value in enumerate(x.tolist()):
@@ -72,7 +72,7 @@ def compute_expm(a: np.ndarray) -> np.ndarray:
 
 
 def make_rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Components in the rotated axes of a vector given in the old ones."""
+    """Return the matrix from components in the old axes to those in the rotated axes."""
     (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
     about_x = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
     about_y = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
@@ -115,7 +115,7 @@ def make_log(
     rng: np.random.Generator,
     noise: float = 1.0,
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """The log of car i, and its biases. `noise` scales all noise and biases."""
+    """Return the log of car i, and its biases; `noise` scales all noise and biases."""
     every = (len(motion.fast) - 1) // (len(motion.slow) - 1)
     first = round(SETTLE / STEP / every)
     slow = dict(zip(SLOW, motion.slow[first:, :, i].T, strict=True))
