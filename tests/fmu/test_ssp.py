@@ -148,7 +148,7 @@ def test_the_example_of_the_guide_comes_to_the_truth_and_says_why_it_restarts(ss
 
 
 def step_by_hand() -> np.ndarray:
-    """Step all FMUs with their present inputs, then copy outputs to inputs: FMPy's way."""
+    """Step all FMUs with their present inputs, then copy outputs to inputs (as FMPy)."""
     sensors = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     stiffness = ("cx_front", "cy_front", "cy_rear")
     truth, estimate = [f"true.{s}" for s in stiffness], [f"estimate.{s}" for s in stiffness]
