@@ -174,7 +174,7 @@ class Window:
         self.sensors = sensors
 
     def trajectory(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, b, y of all rows, (rows, 3, columns), for whitened theta in columns."""
+        """Return x, b, y, (rows, 3, columns), for whitened theta in columns."""
         n, theta = self.ROWS, self.sd[:, None] * theta
         eps = theta[9 : 9 + 3 * n].reshape(n, 3, -1)
         steps = np.concatenate([theta[None, 6:9], theta[9 + 3 * n :].reshape(n - 1, 3, -1)])
