@@ -104,7 +104,7 @@ class Cars:
             for road in ROADS:
                 log = read_log(car / "test" / f"log_{road}.csv")
                 reference = pd.read_csv(car / "test" / f"reference_{road}.csv")
-                truth = study.truth_of({c: reference[c].to_numpy(float) for c in study.TRUTH.values()})
+                truth = study.compute_truth({c: reference[c].to_numpy(float) for c in study.TRUTH.values()})
                 self.calm.append((car / "calibrated.toml", log, truth))
         for job in events.drive(folder, len(list(folder.glob("car*"))), 0, 0.0):
             self.events.append(job)
@@ -112,12 +112,12 @@ class Cars:
     def scores(self, lib: Library | None) -> str:
         """Return ON_CARS as cells of a table."""
         runs = [
-            study.score(*study.estimated(path, log, lib=lib), log, truth) for path, log, truth in self.calm
+            study.score(*study.estimate_log(path, log, lib=lib), log, truth) for path, log, truth in self.calm
         ]
         total = {key: sum(run[key] for run in runs) for key in runs[0]}
         across = [total[f"{k} {what}"] for what in ("off", "valid") for k in STIFFNESS[1:]]
         along = [total[f"{STIFFNESS[0]} {what}"] for what in ("off", "valid")]
-        found = [row for job in self.events for row in events.one(job, lib)]
+        found = [row for job in self.events for row in events.score_event(job, lib)]
         wrong = [row["wrong"] for row in found if row["stiffness"] != STIFFNESS[0]]
         cells = [100 * sum(across[:2]) / max(sum(across[2:]), 1), 100 * along[0] / max(along[1], 1)]
         cells += [total["changes"] / total["hours"], float(np.mean(wrong)) if wrong else np.nan]

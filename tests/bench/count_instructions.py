@@ -1,7 +1,8 @@
-"""Instructions per particle and step, counted by valgrind: the number that must not regress.
+"""Count the instructions per particle and step with valgrind, and compare with a limit.
 
-A wall clock cannot tell on a shared machine; a count can. The limit is wide enough for another compiler version, and
-too tight for a learning pass that no longer becomes vector code (2000 and more).
+Instructions are counted because the wall clock of a shared machine is too noisy. The
+limit leaves room for another compiler version. A learning pass that is no longer
+vectorised (2000 instructions and more) exceeds it.
 """
 
 import shutil
@@ -14,7 +15,7 @@ PARTICLES, ROWS = 512, 100
 SKIPPED = 77
 
 
-def instructions(bench: str, rows: int) -> int:
+def count_instructions(bench: str, rows: int) -> int:
     command = [
         "valgrind",
         "--tool=callgrind",
@@ -33,7 +34,7 @@ def main() -> int:
     if shutil.which("valgrind") is None:
         print("skipped: valgrind is not installed")
         return SKIPPED
-    step = (instructions(bench, 2 * ROWS) - instructions(bench, ROWS)) / ROWS / PARTICLES
+    step = (count_instructions(bench, 2 * ROWS) - count_instructions(bench, ROWS)) / ROWS / PARTICLES
     print(f"{step:.0f} instructions per particle and step ({real}, limit {LIMIT[real]})")
     return 0 if step <= LIMIT[real] else 1
 

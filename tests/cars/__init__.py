@@ -1,6 +1,6 @@
 """Logs of ordinary cars by a model other than tse's. See README.md."""
 
-from .cars import CHANNELS, GRAVITY, PARAMETERS, Car, clean_sensors, draw_car
+from .cars import CHANNELS, GRAVITY, PARAMETERS, Car, draw_car, make_clean_sensors
 from .logs import COLUMNS, REFERENCE, CarLog, make_cars, make_logs
 from .road import ROADS, SCENARIOS
 
@@ -14,8 +14,8 @@ __all__ = [
     "SCENARIOS",
     "Car",
     "CarLog",
-    "clean_sensors",
     "draw_car",
     "make_cars",
+    "make_clean_sensors",
     "make_logs",
 ]

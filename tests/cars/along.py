@@ -26,7 +26,7 @@ from tse.library.core import Config, NativeFilter
 from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
 
-OFF, SMOOTH, FEWEST = 0.1, 61, 500  # relative error; rows; rows
+OFF, SMOOTH, MIN_LINE_ROWS = 0.1, 61, 500  # relative error; rows; rows
 SHOWN = 0.2  # ln: sd below which a log has shown the stiffness
 MANOEUVRES = (
     "square-waves",
@@ -58,7 +58,7 @@ CARS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def line_of(log: CheckedLog, vehicle: Vehicle) -> float:
+def fit_line(log: CheckedLog, vehicle: Vehicle) -> float:
     """Return mass over the slope of slip over accel_x, N; NaN: none.
 
     Least squares over straight rows above 4 m/s without brakes, as means of 0.6 s.
@@ -76,13 +76,13 @@ def line_of(log: CheckedLog, vehicle: Vehicle) -> float:
         v * log.data["yaw_rate"].rolling(SMOOTH, center=True, min_periods=1).mean().to_numpy(float)
     )
     use = (v > 4.0) & (pull > -0.1) & (turns < 1.0) & (np.abs(log.data["steer_angle"].to_numpy(float)) < 0.03)
-    if use.sum() < FEWEST:
+    if use.sum() < MIN_LINE_ROWS:
         return np.nan
     slope = np.polyfit(pull[use], ahead[use] / v[use], 1)[0]
     return float(vehicle.values["mass"] / slope) if slope > 0 else np.nan
 
 
-def config_of(vehicle: Vehicle, log: CheckedLog) -> Config:
+def make_start_config(vehicle: Vehicle, log: CheckedLog) -> Config:
     """Return the settings at the start of a calibration."""
     stated = dict(vehicle.values)
     fill_sensors(vehicle, log)
@@ -92,7 +92,7 @@ def config_of(vehicle: Vehicle, log: CheckedLog) -> Config:
     return config
 
 
-def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
+def calibrate_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
     """Return a row of the table for each car: a calibration on all its drives."""
     drives = [make_logs(road, minutes, cars, first) for road in ROADS]
     rows, errors = [], []
@@ -102,11 +102,11 @@ def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
             continue
         vehicle = make_vehicle(dict(of_car[0].vehicle), Path("car.toml"))
         logs = [read_frame(pd.DataFrame(x.log)) for x in of_car]
-        config = config_of(vehicle, logs[0])
+        config = make_start_config(vehicle, logs[0])
         true = of_car[0].truth["linear_stiffness"][f"cx_{axle}"]
         before = getattr(config, f"longitudinal_stiffness_{axle}")
         mean, sd = estimate_longitudinal(config, {}, logs, vehicle)
-        line = np.nanmean([line_of(log, vehicle) for log in logs])
+        line = np.nanmean([fit_line(log, vehicle) for log in logs])
         found = np.array([before, line, before * np.exp(mean)]) / true - 1.0
         errors.append([*found, abs(np.log1p(found[2])) < 1.96 * sd])
         rows.append([str(i), axle, *(f"{100 * x:+.0f}" for x in found), f"{100 * sd:.0f}"])
@@ -115,26 +115,26 @@ def driven_cars(cars: int, first: int, minutes: float) -> list[list[str]]:
     return [*rows, ["rms", "", *rms, f"holds {int(e[:, 3].sum())} of {len(e)}"]]
 
 
-def manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
+def score_manoeuvre(car: str, name: str, seed: int) -> dict[str, Any]:
     """Return errors of class, line and calibration on a simulated manoeuvre, and the
     sd."""
     about = CARS[car]
     made = tse.simulate(name, make_vehicle(dict(about), Path("car.toml")), seed=seed, duration=SECONDS)
     vehicle = make_vehicle({k: v for k, v in about.items() if "stiffness" not in k}, Path("car.toml"))
     log = read_frame(made.log)
-    config = config_of(vehicle, log)
+    config = make_start_config(vehicle, log)
     true, before = about["longitudinal_stiffness_front"], config.longitudinal_stiffness_front
     mean, sd = estimate_longitudinal(config, {}, [log], vehicle)
     off = {
         "class": before / true,
-        "line": line_of(log, vehicle) / true,
+        "line": fit_line(log, vehicle) / true,
         "calibrate": before * np.exp(mean) / true,
     }
     held = abs(np.log(off["calibrate"])) < 1.96 * sd
     return {"car": car, "manoeuvre": name, **{k: x - 1.0 for k, x in off.items()}, "sd": sd, "held": held}
 
 
-def straight(seed: int) -> list[float]:
+def score_straight_road(seed: int) -> list[float]:
     """Return the share of valid rows on ten straight minutes, and of these those 10 %
     off.
 
@@ -164,12 +164,12 @@ def main(arguments: list[str]) -> int:
         "straight rows without\nbrakes, by least squares. *Calibrate*: what a calibration takes, its search "
         "left out: all else is as the prior has it."
     ]
-    runs = [manoeuvre(c, m, s) for c in CARS for m in MANOEUVRES for s in range(1, given.seeds + 1)]
+    runs = [score_manoeuvre(c, m, s) for c in CARS for m in MANOEUVRES for s in range(1, given.seeds + 1)]
     rows = [
         [
             r["car"],
             r["manoeuvre"],
-            *(signed(r[k]) for k in ("class", "line", "calibrate")),
+            *(format_error(r[k]) for k in ("class", "line", "calibrate")),
             f"{100 * r['sd']:.0f}",
         ]
         for r in runs
@@ -185,7 +185,7 @@ def main(arguments: list[str]) -> int:
     )
     parts.append("\n".join(markdown_table(["car", "manoeuvre", "class", "line", "calibrate", "sd"], rows, 2)))
     if given.cars:
-        table = driven_cars(given.cars, given.first, given.minutes)
+        table = calibrate_cars(given.cars, given.first, given.minutes)
         parts.append(
             f"Cars of tests/cars from seed {given.first}, {given.minutes:g} minutes on each road, all drives "
             "together; error and sd in %."
@@ -194,7 +194,7 @@ def main(arguments: list[str]) -> int:
             "\n".join(markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2))
         )
     if given.straight:
-        valid, off, last = np.array([straight(seed) for seed in range(1, given.straight + 1)]).T
+        valid, off, last = np.array([score_straight_road(seed) for seed in range(1, given.straight + 1)]).T
         parts.append(
             f"The filter on {given.straight} straight drives of ten minutes, car and driven axle known "
             f"exactly: {100 * valid.min():.0f} .. {100 * valid.max():.0f} %\nof the rows are valid, of these "
@@ -207,7 +207,7 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def signed(x: float) -> str:
+def format_error(x: float) -> str:
     """Return an error in percent; -: unknown, or above 200 %."""
     return f"{100 * x:+.0f}" if abs(x) < 1.0 else "-"
 

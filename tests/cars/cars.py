@@ -157,11 +157,11 @@ class Car:
         # rear less
         twist = p["mass"] * p["trail_pneumatic"] / wheelbase
         bend = (loads[0] + twist) / c["cy_front_effective"] - (loads[1] - twist) / c["cy_rear_effective"]
-        roll = (p["roll_steer_front"] + p["roll_steer_rear"]) * roll_gradient(p)
+        roll = (p["roll_steer_front"] + p["roll_steer_rear"]) * compute_roll_gradient(p)
         return bend + roll
 
 
-def sprung(p: dict[str, float]) -> tuple[float, float, float]:
+def compute_sprung_mass(p: dict[str, float]) -> tuple[float, float, float]:
     """Return mass of the body, kg, height of its centre of gravity, m, and its offset, m.
 
     The offset is ahead of the centre of gravity of the whole car.
@@ -172,9 +172,9 @@ def sprung(p: dict[str, float]) -> tuple[float, float, float]:
     return mass, height, (rear * p["lr"] - front * p["lf"]) / mass
 
 
-def roll_arm(p: dict[str, float]) -> float:
+def compute_roll_arm(p: dict[str, float]) -> float:
     """Return the height of the body's centre of gravity above the roll axis, m."""
-    _, height, ahead = sprung(p)
+    _, height, ahead = compute_sprung_mass(p)
     wheelbase = p["lf"] + p["lr"]
     axis = (
         p["roll_centre_rear"]
@@ -183,13 +183,13 @@ def roll_arm(p: dict[str, float]) -> float:
     return height - axis
 
 
-def roll_gradient(p: dict[str, float]) -> float:
+def compute_roll_gradient(p: dict[str, float]) -> float:
     """Return the roll of the body over lateral acceleration, rad s2/m, approximately.
 
     Springs, and the tyres of each axle in series.
     """
-    mass, _, _ = sprung(p)
-    arm, stiffness = roll_arm(p), 0.0
+    mass, _, _ = compute_sprung_mass(p)
+    arm, stiffness = compute_roll_arm(p), 0.0
     for axle in ("front", "rear"):
         suspension = 0.5 * p[f"spring_{axle}"] * p[f"track_{axle}"] ** 2 + p[f"bar_{axle}"]
         tyres = 0.5 * p["tyre_spring"] * p[f"track_{axle}"] ** 2
@@ -278,7 +278,7 @@ def _draw_suspension(p: dict[str, float], rng: np.random.Generator) -> None:
     """Derive springs from ride frequencies, and anti-roll bars from the wanted roll
     gradient."""
     u = rng.uniform
-    mass, _, ahead = sprung(p)
+    mass, _, ahead = compute_sprung_mass(p)
     wheelbase = p["lf"] + p["lr"]
     corner = {
         "front": 0.5 * mass * (p["lr"] + ahead) / wheelbase,
@@ -292,7 +292,7 @@ def _draw_suspension(p: dict[str, float], rng: np.random.Generator) -> None:
     p["roll_inertia"] = mass * (u(0.36, 0.41) * p["track_front"]) ** 2
     p["pitch_inertia"] = u(0.88, 0.96) * p["yaw_inertia"]
     gradient = math.radians(u(2.8, 5.5)) / GRAVITY
-    arm = roll_arm(p)
+    arm = compute_roll_arm(p)
     total = mass * arm / gradient + mass * GRAVITY * arm
     front = u(0.52, 0.63)
     for axle, share in (("front", front), ("rear", 1 - front)):
@@ -389,7 +389,7 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def clean_sensors(sensors: dict[str, Any]) -> dict[str, Any]:
+def make_clean_sensors(sensors: dict[str, Any]) -> dict[str, Any]:
     """Return the sensors without noise, bias, steps and mounting errors.
 
     Latency, rates and bandwidth stay.

@@ -40,7 +40,7 @@ TRAITS = {  # of a driver, drawn uniformly
 GEARS = np.array([3.5, 7.0, 11.5, 17.0, 24.0])  # m/s, where a gearbox changes up
 
 
-def _wander(rng: np.random.Generator, n: int, tau: float) -> np.ndarray:
+def draw_wander(rng: np.random.Generator, n: int, tau: float) -> np.ndarray:
     """Return noise of sd 1 and correlation time tau, s, every CONTROL, smoothed by two
     poles."""
     keep = np.exp(-CONTROL / tau)
@@ -70,9 +70,9 @@ class Drivers:
         noise = [
             np.stack(
                 [
-                    _wander(rng, steps, t["remnant_time"]),
-                    _wander(rng, steps, 6.0),
-                    _wander(rng, steps, 0.7),
+                    draw_wander(rng, steps, t["remnant_time"]),
+                    draw_wander(rng, steps, 6.0),
+                    draw_wander(rng, steps, 0.7),
                     rng.random(steps),
                 ]
             )

@@ -25,7 +25,7 @@ from tqdm import tqdm
 from scripts.dev import tables
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.road import LASTS
-from tests.cars.study import PRIOR, RESULTS, driven, estimated
+from tests.cars.study import PRIOR, RESULTS, estimate_log, read_drive
 from tse.library.core import NOMINAL, STIFFNESS, Config, Library, NativeFilter
 from tse.log.rows import CheckedLog
 from tse.report.tables import markdown_table
@@ -39,12 +39,12 @@ SURE = 1.96  # sd
 CHANGE_SD = float(tables.read("constants")["events"]["CHANGE_SD"]["value"])
 
 
-def share(of: np.ndarray, among: np.ndarray) -> float:
+def compute_share(of: np.ndarray, among: np.ndarray) -> float:
     """Return the share of those rows; 0 without rows."""
     return float(of[among].mean()) if among.any() else 0.0
 
 
-def behind(log: CheckedLog, row: int) -> CheckedLog:
+def cut_log(log: CheckedLog, row: int) -> CheckedLog:
     """Return a log from a row on."""
     parts = {
         k: v[row:]
@@ -56,7 +56,7 @@ def behind(log: CheckedLog, row: int) -> CheckedLog:
     )
 
 
-def shown_after(
+def measure_detection_time(
     log: CheckedLog, config: Config, stiffness: dict[str, float], moved: dict[str, float], began: float
 ) -> float:
     """Return the time, s, after which a filter that starts at the change detects it.
@@ -65,7 +65,7 @@ def shown_after(
     from before with 95 %; AFTER: never. The sd of the mass, common to both, does not
     count.
     """
-    rest = behind(log, int(np.searchsorted(log.time - log.time[0], began)))
+    rest = cut_log(log, int(np.searchsorted(log.time - log.time[0], began)))
     start = {NOMINAL[k]: stiffness[k] for k in STIFFNESS} | {
         f"initial_{PRIOR[k]}_sd": CHANGE_SD for k in STIFFNESS
     }
@@ -78,7 +78,9 @@ def shown_after(
     return float(min(rest.time[sure[0]] - rest.time[0], AFTER)) if len(sure) else AFTER
 
 
-def without_slip(about: dict[str, Any], road: str, key: str, of: np.ndarray, before: float) -> np.ndarray:
+def compute_slipless_stiffness(
+    about: dict[str, Any], road: str, key: str, of: np.ndarray, before: float
+) -> np.ndarray:
     """Return the true stiffness at no slip, a value a row.
 
     That of the dry road times the factor of the event. The longitudinal one of the dry
@@ -98,11 +100,11 @@ def without_slip(about: dict[str, Any], road: str, key: str, of: np.ndarray, bef
     )
 
 
-def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
+def score_event(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
     """Score a car on a road with an event. `lib`: another build of the filter."""
     folder, road, scenario, car, began = job
-    log, _, truth = driven(folder / f"{scenario}_{road}" / f"car{car}", road, SMOOTH)
-    out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, lib=lib)
+    log, _, truth = read_drive(folder / f"{scenario}_{road}" / f"car{car}", road, SMOOTH)
+    out, config = estimate_log(folder / f"car{car}" / "calibrated.toml", log, lib=lib)
     time = log.time - log.time[0]
     of = time - out["estimate_age"]  # the time of which the estimates are
     told = (out["p_changed"] + out["p_axle"] + out["p_sliding"]) > 0.5
@@ -117,13 +119,15 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
     }
     moved = {key: r if np.isfinite(r) else 1.0 for key, r in ratio.items()}
     found = {key: getattr(config, NOMINAL[key]) * float(out[key][before][-1]) for key in STIFFNESS}
-    shown = shown_after(log, config, found, moved, began)
+    shown = measure_detection_time(log, config, found, moved, began)
     for key, true in true_of.items():
         error = out[f"{key}_secant"] * getattr(config, NOMINAL[key]) / true - 1
         valid, known = out[f"{key}_valid"] == 0, np.isfinite(true)
         wrong = known & valid & (np.abs(error) > OFF)
         value = out[key] * getattr(config, NOMINAL[key])
-        at_no_slip = value / without_slip(about, road, key, of, float(np.median(value[before]))) - 1
+        at_no_slip = (
+            value / compute_slipless_stiffness(about, road, key, of, float(np.median(value[before]))) - 1
+        )
         rows.append(
             {
                 "scenario": scenario,
@@ -132,8 +136,8 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
                 "stiffness": key,
                 "wrong": ROW * float(wrong[after].sum()),
                 "no slip": ROW * float((valid & (np.abs(at_no_slip) > OFF))[after].sum()),
-                "valid before": share(valid, before & known),
-                "valid after": share(valid, after & known),
+                "valid before": compute_share(valid, before & known),
+                "valid after": compute_share(valid, after & known),
                 "told": float(told[after & (of < began + 5)].any()),
                 "moved": moved[key],
                 "shown": shown,
@@ -172,7 +176,7 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
     return jobs
 
 
-def table(found: pd.DataFrame) -> list[str]:
+def make_table(found: pd.DataFrame) -> list[str]:
     """Return a line for each scenario."""
     wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
     heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong,
@@ -219,7 +223,7 @@ def main(arguments: list[str]) -> int:
     with multiprocessing.Pool(given.jobs) as pool:
         found = [
             row
-            for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr)
+            for rows in tqdm(pool.imap(score_event, jobs), total=len(jobs), unit="drive", file=sys.stderr)
             for row in rows
         ]
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
@@ -234,7 +238,7 @@ each stiffness, knows one so well that by the true change, median of the minute,
 before, with 95 %; {AFTER:g} s: it never does.
 
 """
-    given.out.write_text(head + "\n".join(table(pd.DataFrame(found))) + "\n", encoding="utf-8")
+    given.out.write_text(head + "\n".join(make_table(pd.DataFrame(found))) + "\n", encoding="utf-8")
     print(f"{given.out}: {len(jobs)} drives")
     return 0
 

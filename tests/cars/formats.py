@@ -16,19 +16,19 @@ from tqdm import tqdm
 
 from scripts.dev.fixed import library
 from tests.cars import ROADS
-from tests.cars.study import driven, estimated, parser_of_kept, score, shares
+from tests.cars.study import estimate_log, format_shares, make_parser, read_drive, score
 from tse.library.core import STIFFNESS, Library
 from tse.report.tables import markdown_table
 
 REALS = ("double", "float", "fixed")
 
 
-def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str, Any]]:
+def score_builds(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str, Any]]:
     """Return a row for each build: its score, and its difference from double in sd."""
-    log, _, truth = driven(car / "test", road)
+    log, _, truth = read_drive(car / "test", road)
     rows, first = [], None
     for real, lib in builds.items():
-        out, config = estimated(car / "calibrated.toml", log, lib=lib)
+        out, config = estimate_log(car / "calibrated.toml", log, lib=lib)
         first = out if first is None else first
         row: dict[str, Any] = {"car": car.name, "road": road, "real": real, **score(out, config, log, truth)}
         for key in STIFFNESS:
@@ -38,7 +38,7 @@ def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str,
     return rows
 
 
-def table(runs: pd.DataFrame) -> list[str]:
+def make_table(runs: pd.DataFrame) -> list[str]:
     """Return a line for each build."""
 
     def three(values: list[float], digits: int) -> str:
@@ -48,7 +48,8 @@ def table(runs: pd.DataFrame) -> list[str]:
     for real, g in runs.groupby("real", sort=False):
         cells = [str(real), three([100 * float(g[f"{k} error"].median()) for k in STIFFNESS], 2)]
         cells += [
-            shares(g, what, of, 1) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+            format_shares(g, what, of, 1)
+            for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         rows.append([*cells, three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3)])
     head = (
@@ -60,12 +61,12 @@ def table(runs: pd.DataFrame) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     """Write the table."""
-    parser = parser_of_kept(__doc__, "cars-formats.md")
+    parser = make_parser(__doc__, "cars-formats.md")
     given = parser.parse_args(arguments)
     builds = {real: library(real) for real in REALS}
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
     runs = pd.DataFrame(
-        [row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)]
+        [row for car, road in tqdm(jobs, file=sys.stderr) for row in score_builds(car, road, builds)]
     )
     head = f"""# Float and fixed point beside double, on cars
 
@@ -76,7 +77,7 @@ same settings. Front longitudinal / front cornering / rear cornering; median err
 *holds* as in [cars](cars-fresh.md).
 
 """
-    given.out.write_text(head + "\n".join(table(runs)) + "\n", encoding="utf-8")
+    given.out.write_text(head + "\n".join(make_table(runs)) + "\n", encoding="utf-8")
     print(f"{given.out}: {len(jobs)} drives")
     return 0
 

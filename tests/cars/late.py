@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, estimated, truth_of
+from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, compute_truth, estimate_log
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
@@ -26,7 +26,7 @@ LATE, SHARES = 0.12, (0.0, 0.1, 0.2, 0.3)  # s; of the rows
 TENTH, JITTER = 0.1, 0.02  # s between rows; its relative sd
 
 
-def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> np.ndarray:
+def select_rows(time: np.ndarray, share: float | None, rng: np.random.Generator) -> np.ndarray:
     """Return the indices of the rows that come: 50 Hz with late ones, or None: 10 Hz,
     jitter."""
     step = float(np.median(np.diff(time)))
@@ -45,14 +45,16 @@ def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> 
         keep.append(index)
 
 
-def late(folder: Path, share: float | None, rng: np.random.Generator, scratch: Path) -> list[dict[str, Any]]:
+def measure_bias(
+    folder: Path, share: float | None, rng: np.random.Generator, scratch: Path
+) -> list[dict[str, Any]]:
     """Return the bias of a car's cornering stiffness with late rows."""
     table = pd.read_csv(folder / "test" / "log_mountain.csv")
     reference = pd.read_csv(folder / "test" / "reference_mountain.csv")
-    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
-    table.iloc[thinned(table["time"].to_numpy(), share, rng)].to_csv(scratch, index=False)
+    truth = compute_truth({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+    table.iloc[select_rows(table["time"].to_numpy(), share, rng)].to_csv(scratch, index=False)
     log: CheckedLog = read_log(scratch)
-    out, config = estimated(folder / "calibrated.toml", log)
+    out, config = estimate_log(folder / "calibrated.toml", log)
     found = []
     for key in ("cy_front", "cy_rear"):
         true = np.interp(log.time - out["estimate_age"], table["time"], truth[key])
@@ -72,7 +74,7 @@ def late(folder: Path, share: float | None, rng: np.random.Generator, scratch: P
     return found
 
 
-def late_table(found: pd.DataFrame) -> list[str]:
+def make_table(found: pd.DataFrame) -> list[str]:
     """Return a line for each pattern of rows: medians over the cars, front / rear."""
     lines = []
     base = found[found["rows"] == found["rows"].iloc[0]].set_index(["car", "stiffness"])["bias"]
@@ -110,7 +112,7 @@ def main(arguments: list[str]) -> int:
     cars = sorted(p.parent for p in given.calibrated.glob("car*/calibrated.toml"))
     scratch = given.calibrated / "late.csv"
     for folder, share in tqdm(list(product(cars, (*SHARES, None))), unit="drive", file=sys.stderr):
-        delays += [{"car": folder.name, **row} for row in late(folder, share, rng, scratch)]
+        delays += [{"car": folder.name, **row} for row in measure_bias(folder, share, rng, scratch)]
     scratch.unlink()
     text = f"""# Rows that come late
 
@@ -119,7 +121,7 @@ def main(arguments: list[str]) -> int:
 the largest of the cars.
 
 """
-    given.out.write_text(text + "\n".join(late_table(pd.DataFrame(delays))) + "\n", encoding="utf-8")
+    given.out.write_text(text + "\n".join(make_table(pd.DataFrame(delays))) + "\n", encoding="utf-8")
     print(f"{given.out}: {len(cars)} cars")
     return 0
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from .cars import GRAVITY, Car, clean_sensors, draw_car
+from .cars import GRAVITY, Car, draw_car, make_clean_sensors
 from .driver import CONTROL, Drivers
 from .model import STEP, Fleet
 from .road import ROADS, SCENARIOS, Road, Surface, draw_roads
-from .sensors import FINE, ROW, SLOPES, STATES, Motion, log_of, pedals_of
+from .sensors import FINE, ROW, SLOPES, STATES, Motion, make_log, make_pedals
 
 SETTLE = 2.0  # s driven before the log begins
 BATCH = 20  # cars side by side: more are not faster by car, and take memory
@@ -71,7 +71,7 @@ class CarLog:
 
     @property
     def vehicle(self) -> dict[str, Any]:
-        """Keys of the vehicle file."""
+        """Return the keys of the vehicle file."""
         return self.car.vehicle
 
     def write(self, folder: Path, road: str) -> None:
@@ -98,7 +98,7 @@ def _write_csv(path: Path, columns: dict[str, np.ndarray]) -> None:
     path.write_text(",".join(columns) + "\n" + text.replace("nan", "") + "\n", encoding="utf-8")
 
 
-def _stream(seed: int, car: int, what: str) -> np.random.Generator:
+def make_stream(seed: int, car: int, what: str) -> np.random.Generator:
     """Return a random stream of its own: a car stays the same whatever else is drawn."""
     return np.random.default_rng([seed, car, *what.encode()])
 
@@ -113,10 +113,10 @@ def make_cars(
 ) -> list[Car]:
     """Draw cars 0 .. cars - 1 of a seed, as draw_car(). clean: sensors without errors."""
     drawn = [
-        draw_car(_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}")
+        draw_car(make_stream(seed, i, "car"), mass_error, cg_error, tell_inertia, f"car {i} of seed {seed}")
         for i in range(cars)
     ]
-    return [replace(c, sensors=clean_sensors(c.sensors)) if clean else c for c in drawn]
+    return [replace(c, sensors=make_clean_sensors(c.sensors)) if clean else c for c in drawn]
 
 
 def make_logs(
@@ -169,7 +169,7 @@ def make_logs(
         batch = fleet[first : first + BATCH]
 
         def streams(what: str, first: int = first, batch: list[Car] = batch) -> list[np.random.Generator]:
-            return [_stream(seed, first + i, f"{road} {what}") for i in range(len(batch))]
+            return [make_stream(seed, first + i, f"{road} {what}") for i in range(len(batch))]
 
         duration = 60.0 * minutes
         roads = draw_roads(road, streams("road"), duration + SETTLE, hills, grade_rms, even)
@@ -190,8 +190,8 @@ def make_logs(
             }
             done.append(_finish(car, record, i, surface, about, noise[i]))
             if pedals:
-                done[-1].log |= pedals_of(
-                    car.sensors, done[-1].reference, _stream(seed, first + i, f"{road} pedals")
+                done[-1].log |= make_pedals(
+                    car.sensors, done[-1].reference, make_stream(seed, first + i, f"{road} pedals")
                 )
     return done
 
@@ -247,18 +247,18 @@ def drive(
         places = drivers.s + ahead * fleet.vx + fleet.x[:, 0]
         uneven = road.uneven(places) if road.roughness.any() else None
         start, end = fleet.steering_wheel, drivers.steering_wheel
-        _note(reference[k], fleet, drivers, surface, grade, bank)
+        record_step(reference[k], fleet, drivers, surface, grade, bank)
         for j in range(fine):
-            state[fine * k + j] = _state(fleet)
+            state[fine * k + j] = read_state(fleet)
             to = start + (end - start) * ((j + 1) / fine)
             bumps = None if uneven is None else uneven[j * part : (j + 1) * part]
             fleet.advance(part, to, drivers.drive, drivers.brake, gravity, bumps)
         drivers.move()
-    state[-1], slope[-1] = _state(fleet), slope[-2]
+    state[-1], slope[-1] = read_state(fleet), slope[-2]
     return Record(state, slope, reference)
 
 
-def _state(f: Fleet) -> np.ndarray:
+def read_state(f: Fleet) -> np.ndarray:
     """Return the present STATES."""
     out = np.empty((len(STATES), f.n))
     out[:9] = f.vx, f.vy, f.r, f.roll, f.droll, f.pitch, f.dpitch, f.dheave, f.steering_wheel
@@ -266,7 +266,7 @@ def _state(f: Fleet) -> np.ndarray:
     return out
 
 
-def _note(
+def record_step(
     out: np.ndarray, f: Fleet, d: Drivers, surface: Surface, grade: np.ndarray, bank: np.ndarray
 ) -> None:
     """Return the present RECORDED; slips and forces are those of the single track
@@ -297,7 +297,7 @@ def _note(
     out[-2], out[-1] = ground
 
 
-def _secant(force: np.ndarray, slip: np.ndarray, least: float, ok: np.ndarray) -> np.ndarray:
+def compute_secant(force: np.ndarray, slip: np.ndarray, least: float, ok: np.ndarray) -> np.ndarray:
     """Return force over slip where the slip is large enough."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(ok & (np.abs(slip) >= least), force / slip, np.nan)
@@ -313,7 +313,7 @@ def _finish(
     coarse = np.arange(n + 1) * CONTROL - SETTLE
     state |= {name: np.interp(time, coarse, record.slope[:, k, i]) for k, name in enumerate(SLOPES)}
     rows = np.arange(n - settle) * ROW
-    log, latency = log_of(car, Motion(time, state), rows, rng)
+    log, latency = make_log(car, Motion(time, state), rows, rng)
 
     seen = {name: record.reference[settle:, k, i].astype(float) for k, name in enumerate(RECORDED)}
     ok = seen["vel_x"] > MIN_SPEED
@@ -322,9 +322,9 @@ def _finish(
     for axis, slip, least in (("x", "slip", MIN_SLIP), ("y", "alpha", MIN_ANGLE)):
         for axle in ("front", "rear"):
             name, force = f"c{axis}_{axle}", seen[f"f{axis}_{axle}"]
-            found[name] = _secant(force, seen[f"{slip}_{axle}"], least, ok)
-            found[f"{name}_tyre"] = _secant(force, taken[f"{name}_tyre"], least, ok)
-    found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], MIN_ANGLE, ok)
+            found[name] = compute_secant(force, seen[f"{slip}_{axle}"], least, ok)
+            found[f"{name}_tyre"] = compute_secant(force, taken[f"{name}_tyre"], least, ok)
+    found["cy_front_steered"] = compute_secant(seen["fy_front"], seen["angle_steered"], MIN_ANGLE, ok)
     found["cy_rear_axle"] = 1 / (1 / found["cy_rear_tyre"] + car.parameters["compliance_rear"])
     began = float(surface.time[i])
     event = (

@@ -14,11 +14,11 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars import ROADS
-from tests.cars.study import SETTLED, SLOW, driven, estimated, parser_of_kept, score, table
+from tests.cars.study import SETTLED, SLOW, estimate_log, make_parser, make_table, read_drive, score
 from tse.calibration import output, workflow
 
 
-def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
+def write_short_logs(fit: Path, minutes: float, into: Path) -> list[Path]:
     """Write the logs of FIT, cut to some minutes, to INTO; empty: all are shorter."""
     into.mkdir(exist_ok=True)
     paths, cut = [], False
@@ -31,11 +31,11 @@ def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
     return paths if cut else []
 
 
-def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
+def score_car(car: Path, minutes: float) -> list[dict[str, Any]]:
     """Return a row for each road: estimates of CAR/test, calibrated on minutes of
     CAR/fit."""
     folder = car / f"fit-{minutes:g}"
-    logs, vehicle = shortened(car / "fit", minutes, folder), folder / "calibrated.toml"
+    logs, vehicle = write_short_logs(car / "fit", minutes, folder), folder / "calibrated.toml"
     if logs:
         result = workflow.run(logs, car / "fit" / "car.toml", [], 1, lambda _: None)
         output.write(vehicle, result, [p.name for p in logs])
@@ -43,8 +43,8 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
         vehicle = car / "calibrated.toml"  # the study's own, on all of them
     rows = []
     for road in ROADS:
-        log, _, truth = driven(car / "test", road)
-        out, config = estimated(vehicle, log)
+        log, _, truth = read_drive(car / "test", road)
+        out, config = estimate_log(vehicle, log)
         who = f"{minutes:g} min a road"
         rows.append({"car": car.name, "road": road, "who": who, **score(out, config, log, truth)})
     return rows
@@ -52,7 +52,7 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
 
 def main(arguments: list[str]) -> int:
     """Write the table."""
-    parser = parser_of_kept(__doc__, "minutes.md")
+    parser = make_parser(__doc__, "minutes.md")
     parser.add_argument(
         "--minutes",
         type=float,
@@ -62,7 +62,9 @@ def main(arguments: list[str]) -> int:
     )
     given = parser.parse_args(arguments)
     jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
-    runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
+    runs = pd.DataFrame(
+        [row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in score_car(*job)]
+    )
     head = f"""# Minutes of calibration
 
 `python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after `python -m
@@ -73,7 +75,11 @@ cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars]
 
 """
     text = (
-        head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+        head
+        + "\n".join(make_table(runs.assign(road="all")))
+        + "\n\nBy road:\n\n"
+        + "\n".join(make_table(runs))
+        + "\n"
     )
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {given.cars} cars")

@@ -24,7 +24,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from .cars import AIR, GRAVITY, Car, roll_arm, sprung
+from .cars import AIR, GRAVITY, Car, compute_roll_arm, compute_sprung_mass
 
 STEP = 0.00125  # s
 LOW_SPEED = 2.5  # m/s: below, the carcass is damped, as rolling does at speed
@@ -37,7 +37,7 @@ STATES = 9  # of the body: vx, vy, r, and heave, roll, pitch, each followed by i
 SUMS = 7
 
 
-def _wheels(front: np.ndarray, rear: np.ndarray) -> np.ndarray:
+def spread_over_wheels(front: np.ndarray, rear: np.ndarray) -> np.ndarray:
     """Spread values by axle over the wheels: (2, 2, cars)."""
     return np.array([[front, front], [rear, rear]])
 
@@ -83,15 +83,15 @@ class Fleet:
     def _derive(self, cars: list[dict[str, float]]) -> None:
         p, h, full = self.p, STEP, self._full
         wheelbase = p.lf + p.lr
-        self.x = _wheels(p.lf, -p.lr)
+        self.x = spread_over_wheels(p.lf, -p.lr)
         self.y = 0.5 * np.array([[p.track_front, -p.track_front], [p.track_rear, -p.track_rear]])
-        self.static = 0.5 * p.mass * GRAVITY / wheelbase * _wheels(p.lr, p.lf)
-        self.radius = _wheels(p.radius_front, p.radius_rear)
+        self.static = 0.5 * p.mass * GRAVITY / wheelbase * spread_over_wheels(p.lr, p.lf)
+        self.radius = spread_over_wheels(p.radius_front, p.radius_rear)
 
         # body: it swings on its roll axis, and its inertia force is part of what the side
         # forces accelerate
-        mass, height, ahead = np.array([sprung(c) for c in cars]).T
-        roll, pitch = np.array([roll_arm(c) for c in cars]), height - p.pitch_centre
+        mass, height, ahead = np.array([compute_sprung_mass(c) for c in cars]).T
+        roll, pitch = np.array([compute_roll_arm(c) for c in cars]), height - p.pitch_centre
         self.body_mass, self.body_roll, self.body_pitch = mass, mass * roll, mass * pitch
         self.inv_roll = 1 / (p.roll_inertia + mass * roll**2 * (1 - mass / p.mass))
         self.inv_pitch = 1 / (p.pitch_inertia + mass * pitch**2 * (1 - mass / p.mass))
@@ -103,12 +103,15 @@ class Fleet:
         self.x_body = x_body
         self.y_pair, self.x_pair = np.array([self.y, self.y]), np.array([x_body, x_body])
         self.spring = -np.array(
-            [_wheels(p.spring_front, p.spring_rear), _wheels(p.damper_front, p.damper_rear)]
+            [
+                spread_over_wheels(p.spring_front, p.spring_rear),
+                spread_over_wheels(p.damper_front, p.damper_rear),
+            ]
         )
         track = np.array([p.track_front, p.track_rear])
         # N per m between both sides
         self.bar = full((np.array([p.bar_front, p.bar_rear]) / track**2)[:, None])
-        unsprung = _wheels(p.unsprung_front, p.unsprung_rear)
+        unsprung = spread_over_wheels(p.unsprung_front, p.unsprung_rear)
         self.h_unsprung, self.h_static = h / unsprung, h * self.static / unsprung
         self.tyre_spring = full(p.tyre_spring)
 
@@ -121,15 +124,15 @@ class Fleet:
         ) / track
         wheels = 2 * (p.unsprung_front * p.radius_front + p.unsprung_rear * p.radius_rear)
         link = (mass * p.pitch_centre + wheels) / p.mass / (2 * wheelbase)
-        self.link_pitch = _wheels(-link, link)
+        self.link_pitch = spread_over_wheels(-link, link)
 
         # wheels
-        inertia = _wheels(p.wheel_inertia_front, p.wheel_inertia_rear)
+        inertia = spread_over_wheels(p.wheel_inertia_front, p.wheel_inertia_rear)
         self.inertia, self.h_spin = inertia, h / inertia
-        self.drive_share = 0.5 * _wheels(p.drive_front, 1 - p.drive_front)
-        self.brake_share = 0.5 * _wheels(p.brake_front, 1 - p.brake_front)
+        self.drive_share = 0.5 * spread_over_wheels(p.drive_front, 1 - p.drive_front)
+        self.brake_share = 0.5 * spread_over_wheels(p.brake_front, 1 - p.brake_front)
         self.resistance = p.rolling_resistance * self.static * self.radius
-        self.roll_steer = _wheels(-p.roll_steer_front, p.roll_steer_rear)
+        self.roll_steer = spread_over_wheels(-p.roll_steer_front, p.roll_steer_rear)
         # inwards: the left wheel to the right
         self.toe = np.array([[-p.toe_front, p.toe_front], [-p.toe_rear, p.toe_rear]])
         self.ackermann = p.ackermann * p.track_front / (2 * wheelbase)
@@ -141,8 +144,8 @@ class Fleet:
         self.relax = h / np.array([full(p.relaxation_x), full(p.relaxation_y)])
         stiffness = np.array(
             [
-                _wheels(p.slip_stiffness_front, p.slip_stiffness_rear),
-                _wheels(p.cornering_front, p.cornering_rear),
+                spread_over_wheels(p.slip_stiffness_front, p.slip_stiffness_rear),
+                spread_over_wheels(p.cornering_front, p.cornering_rear),
             ]
         )
         carcass = stiffness / np.array([p.relaxation_x, p.relaxation_y])[:, None, None]  # N/m
@@ -154,11 +157,11 @@ class Fleet:
         # cornering stiffness 2 c u/(1 + u^2), u = load/peak load, through its value at
         # static load; along, per load
         self.cornering_per_load = (
-            _wheels(p.cornering_front, p.cornering_rear)
+            spread_over_wheels(p.cornering_front, p.cornering_rear)
             * (1 + (self.static * self.by_peak_load) ** 2)
             / self.static
         )
-        self.slip_per_load = _wheels(p.slip_stiffness_front, p.slip_stiffness_rear) / self.static
+        self.slip_per_load = spread_over_wheels(p.slip_stiffness_front, p.slip_stiffness_rear) / self.static
         self.ratio = full(p.mu_x_ratio)
         self.shape, self.shape_x = full(p.shape_y), full(p.shape_x - p.shape_y)
         self.bend, self.bend_x = full(p.curvature_y), full(p.curvature_x - p.curvature_y)

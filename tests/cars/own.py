@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from tests.cars import ROADS
 from tests.cars.real import DATA
-from tests.cars.real import row as real_row
-from tests.cars.study import OFF, SETTLED, driven, parser_of_kept, score, table
+from tests.cars.real import make_row as real_row
+from tests.cars.study import OFF, SETTLED, make_parser, make_table, read_drive, score
 from tse.calibration import own
 from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, make_filter_values, read_vehicle
@@ -36,12 +36,12 @@ SHARES = (0.5, 0.7, np.inf)
 AXLES = ("cy_front", "cy_rear")
 
 
-def calibrated(vehicle: Vehicle, log: CheckedLog) -> Vehicle:
+def calibrate_on_log(vehicle: Vehicle, log: CheckedLog) -> Vehicle:
     """Return the car of `tselab estimate`: calibrated on the log, or of its class."""
     return own.calibrate_once(vehicle, [log]).apply_to(vehicle)
 
 
-def with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
+def make_config_with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
     """Return settings with a share of the posterior sd as prior, up to that of the
     class."""
     config, _ = make_config(vehicle, log)
@@ -52,24 +52,27 @@ def with_share(vehicle: Vehicle, log: CheckedLog, share: float) -> Config:
     return config
 
 
-def named(share: float) -> str:
+def format_share(share: float) -> str:
     """Return the name of a share of the posterior sd."""
     return "... with the sd of the class" if share == np.inf else f"... with {share:g} of its sd"
 
 
-def of_cars(folder: Path, count: int) -> pd.DataFrame:
+def score_cars(folder: Path, count: int) -> pd.DataFrame:
     """Return a row for each drive and way of calibration."""
     rows: list[dict[str, Any]] = []
     others = sum((folder / f"car{k}" / "calibrated.toml").exists() for k in range(count))
     for k, road in tqdm([(k, r) for k in range(count) for r in ROADS], unit="log", file=sys.stderr):
         car = folder / f"car{k}"
-        log, _, truth = driven(car / "test", road)
+        log, _, truth = read_drive(car / "test", road)
         stated = read_vehicle(car / "fit" / "car.toml")
-        itself = calibrated(stated, log)
+        itself = calibrate_on_log(stated, log)
         ways: dict[str, Callable[[], Config]] = {
             CLASS: lambda stated=stated, log=log: make_config(stated, log)[0],
             ITSELF: lambda itself=itself, log=log: make_config(itself, log)[0],
-            **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES},
+            **{
+                format_share(s): lambda v=itself, log=log, s=s: make_config_with_share(v, log, s)
+                for s in SHARES
+            },
         }
         if (other := car / "calibrated.toml").exists():
             ways[f"{OTHERS}, {others} cars"] = lambda other=other, log=log: make_config(
@@ -77,12 +80,19 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
             )[0]
         for who, made in ways.items():
             config = made()
-            rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
-                         **score(NativeFilter(config).estimate_rows(log.rows()), config, log, truth)})  # fmt: skip
+            rows.append(
+                {
+                    "car": k,
+                    "road": road,
+                    "who": who,
+                    "used": bool(itself.calibration),
+                    **score(NativeFilter(config).estimate_rows(log.rows()), config, log, truth),
+                }
+            )
     return pd.DataFrame(rows)
 
 
-def of_real(scratch: Path) -> list[str]:
+def make_real_table(scratch: Path) -> list[str]:
     """Return the real logs as Markdown, before and after."""
     lines = []
     for name in sorted(p.parent.name for p in DATA.glob("*/data.csv")):
@@ -112,11 +122,11 @@ def of_real(scratch: Path) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    parser = parser_of_kept(__doc__, "own.md")
+    parser = make_parser(__doc__, "own.md")
     given = parser.parse_args(arguments)
-    runs = of_cars(given.keep, given.cars)
+    runs = score_cars(given.keep, given.cars)
     with tempfile.TemporaryDirectory() as scratch:
-        real = of_real(Path(scratch))
+        real = make_real_table(Path(scratch))
     used = int(runs[runs["who"] == ITSELF]["used"].sum())
     text = f"""# Calibrated on the log itself
 
@@ -138,7 +148,7 @@ what `tselab estimate` makes of a car of which only mass, axles, wheels and driv
 *holds*: of all rows with a truth.
 
 """
-    text += "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
+    text += "\n".join(make_table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(make_table(runs))
     text += """
 
 ## Real logs

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.logs import PEDALS
-from tests.cars.sensors import pedals_of
-from tests.cars.study import RESULTS, ROADS, driven, estimated, score, shares
+from tests.cars.sensors import make_pedals
+from tests.cars.study import RESULTS, ROADS, estimate_log, format_shares, read_drive, score
 from tse.car.vehicle import read_vehicle
 from tse.report.tables import markdown_table
 
@@ -27,27 +27,29 @@ WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "bo
 KEY = "cx_front"
 
 
-def runs(car: Path) -> list[dict[str, Any]]:
+def score_runs(car: Path) -> list[dict[str, Any]]:
     """Return the scores of a calibrated car on its test drives, a line for each road
     and way."""
     truth, found = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")), []
     for n, road in enumerate(ROADS):
-        log, table, true = driven(car / "test", road)
+        log, table, true = read_drive(car / "test", road)
         reference = {c: table[c].to_numpy(float) for c in table}
-        logged = pedals_of(truth["sensors"], reference, np.random.default_rng(n))
+        logged = make_pedals(truth["sensors"], reference, np.random.default_rng(n))
         axle = truth["driven_axle"]
         for said in (axle,) if axle == "both" else (axle, "not said"):
             options = {"driven_axle": 0} if said == "not said" else None
             for way, names in WAYS.items():
-                out, config = estimated(car / "calibrated.toml", log, {c: logged[c] for c in names}, options)
+                out, config = estimate_log(
+                    car / "calibrated.toml", log, {c: logged[c] for c in names}, options
+                )
                 found.append({"driven": said, "road": road, "way": way, **score(out, config, log, true)})
     return found
 
 
-def line(name: list[str], group: pd.DataFrame) -> list[str]:
+def make_line(name: list[str], group: pd.DataFrame) -> list[str]:
     """Return a group of runs as a row of the table."""
     parts = [
-        shares(group, what, of, keys=[KEY])
+        format_shares(group, what, of, keys=[KEY])
         for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
     ]
     error = f"{100 * np.nanmedian(group[f'{KEY} error']):.1f}"
@@ -65,13 +67,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--out", type=Path, default=RESULTS / "pedals.md", help="the table")
     given = parser.parse_args(arguments)
     cars = sorted(p for p in given.drives.glob("car*") if (p / "found.json").is_file())
-    table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in runs(car)])
+    table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in score_runs(car)])
     head = (
         "driven axle|road|given|drives|median error [%]|valid [%]|of these > 10 % off [%]|"
         "95 % interval holds [%]|changes"
     )
     rows = [
-        line(list(key), group)
+        make_line(list(key), group)
         for parts in (table.assign(road="all"), table)
         for key, group in parts.groupby(["driven", "road", "way"], sort=False)
     ]

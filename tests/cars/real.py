@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tests.cars.study import RESULTS, changes, estimated
+from tests.cars.study import RESULTS, count_changes, estimate_log
 from tse.calibration import output, workflow
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
@@ -33,7 +33,7 @@ SETTLED, FAST = 20.0, 8.0  # s, m/s: rows that count
 CORNERING = ("cy_front", "cy_rear")
 
 
-def halves(path: Path, folder: Path) -> dict[str, Path]:
+def split_log(path: Path, folder: Path) -> dict[str, Path]:
     """Return the log, and both halves of it as logs."""
     table = pd.read_csv(path)
     parts = {"whole": path}
@@ -46,7 +46,7 @@ def halves(path: Path, folder: Path) -> dict[str, Path]:
     return parts
 
 
-def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
+def calibrate_log(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
     """Return the calibrated vehicle file of a log or half, and whether the search
     converged."""
     name, log, part, folder = job
@@ -56,7 +56,7 @@ def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
     return name, part, path, result.fit.converged
 
 
-def posterior(vehicle: Path) -> tuple[str, str]:
+def read_posterior(vehicle: Path) -> tuple[str, str]:
     """Return the posterior sd of both cornering stiffnesses, %, and the conditional one.
 
     The conditional sd is that with all other unknowns known. Both are larger for shorter
@@ -74,7 +74,7 @@ def posterior(vehicle: Path) -> tuple[str, str]:
     )
 
 
-def formula(config: Config, out: np.ndarray) -> np.ndarray:
+def compute_steady_sideslip(config: Config, out: np.ndarray) -> np.ndarray:
     """Return the sideslip of a steady turn without a filter, rad: l_r r/v - F_r/C_r.
 
     With the stiffness of the vehicle file.
@@ -84,37 +84,37 @@ def formula(config: Config, out: np.ndarray) -> np.ndarray:
     return config.lr * r / v - share * v * r
 
 
-def lively(time: np.ndarray, out: np.ndarray) -> np.ndarray:
+def find_lively_rows(time: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Return the rows with a lateral acceleration above 1 m/s2 within their last 20 s."""
     across = np.abs(out["vel_x"] * out["yaw_rate"]) > 1.0
     last = np.maximum.accumulate(np.where(across, time, -np.inf))
     return time - last < SETTLED
 
 
-def row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
+def make_row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
     """Return the estimates of a log with a vehicle file, as a row."""
     log = read_log(DATA / name / "data.csv")
-    out, config = estimated(vehicle, log)
+    out, config = estimate_log(vehicle, log)
     handbook, _ = make_config(read_vehicle(DATA / name / "vehicle.toml"), log)
     time = log.time - log.time[0]
     counts = (time > SETTLED) & (out["vel_x"] > FAST)
-    end, excited = counts & (time > time[-1] * 2 / 3), counts & lively(time, out)
+    end, excited = counts & (time > time[-1] * 2 / 3), counts & find_lively_rows(time, out)
     found: dict[str, Any] = {"log": name, "told": told, "converged": converged}
-    found["posterior"], found["rest known"] = posterior(vehicle)
+    found["posterior"], found["rest known"] = read_posterior(vehicle)
     for key in CORNERING:
         nominal = getattr(config, NOMINAL[key]) / 1000.0
         mean, interval = np.median(out[key][end]), 1.96 * np.median(out[f"{key}_sd"][end])
         found[key] = f"{nominal * mean:.0f} +- {nominal * interval:.0f}"
         share = np.mean(out[f"{key}_valid"][excited] == 0) if excited.any() else np.nan
         found[f"{key} valid"] = f"{100 * share:.0f}" if np.isfinite(share) else "-"
-    found["changes"] = f"{changes(out, time > SETTLED)}"
+    found["changes"] = f"{count_changes(out, time > SETTLED)}"
     found["sideslip"] = found["formula"] = found["interval"] = "-"
     if name in ALIGNED:
         true = np.interp(time - out["estimate_age"], time, log.ref["ref_vel_y"].to_numpy(float))
         counts &= np.isfinite(true)
         off, v = (out["vel_y"] - true)[counts], out["vel_x"][counts]
         found["sideslip"] = f"{np.degrees(np.sqrt(np.mean((off / v) ** 2))):.2f}"
-        plain = formula(handbook, out)[counts] - true[counts] / v
+        plain = compute_steady_sideslip(handbook, out)[counts] - true[counts] / v
         found["formula"] = f"{np.degrees(np.sqrt(np.mean(plain**2))):.2f}"
         found["interval"] = f"{100 * np.mean(np.abs(off) < 1.96 * out['vel_y_sd'][counts]):.0f}"
     return found
@@ -138,12 +138,12 @@ def main(arguments: list[str]) -> int:
         jobs = [
             (n, path, part, folder)
             for n in names
-            for part, path in halves(DATA / n / "data.csv", folder).items()
+            for part, path in split_log(DATA / n / "data.csv", folder).items()
         ]
-        files = {(n, part): (path, done) for n, part, path, done in pool.imap(calibrated, jobs)}
+        files = {(n, part): (path, done) for n, part, path, done in pool.imap(calibrate_log, jobs)}
         rows = []
         for n in names:
-            rows.append(row(n, "as in the file", DATA / n / "vehicle.toml", "-"))
+            rows.append(make_row(n, "as in the file", DATA / n / "vehicle.toml", "-"))
             others = [
                 other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names
             ]
@@ -154,7 +154,7 @@ def main(arguments: list[str]) -> int:
             ]
             for of, part, told in [*parts, *((other, "whole", other) for other in others)]:
                 path, done = files[of, part]
-                rows.append(row(n, told, path, "yes" if done else "no"))
+                rows.append(make_row(n, told, path, "yes" if done else "no"))
     heads = {
         "log": "log", "told": "calibrated on", "converged": "converged",
         "posterior": "sd of the calibration [%]", "rest known": "were the rest known [%]",

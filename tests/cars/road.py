@@ -67,7 +67,7 @@ class Road:
 
     def __post_init__(self) -> None:
         self._cars = np.arange(self.curvature.shape[1])
-        self._table = _unevenness()
+        self._table = draw_unevenness()
 
     def uneven(self, place: np.ndarray) -> np.ndarray:
         """Return the height of the road, m, under left and right wheels at places of
@@ -83,7 +83,7 @@ class Road:
         return np.moveaxis(height * self.roughness[:, None], -1, -2)
 
 
-def _unevenness() -> np.ndarray:
+def draw_unevenness() -> np.ndarray:
     """Draw left and right track of class A, (TABLE, 2), m.
 
     ISO 8608: 16e-6 m3 at 0.1 1/m, falling with the square. One table serves all roads,
@@ -114,7 +114,7 @@ def _smooth(x: np.ndarray, over: float) -> np.ndarray:
     return np.convolve(padded, kernel / kernel.sum(), mode="valid")[: len(x)]
 
 
-def _arcs(
+def draw_arcs(
     rng: np.random.Generator,
     n: int,
     straight: tuple[float, float],
@@ -138,7 +138,7 @@ def _arcs(
     return _smooth(curvature, transition)
 
 
-def _pieces(
+def draw_pieces(
     rng: np.random.Generator, n: int, length: tuple[float, float], values: tuple[float, float]
 ) -> np.ndarray:
     x, at = np.empty(n), 0.0
@@ -149,9 +149,9 @@ def _pieces(
     return x
 
 
-def _highway(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
-    curvature = _arcs(rng, n, (150, 1500), (550, 3000), (8, 40), 100)
-    limit = _pieces(rng, n, (400, 2500), (95 * KMH, 130 * KMH))
+def draw_highway(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
+    curvature = draw_arcs(rng, n, (150, 1500), (550, 3000), (8, 40), 100)
+    limit = draw_pieces(rng, n, (400, 2500), (95 * KMH, 130 * KMH))
     for _ in range(max(1, n // 4000)):  # road works, slow traffic
         at = int(rng.uniform(200, n))
         limit[at : at + int(rng.uniform(150, 500))] = rng.uniform(80 * KMH, 95 * KMH)
@@ -169,15 +169,15 @@ def _highway(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
     return curvature, limit, offset, np.array([]), np.array([])
 
 
-def _mountain(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
-    curvature = _arcs(rng, n, (8, 120), (26, 260), (18, 130), 22)
-    limit = _pieces(rng, n, (200, 1200), (60 * KMH, 86 * KMH))
+def draw_mountain_road(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
+    curvature = draw_arcs(rng, n, (8, 120), (26, 260), (18, 130), 22)
+    limit = draw_pieces(rng, n, (200, 1200), (60 * KMH, 86 * KMH))
     # corners are cut and run wide by half a metre, as people do
     offset = _smooth(np.clip(curvature * 15, -0.5, 0.5), 40)
     return curvature, limit, offset, np.array([]), np.array([])
 
 
-def _city(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
+def draw_city(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
     curvature, limit, offset = np.zeros(n), np.empty(n), np.zeros(n)
     stops, waits = [1.0], [rng.uniform(2.5, 5.0)]
     at = 0.0
@@ -204,15 +204,15 @@ def _city(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
     return _smooth(curvature, 5), limit, _smooth(offset, 25), np.array(stops), np.array(waits)
 
 
-DRAW = {"highway": _highway, "mountain": _mountain, "city": _city}
+DRAW = {"highway": draw_highway, "mountain": draw_mountain_road, "city": draw_city}
 COMFORT = {"highway": (1.5, 2.5), "mountain": (2.3, 4.2), "city": (1.8, 3.2)}  # m/s2, lateral, in curves
 # m/s2, where the road asks for less speed
 BRAKING = {"highway": (0.8, 1.6), "mountain": (1.5, 2.8), "city": (1.3, 2.3)}
-FASTEST = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
-SLOWEST = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
+MAX_ROAD_SPEED = {"highway": 37.0, "mountain": 26.0, "city": 18.0}  # m/s, how much road is needed
+MIN_ROAD_SPEED = {"highway": 22.0, "mountain": 3.0, "city": 1.5}  # m/s
 
 
-def _waves(rng: np.random.Generator, n: int, rms: float, lengths: tuple[float, float]) -> np.ndarray:
+def draw_waves(rng: np.random.Generator, n: int, rms: float, lengths: tuple[float, float]) -> np.ndarray:
     """Return eight sines over the length with this rms together."""
     s, x = np.arange(n), np.zeros(n)
     for _ in range(8):
@@ -240,17 +240,17 @@ def draw_roads(
     even
         No unevenness.
     """
-    n = int(FASTEST[name] * duration) + 400
+    n = int(MAX_ROAD_SPEED[name] * duration) + 400
     columns = []
     for rng in streams:
         curvature, limit, offset, stops, waits = DRAW[name](rng, n)
         comfort, braking = rng.uniform(*COMFORT[name]), rng.uniform(*BRAKING[name])
         speed = np.minimum(limit, np.sqrt(comfort / np.maximum(np.abs(curvature), 1e-6)))
         rms = rng.uniform(*GRADE_RMS[name]) if grade_rms is None else grade_rms
-        grade = _waves(rng, n, rms, (250, 2500) if name != "city" else (150, 800))
+        grade = draw_waves(rng, n, rms, (250, 2500) if name != "city" else (150, 800))
         # crossfall for rain, superelevation in curves, and what the road has of its own
         raised = -np.clip(0.2 * curvature * speed**2 / GRAVITY, -0.05, 0.05)
-        bank = rng.uniform(0.0, 0.025) + _smooth(raised, 40) + _waves(rng, n, 0.006, (60, 600))
+        bank = rng.uniform(0.0, 0.025) + _smooth(raised, 40) + draw_waves(rng, n, 0.006, (60, 600))
         roughness, start = rng.uniform(0.4, 2.2 if name != "highway" else 1.2), rng.integers(TABLE)
         flat = 1.0 if hills else 0.0
         columns.append(
@@ -272,7 +272,7 @@ def draw_roads(
     for i, c in enumerate(columns):
         stop_at[: len(c[5]), i], stop_for[: len(c[5]), i] = c[5], c[6]
     curvature, speed, offset, grade, bank = (np.stack([c[k] for c in columns], -1) for k in range(5))
-    speed = np.maximum(speed, SLOWEST[name])
+    speed = np.maximum(speed, MIN_ROAD_SPEED[name])
     braking = np.array([c[7] for c in columns])
     square = speed**2
     for i in range(n - 2, -1, -1):  # brake in time

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, group_delay, lfilter, lfilter_zi
 
-from .cars import CHANNELS, Car, roll_arm, sprung
+from .cars import CHANNELS, Car, compute_roll_arm, compute_sprung_mass
 
 FINE = 0.005  # s between records of the motion
 ROW = 0.01  # s between rows of the log
@@ -63,7 +63,7 @@ def _mount(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def imu(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def measure_motion(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Return times, s, and specific force along x, y and yaw rate of a perfect IMU, (3,
     times).
 
@@ -80,8 +80,8 @@ def imu(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
     vx, vy, r, roll, pitch = (middle(k) for k in ("vx", "vy", "r", "roll", "pitch"))
     x, y = q["imu_x"], q["imu_y"]
-    _, height, _ = sprung(p)
-    above_roll = p["cg_height"] + q["imu_z"] - (height - roll_arm(p))
+    _, height, _ = compute_sprung_mass(p)
+    above_roll = p["cg_height"] + q["imu_z"] - (height - compute_roll_arm(p))
     above_pitch = p["cg_height"] + q["imu_z"] - p["pitch_centre"]
     dr, ddroll, ddpitch = rate("r"), rate("droll"), rate("dpitch")
     fx = rate("vx") - r * vy - middle("gx") - dr * y - r * r * x + above_pitch * ddpitch
@@ -98,11 +98,11 @@ def imu(car: Car, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return motion.time[:-1] + 0.5 * FINE, np.array([force[0], force[1], turn[2]])
 
 
-def _quantised(x: np.ndarray, step: float) -> np.ndarray:
+def quantise(x: np.ndarray, step: float) -> np.ndarray:
     return np.round(x / step) * step if step > 0 else x
 
 
-def _instants(
+def draw_sample_times(
     rows: np.ndarray, latency: float, period: float, sensors: dict[str, Any], rng: np.random.Generator
 ) -> np.ndarray:
     """Return the sample time, s, of the value of each row, and the mean age: the latency.
@@ -119,13 +119,13 @@ def _instants(
     return at[np.maximum(last, 0)]
 
 
-def _per_sample(instants: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def hold_noise(instants: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Return noise that stays constant as long as its sample."""
     changed = np.diff(instants, prepend=-np.inf) != 0
     return noise[np.maximum.accumulate(np.where(changed, np.arange(len(noise)), 0))]
 
 
-def _pulses(
+def count_pulses(
     time: np.ndarray, spin: np.ndarray, at: np.ndarray, teeth: int, window: float, pitch: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Return the speed of a wheel, rad/s, from pulses within a window, and its mean age,
@@ -155,7 +155,7 @@ def _pulses(
     return speed, age
 
 
-def log_of(
+def make_log(
     car: Car, motion: Motion, rows: np.ndarray, rng: np.random.Generator
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """Return the log at times of rows, s, (from 0), and the resulting latency by
@@ -163,12 +163,12 @@ def log_of(
     q, m, nominal = car.sensors, motion.state, car.vehicle
     log = {"time": rows - rows[0]}
     latency: dict[str, float] = {}
-    at = {c: _instants(rows, q["latency"][c], q["period"][c], q, rng) for c in CHANNELS}
+    at = {c: draw_sample_times(rows, q["latency"][c], q["period"][c], q, rng) for c in CHANNELS}
     latency = {c: float(np.mean(rows - at[c])) for c in CHANNELS}
     n = len(rows)
 
     turned = np.interp(at["steer_angle"], motion.time, m["steering_wheel"]) + q["steering_wheel_offset"]
-    log["steer_angle"] = _quantised(turned, q["steering_wheel_step"]) / nominal["steering_ratio"]
+    log["steer_angle"] = quantise(turned, q["steering_wheel_step"]) / nominal["steering_ratio"]
 
     for axle, wheels in (("front", ("fl", "fr")), ("rear", ("rl", "rr"))):
         name, radius = f"wheel_speed_{axle}", nominal[f"wheel_radius_{axle}"]
@@ -179,7 +179,7 @@ def log_of(
             noise = q["wheel_noise_sd"] * rng.standard_normal(n)
             if q["wheel_pulses"]:
                 window = q["period"][name]
-                speed, age = _pulses(
+                speed, age = count_pulses(
                     motion.time, spin, at[name] + 0.5 * window, q["wheel_pulses"], window, pitch
                 )
                 speed, age = speed * radius, age - 0.5 * window
@@ -187,15 +187,15 @@ def log_of(
                 speed = np.interp(at[name], motion.time, spin) * radius
                 speed = np.where(
                     np.abs(speed) > 0.3,
-                    speed + _per_sample(at[name], noise),
+                    speed + hold_noise(at[name], noise),
                     0.0 if q["wheel_step"] else speed,
                 )
-            speeds.append(_quantised(speed, q["wheel_step"]))
+            speeds.append(quantise(speed, q["wheel_step"]))
             ages.append(age)
         log[name] = 0.5 * (speeds[0] + speeds[1]) / radius
         latency[name] += float(np.mean(ages))
 
-    time, perfect = imu(car, motion)
+    time, perfect = measure_motion(car, motion)
     b, a = butter(2, q["imu_bandwidth"], fs=1 / FINE)
     delay = float(group_delay((b, a), [1e-3])[1][0]) * FINE
     for k, name in enumerate(("accel_x", "accel_y", "yaw_rate")):
@@ -203,12 +203,12 @@ def log_of(
         slow, _ = lfilter(b, a, perfect[k], zi=lfilter_zi(b, a) * perfect[k, 0])
         x = np.interp(at[name] + delay, time, slow) * (1 + q[f"{name}_scale"]) + q[f"{name}_bias"]
         x += q[f"{kind}_walk"] * np.sqrt(ROW) * np.cumsum(rng.standard_normal(n))
-        x += _per_sample(at[name], q[f"{kind}_sd"] * rng.standard_normal(n))
-        log[name] = _quantised(x, q[f"{kind}_step"])
+        x += hold_noise(at[name], q[f"{kind}_sd"] * rng.standard_normal(n))
+        log[name] = quantise(x, q[f"{kind}_step"])
     return log, latency
 
 
-def pedals_of(
+def make_pedals(
     q: dict[str, Any], reference: dict[str, np.ndarray], rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Return brake switch and wheel torques as sensors q log them.

@@ -19,18 +19,18 @@ from tqdm import tqdm
 
 from scripts.dev.fixed import library
 from tests.cars import ROADS
-from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, lively
+from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, find_lively_rows
 from tests.cars.study import (
     CONSTANT,
     SETTLED,
     SLOW,
-    constant,
-    driven,
-    estimated,
-    parser_of_kept,
-    relaxed,
+    estimate_log,
+    format_shares,
+    make_constant_estimates,
+    make_parser,
+    read_drive,
+    relax_truth,
     score,
-    shares,
 )
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL, STIFFNESS, Library
@@ -39,18 +39,22 @@ from tse.report.tables import markdown_table
 FULL, LITTLE, FIXED = "full", "small", "small, fixed point"
 
 
-def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[dict[str, Any]]:
+def score_builds(car: Path, road: str, builds: dict[str, Library | None]) -> list[dict[str, Any]]:
     """Return a row for each build and the constant: score and squared errors.
 
     Errors are against the secants without relaxation.
     """
-    log, reference, _ = driven(car / "test", road)
-    truth = relaxed(reference, json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")))
+    log, reference, _ = read_drive(car / "test", road)
+    truth = relax_truth(reference, json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")))
     time = log.time - log.time[0]
     rows = []
     for who in (*builds, CONSTANT):
         vehicle = car / "calibrated.toml"
-        out, config = constant(vehicle, log) if who == CONSTANT else estimated(vehicle, log, lib=builds[who])
+        out, config = (
+            make_constant_estimates(vehicle, log)
+            if who == CONSTANT
+            else estimate_log(vehicle, log, lib=builds[who])
+        )
         row: dict[str, Any] = {"car": car.name, "road": road, "who": who, **score(out, config, log, truth)}
         for key in STIFFNESS:
             true = np.interp(time - out["estimate_age"], time, truth[key])
@@ -61,7 +65,9 @@ def of_drive(car: Path, road: str, builds: dict[str, Library | None]) -> list[di
     return rows
 
 
-def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None]) -> list[list[str]]:
+def compare_builds_on_log(
+    name: str, other: str, kept: Path, builds: dict[str, Library | None]
+) -> list[list[str]]:
     """Return lines of a real log with the calibration of another log of the same car.
 
     The tyres are unknown; the lateral velocity is measured.
@@ -69,10 +75,10 @@ def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None])
     log = read_log(DATA / name / "data.csv")
     time, lines = log.time - log.time[0], []
     for who, lib in builds.items():
-        out, config = estimated(kept / f"{other}_whole.toml", log, lib=lib)
+        out, config = estimate_log(kept / f"{other}_whole.toml", log, lib=lib)
         true = np.interp(time - out["estimate_age"], time, log.ref["ref_vel_y"].to_numpy(float))
         counts = (time > SETTLED) & (out["vel_x"] > FAST) & np.isfinite(true)
-        end, excited = counts & (time > time[-1] * 2 / 3), counts & lively(time, out)
+        end, excited = counts & (time > time[-1] * 2 / 3), counts & find_lively_rows(time, out)
         off = (out["vel_y"] - true)[counts]
         cells = [name, who]
         for key in CORNERING:
@@ -87,7 +93,7 @@ def of_log(name: str, other: str, kept: Path, builds: dict[str, Library | None])
     return lines
 
 
-def table(runs: pd.DataFrame) -> list[str]:
+def make_table(runs: pd.DataFrame) -> list[str]:
     """Return a line for each road and build; the small one has no longitudinal
     stiffness."""
 
@@ -105,7 +111,7 @@ def table(runs: pd.DataFrame) -> list[str]:
             rms(g),
         ]
         cells += [
-            shares(g, what, of, keys=CORNERING)
+            format_shares(g, what, of, keys=CORNERING)
             for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         rows.append([*cells, f"{g['changes'].sum() / g['hours'].sum():.1f}"])
@@ -117,7 +123,7 @@ def table(runs: pd.DataFrame) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     """Write the table."""
-    parser = parser_of_kept(__doc__, "small.md")
+    parser = make_parser(__doc__, "small.md")
     parser.add_argument("--real", type=Path, help="that of python -m tests.cars.real")
     given = parser.parse_args(arguments)
     builds: dict[str, Library | None] = {
@@ -127,7 +133,7 @@ def main(arguments: list[str]) -> int:
     }
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
     runs = pd.DataFrame(
-        [row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)]
+        [row for car, road in tqdm(jobs, file=sys.stderr) for row in score_builds(car, road, builds)]
     )
     head = f"""# A smaller state
 
@@ -140,12 +146,16 @@ error, *valid*, *off*, *holds* as in [cars](cars-fresh.md), beside the secant wi
 
 """
     text = (
-        head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+        head
+        + "\n".join(make_table(runs.assign(road="all")))
+        + "\n\nBy road:\n\n"
+        + "\n".join(make_table(runs))
+        + "\n"
     )
     if given.real:
         lines = []
         for name, other in (SAME_CAR[0], SAME_CAR[0][::-1]):
-            lines += of_log(name, other, given.real, builds)
+            lines += compare_builds_on_log(name, other, given.real, builds)
         text += """
 Two logs of one car, each with the calibration of the other (`python -m tests.cars.real --keep
 DIR`): stiffness at no slip with its 95 % interval, median of the last third; valid of lively rows,

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from tests.cars import ROADS
 from tests.cars.events import EVENTS, ON
-from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, driven
+from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, read_drive
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.estimation import regimes
@@ -29,7 +29,7 @@ from tse.estimation.verdict import findings
 from tse.library.core import STIFFNESS, Config
 from tse.report.tables import markdown_table
 
-OFF, LEAST, SHORTEST = 0.1, 100, 5.0  # relative error; rows with a truth; s
+OFF, MIN_STRETCH_ROWS, MIN_STRETCH_TIME = 0.1, 100, 5.0  # relative error; rows with a truth; s
 LAST, MEAN, SHOWN, SMOOTHED = (
     "last row",
     "mean of the valid rows",
@@ -41,7 +41,7 @@ LAST, MEAN, SHOWN, SMOOTHED = (
 Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
 
 
-def answers(est: Estimates, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
+def make_answers(est: Estimates, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
     """Yield the answers by estimator, of each stretch and stiffness."""
     table, changes = est.table, regimes.changes(est.table)
     found = findings(table, config, changes, uncertainty_sd=est.uncertainty_sd)
@@ -60,17 +60,21 @@ def answers(est: Estimates, config: Config) -> Iterator[tuple[regimes.Stretch, s
             yield s, v.key, by
 
 
-def one(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
+def score_drive(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
     """Score a drive: a row for each stretch, stiffness and estimator."""
-    log, _, truth = driven(folder, road)
+    log, _, truth = read_drive(folder, road)
     config, _ = make_config(read_vehicle(car), log)
     est = estimate(log, config)
     moving = est.table["vel_x"].to_numpy() > SLOW
     scores = []
-    for s, key, by in answers(est, config):
+    for s, key, by in make_answers(est, config):
         true = truth[key][s.rows]
         true = true[np.isfinite(true) & (true > 0) & moving[s.rows]] / 1000
-        if s.end - s.start < SHORTEST or len(true) < LEAST or (key == "cx_front" and not config.driven_axle):
+        if (
+            s.end - s.start < MIN_STRETCH_TIME
+            or len(true) < MIN_STRETCH_ROWS
+            or (key == "cx_front" and not config.driven_axle)
+        ):
             continue
         is_true = float(np.median(true))
         for who, (value, band, valid) in by.items():
@@ -90,7 +94,7 @@ def one(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
     return scores
 
 
-def table(found: pd.DataFrame) -> list[str]:
+def make_table(found: pd.DataFrame) -> list[str]:
     """Return a line for each estimator."""
     columns = (
         "stretches",
@@ -132,13 +136,18 @@ def main(arguments: list[str]) -> int:
     for what, road, at, k in tqdm(drives, unit="drive", file=sys.stderr):
         for told, car in (("calibrated", "calibrated.toml"), ("not calibrated", "fit/car.toml")):
             if (given.calibrated / at / f"log_{road}.csv").exists():
-                rows = one(given.calibrated / at, road, given.calibrated / f"car{k}" / car)
+                rows = score_drive(given.calibrated / at, road, given.calibrated / f"car{k}" / car)
                 scores += [{"what": what, "told": told, **r} for r in rows]
     found, text = pd.DataFrame(scores), []
     for (told, what), mine in found.groupby(["told", "what"], sort=False):
-        text += ["", f"{told.capitalize()}, {what}:", "", *table(mine)]
+        text += ["", f"{told.capitalize()}, {what}:", "", *make_table(mine)]
         if told == "calibrated" and what == "something happens":
-            text += ["", "... of these the stretches on which a row is valid:", "", *table(mine[mine["any"]])]
+            text += [
+                "",
+                "... of these the stretches on which a row is valid:",
+                "",
+                *make_table(mine[mine["any"]]),
+            ]
     head = f"""# What is said of each stretch of road
 
 `python -m tests.cars.stretches --calibrated DIR --cars {given.cars} --first {given.first}` after

@@ -37,7 +37,7 @@ from tse.report.tables import markdown_table
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
 TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_axle"}
 OFF, SETTLED, SLOW, SMOOTH = 0.1, 20.0, 3.0, 201  # relative error; s; m/s; rows
-SLOWEST = 0.5  # m/s: no relaxation is slower
+MIN_RELAXATION_SPEED = 0.5  # m/s: no relaxation is slower
 PRIOR = {"cx_front": "cx", "cy_front": "cy_front", "cy_rear": "cy_rear"}
 CONSTANT = "constant of the calibration"
 BEST = "best constant, from the truth"
@@ -68,7 +68,7 @@ STIFF = {  # of an axle with steering and suspension: linear_stiffness of truth.
 }  # fmt: skip
 
 
-def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str, np.ndarray]:
+def compute_truth(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str, np.ndarray]:
     """Return the secant stiffness of each row, a running median; NaN: no slip."""
     least = round(SEEN * smooth)
     return {
@@ -77,8 +77,8 @@ def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str
     }
 
 
-def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the secants of truth_of() over the relaxed slip angle of the tyres.
+def relax_truth(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the secants of compute_truth() over the relaxed slip angle of the tyres.
 
     Over the slip angle of the wheels, the force is late by relaxation length over speed.
     In a corner of a town this is a tenth of a second, and no stiffness.
@@ -86,7 +86,10 @@ def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndar
     truth: truth.json of the drive
     """
     made = {column: reference[column].to_numpy(float) for column in TRUTH.values()}
-    time, speed = reference["time"].to_numpy(float), np.maximum(reference["vel_x"].to_numpy(float), SLOWEST)
+    time, speed = (
+        reference["time"].to_numpy(float),
+        np.maximum(reference["vel_x"].to_numpy(float), MIN_RELAXATION_SPEED),
+    )
     for axle, column in (("front", TRUTH["cy_front"]), ("rear", TRUTH["cy_rear"])):
         force, known = reference[f"fy_{axle}"].to_numpy(float), np.isfinite(made[column])
         angle = np.interp(time, time[known], force[known] / made[column][known])
@@ -98,19 +101,19 @@ def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndar
             late[k] = late[k - 1] + share[k] * (angle[k] - late[k - 1])
         large = known & (np.abs(late) > MIN_ANGLE)
         made[column] = np.where(large, force / np.where(large, late, 1.0), np.nan)
-    return truth_of(made)
+    return compute_truth(made)
 
 
-def driven(
+def read_drive(
     folder: Path, road: str, smooth: int = SMOOTH
 ) -> tuple[CheckedLog, pd.DataFrame, dict[str, np.ndarray]]:
-    """Return a kept drive: log, reference, and secants of truth_of()."""
+    """Return a kept drive: log, reference, and secants of compute_truth()."""
     reference = pd.read_csv(folder / f"reference_{road}.csv")
-    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, smooth)
+    truth = compute_truth({c: reference[c].to_numpy(float) for c in TRUTH.values()}, smooth)
     return read_log(folder / f"log_{road}.csv"), reference, truth
 
 
-def estimated(
+def estimate_log(
     vehicle_path: Path,
     log: CheckedLog,
     columns: dict[str, np.ndarray] | None = None,
@@ -130,12 +133,12 @@ def estimated(
     return NativeFilter(config).estimate_rows(log.rows()), config
 
 
-def constant(vehicle_path: Path, log: CheckedLog) -> tuple[np.ndarray, Config]:
+def make_constant_estimates(vehicle_path: Path, log: CheckedLog) -> tuple[np.ndarray, Config]:
     """Return estimates that are the stiffness of the vehicle file in every row.
 
     They are always valid, with the sd of the prior.
     """
-    out, config = estimated(vehicle_path, log)
+    out, config = estimate_log(vehicle_path, log)
     for key in STIFFNESS:
         out[key] = out[f"{key}_secant"] = 1.0
         out[f"{key}_sd"] = getattr(config, f"initial_{PRIOR[key]}_sd")
@@ -144,20 +147,22 @@ def constant(vehicle_path: Path, log: CheckedLog) -> tuple[np.ndarray, Config]:
     return out, config
 
 
-def best(vehicle_path: Path, log: CheckedLog, stiffness: dict[str, float]) -> tuple[np.ndarray, Config]:
+def find_best_constant(
+    vehicle_path: Path, log: CheckedLog, stiffness: dict[str, float]
+) -> tuple[np.ndarray, Config]:
     """Return the best constant: the median of the car's true secants, without an
     interval.
 
     Its error is the change of the secant with slip, load and the lag of the steering.
     """
-    out, config = constant(vehicle_path, log)
+    out, config = make_constant_estimates(vehicle_path, log)
     for key, true in stiffness.items():
         out[key] = out[f"{key}_secant"] = true / getattr(config, NOMINAL[key])
         out[f"{key}_sd"] = np.nan
     return out, config
 
 
-def changes(out: np.ndarray, counts: np.ndarray) -> int:
+def count_changes(out: np.ndarray, counts: np.ndarray) -> int:
     """Return the number of reported changes of road or axle."""
     age = out["change_age"][counts]  # 0 before the first
     return int(((age[1:] > 0) & ((age[:-1] == 0) | (age[1:] < age[:-1]))).sum())
@@ -177,7 +182,7 @@ def score(
     counts = (time > SETTLED) & (out["vel_x"] > SLOW)
     found: dict[str, float] = {
         "hours": float(counts.mean() * time[-1] / 3600),
-        "changes": changes(out, counts),
+        "changes": count_changes(out, counts),
     }
     found["fault"] = float((out["p_fault"][counts] > 0.5).mean())
     for key in STIFFNESS:
@@ -208,7 +213,7 @@ def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
                 made.write(folder / f"car{k}" / what, road)
 
 
-def physical(car: str, result: CalibrationResult, truth: dict[str, Any]) -> list[dict[str, Any]]:
+def compare_numbers(car: str, result: CalibrationResult, truth: dict[str, Any]) -> list[dict[str, Any]]:
     """Return found less true numbers of the car, in units of the truth where RELATIVE."""
     rows, true = [], truth["parameters"] | truth["sensors"]
     for f in (f for f in result.findings if f.name in PHYSICAL):
@@ -260,13 +265,15 @@ def calibrate(folder: Path) -> dict[str, Any]:
     found = {
         "converged": bool(result.fit.converged),
         "latencies": latencies,
-        "physical": physical(folder.name, result, truth_of_car),
+        "physical": compare_numbers(folder.name, result, truth_of_car),
     }
     (folder / "found.json").write_text(json.dumps(found, default=float), encoding="utf-8")
     return found
 
 
-def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
+def run_car(
+    job: tuple[Path, bool],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
     """Calibrate a car, or take an earlier calibration, and estimate its drives in
     FOLDER/test."""
     folder, again = job
@@ -276,23 +283,25 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
     scores, logs, truths, alone, late = [], {}, {}, {}, {}
     truth_of_car = json.loads((folder / "test" / "truth.json").read_text(encoding="utf-8"))
     for road in ROADS:
-        logs[road], reference, truths[road] = driven(folder / "test", road)
+        logs[road], reference, truths[road] = read_drive(folder / "test", road)
         alone[road] = reference["cy_rear_tyre"].to_numpy(float)
-        late[road] = relaxed(reference, truth_of_car)
+        late[road] = relax_truth(reference, truth_of_car)
     linear = truth_of_car["linear_stiffness"]
     middle = {
         key: float(np.nanmedian(np.concatenate([t[key] for t in truths.values()]))) for key in STIFFNESS
     }
     for road, log in logs.items():
         for who, (out, config) in (
-            (BEST, best(calibrated, log, middle)),
-            (CONSTANT, constant(calibrated, log)),
-            ("not calibrated", estimated(assumed, log)),
-            ("calibrated", estimated(calibrated, log)),
+            (BEST, find_best_constant(calibrated, log, middle)),
+            (CONSTANT, make_constant_estimates(calibrated, log)),
+            ("not calibrated", estimate_log(assumed, log)),
+            ("calibrated", estimate_log(calibrated, log)),
         ):
             run = {"car": folder.name, "road": road, "who": who, "converged": found["converged"]}
             scores.append({**run, **score(out, config, log, truths[road])})
-        tyres = truths[road] | {"cy_rear": truth_of(dict.fromkeys(TRUTH.values(), alone[road]))["cy_rear"]}
+        tyres = truths[road] | {
+            "cy_rear": compute_truth(dict.fromkeys(TRUTH.values(), alone[road]))["cy_rear"]
+        }
         scores.append({**run, "who": TYRES, **score(out, config, log, tyres)})
         scores.append({**run, "who": RELAXED, **score(out, config, log, late[road])})
         rest = {
@@ -302,7 +311,7 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
     return scores, found["latencies"], found["physical"]
 
 
-def table(runs: pd.DataFrame) -> list[str]:
+def make_table(runs: pd.DataFrame) -> list[str]:
     """Return runs as Markdown, a line for each road and estimator."""
 
     lines = []
@@ -310,7 +319,8 @@ def table(runs: pd.DataFrame) -> list[str]:
         medians = [100 * float(np.nanmedian(group[f"{k} error"])) for k in STIFFNESS]
         cells = [road, who, " / ".join(f"{m:.1f}" for m in medians)]
         cells += [
-            shares(group, what, of) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
+            format_shares(group, what, of)
+            for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         lines.append(
             [
@@ -326,14 +336,16 @@ def table(runs: pd.DataFrame) -> list[str]:
     return markdown_table(head.split("|"), lines, 6)
 
 
-def shares(group: pd.DataFrame, what: str, of: str, digits: int = 0, keys: Sequence[str] = STIFFNESS) -> str:
+def format_shares(
+    group: pd.DataFrame, what: str, of: str, digits: int = 0, keys: Sequence[str] = STIFFNESS
+) -> str:
     """Return the percentage of the rows `of` that are `what`, by stiffness; a dash: no
     rows."""
     parts = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in keys]
     return " / ".join(f"{100 * a / b:.{digits}f}" if b and np.isfinite(a) else "-" for a, b in parts)
 
 
-def latency_table(found: pd.DataFrame) -> list[str]:
+def make_latency_table(found: pd.DataFrame) -> list[str]:
     """Return the errors of latencies, a line for each channel."""
     rows = []
     for channel, group in found.groupby("channel", sort=False):
@@ -349,7 +361,7 @@ def latency_table(found: pd.DataFrame) -> list[str]:
     return markdown_table(head.split("|"), rows)
 
 
-def physical_table(found: pd.DataFrame) -> list[str]:
+def make_physical_table(found: pd.DataFrame) -> list[str]:
     """Return the errors of the car, a line for each number."""
     rows = []
     for name, group in found.groupby("name", sort=False):
@@ -367,7 +379,7 @@ def physical_table(found: pd.DataFrame) -> list[str]:
     return markdown_table(head.split("|"), rows)
 
 
-def parser_of_kept(about: str | None, table_file: str) -> argparse.ArgumentParser:
+def make_parser(about: str | None, table_file: str) -> argparse.ArgumentParser:
     """Return the parser of a study on kept cars. about: docstring; table_file: default
     output."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -401,12 +413,16 @@ def main(arguments: list[str]) -> int:
         if not (folder / "car0").exists():
             drive(folder, cars, given.minutes, given.first)
         jobs = [(folder / f"car{k}", given.again) for k in range(given.cars)]
-        for rows, late, found in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
+        for rows, late, found in tqdm(pool.imap(run_car, jobs), total=len(jobs), unit="car", file=sys.stderr):
             scores += rows
             latencies += late
             cars_found += found
             print(
-                "", *table(pd.DataFrame(rows)), *latency_table(pd.DataFrame(late)), sep="\n", file=sys.stderr
+                "",
+                *make_table(pd.DataFrame(rows)),
+                *make_latency_table(pd.DataFrame(late)),
+                sep="\n",
+                file=sys.stderr,
             )
     runs, late = pd.DataFrame(scores), pd.DataFrame(latencies)
     converged = int(runs.groupby("car")["converged"].first().sum())
@@ -428,13 +444,20 @@ output of the stiffness at no slip beside that of the axle with static load and 
 these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """
-    text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
-    text += "\n\nLatencies:\n\n" + "\n".join(latency_table(late))
+    text = (
+        head
+        + "\n".join(make_table(runs.assign(road="all")))
+        + "\n\nBy road:\n\n"
+        + "\n".join(make_table(runs))
+    )
+    text += "\n\nLatencies:\n\n" + "\n".join(make_latency_table(late))
     text += (
         "\n\nThe car itself, found less true (before: vehicle file, class of cars; largest: of all cars; "
         "stiffness of both tyres\nof an axle at rest, which slip and load make smaller on the road):\n\n"
     )
-    given.out.write_text(text + "\n".join(physical_table(pd.DataFrame(cars_found))) + "\n", encoding="utf-8")
+    given.out.write_text(
+        text + "\n".join(make_physical_table(pd.DataFrame(cars_found))) + "\n", encoding="utf-8"
+    )
     print(f"{given.out}: {given.cars} cars")
     return 0
 

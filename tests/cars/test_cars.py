@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from . import CHANNELS, COLUMNS, GRAVITY, REFERENCE, ROADS, SCENARIOS, make_cars, make_logs, model
-from .cars import AIR, roll_arm, sprung
+from .cars import AIR, compute_roll_arm, compute_sprung_mass
 from .logs import RECORDED, drive
 from .model import Fleet
 from .road import Road, Surface
-from .sensors import FINE, SLOPES, STATES, Motion, imu, log_of
+from .sensors import FINE, SLOPES, STATES, Motion, make_log, measure_motion
 
 LEVEL = (0.0, 0.0, GRAVITY)
 
@@ -102,8 +102,8 @@ def test_loads_move_outwards_by_the_height_of_the_centre_of_gravity():
     f = rig.run(5.0, 0.03 + 0 * rig.speed)
     p, half = f.p, 0.5 * np.array([f.p.track_front, f.p.track_rear])
     moment = (half * (f.load[:, 1] - f.load[:, 0])).sum(0)
-    mass = np.array([sprung(car.parameters)[0] for car in rig.cars])
-    arm = np.array([roll_arm(car.parameters) for car in rig.cars])
+    mass = np.array([compute_sprung_mass(car.parameters)[0] for car in rig.cars])
+    arm = np.array([compute_roll_arm(car.parameters) for car in rig.cars])
     side = f.force[1].sum((0, 1)) + (f.force[0, 0] * np.sin(f.steer)).sum(0)
     np.testing.assert_allclose(moment, side * p.cg_height + mass * GRAVITY * arm * f.roll, rtol=0.02)
     assert (f.roll > 0).all()
@@ -112,7 +112,7 @@ def test_loads_move_outwards_by_the_height_of_the_centre_of_gravity():
     f = rig.run(2.5, hold=False, brake=350.0)
     along = f.force[0].sum((0, 1)) - f.drag * f.vx**2
     moved = f.load[0].sum(0) - f.static[0].sum(0)
-    mass = np.array([sprung(car.parameters)[0] for car in rig.cars])
+    mass = np.array([compute_sprung_mass(car.parameters)[0] for car in rig.cars])
     pitch_arm = f.body_pitch / mass
     lean = mass * GRAVITY * pitch_arm * f.pitch  # the body leans over its front axle
     np.testing.assert_allclose(moved * (f.p.lf + f.p.lr), -along * f.p.cg_height + lean, rtol=0.02)
@@ -222,7 +222,7 @@ def test_standing_on_a_grade_the_accelerometer_reads_gravity():
     rig.run(3.0, hold=False, brake=800.0)
     rig.run(0.2, hold=False, brake=800.0, keep=True)
     for i, car in enumerate(rig.cars):
-        _, found = imu(car, rig.motion(i))
+        _, found = measure_motion(car, rig.motion(i))
         # uphill: forward
         assert found[0].mean() == pytest.approx(GRAVITY * np.sin(grade - rig.f.pitch[i]), abs=0.01)
         # left side up: left
@@ -236,10 +236,10 @@ def test_in_a_left_turn_accel_y_is_speed_times_yaw_rate_and_what_the_body_rolls(
     rig.run(0.3, rig.wheel, keep=True)
     f = rig.f
     for i, car in enumerate(rig.cars):
-        _, found = imu(car, rig.motion(i))
+        _, found = measure_motion(car, rig.motion(i))
         assert found[1].mean() == pytest.approx(f.vx[i] * f.r[i] + GRAVITY * f.roll[i], rel=0.01)
         moved = replace(car, sensors={**car.sensors, "imu_x": 0.5, "imu_y": 0.2, "imu_yaw": 0.02})
-        _, other = imu(moved, rig.motion(i))
+        _, other = measure_motion(moved, rig.motion(i))
         assert other[1].mean() - found[1].mean() == pytest.approx(
             -0.2 * f.r[i] ** 2 - 0.02 * found[0].mean(), abs=2e-3
         )
@@ -285,7 +285,7 @@ def test_logs_are_whole(logs):
             json.dumps(x.truth, allow_nan=False)
 
 
-def delay_of(channel: np.ndarray, truth: np.ndarray) -> float:
+def estimate_delay(channel: np.ndarray, truth: np.ndarray) -> float:
     """Return the latency of a channel, s, by least squares over delays, scale and offset
     free.
 
@@ -309,21 +309,24 @@ def test_channels_are_as_late_as_the_truth_says(logs):
     for x in logs["mountain"]:
         r, told = x.reference, x.truth["log"]["latency"]
         assert set(told) == set(CHANNELS) and all(-1e-9 <= v < 0.062 for v in told.values())
-        assert delay_of(x.log["steer_angle"], r["steering_wheel"]) == pytest.approx(
+        assert estimate_delay(x.log["steer_angle"], r["steering_wheel"]) == pytest.approx(
             told["steer_angle"], abs=0.0015
         )
-        assert delay_of(x.log["yaw_rate"], r["yaw_rate"]) == pytest.approx(told["yaw_rate"], abs=0.0015)
+        assert estimate_delay(x.log["yaw_rate"], r["yaw_rate"]) == pytest.approx(told["yaw_rate"], abs=0.0015)
         for axle in ("front", "rear"):
             v = r["vel_x"] if axle == "rear" else r["vel_x"] * np.cos(r["road_wheel"]) + (
                 r["vel_y"] + x.car.parameters["lf"] * r["yaw_rate"]) * np.sin(r["road_wheel"])  # fmt: skip
             s = r[f"slip_{axle}"]
             spin = np.where(s > 0, v / (1 - s), v * (1 + s)) / r[f"radius_{axle}"]
-            assert delay_of(x.log[f"wheel_speed_{axle}"], spin) == pytest.approx(
+            assert estimate_delay(x.log[f"wheel_speed_{axle}"], spin) == pytest.approx(
                 told[f"wheel_speed_{axle}"], abs=0.002
             )
         p = x.car.parameters
         # of the IMU over the axes
-        above = (p["cg_height"] - sprung(p)[1] + roll_arm(p), p["cg_height"] - p["pitch_centre"])
+        above = (
+            p["cg_height"] - compute_sprung_mass(p)[1] + compute_roll_arm(p),
+            p["cg_height"] - p["pitch_centre"],
+        )
         ddroll, ddpitch = (np.gradient(np.gradient(r[k], 0.01), 0.01) for k in ("roll", "pitch"))
         side = (
             np.gradient(r["vel_y"], 0.01)
@@ -331,14 +334,14 @@ def test_channels_are_as_late_as_the_truth_says(logs):
             + GRAVITY * np.sin(r["bank"] + r["roll"])
         )
         side -= above[0] * ddroll
-        assert delay_of(x.log["accel_y"], side) == pytest.approx(told["accel_y"], abs=0.002)
+        assert estimate_delay(x.log["accel_y"], side) == pytest.approx(told["accel_y"], abs=0.002)
         push = (
             np.gradient(r["vel_x"], 0.01)
             - r["vel_y"] * r["yaw_rate"]
             + GRAVITY * np.sin(r["grade"] - r["pitch"])
         )
         push += above[1] * ddpitch
-        assert delay_of(x.log["accel_x"], push) == pytest.approx(told["accel_x"], abs=0.002)
+        assert estimate_delay(x.log["accel_x"], push) == pytest.approx(told["accel_x"], abs=0.002)
 
 
 def test_what_is_logged_is_in_steps_and_slower_wheels_are_held(logs):
@@ -363,7 +366,7 @@ def test_pulses_of_a_wheel_are_its_speed_and_none_while_it_stands():
     state = {name: np.zeros(len(time)) for name in (*STATES, *SLOPES)}
     state |= {name: spin for name in STATES if name.startswith("spin")} | {"gz": np.full(len(time), GRAVITY)}
     rows = np.arange(1.0, 10.0, 0.01)
-    log, latency = log_of(car, Motion(time, state), rows, np.random.default_rng(0))
+    log, latency = make_log(car, Motion(time, state), rows, np.random.default_rng(0))
     late = latency["wheel_speed_rear"]
     assert late == pytest.approx(0.03, abs=0.006)
     there = rows > 5
@@ -539,6 +542,6 @@ def test_no_sensor_tells_rear_tyres_from_a_suspension_that_gives_in_with_their_f
         rig = Rig(25.0, cars=[replace(car, parameters=own | change)])
         for wheel in (0.0, 0.01, 0.02, -0.015, 0.0, 0.01):
             rig.run(0.7, wheel, keep=True)
-        read.append(imu(rig.cars[0], rig.motion(0))[1][1:])
+        read.append(measure_motion(rig.cars[0], rig.motion(0))[1][1:])
     alike, unlike = (np.sqrt(np.mean((x - read[0]) ** 2, axis=1)) for x in read[1:])
     assert (alike < 0.15 * unlike).all()

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
+from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, format_shares
 from tse.car.config import make_config
 from tse.car.vehicle import make_filter_values, make_vehicle
 from tse.channels.log import read_frame
@@ -37,14 +37,14 @@ CAR = {
     "driven_axle": "front",
 }
 SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
-LEAST = 40.0  # s: what a shorter manoeuvre lasts here
+MIN_MANEUVER_TIME = 40.0  # s: what a shorter manoeuvre lasts here
 
 
 CARS = ("one of its class", "the car of the default settings")
 FACTS = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
 
 
-def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
+def score_manoeuvre(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     """Simulate a manoeuvre; count rows with an estimate, valid, wrong, outside the
     interval."""
     maneuver, relaxation, roll, seed, which = job
@@ -60,7 +60,7 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     car = Config.exact((make_filter_values(vehicle) if of_class else {}) | effects)
     factor = {key: float(np.exp(SPREAD * rng.standard_normal())) if of_class else 1.0 for key in STIFFNESS}
     sim = SimConfig({f"true_{key}": value for key, value in factor.items()} | {"seed": seed})
-    duration = max(LEAST, maneuvers.MANEUVERS[maneuver].duration)
+    duration = max(MIN_MANEUVER_TIME, maneuvers.MANEUVERS[maneuver].duration)
     plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
     log = read_frame(simulate(plan, car, sim).log)
     config, _ = make_config(vehicle, log)
@@ -83,10 +83,12 @@ def one(job: tuple[str, float, float, int, str]) -> dict[str, float | str]:
     return found
 
 
-def table(runs: pd.DataFrame, by: str) -> list[str]:
+def make_table(runs: pd.DataFrame, by: str) -> list[str]:
     """Return Markdown, a line for each value of `by`."""
     pairs = (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows"))
-    rows = [[str(v), *(shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)]
+    rows = [
+        [str(v), *(format_shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)
+    ]
     return markdown_table(
         [by, "valid [%]", "of these off [%]", "of these outside [%]", "of all outside [%]"], rows, 5
     )
@@ -105,7 +107,7 @@ def main(arguments: list[str]) -> int:
     jobs = list(product(maneuvers.MANEUVERS, RELAXATION, ROLL, seeds, CARS))
     with ProcessPoolExecutor(given.jobs) as pool:
         runs = pd.DataFrame(
-            tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr)
+            tqdm(pool.map(score_manoeuvre, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr)
         )
     lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
@@ -122,7 +124,7 @@ longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and ab
     for which, mine in runs.groupby("car", sort=False):
         parts = ("all", "maneuver", "relaxation", "roll")
         text += f"\n## {which[0].upper()}{which[1:]}\n"
-        text += "".join("\n" + "\n".join(table(mine.assign(all="all"), by)) + "\n" for by in parts)
+        text += "".join("\n" + "\n".join(make_table(mine.assign(all="all"), by)) + "\n" for by in parts)
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {len(runs)} runs")
     return 0

@@ -18,7 +18,16 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.real import DATA
-from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score, shares
+from tests.cars.study import (
+    RESULTS,
+    ROADS,
+    SETTLED,
+    count_changes,
+    estimate_log,
+    format_shares,
+    read_drive,
+    score,
+)
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
@@ -31,7 +40,7 @@ WAYS = ("none", "GNSS course", "GNSS speed, course", "INS")
 FAST = {"real": 8.0, "car": 3.0}  # m/s: rows that count
 
 
-def measured(
+def make_columns(
     way: str, log: CheckedLog, vx: np.ndarray, vy: np.ndarray, rate: np.ndarray, clock: float, seed: int
 ) -> dict[str, np.ndarray]:
     """Return the columns of a velocity sensor.
@@ -61,12 +70,12 @@ def measured(
     return found if way != "GNSS course" else {"gnss_course": found["gnss_course"]}
 
 
-def late(columns: dict[str, np.ndarray]) -> dict[str, float]:
+def make_latencies(columns: dict[str, np.ndarray]) -> dict[str, float]:
     """Return the settings for these columns."""
     return {"velocity_latency": LATE} if "gnss_course" in columns else {}
 
 
-def sideslip(
+def score_sideslip(
     out: np.ndarray, log: CheckedLog, vx: np.ndarray, vy: np.ndarray, least: float
 ) -> dict[str, float]:
     """Return the rms error of the sideslip, deg, and the coverage of the interval of
@@ -81,7 +90,7 @@ def sideslip(
     return {"sideslip": float(np.sqrt(np.mean(slip**2))), "holds": float(holds), "left out": float(left_out)}
 
 
-def real_rows(data: Path) -> list[str]:
+def make_real_table(data: Path) -> list[str]:
     head = (
         "log|velocity|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
         "interval of vel_y holds [%]"
@@ -99,8 +108,8 @@ def real_rows(data: Path) -> list[str]:
         for way in WAYS:
             # the gyro is what the heading is made of; its bias is in both, and so in
             # neither
-            columns = measured(way, log, vx, vy, rate, 0.0, 1)
-            out, config = estimated(data / name / "vehicle.toml", log, columns, late(columns))
+            columns = make_columns(way, log, vx, vy, rate, 0.0, 1)
+            out, config = estimate_log(data / name / "vehicle.toml", log, columns, make_latencies(columns))
             end = (t > t[-1] * 2 / 3) & (out["vel_x"] > FAST["real"])
             settled = (t > SETTLED) & (out["vel_x"] > FAST["real"])
             cells = [name, way]
@@ -108,18 +117,18 @@ def real_rows(data: Path) -> list[str]:
                 nominal = getattr(config, NOMINAL[key]) / 1000.0
                 mean, interval = np.median(out[key][end]), 1.96 * np.median(out[f"{key}_sd"][end])
                 cells.append(f"{nominal * mean:.0f} +- {nominal * interval:.0f}")
-            found = sideslip(out, log, known["ref_vel_x"], known["ref_vel_y"], FAST["real"])
+            found = score_sideslip(out, log, known["ref_vel_x"], known["ref_vel_y"], FAST["real"])
             cells += [" / ".join(f"{100 * np.mean(out[f'{k}_valid'][settled] == 0):.0f}" for k in CORNERING)]
             cells += [
                 f"{found['sideslip']:.2f}",
                 f"{100 * found['holds']:.0f}",
-                f"{changes(out, t > SETTLED)}",
+                f"{count_changes(out, t > SETTLED)}",
             ]
             lines.append(cells)
     return markdown_table([*head.split("|"), "changes reported"], lines, 2)
 
 
-def car_rows(drives: Path) -> list[str]:
+def make_car_table(drives: Path) -> list[str]:
     head = (
         "road|vehicle file|velocity|sideslip off by, rms [deg]|interval of vel_y holds [%]|"
         "median error, front / rear [%]"
@@ -128,7 +137,7 @@ def car_rows(drives: Path) -> list[str]:
     for car in sorted(p for p in drives.glob("car*") if (p / "calibrated.toml").is_file()):
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
         for road in ROADS:
-            log, reference, truth = driven(car / "test", road)
+            log, reference, truth = read_drive(car / "test", road)
             vx, vy, rate = (
                 np.interp(log.time, reference["time"], reference[c]) for c in ("vel_x", "vel_y", "yaw_rate")
             )
@@ -137,10 +146,10 @@ def car_rows(drives: Path) -> list[str]:
                 ("of its class", car / "fit" / "car.toml"),
             ):
                 for way in WAYS:
-                    columns = measured(way, log, vx, vy, rate, clocks[road]["latency"]["yaw_rate"], 1)
-                    out, config = estimated(path, log, columns, late(columns))
+                    columns = make_columns(way, log, vx, vy, rate, clocks[road]["latency"]["yaw_rate"], 1)
+                    out, config = estimate_log(path, log, columns, make_latencies(columns))
                     found.append({"road": road, "who": who, "way": way, **score(out, config, log, truth),
-                                  **sideslip(out, log, vx, vy, FAST["car"])})  # fmt: skip
+                                  **score_sideslip(out, log, vx, vy, FAST["car"])})  # fmt: skip
     if not found:
         return []
     lines = []
@@ -148,7 +157,7 @@ def car_rows(drives: Path) -> list[str]:
         errors = " / ".join(f"{100 * np.nanmedian(group[f'{k} error']):.1f}" for k in CORNERING)
         sideslips = f"{np.sqrt(np.mean(group['sideslip'] ** 2)):.2f}", f"{100 * group['holds'].mean():.0f}"
         parts = [
-            shares(group, *of, keys=CORNERING)
+            format_shares(group, *of, keys=CORNERING)
             for of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         lines.append([road, who, way, *sideslips, errors, *parts, f"{100 * group['left out'].mean():.1f}"])
@@ -167,7 +176,7 @@ def main(arguments: list[str]) -> int:
     )
     parser.add_argument("--out", type=Path, default=RESULTS / "velocity.md", help="the table")
     given = parser.parse_args(arguments)
-    parts = [real_rows(given.data), car_rows(given.drives) if given.drives else []]
+    parts = [make_real_table(given.data), make_car_table(given.drives) if given.drives else []]
     text = """# With and without a measured velocity
 
 `python -m tests.cars.velocity --drives DIR`: an ordinary car of its class unless it is said to be

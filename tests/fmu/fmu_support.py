@@ -1,4 +1,7 @@
-"""What the tests of the FMUs share: building them, one instance through FMPy, the same drive through FMU and C library."""
+"""Shared by the FMU tests: build the FMUs, run them through FMPy, replay a drive.
+
+The same drive runs through an FMU and through the C library.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +46,8 @@ def run(*command: object, **options: Any) -> subprocess.CompletedProcess:
     return done
 
 
-def connections() -> set[tuple[str, str]]:
-    """Of the vehicle's outputs to the estimator's inputs, as the system has them."""
+def read_connections() -> set[tuple[str, str]]:
+    """Return the system's connections from vehicle outputs to estimator inputs."""
     ssd = ElementTree.parse(ROOT / "fmu" / "StiffnessStudy.ssd")
     return {
         (c.get("startConnector"), c.get("endConnector"))
@@ -53,14 +56,17 @@ def connections() -> set[tuple[str, str]]:
     }
 
 
-def headers(fmi: str = "2") -> Path:
-    """The FMI headers, where scripts/setup.sh puts them."""
+def find_headers(fmi: str = "2") -> Path:
+    """Return the folder of the FMI headers, where scripts/setup.sh puts them."""
     return ROOT / ".venv" / "share" / f"fmi{fmi}" / "headers"
 
 
 @functools.cache
 def build(folder: str = "fmu", *options: str) -> Path:
-    """Build the FMUs with the preset fmu; only what changed is built again.   Returned: the folder of the .fmu files."""
+    """Build the FMUs with the preset fmu, and return the folder of the .fmu files.
+
+    Only what changed is built again.
+    """
     where = ROOT / "build" / folder
     with lock_file(lock_of(where)):  # of other processes that test, and of `tselab fmu build`
         _build(where, *options)
@@ -73,7 +79,9 @@ def _build(where: Path, *options: str) -> None:
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={ROOT}\n" not in cache.read_text():
         shutil.rmtree(where)
     generator = [] if cache.is_file() or not shutil.which("ninja") else ["-G", "Ninja"]
-    sources = [f"-DFETCHCONTENT_SOURCE_DIR_FMI{v}={headers(v).parent}" for v in FMI if headers(v).is_dir()]
+    sources = [
+        f"-DFETCHCONTENT_SOURCE_DIR_FMI{v}={find_headers(v).parent}" for v in FMI if find_headers(v).is_dir()
+    ]
     run("cmake", "--preset", "fmu", "-B", where, *generator, *sources, *options, cwd=ROOT)
     run("cmake", "--build", where, "--target", "fmus", cwd=ROOT)
 
@@ -91,7 +99,10 @@ class Unit:
         self.guid, self.identifier = self.description.guid, self.description.coSimulation.modelIdentifier
 
     def code(self, name: str) -> str:
-        """A variable as tests/fmu/client.c takes it: r12. Of FMI 2.0 the functions of Integer read an Enumeration."""
+        """Return a variable's code for tests/fmu/client.c, such as r12.
+
+        FMI 2.0 reads an Enumeration with the functions of Integer.
+        """
         v = self.variables[name]
         if v.type == "Enumeration" and self.description.fmiVersion.startswith("2"):
             return f"i{v.valueReference}"
@@ -106,29 +117,32 @@ class Unit:
         )
 
 
-def exported(binary: Path) -> set[str]:
-    """Names that a shared library of this machine exports."""
+def list_exports(binary: Path) -> set[str]:
+    """Return the names that a shared library of this machine exports."""
     return {line.split()[-1] for line in run("nm", "-D", "--defined-only", binary).stdout.splitlines()}
 
 
 @functools.cache
-def scratch() -> Path:
-    """A folder for what lasts as long as the tests."""
+def make_scratch_folder() -> Path:
+    """Return a folder that lasts as long as the tests."""
     return Path(tempfile.mkdtemp(prefix="tse-fmu-"))
 
 
 @functools.cache
-def unit(model: str, folder: str = "fmu") -> Unit:
-    """An FMU of a build."""
+def load_unit(model: str, folder: str = "fmu") -> Unit:
+    """Return an FMU of a build."""
     fmu = (build() if folder == "fmu" else ROOT / "build" / folder / "fmu") / f"{model}.fmu"
-    return Unit(fmu, scratch() / folder / model)
+    return Unit(fmu, make_scratch_folder() / folder / model)
 
 
 # ---- one instance
 
 
 class Instance:
-    """One instance, variables by name. `log` holds what it said: (instance, status, category, text)."""
+    """One instance, with variables by name.
+
+    `log` holds its messages: (instance, status, category, text).
+    """
 
     def __init__(self, of: Unit, name: str = "one", *, guid: str | None = None, logging: bool = False):
         self.unit, self.log = of, []
@@ -157,7 +171,11 @@ class Instance:
         self.free()
 
     def free(self) -> None:
-        """Not FMPy's freeInstance(), which unloads the library below other instances' states."""
+        """Free the instance.
+
+        FMPy's freeInstance() unloads the library, which states of other instances still
+        need.
+        """
         if self.open:
             self.slave.fmi2FreeInstance(self.slave.component)
             self.open = False
@@ -171,7 +189,7 @@ class Instance:
                 getattr(self.slave, setter)(references, [as_type(values[n]) for n in names])
 
     def get(self, names: Sequence[str] | None = None) -> dict[str, float]:
-        """Values by name; without names all outputs."""
+        """Return values by name; without names all outputs."""
         names = self.unit.outputs if names is None else names
         result = {}
         for kind, (_, getter) in self._of_type.items():
@@ -191,7 +209,7 @@ class Instance:
         return self
 
     def step(self, time: float, size: float) -> int:
-        """The fmi2Status of the step; an error raises."""
+        """Return the fmi2Status of the step; raise on an error."""
         return self.slave.fmi2DoStep(self.slave.component, time, size, 1)
 
     def state(self) -> bytes:
@@ -243,7 +261,7 @@ class Instance3:
                 getattr(self.slave, f"set{kind}")(references, [python(values[n]) for n in names])
 
     def get(self, names: list[str]) -> dict[str, Any]:
-        """Values by name; those of an array as a list."""
+        """Return values by name, those of an array as a list."""
         found = {}
         for kind, function in FUNCTIONS.items():
             group = [self.unit.variables[n] for n in names if self.unit.variables[n].type == kind]
@@ -275,8 +293,8 @@ class Instance3:
 REAL_BITS = "<d"
 
 
-def bits(x: float) -> str:
-    """A Real as tests/fmu/client.c writes it."""
+def format_bits(x: float) -> str:
+    """Return a Real in the form of tests/fmu/client.c."""
     return "x" + struct.pack(">d", x).hex()
 
 
@@ -290,7 +308,7 @@ class Log:
         return len(self.time)
 
     def step(self, i: int) -> float:
-        """To the next row; the last one as long as the one before."""
+        """Step to the next row; the last step is as long as the one before."""
         return float(
             self.time[i + 1] - self.time[i] if i + 1 < len(self) else self.time[i] - self.time[i - 1]
         )
@@ -299,7 +317,7 @@ class Log:
         return Log(self.time[first:last], self.channels[first:last])
 
     def through_library(self, settings: Mapping[str, float] | Config, form: str | None = None) -> np.ndarray:
-        """One row of the core's outputs per row."""
+        """Return a row of the core's outputs per row."""
         config = settings
         if not isinstance(settings, Config):
             config = Config.exact({**(Config.settings_of(form) if form else {}), **settings})
@@ -315,7 +333,7 @@ class Log:
     def through_fmu(
         self, instance: Instance, first: int = 0, last: int | None = None
     ) -> list[dict[str, float]]:
-        """One dictionary of the FMU's outputs per row."""
+        """Return a dictionary of the FMU's outputs per row."""
         rows = []
         for i in range(first, len(self) if last is None else last):
             instance.set(dict(zip(CHANNELS, self.channels[i], strict=True)))
@@ -324,8 +342,8 @@ class Log:
         return rows
 
 
-def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
-    """Settings under the estimator's names; what is not among them is as in tse_config_exact()."""
+def make_parameters(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
+    """Return tse_config_exact() with these settings, under the estimator's names."""
     known = {
         n.partition(".")[2].replace(".", "_"): n
         for n, v in of.variables.items()
@@ -334,8 +352,8 @@ def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
     return {**KNOWN, **{known[name]: value for name, value in settings.items()}}
 
 
-def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
-    """What the estimator FMU has to put out where the C library puts out this row."""
+def compute_expected_outputs(row: np.void, config: Config) -> dict[str, float]:
+    """Return the estimator FMU's outputs for this row of the C library."""
     expected: dict[str, float] = {}
     si = convert_stiffness(config, row)
     for f in library().fields(OUTPUT):
@@ -363,21 +381,21 @@ def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
     return expected
 
 
-def same(a: float, b: float) -> bool:
-    """The same bits."""
+def has_same_bits(a: float, b: float) -> bool:
+    """Return whether both have the same bits."""
     return struct.pack(REAL_BITS, float(a)) == struct.pack(REAL_BITS, float(b))
 
 
 def expect_same_rows(got: Iterable[Mapping[str, float]], expected: Iterable[Mapping[str, float]]) -> None:
-    """Every output of every row has the same bits; says which do not."""
+    """Check that every output of every row has the same bits; name those that differ."""
     for i, (a, b) in enumerate(zip(got, expected, strict=True)):
         assert a.keys() == b.keys(), sorted(a.keys() ^ b.keys())
-        wrong = [f"row {i}: {n} is {a[n]!r}, expected {b[n]!r}" for n in b if not same(a[n], b[n])]
+        wrong = [f"row {i}: {n} is {a[n]!r}, expected {b[n]!r}" for n in b if not has_same_bits(a[n], b[n])]
         assert not wrong, "\n".join(wrong[:10])
 
 
-def recorded_drive(rows: int | None = None) -> Log:
-    """tests/replay/drive.csv."""
+def read_recorded_drive(rows: int | None = None) -> Log:
+    """Read tests/replay/drive.csv."""
     lines = [
         s for s in (ROOT / "tests" / "replay" / "drive.csv").read_text().splitlines() if s[:1].isdigit()
     ][:rows]
@@ -396,8 +414,8 @@ RUNNERS = {
 }
 
 
-def unavailable(target: str) -> str:
-    """Why programs of this platform cannot be built or run here; empty: they can."""
+def explain_unavailable(target: str) -> str:
+    """Return why programs of this platform cannot be run here; empty: they can."""
     if subprocess.run([sys.executable, "-m", "ziglang", "version"], capture_output=True).returncode:
         return "ziglang is not installed (scripts/setup.sh platforms)"
     runner = RUNNERS[target][1]
@@ -409,11 +427,11 @@ def unavailable(target: str) -> str:
 
 
 @functools.cache
-def library_for(target: str, of: Unit) -> Path:
-    """The FMU's shared library for a platform, compiled as `tselab fmu build` does."""
+def build_library(target: str, of: Unit) -> Path:
+    """Build the FMU's shared library for a platform, as `tselab fmu build` does."""
     build()
     platform = PLATFORMS[target]
-    result = scratch() / target / of.fmu.stem / (of.identifier + platform.suffix)
+    result = make_scratch_folder() / target / of.fmu.stem / (of.identifier + platform.suffix)
     result.parent.mkdir(parents=True, exist_ok=True)
     sources = ROOT / "build" / "fmu" / "fmu" / of.fmu.stem / "sources"
     result.write_bytes(compile_for(platform, sources, CACHE, version_of(of.fmu.stem)))
@@ -421,10 +439,12 @@ def library_for(target: str, of: Unit) -> Path:
 
 
 @functools.cache
-def _client(target: str) -> Path:
-    program = scratch() / f"client-{target}{RUNNERS[target][0]}"
+def build_client(target: str) -> Path:
+    program = make_scratch_folder() / f"client-{target}{RUNNERS[target][0]}"
     fmi = (
-        ["-DCLIENT_FMI3", *(f"-I{headers(v)}" for v in FMI)] if headers("3").is_dir() else [f"-I{headers()}"]
+        ["-DCLIENT_FMI3", *(f"-I{find_headers(v)}" for v in FMI)]
+        if find_headers("3").is_dir()
+        else [f"-I{find_headers()}"]
     )
     arguments = [
         "-target",
@@ -440,15 +460,17 @@ def _client(target: str) -> Path:
     return program
 
 
-def client_for(target: str) -> list[str]:
-    """tests/fmu/client.c for a platform, as a command."""
-    return [*RUNNERS[target][1], str(_client(target))]
+def make_client_command(target: str) -> list[str]:
+    """Return the command of tests/fmu/client.c on a platform."""
+    return [*RUNNERS[target][1], str(build_client(target))]
 
 
-def client_input(log: Log, of: Unit, path: Path) -> Path:
-    """A log as INPUT.csv of the client."""
+def write_client_input(log: Log, of: Unit, path: Path) -> Path:
+    """Write a log as INPUT.csv of the client."""
     lines = ["time," + ",".join(of.code(n) for n in CHANNELS)]
-    lines += [",".join(bits(x) for x in (t, *row)) for t, row in zip(log.time, log.channels, strict=True)]
+    lines += [
+        ",".join(format_bits(x) for x in (t, *row)) for t, row in zip(log.time, log.channels, strict=True)
+    ]
     path.write_text("\n".join(lines) + "\n")
     return path
 

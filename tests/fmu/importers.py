@@ -1,9 +1,13 @@
-"""Validators, and programs that import FMUs: each client does the same run, of which FMPy's is the reference.
+"""Validate the FMUs, and run them in programs that import FMUs; FMPy is the reference.
 
-    .venv/bin/python tests/fmu/importers.py      the FMUs of all platforms, built and looked at: tables of scripts/results
+    .venv/bin/python tests/fmu/importers.py
 
-The run: steps of 1/128 s, so that time is exact however a client counts it, with inputs that change at every step. A client has a
-process of its own: one that crashes is a finding, no more. What is not installed is said, and no finding.
+builds the FMUs of all platforms, checks them and writes the tables of scripts/results.
+
+All clients do the same run. Its steps of 1/128 s are exact in binary, so every client has
+the same time, however it counts. Inputs change at every step. Each client has a process
+of its own, so that a crash is recorded as a finding. A client that is not installed is
+listed as such and counts as no finding.
 """
 
 import ctypes
@@ -30,10 +34,10 @@ from fmu_support import (
     Instance,
     Instance3,
     Unit,
-    bits,
-    client_for,
+    explain_unavailable,
+    format_bits,
+    make_client_command,
     run_client,
-    unavailable,
 )
 from lxml import etree
 
@@ -72,18 +76,24 @@ def validate(fmu: Path) -> list[Verdict]:
     with zipfile.ZipFile(fmu) as archive:
         of_3 = etree.fromstring(archive.read("modelDescription.xml")).get("fmiVersion", "").startswith("3.")
     fmpy = Verdict("FMPy validate_fmu", version("fmpy"), validate_fmu(str(fmu)))
-    return [fmpy, _fmutool(fmu), _schema(fmu, of_3), _vdmcheck(fmu, of_3)]
+    return [fmpy, check_by_fmutool(fmu), check_schema(fmu, of_3), check_by_vdmcheck(fmu, of_3)]
 
 
-def _output(*command: str | Path) -> tuple[list[str], int]:
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, errors="replace", timeout=300,
-                          env={**os.environ, "LC_ALL": "C"})  # fmt: skip
+def run_program(*command: str | Path) -> tuple[list[str], int]:
+    done = subprocess.run(
+        [str(c) for c in command],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=300,
+        env={**os.environ, "LC_ALL": "C"},
+    )
     return [x.strip() for x in (done.stdout + done.stderr).splitlines() if x.strip()], done.returncode
 
 
-def _fmutool(fmu: Path) -> Verdict:
+def check_by_fmutool(fmu: Path) -> Verdict:
     program = f"import sys; from {TOOLBOX}.cli.fmutool import fmutool; sys.exit(fmutool())"
-    lines, code = _output(sys.executable, "-c", program, "-input", fmu, "-check")
+    lines, code = run_program(sys.executable, "-c", program, "-input", fmu, "-check")
     said = [x.partition("|")[2].strip() for x in lines if x.startswith(("ERROR", "CRITICAL", "WARNING"))]
     found = [text for text in said if "error(s)" not in text]  # without its sums
     return Verdict(
@@ -91,8 +101,11 @@ def _fmutool(fmu: Path) -> Verdict:
     )
 
 
-def _schema(fmu: Path, of_3: bool) -> Verdict:
-    """The standard's own XML schemas, which the toolbox carries. FMI 2.0.5 takes some files of FMI 3.0."""
+def check_schema(fmu: Path, of_3: bool) -> Verdict:
+    """Check against the standard's XML schemas, which the toolbox carries.
+
+    FMI 2.0.5 takes some files of FMI 3.0.
+    """
     verdict = Verdict("XML schema", "FMI 3.0.2" if of_3 else "FMI 2.0.4")
     folder = Path(find_spec(TOOLBOX).submodule_search_locations[0]) / "resources"
     schemas = {
@@ -110,7 +123,8 @@ def _schema(fmu: Path, of_3: bool) -> Verdict:
     return verdict
 
 
-# ---- VDMCheck: a formal model of the standard. A program under the GPL: run where it is, never part of tse.
+# ---- VDMCheck: a formal model of the standard. It is under the GPL, so it is run where
+# it is installed, and is never part of tse.
 
 VDMCHECK = "1.1.3"
 POM = f"""<project xmlns="http://maven.apache.org/POM/4.0.0">
@@ -124,13 +138,13 @@ VDMCHECK_FOLDER = Path(sys.prefix) / "share" / f"vdmcheck-{VDMCHECK}"
 
 
 def fetch_vdmcheck() -> None:
-    """Have Maven bring VDMCheck, once."""
+    """Fetch VDMCheck with Maven, once."""
     if (VDMCHECK_FOLDER / "vdmcheck2.jar").is_file() or not shutil.which("mvn"):
         return
     with tempfile.TemporaryDirectory(dir=VDMCHECK_FOLDER.parent, ignore_cleanup_errors=True) as scratch:
         jars, pom = Path(scratch) / "jars", Path(scratch) / "pom.xml"
         pom.write_text(POM)
-        if _output("mvn", "-q", "-B", "-f", pom, "dependency:copy-dependencies", "-DincludeScope=runtime",
+        if run_program("mvn", "-q", "-B", "-f", pom, "dependency:copy-dependencies", "-DincludeScope=runtime",
                    "-Dmdep.stripVersion=true", f"-DoutputDirectory={jars}")[1]:  # fmt: skip
             return
         for name in ("rule-model", "static-model", "vdmcheck2"):  # it looks for its model in files beside it
@@ -139,7 +153,7 @@ def fetch_vdmcheck() -> None:
         jars.rename(VDMCHECK_FOLDER)
 
 
-def _vdmcheck(fmu: Path, of_3: bool) -> Verdict:
+def check_by_vdmcheck(fmu: Path, of_3: bool) -> Verdict:
     jar = VDMCHECK_FOLDER / "vdmcheck2.jar"
     if of_3 or not shutil.which("java") or not jar.is_file():
         why = (
@@ -152,7 +166,7 @@ def _vdmcheck(fmu: Path, of_3: bool) -> Verdict:
         plain = shutil.copyfile(
             fmu, Path(folder) / "model.fmu"
         )  # it goes by the ending, and knows ASCII only
-        lines, _ = _output("java", "-jar", jar, plain)
+        lines, _ = run_program("java", "-jar", jar, plain)
     found = [x for x in lines if x != "Errors found." and not x.startswith("https://")]
     return Verdict(
         "VDMCheck", VDMCHECK, [] if "No errors found." in lines else found or ["failed without a word"]
@@ -162,8 +176,8 @@ def _vdmcheck(fmu: Path, of_3: bool) -> Verdict:
 # ---- clients
 
 
-def inputs_of(of: Unit) -> dict[str, np.ndarray]:
-    """A drive: what the driver does, or what the sensors say; a value a step."""
+def make_inputs(of: Unit) -> dict[str, np.ndarray]:
+    """Return a drive by step: the driver's inputs, or the sensors' readings."""
     config = Config.exact({"sample_time": STEP})
     plan = maneuvers.build("square-waves", config, sample_time=STEP, duration=STEP * STEPS)
     driver, sensors = drive(plan, config, SimConfig({"seed": 1}))
@@ -176,12 +190,12 @@ def inputs_of(of: Unit) -> dict[str, np.ndarray]:
     return inputs
 
 
-def outputs_of(of: Unit) -> list[str]:
+def list_outputs(of: Unit) -> list[str]:
     return [n for n in of.outputs if of.variables[n].type in KINDS and not of.variables[n].dimensions]
 
 
 def run_fmpy(of: Unit) -> list[list[float]]:
-    rows, inputs, outputs = [], inputs_of(of), outputs_of(of)
+    rows, inputs, outputs = [], make_inputs(of), list_outputs(of)
     with (Instance3 if version_of(of.fmu.stem) == "3" else Instance)(of) as fmu:
         fmu.start()
         for i in range(STEPS):
@@ -193,8 +207,11 @@ def run_fmpy(of: Unit) -> list[list[float]]:
 
 
 def load_tbb() -> None:
-    """Load libtbb.so.12, which the library of ecos needs and does not bring: that of the Python package tbb, else that
-    of the system. Raises OSError where there is none."""
+    """Load libtbb.so.12, which the library of ecos needs and does not bring.
+
+    That of the Python package tbb is preferred to that of the system. Raises OSError
+    where there is neither.
+    """
     of_package = Path(sys.prefix) / "lib" / TBB
     ctypes.CDLL(str(of_package) if of_package.is_file() else TBB, mode=ctypes.RTLD_GLOBAL)
 
@@ -222,7 +239,7 @@ def run_ecos(of: Unit) -> list[list[float]]:
 
     structure = EcosSimulationStructure()
     structure.add_model("fmu", str(of.fmu))
-    rows, inputs, outputs = [], inputs_of(of), outputs_of(of)
+    rows, inputs, outputs = [], make_inputs(of), list_outputs(of)
     with EcosSimulation(step_size=STEP, structure=structure) as simulation:
         read = {
             "Real": simulation.get_real,
@@ -253,7 +270,7 @@ def run_libcosim(of: Unit) -> list[list[float]]:
     execution.add_manipulator(manipulator)
     execution.add_observer(observer)
     read = {k: getattr(observer, f"last_{k.lower()}_values") for k in ("Real", "Integer", "Boolean")}
-    rows, inputs, outputs = [], inputs_of(of), outputs_of(of)
+    rows, inputs, outputs = [], make_inputs(of), list_outputs(of)
     for i in range(STEPS):
         references = [of.variables[n].valueReference for n in inputs]
         manipulator.slave_real_values(index, references, [v[i] for v in inputs.values()])
@@ -278,33 +295,36 @@ class Failed(Exception):
 
 
 def in_process(client: str, of: Unit) -> np.ndarray:
-    """A client that is a Python package, in a process of its own."""
+    """Run a client that is a Python package, in a process of its own."""
     with tempfile.TemporaryDirectory(prefix="tse-client-", ignore_cleanup_errors=True) as folder:
         result = Path(folder) / "result.npy"
-        lines, code = _output(sys.executable, __file__, client, of.fmu, result)
+        lines, code = run_program(sys.executable, __file__, client, of.fmu, result)
         if not result.is_file():
             raise Failed(lines[-1] if lines else f"exit code {code}")
         return np.load(result)
 
 
-def foreign(target: str, of: Unit) -> np.ndarray:
-    """tests/fmu/client.c with the binary of another platform."""
-    to, inputs = PLATFORMS[target], inputs_of(of)
-    wanted = [of.code(n) for n in outputs_of(of)]
+def run_foreign(target: str, of: Unit) -> np.ndarray:
+    """Run tests/fmu/client.c with the binary of another platform."""
+    to, inputs = PLATFORMS[target], make_inputs(of)
+    wanted = [of.code(n) for n in list_outputs(of)]
     lines = [",".join(["time", *map(of.code, inputs)])]
-    lines += [",".join(bits(x) for x in (i * STEP, *(v[i] for v in inputs.values()))) for i in range(STEPS)]
+    lines += [
+        ",".join(format_bits(x) for x in (i * STEP, *(v[i] for v in inputs.values()))) for i in range(STEPS)
+    ]
     (of.folder / "input.csv").write_text("\n".join(lines) + "\n")
     binary = of.folder / "binaries" / to.folder(version_of(of.fmu.stem)) / (of.identifier + to.suffix)
     try:
-        text = run_client(client_for(target), binary, of, of.folder / "input.csv", of.folder / "output.csv",
-                          "--outputs", ",".join(wanted))  # fmt: skip
+        command = make_client_command(target)
+        files = of.folder / "input.csv", of.folder / "output.csv"
+        text = run_client(command, binary, of, *files, "--outputs", ",".join(wanted))
     except RuntimeError as error:
         raise Failed(str(error).splitlines()[-1]) from None
     head, *rows = (line.split(",") for line in text.splitlines())
-    return np.array([[_number(row[head.index(c)]) for c in wanted] for row in rows])
+    return np.array([[parse_number(row[head.index(c)]) for c in wanted] for row in rows])
 
 
-def _number(text: str) -> float:
+def parse_number(text: str) -> float:
     return float(np.uint64(int(text[1:], 16)).view(np.float64)) if text.startswith("x") else float(text)
 
 
@@ -332,20 +352,26 @@ def compare_one(client: str, of: Unit, reference: np.ndarray) -> Row:
         package = PYTHON[client][0]
         if why := find_obstacle(client, fmi):
             return Row(client, "", f"skipped: {why}", False)
-        return Row(client, version(package), difference(functools.partial(in_process, client, of), reference))
+        return Row(
+            client,
+            version(package),
+            describe_difference(functools.partial(in_process, client, of), reference),
+        )
     program, target = FOREIGN[client], client
     name = f"C client on {program}, {target}"
     there = (of.folder / "binaries" / PLATFORMS[target].folder(fmi)).is_dir()
-    if why := unavailable(target) if there else f"the FMU has no binary for {target}":
+    if why := explain_unavailable(target) if there else f"the FMU has no binary for {target}":
         return Row(name, "", f"skipped: {why}", False)
-    number = re.search(r"\d+\.\d+[.\d]*", " ".join(_output(*RUNNERS[target][1][:1], "--version")[0]))
+    number = re.search(r"\d+\.\d+[.\d]*", " ".join(run_program(*RUNNERS[target][1][:1], "--version")[0]))
     return Row(
-        name, number[0] if number else "", difference(functools.partial(foreign, target, of), reference)
+        name,
+        number[0] if number else "",
+        describe_difference(functools.partial(run_foreign, target, of), reference),
     )
 
 
-def difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
-    """What a client's run is beside the reference."""
+def describe_difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
+    """Describe how a client's run differs from the reference."""
     try:
         values = run()
     except (Failed, subprocess.TimeoutExpired) as error:
@@ -365,8 +391,11 @@ def difference(run: Callable[[], np.ndarray], reference: np.ndarray) -> str:
 # ---- tables; without dates and timings: a run that finds the same changes nothing
 
 
-def validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
-    """Findings per validator and FMU; what was skipped everywhere is not in it."""
+def make_validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
+    """Tabulate the findings per validator and FMU.
+
+    A check that was skipped everywhere is left out.
+    """
     ran = {n: {v.validator: v for v in found if not v.skipped} for n, found in verdicts.items()}
     rows = []
     for name, number in {v.validator: v.version for found in ran.values() for v in found.values()}.items():
@@ -378,8 +407,11 @@ def validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
     )
 
 
-def clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
-    """Largest difference to FMPy per client and FMU; what was skipped everywhere is not in it."""
+def make_clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
+    """Tabulate the largest difference to FMPy per client and FMU.
+
+    A variable that every client skips is left out.
+    """
     ran = {n: {r.client: r for r in rows if r.ran} for n, rows in found.items()}
     table = []
     for name, number in {r.client: r.version for rows in ran.values() for r in rows.values()}.items():
@@ -388,7 +420,7 @@ def clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
 
 
 def main() -> int:
-    """Without arguments: everything. CLIENT FMU RESULT: what the process of a client does."""
+    """Run everything; with CLIENT FMU RESULT, run one client in this process."""
     if len(sys.argv) == 4:
         client, fmu, result = sys.argv[1:]
         with tempfile.TemporaryDirectory() as folder:
@@ -401,8 +433,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         units = {f.name: Unit(f, Path(folder) / f.stem) for f in fmus}
         clients = {name: compare(of) for name, of in units.items()}
-        heads = [f"{name}, {STEPS} steps, {len(outputs_of(of))} outputs" for name, of in units.items()]
-    text = f"{clients_table(clients, heads)}\n{validators_table(verdicts)}"
+        heads = [f"{name}, {STEPS} steps, {len(list_outputs(of))} outputs" for name, of in units.items()]
+    text = f"{make_clients_table(clients, heads)}\n{make_validators_table(verdicts)}"
     (RESULTS / "fmu_importers.md").write_text(text)
     print(text)
     bad = [text for found in verdicts.values() for v in found for text in v.findings]

@@ -1,12 +1,14 @@
-"""The paper's study through both FMUs connected: scripts/results/fmu.png, and its table. The same bytes every time.
+"""Run the paper's study through both FMUs connected; write its picture and table.
 
-.venv/bin/python tests/fmu/pictures.py
+    .venv/bin/python tests/fmu/pictures.py
+
+The files, scripts/results/fmu.png and its table, have the same bytes every time.
 """
 
 import numpy as np
 import pandas as pd
 from docsite.pictures import shrink_picture
-from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, unit
+from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, load_unit
 
 from tse.estimation.verdict import NAMES
 from tse.library.core import STIFFNESS
@@ -18,16 +20,18 @@ ROAD_CHANGE = (30.0, 0.7)  # s, level
 START = 0.7  # of nominal
 
 
-def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Square waves in steering and torque; estimates, truth and log, row by row. The estimate of a row is what the estimator
-    puts out at the next communication point."""
+def run_study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Return estimates, truth and log of square waves in steering and torque, row by row.
+
+    The estimate of a row is the estimator's output at the next communication point.
+    """
     made = [f"estimate.{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_valid")]
     true = ["true.vel_x", *(f"true.{s}" for s in STIFFNESS)]
     start = {f"filter.initial_{s}": START for s in STIFFNESS} | {
         "vehicle.exact": True
     }  # known, but for its tyres
     rows = []
-    with Instance(unit(VEHICLE)) as car, Instance(unit(ESTIMATOR)) as estimator:
+    with Instance(load_unit(VEHICLE)) as car, Instance(load_unit(ESTIMATOR)) as estimator:
         car.start()
         estimator.start(start)
         for k in range(round(DURATION / STEP)):
@@ -54,7 +58,7 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 
 
 def main() -> None:
-    est, truth, log = study()
+    est, truth, log = run_study()
     picture = ROOT / "scripts" / "results" / "fmu.png"
     demo_picture(picture, est, truth, log)
     shrink_picture(picture)

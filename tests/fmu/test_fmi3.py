@@ -1,4 +1,4 @@
-"""The FMUs of FMI 3.0: what they say is what those of 2.0 say, and more; what they compute has the same bits, everywhere."""
+"""The FMUs of FMI 3.0 describe all that those of 2.0 do, and compute the same bits."""
 
 import re
 import shutil
@@ -16,21 +16,21 @@ from fmu_support import (
     Instance,
     Instance3,
     Unit,
-    connections,
-    exported,
-    headers,
-    unit,
+    find_headers,
+    list_exports,
+    load_unit,
+    read_connections,
 )
 
-if not headers("3").is_dir():
+if not find_headers("3").is_dir():
     pytest.skip("scripts/setup.sh has not put the FMI 3.0 headers into .venv/share", allow_module_level=True)
 
 TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 
 
-def three(model: str) -> Unit:
-    return unit(f"{model}-fmi3")
+def load_fmi3(model: str) -> Unit:
+    return load_unit(f"{model}-fmi3")
 
 
 @pytest.fixture(params=MODELS)
@@ -42,7 +42,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_of_it(name: str) -> None:
-    two, new = unit(name), three(name)
+    two, new = load_unit(name), load_fmi3(name)
     for old in two.description.modelVariables:
         v = new.variables[old.name]
         said = (
@@ -70,7 +70,7 @@ def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_o
 
 
 def test_structure_names_every_output_once_and_what_it_depends_on(name: str) -> None:
-    root = ElementTree.parse(three(name).folder / "modelDescription.xml")
+    root = ElementTree.parse(load_fmi3(name).folder / "modelDescription.xml")
     outputs = [v.get("valueReference") for v in root.find("ModelVariables") if v.get("causality") == "output"]
     for element, dependencies in (("Output", ""), ("InitialUnknown", None)):
         unknowns = root.findall(f"ModelStructure/{element}")
@@ -78,9 +78,9 @@ def test_structure_names_every_output_once_and_what_it_depends_on(name: str) -> 
         assert {u.get("dependencies") for u in unknowns} == {dependencies}
 
 
-def terminals(model: str) -> dict[str, dict[str, str]]:
-    """Per kind of terminal its members and their variables."""
-    root = ElementTree.parse(three(model).folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
+def read_terminals(model: str) -> dict[str, dict[str, str]]:
+    """Return the members and their variables of each kind of terminal."""
+    root = ElementTree.parse(load_fmi3(model).folder / "terminalsAndIcons" / "terminalsAndIcons.xml")
     return {
         t.get("terminalKind"): {
             m.get("memberName"): m.get("variableName") for m in t.findall("TerminalMemberVariable")
@@ -90,44 +90,44 @@ def terminals(model: str) -> dict[str, dict[str, str]]:
 
 
 def test_the_terminals_of_both_connect_what_the_system_connects(name: str) -> None:
-    out, into = terminals(VEHICLE)["_tse_sensors"], terminals(ESTIMATOR)["_tse_sensors"]
+    out, into = read_terminals(VEHICLE)["_tse_sensors"], read_terminals(ESTIMATOR)["_tse_sensors"]
     assert {
         (out[member], variable) for member, variable in into.items()
-    } == connections() and out.keys() == into.keys()
-    for members in terminals(name).values():
-        assert members and set(members.values()) <= set(three(name).variables)
-    assert set(terminals(VEHICLE)["_tse_driver"]) == set(DRIVER)
+    } == read_connections() and out.keys() == into.keys()
+    for members in read_terminals(name).values():
+        assert members and set(members.values()) <= set(load_fmi3(name).variables)
+    assert set(read_terminals(VEHICLE)["_tse_driver"]) == set(DRIVER)
     assert (
         set(STIFFNESS)
-        <= terminals(VEHICLE)["_tse_truth"].keys() & terminals(ESTIMATOR)["_tse_estimate"].keys()
+        <= read_terminals(VEHICLE)["_tse_truth"].keys() & read_terminals(ESTIMATOR)["_tse_estimate"].keys()
     )
 
 
 @pytest.mark.skipif(not shutil.which("nm"), reason="nm is not installed")
 def test_the_functions_of_fmi_3_are_exported_and_nothing_else(name: str) -> None:
     declared = re.findall(
-        r"^FMI3_Export \w+\s+(fmi3\w+);", (headers("3") / "fmi3Functions.h").read_text(), flags=re.M
+        r"^FMI3_Export \w+\s+(fmi3\w+);", (find_headers("3") / "fmi3Functions.h").read_text(), flags=re.M
     )
-    assert exported(three(name).binary) == set(declared) and len(declared) > 70
+    assert list_exports(load_fmi3(name).binary) == set(declared) and len(declared) > 70
 
 
 def test_the_page_speaks_of_this_version(name: str) -> None:
-    text = (three(name).folder / "documentation" / "index.html").read_text(encoding="utf-8")
-    assert "FMI 3.0" in text and "fmi3DoStep" in text and "fmi2" not in text and three(name).guid in text
+    text = (load_fmi3(name).folder / "documentation" / "index.html").read_text(encoding="utf-8")
+    assert "FMI 3.0" in text and "fmi3DoStep" in text and "fmi2" not in text and load_fmi3(name).guid in text
     assert not re.search(r"@\w+@|<!--/?[23]-->", text)
     listed = re.findall(
         r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Float64|Int32|Boolean|Enumeration)", text
     )
-    assert {n.replace("<wbr>", "") for n in listed} == set(three(name).variables)
+    assert {n.replace("<wbr>", "") for n in listed} == set(load_fmi3(name).variables)
 
 
 # ---- what they compute
 
 
 def test_fmpy_simulates_both_versions_to_the_same_result(name: str) -> None:
-    wanted = [n for n in unit(name).outputs if not n.endswith("_reason")]
+    wanted = [n for n in load_unit(name).outputs if not n.endswith("_reason")]
     how = {"stop_time": 1.0, "step_size": 0.01, "output_interval": 0.01, "output": wanted}
-    results = [simulate_fmu(str(of.fmu), **how) for of in (unit(name), three(name))]
+    results = [simulate_fmu(str(of.fmu), **how) for of in (load_unit(name), load_fmi3(name))]
     for n in wanted:
         assert np.array_equal(results[0][n], results[1][n]), n
 
@@ -137,7 +137,7 @@ def test_fmpy_simulates_both_versions_to_the_same_result(name: str) -> None:
 
 def test_states_are_refused_by_the_other_version(name: str) -> None:
     """They hold the same, but the sources are not the same, and so nobody has tried."""
-    with Instance(unit(name)) as a, Instance3(three(name)) as b:
+    with Instance(load_unit(name)) as a, Instance3(load_fmi3(name)) as b:
         a.start()
         b.start()
         with pytest.raises(FMICallException):

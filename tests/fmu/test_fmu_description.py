@@ -1,4 +1,7 @@
-"""modelDescription.xml against the tables of the core; scripts/results/fmu_variables.md has the GUID, a hash of all of it."""
+"""modelDescription.xml agrees with the tables of the core.
+
+scripts/results/fmu_variables.md has the GUID, which is a hash of the whole description.
+"""
 
 import hashlib
 import html
@@ -16,7 +19,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
-from fmu_support import ESTIMATOR, MODELS, ROOT, VEHICLE, Instance, Unit, build, connections, unit
+from fmu_support import ESTIMATOR, MODELS, ROOT, VEHICLE, Instance, Unit, build, load_unit, read_connections
 from fmu_support import run as command
 
 from tse.library.core import (
@@ -50,13 +53,13 @@ GROUPS = {
 }
 
 
-def xml_of(model: str) -> str:
-    return (unit(model).folder / "modelDescription.xml").read_text(encoding="utf-8")
+def read_xml(model: str) -> str:
+    return (load_unit(model).folder / "modelDescription.xml").read_text(encoding="utf-8")
 
 
 def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -> None:
-    """So it changes when anything changes, and is equal in every build of the same description."""
-    text = xml_of(model.identifier)
+    """Every change changes the GUID; every build of a description has the same one."""
+    text = read_xml(model.identifier)
     assert text.count(model.guid) == 1
     assert model.guid == "{" + str(uuid.uuid5(NAMESPACE, text.replace(model.guid, "@GUID@"))) + "}"
     assert f'"{model.guid}"' in (model.folder / "sources" / "fmu_guid.h").read_text()
@@ -64,7 +67,10 @@ def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -
 
 
 def test_saved_states_belong_to_the_sources(model: Unit) -> None:
-    """The frame of a state holds a hash of this: another version with the same description refuses it."""
+    """The frame of a state holds this hash.
+
+    A version with the same description and other sources refuses the state.
+    """
     folder = model.folder / "sources"
     files = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.suffix in (".c", ".h"))
     files.remove("fmu_guid.h")
@@ -121,7 +127,7 @@ def test_names_and_references_are_unique_and_structured(model: Unit) -> None:
 def test_parameters_are_the_settings_of_the_library() -> None:
     settings, simulator = ({f.name for f in library().fields(which)} for which in (CONFIG, SIM_CONFIG))
     found = {
-        name: {v.name for v in unit(name).description.modelVariables if v.causality == "parameter"}
+        name: {v.name for v in load_unit(name).description.modelVariables if v.causality == "parameter"}
         for name in GROUPS
     }
     assert all(
@@ -136,13 +142,24 @@ def test_parameters_are_the_settings_of_the_library() -> None:
 
 OF_THE_FMU = {
     VEHICLE: {"ramp"},
-    ESTIMATOR: {"vehicle.exact", "velocity.given", "pedals.given", "road.given", "estimate.valid", "estimate.grip_reason"}
-    | {f"estimate.{k}_reason" for k in NOMINAL} | {f"estimate.nominal.{k}" for k in NOMINAL},
-}  # fmt: skip
+    ESTIMATOR: {
+        "vehicle.exact",
+        "velocity.given",
+        "pedals.given",
+        "road.given",
+        "estimate.valid",
+        "estimate.grip_reason",
+    }
+    | {f"estimate.{k}_reason" for k in NOMINAL}
+    | {f"estimate.nominal.{k}" for k in NOMINAL},
+}
 
 
-def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
-    """The row of the library's tables that a variable is of, and its unit there; None: it is of the FMU alone."""
+def find_in_library(name: str, causality: str, model: str) -> tuple[Field | None, str]:
+    """Return a variable's row of the library's tables and its unit there.
+
+    Return None for a variable of the FMU alone.
+    """
     if model == ESTIMATOR:
         columns, prefix = (
             library().fields(INPUT if causality == "input" else OUTPUT),
@@ -167,10 +184,13 @@ def of_library(name: str, causality: str, model: str) -> tuple[Field | None, str
 
 
 def test_variables_are_those_of_the_tables(model: Unit) -> None:
-    """Name, type, unit, range, start and text, in the order of the tables, which value references follow."""
+    """Name, type, unit, range, start and text agree.
+
+    The order is that of the tables, since value references follow it.
+    """
     own, order, known = set(), {}, Config.exact()
     for v in model.description.modelVariables:
-        field, unit_there = of_library(v.name, v.causality, model.identifier)
+        field, unit_there = find_in_library(v.name, v.causality, model.identifier)
         if field is None or v.name.endswith("given"):
             own.add(v.name)
             continue
@@ -196,7 +216,7 @@ def test_variables_are_those_of_the_tables(model: Unit) -> None:
 
 
 def test_structure_names_every_output_once_and_says_what_it_depends_on(model: Unit) -> None:
-    root = ET.fromstring(xml_of(model.identifier))
+    root = ET.fromstring(read_xml(model.identifier))
     variables = root.findall("./ModelVariables/ScalarVariable")
     outputs = [i + 1 for i, v in enumerate(variables) if v.get("causality") == "output"]
     for element, dependencies in (("Outputs", ""), ("InitialUnknowns", None)):
@@ -207,7 +227,7 @@ def test_structure_names_every_output_once_and_says_what_it_depends_on(model: Un
 
 
 def test_units_have_definitions_that_their_display_units_follow(model: Unit) -> None:
-    root = ET.fromstring(xml_of(model.identifier))
+    root = ET.fromstring(read_xml(model.identifier))
     defined = {u.get("name"): u for u in root.findall("./UnitDefinitions/Unit")}
     used = {v.find("Real").get("unit") for v in root.iter("ScalarVariable") if v.find("Real") is not None}
     assert used == set(defined)
@@ -220,13 +240,19 @@ def test_units_have_definitions_that_their_display_units_follow(model: Unit) -> 
 
 
 def test_archive_holds_what_a_user_looks_for(model: Unit) -> None:
-    for name in ("model.png", "documentation/index.html", "documentation/licenses/license.txt", "sources/buildDescription.xml",
-                 "sources/fmi2.c", "sources/tse/tse.h"):  # fmt: skip
+    for name in (
+        "model.png",
+        "documentation/index.html",
+        "documentation/licenses/license.txt",
+        "sources/buildDescription.xml",
+        "sources/fmi2.c",
+        "sources/tse/tse.h",
+    ):
         assert (model.folder / name).is_file(), name
 
 
-# ---- The FMUs' documentation/index.html is complete and self-contained; its examples, and those of the guide, run and say
-# what the text says.
+# ---- The FMUs' documentation/index.html is complete and self-contained. Its examples and
+# those of the guide run and print what the text claims.
 
 
 @pytest.fixture(scope="session")
@@ -235,18 +261,18 @@ def built() -> Path:
     return build()
 
 
-def page(built: Path, model: str) -> str:
+def read_page(built: Path, model: str) -> str:
     return (built / model / "documentation" / "index.html").read_text(encoding="utf-8")
 
 
-def examples(text: str, kind: str) -> list[str]:
+def find_examples(text: str, kind: str) -> list[str]:
     return [
         html.unescape(code) for code in re.findall(rf'<pre class="{kind}">\n(.*?)</pre>', text, flags=re.S)
     ]
 
 
 def run(code: str, folder: Path, *fmus: Path) -> str:
-    """What the example prints, with these FMUs in the current directory."""
+    """Run an example with these FMUs in the current directory; return its output."""
     for fmu in fmus:
         shutil.copy(fmu, folder)
     done = subprocess.run(
@@ -257,7 +283,7 @@ def run(code: str, folder: Path, *fmus: Path) -> str:
 
 
 def test_the_estimators_example_finds_the_soft_front_tyres(built, tmp_path):
-    (code,) = examples(page(built, "TireStiffnessEstimator"), "example")
+    (code,) = find_examples(read_page(built, "TireStiffnessEstimator"), "example")
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu")
     found = re.search(r"front cornering stiffness ([\d.]+) \+- ([\d.]+) kN/rad, valid: True", said)
     assert found, said
@@ -268,7 +294,7 @@ def test_the_estimators_example_finds_the_soft_front_tyres(built, tmp_path):
 
 
 def test_the_vehicles_example_scatters_as_its_parameters_say(built, tmp_path):
-    (code,) = examples(page(built, "SingleTrackVehicle"), "example")
+    (code,) = find_examples(read_page(built, "SingleTrackVehicle"), "example")
     said = run(code, tmp_path, built / "SingleTrackVehicle.fmu")
     noise = float(re.search(r"noise of the gyro ([\d.]+) rad/s", said)[1])
     mean, spread = map(
@@ -280,7 +306,7 @@ def test_the_vehicles_example_scatters_as_its_parameters_say(built, tmp_path):
 
 
 def test_the_loop_that_connects_both_finds_the_stiffness(built, tmp_path):
-    (code,), (same,) = (examples(page(built, model), "connected") for model in MODELS)
+    (code,), (same,) = (find_examples(read_page(built, model), "connected") for model in MODELS)
     assert code == same
     said = run(code, tmp_path, *(built / f"{model}.fmu" for model in MODELS))
     found, true = map(
@@ -291,23 +317,23 @@ def test_the_loop_that_connects_both_finds_the_stiffness(built, tmp_path):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_table_of_connections_is_that_of_the_ssp(built, model):
-    table = re.search(r'<table class="connections">.*?</table>', page(built, model), flags=re.S)[0]
+    table = re.search(r'<table class="connections">.*?</table>', read_page(built, model), flags=re.S)[0]
     said = set(re.findall(r"<td><code>([\w.]+)</code></td><td><code>(\w+)</code></td>", table))
-    assert said == connections()
+    assert said == read_connections()
 
 
-def variables(built: Path, model: str) -> set[str]:
+def list_variables(built: Path, model: str) -> set[str]:
     return {v.get("name") for v in ET.parse(built / model / "modelDescription.xml").iter("ScalarVariable")}
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
-    text = page(built, model)
+    text = read_page(built, model)
     listed = re.findall(
         r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean|Enumeration)</td>", text
     )
-    assert {name.replace("<wbr>", "") for name in listed} == variables(built, model)
-    names = set().union(*(variables(built, m) for m in MODELS))
+    assert {name.replace("<wbr>", "") for name in listed} == list_variables(built, model)
+    names = set().union(*(list_variables(built, m) for m in MODELS))
     groups = "vehicle|uncertainty|sensors|latency|filter|simulation|estimate|sensor|true|drawn"
     for name in re.findall(rf"<code>((?:{groups})\.[\w.]+)</code>", text):
         pattern = re.sub(r"\.{3,}", ".*", name) + r"(\..*)?"  # sensors..._walk; and groups: true.relative
@@ -318,7 +344,7 @@ def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_page_needs_neither_network_nor_script_and_nothing_is_left_to_fill_in(built, model):
-    text = page(built, model)
+    text = read_page(built, model)
     assert re.findall(r"@\w+@", text) == []
     assert not re.search(r"<script|<link|<img|@import|url\((?!#)", text)
     links = re.findall(r'(?:href|src)="([^"#]+)"', text)
@@ -336,7 +362,7 @@ def test_the_page_needs_neither_network_nor_script_and_nothing_is_left_to_fill_i
     assert open_tags == []
 
 
-def guide_examples() -> list[str]:
+def find_guide_examples() -> list[str]:
     guide = (ROOT / "docs" / "pages" / "use" / "fmu.md").read_text(encoding="utf-8")
     return re.findall(r"```python\n(.*?)```", guide, flags=re.S)
 
@@ -347,13 +373,17 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
     driver = np.rec.fromarrays([time, np.where(time % 4 < 2, 0.02, -0.02)], names=["time", "steer_angle"])
     outputs = [f"sensor.{name}" for name in names]
     car = simulate_fmu(
-        str(built / "SingleTrackVehicle.fmu"), input=driver, output=outputs, stop_time=10.0, output_interval=0.01,
+        str(built / "SingleTrackVehicle.fmu"),
+        input=driver,
+        output=outputs,
+        stop_time=10.0,
+        output_interval=0.01,
         start_values={"vehicle.mass": 1650.0, "simulation.true_cy_front": 0.8},
-    )  # fmt: skip
+    )
     columns = [car["time"], *(car[name] for name in outputs)]
     header = ",".join(["time", *names])
     np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
-    code = guide_examples()[0]
+    code = find_guide_examples()[0]
     said = run(code, tmp_path, built / "TireStiffnessEstimator.fmu").split()
     car = Config.exact({"mass": 1650.0}) if "vehicle.exact" in code else Config({"mass": 1650.0}).complete()
     assert float(said[-2]) * car.cornering_stiffness_front == pytest.approx(0.8 * 1.2e5, rel=0.15)
@@ -361,8 +391,8 @@ def test_the_guides_example_estimates_from_a_log(built, tmp_path):
 
 
 def test_the_guides_system_runs(built, tmp_path):
-    """FMPy does not apply the parameters that a system sets; a guide that hands them over may expect more."""
-    code = guide_examples()[1]
+    """FMPy ignores a system's parameters, so the guide must hand them over."""
+    code = find_guide_examples()[1]
     said = run(code, tmp_path, built / "StiffnessStudy.ssp").split()
     assert float(said[-2]) == pytest.approx(float(said[-1]), rel=0.05 if "calibrated" in code else 0.3)
 

@@ -1,4 +1,7 @@
-"""FMPy's own ways: simulate_fmu() as a user calls it, and compiling what is in sources/; other validators and clients."""
+"""The FMUs in importers: simulate_fmu() as a user calls it, validators and other clients.
+
+FMPy also compiles the content of sources/.
+"""
 
 import functools
 import os
@@ -24,15 +27,15 @@ from fmu_support import (
     Instance,
     Unit,
     build,
-    client_input,
     expect_same_rows,
-    headers,
-    parameters_of,
-    recorded_drive,
+    find_headers,
+    load_unit,
+    make_parameters,
+    make_scratch_folder,
+    read_recorded_drive,
     run,
     run_client,
-    scratch,
-    unit,
+    write_client_input,
 )
 
 from tse.library.files import lock_file
@@ -48,8 +51,12 @@ STOP = 2.0
 def test_simulation_at_defaults(
     model: Unit, step_size: float, every: int, capfd: pytest.CaptureFixture
 ) -> None:
-    """Nothing set, nothing said, to the stop time; outputs are numbers, and a second run gives the same ones. (What is said
-    is read where FMPy prints it: of several `logger=` in one process it calls the last, also after it is gone.)"""
+    """A run with nothing set reaches the stop time without a message.
+
+    Outputs are numbers, and a second run gives the same ones. Messages are read where
+    FMPy prints them, since with several `logger=` in one process FMPy calls the last,
+    also after it is gone.
+    """
     results = [
         simulate_fmu(str(model.fmu), stop_time=STOP, step_size=step_size, output_interval=every * step_size,
                      output=model.outputs)
@@ -63,9 +70,12 @@ def test_simulation_at_defaults(
         assert np.isfinite(results[0][name]).all(), name
 
 
-def table_of_drive(rows: int) -> np.ndarray:
-    """The recorded drive as FMPy takes inputs; a channel that is not there in a row goes straight on to where it is."""
-    log = recorded_drive(rows)
+def make_drive_table(rows: int) -> np.ndarray:
+    """Return the recorded drive as FMPy takes inputs.
+
+    A channel that is missing in some rows is interpolated between its neighbours.
+    """
+    log = read_recorded_drive(rows)
     table = np.zeros(rows, [(n, float) for n in ("time", *CHANNELS)])
     table["time"] = np.arange(rows) * 0.01
     for i, name in enumerate(CHANNELS):
@@ -77,8 +87,12 @@ def table_of_drive(rows: int) -> np.ndarray:
 
 
 def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -> None:
-    """FMPy can; a car of which only the mass is known stays an ordinary one, and is not one that is known exactly."""
-    table = table_of_drive(600)
+    """FMPy can set all start values.
+
+    A car of which only the mass is known stays an ordinary one; it does not become
+    exactly known.
+    """
+    table = make_drive_table(600)
     how = {
         "stop_time": 5.9,
         "step_size": 0.01,
@@ -108,16 +122,25 @@ def test_default_experiment(model: Unit) -> None:
 
 def test_inputs_of_a_table_reach_the_estimator(estimator: Unit) -> None:
     """FMPy interpolates between rows; at the rows' own times it sets what they hold."""
-    table = table_of_drive(400)
-    result = simulate_fmu(str(estimator.fmu), stop_time=3.9, step_size=0.01, output_interval=0.01, input=table,
-                          output=["estimate.vel_x"])  # fmt: skip
+    table = make_drive_table(400)
+    result = simulate_fmu(
+        str(estimator.fmu),
+        stop_time=3.9,
+        step_size=0.01,
+        output_interval=0.01,
+        input=table,
+        output=["estimate.vel_x"],
+    )
     speed = 0.33 * np.interp(result["time"], table["time"], table["wheel_speed_front"])
     assert np.abs(result["estimate.vel_x"][1:] - speed[:-1]).max() < 0.3 and speed.max() > 1
 
 
 def test_input_derivatives_of_the_vehicle(vehicle: Unit) -> None:
-    """An importer that gives them has a linear input met at the end of each step. (Not through simulate_fmu(): FMPy 0.3.32
-    takes derivatives for exactly nine inputs.)"""
+    """With input derivatives, a linear input is met at the end of each step.
+
+    simulate_fmu() is not used, because FMPy 0.3.32 takes derivatives for exactly nine
+    inputs.
+    """
     assert vehicle.description.coSimulation.canInterpolateInputs
     reference = [vehicle.variables["steer_angle"].valueReference]
     with Instance(vehicle) as instance:
@@ -163,23 +186,32 @@ def test_fmpy_compiles_the_sources_and_gets_the_same_bits(estimator: Unit, tmp_p
 
 
 def test_the_small_client_agrees_with_fmpy(estimator: Unit, tmp_path: Path) -> None:
-    """tests/fmu/client.c, compiled by the machine's own compiler: what other platforms are compared with."""
+    """tests/fmu/client.c on this machine is the reference of the other platforms."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     client = tmp_path / "client"
-    run(compiler, "-std=c99", "-I", headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl")
-    log = recorded_drive(300)
-    text = run_client([str(client)], estimator.binary, estimator, client_input(log, estimator, tmp_path / "in.csv"),
-                      tmp_path / "out.csv", "--set", f"{estimator.code('filter.particles')}=100")  # fmt: skip
+    run(
+        compiler, "-std=c99", "-I", find_headers(), Path(__file__).with_name("client.c"), "-o", client, "-ldl"
+    )
+    log = read_recorded_drive(300)
+    text = run_client(
+        [str(client)],
+        estimator.binary,
+        estimator,
+        write_client_input(log, estimator, tmp_path / "in.csv"),
+        tmp_path / "out.csv",
+        "--set",
+        f"{estimator.code('filter.particles')}=100",
+    )
     lines = [line.split(",") for line in text.splitlines()]
     at = {name: lines[0].index(estimator.code(name)) for name in estimator.outputs}
     assert len(lines[0]) == 2 + len(estimator.variables)  # all there are, found by trying
-    got = [{n: _value(line[k]) for n, k in at.items()} for line in lines[1:]]
+    got = [{n: parse_value(line[k]) for n, k in at.items()} for line in lines[1:]]
     with Instance(estimator) as instance:
         instance.start({"filter.particles": 100})
         expect_same_rows(got, log.through_fmu(instance))
 
 
-def _value(cell: str) -> float:
+def parse_value(cell: str) -> float:
     return struct.unpack(">d", bytes.fromhex(cell[1:]))[0] if cell.startswith("x") else int(cell)
 
 
@@ -191,20 +223,20 @@ FMUS = [*MODELS, *(f"{m}-fmi3" for m in MODELS)]
 
 @pytest.mark.parametrize("name", FMUS)
 def test_validators_find_nothing(name: str) -> None:
-    verdicts = [v for v in importers.validate(unit(name).fmu) if not v.skipped]
+    verdicts = [v for v in importers.validate(load_unit(name).fmu) if not v.skipped]
     assert {"FMPy validate_fmu", "fmutool -check", "XML schema"} <= {v.validator for v in verdicts}
     assert [text for v in verdicts for text in v.findings] == []
 
 
 @functools.cache
-def reference_of(name: str) -> np.ndarray:
-    return importers.in_process("FMPy", unit(name))
+def run_reference(name: str) -> np.ndarray:
+    return importers.in_process("FMPy", load_unit(name))
 
 
 @pytest.mark.parametrize("name", FMUS)
 @pytest.mark.parametrize("client", importers.CLIENTS)
 def test_a_client_gets_the_same_bits(client: str, name: str) -> None:
-    row = importers.compare_one(client, unit(name), reference_of(name))
+    row = importers.compare_one(client, load_unit(name), run_reference(name))
     if not row.ran:
         pytest.skip(f"{row.client}: {row.says.removeprefix('skipped: ')}")
     assert row.says == "same bits"
@@ -235,19 +267,22 @@ def test_a_difference_is_measured_against_the_size_of_an_output() -> None:
         (other, "2.5e-09"),
         (reference[1:], "failed: 1 steps instead of 2"),
     ):
-        assert importers.difference(lambda v=values: v, reference) == says
-    assert importers.difference(lambda: np.nan_to_num(reference), reference).startswith("failed: no number")
-    assert importers.difference(crash, reference) == "failed: it crashed"
+        assert importers.describe_difference(lambda v=values: v, reference) == says
+    assert importers.describe_difference(lambda: np.nan_to_num(reference), reference).startswith(
+        "failed: no number"
+    )
+    assert importers.describe_difference(crash, reference) == "failed: it crashed"
 
 
-# ---- The estimator as an FMU in the numbers of a controller: TSE_REAL=fixed and float beside a vehicle in double.
+# ---- The estimator as an FMU in the numbers of a controller: TSE_REAL=fixed and float,
+# beside a vehicle in double.
 
 
 PARTICLES = 64
 
 
-def built(real: str) -> Path:
-    """The folder of the FMUs; compiled quickly, which changes no bit."""
+def build_format(real: str) -> Path:
+    """Build the FMUs quickly, which changes no bit; return their folder."""
     return build(
         f"fmu-{real}-test",
         f"-DTSE_REAL={real}",
@@ -257,13 +292,13 @@ def built(real: str) -> Path:
 
 
 @functools.cache  # a binary that is loaded is not to be written again
-def estimator_in(real: str) -> Unit:
-    return Unit(built(real) / f"{ESTIMATOR}.fmu", scratch() / real)
+def load_estimator(real: str) -> Unit:
+    return Unit(build_format(real) / f"{ESTIMATOR}.fmu", make_scratch_folder() / real)
 
 
 @functools.cache
-def library_in(real: str) -> Path:
-    """The shared library of this format, likewise."""
+def find_library(real: str) -> Path:
+    """Return the shared library of this format, built likewise."""
     where = ROOT / "build" / f"lab-{real}-test"
     with lock_file(lock_of(where)):
         options = [f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug"]
@@ -286,25 +321,33 @@ sys.stdout.buffer.write(pickle.dumps([expected_outputs(row, config) for row in r
 """
 
 
-# An ordinary car is computed in the numbers of the format; Python hands on settings of a fixed-point library in single precision.
+# An ordinary car is computed in the numbers of the format. Python hands the settings of a
+# fixed-point library over in single precision.
 @pytest.mark.parametrize(("real", "exact"), [("fixed", True), ("float", True), ("float", False)])
 def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exact: bool) -> None:
-    unit, settings = estimator_in(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
+    unit, settings = load_estimator(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
     assert f"computes in {real}" in unit.description.description
     done = subprocess.run(
-        [sys.executable, "-c", IN_THE_LIBRARY], input=pickle.dumps((settings, not exact)), capture_output=True,
-        cwd=Path(__file__).parent, timeout=300, env={**os.environ, "TSELAB_LIBRARY": str(library_in(real))},
-    )  # fmt: skip
+        [sys.executable, "-c", IN_THE_LIBRARY],
+        input=pickle.dumps((settings, not exact)),
+        capture_output=True,
+        cwd=Path(__file__).parent,
+        timeout=300,
+        env={**os.environ, "TSELAB_LIBRARY": str(find_library(real))},
+    )
     assert done.returncode == 0, done.stderr.decode()
-    log = recorded_drive()
+    log = read_recorded_drive()
     with Instance(unit) as instance:
-        instance.start({**parameters_of(settings, unit), "vehicle.exact": exact}, time=float(log.time[0]))
+        instance.start({**make_parameters(settings, unit), "vehicle.exact": exact}, time=float(log.time[0]))
         expect_same_rows(log.through_fmu(instance), pickle.loads(done.stdout))
 
 
 def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
-    """A range ends where a number of the format may not: setting the ends is not refused, and reads back within what it holds."""
-    unit = estimator_in("fixed")
+    """Both ends of a range are accepted, also where the format cannot hold them.
+
+    They read back within the resolution of the format.
+    """
+    unit = load_estimator("fixed")
     for name in ("filter.hold_speed", "vehicle.mass", "sensors.accel_x_sd"):
         v = unit.variables[name]
         for edge in (float(v.min), float(v.max)):
@@ -314,14 +357,14 @@ def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
 
 
 def test_the_capacity_that_was_asked_for_is_that_of_the_binary() -> None:
-    unit = estimator_in("fixed")
+    unit = load_estimator("fixed")
     assert int(unit.variables["filter.particles"].max) == PARTICLES
     with Instance(unit) as instance, pytest.raises(Exception, match="fmi2SetInteger failed"):
         instance.set({"filter.particles": PARTICLES + 1})
 
 
 def test_the_vehicle_beside_it_is_the_one_of_the_double_build(vehicle: Unit) -> None:
-    beside = Unit(built("fixed") / f"{VEHICLE}.fmu", scratch() / "vehicle-beside-fixed")
+    beside = Unit(build_format("fixed") / f"{VEHICLE}.fmu", make_scratch_folder() / "vehicle-beside-fixed")
     assert beside.guid == vehicle.guid
     how = [(u.folder / "sources" / "buildDescription.xml").read_text() for u in (beside, vehicle)]
     assert (

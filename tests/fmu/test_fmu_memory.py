@@ -1,5 +1,9 @@
-"""No memory error and no leak across the boundary, as sanitizers and valgrind see it in the importer's own process.
-python test_fmu_memory.py BUILD_FOLDER ROWS: what is run under them."""
+"""No memory error and no leak in the importer's own process, by sanitizers and valgrind.
+
+    python test_fmu_memory.py BUILD_FOLDER ROWS
+
+is the program that runs under them.
+"""
 
 import os
 import re
@@ -10,22 +14,32 @@ from pathlib import Path
 
 import pytest
 from fmpy.fmi1 import FMICallException
-from fmu_support import ESTIMATOR, MODELS, Instance, build, exported, recorded_drive, run, unit
+from fmu_support import (
+    ESTIMATOR,
+    MODELS,
+    Instance,
+    build,
+    find_headers,
+    list_exports,
+    load_unit,
+    read_recorded_drive,
+    run,
+)
 
 HERE = Path(__file__).parent
 FLAGS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
 
 
 def main(folder: str, rows: int) -> None:
-    """Do everything an importer does, several times: drive, save, restore, refuse, free."""
+    """Do all that an importer does, several times: drive, save, restore, refuse, free."""
     for model in MODELS:
-        of = unit(model, folder)
+        of = load_unit(model, folder)
         for _ in range(2):
             with Instance(of, "a", logging=True) as a, Instance(of, "b") as b:
                 parameters = {"filter.particles": 60} if model == ESTIMATOR else {"simulation.seed": 2}
                 a.start(parameters)
                 if model == ESTIMATOR:
-                    recorded_drive(rows).through_fmu(a)
+                    read_recorded_drive(rows).through_fmu(a)
                 else:
                     for k in range(rows):
                         a.set({"wheel_torque_front": 100.0 * (k % 5), "steer_angle": 0.001 * (k % 9)})
@@ -50,8 +64,8 @@ def main(folder: str, rows: int) -> None:
         print(model, "done")
 
 
-def sanitizer() -> str:
-    """The run time of gcc's address sanitizer; empty: there is none."""
+def find_sanitizer() -> str:
+    """Return the run-time library of gcc's address sanitizer; empty: there is none."""
     if not shutil.which("gcc"):
         return ""
     path = subprocess.run(
@@ -60,12 +74,18 @@ def sanitizer() -> str:
     return path if os.path.isabs(path) else ""
 
 
-def scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess.CompletedProcess:
-    return subprocess.run([*before, sys.executable, __file__, environment["FOLDER"], str(rows)], cwd=HERE, capture_output=True,
-                          text=True, timeout=300, env={**os.environ, "PYTHONMALLOC": "malloc", **environment})  # fmt: skip
+def run_scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*before, sys.executable, __file__, environment["FOLDER"], str(rows)],
+        cwd=HERE,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "PYTHONMALLOC": "malloc", **environment},
+    )
 
 
-@pytest.mark.skipif(not sanitizer(), reason="gcc's address sanitizer is not installed")
+@pytest.mark.skipif(not find_sanitizer(), reason="gcc's address sanitizer is not installed")
 def test_sanitizers_find_nothing() -> None:
     build(
         "fmu-asan",
@@ -74,11 +94,11 @@ def test_sanitizers_find_nothing() -> None:
         f"-DCMAKE_C_FLAGS={FLAGS}",
         "-DCMAKE_C_FLAGS_DEBUG=",
     )
-    binary = unit(MODELS[0], "fmu-asan").binary
+    binary = load_unit(MODELS[0], "fmu-asan").binary
     assert "__asan" in run("nm", "-D", binary).stdout, "this FMU was built without the sanitizer"
     # leaks that name no line of ours are Python's own
     options = "detect_leaks=1:exitcode=0:verify_asan_link_order=0:handle_segv=1"
-    done = scenario({"FOLDER": "fmu-asan", "LD_PRELOAD": sanitizer(), "ASAN_OPTIONS": options,
+    done = run_scenario({"FOLDER": "fmu-asan", "LD_PRELOAD": find_sanitizer(), "ASAN_OPTIONS": options,
                      "UBSAN_OPTIONS": "print_stacktrace=1"}, rows=300)  # fmt: skip
     assert done.stdout.count("done") == 2, done.stderr[-4000:]
     assert "ERROR: AddressSanitizer" not in done.stderr and "runtime error" not in done.stderr, done.stderr[
@@ -98,24 +118,36 @@ def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
         for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()
     }
     needed = {n for n in needed if not n.startswith("_")}
-    assert needed <= {"memcpy", "memset", "memcmp", "memchr", "memmove", "strchr", "strcmp", "strrchr", "strlen", "snprintf",
-                      "sqrt"}, needed  # fmt: skip
+    assert needed <= {
+        "memcpy",
+        "memset",
+        "memcmp",
+        "memchr",
+        "memmove",
+        "strchr",
+        "strcmp",
+        "strrchr",
+        "strlen",
+        "snprintf",
+        "sqrt",
+    }, needed
     header = (model.folder / "sources" / "fmi2Functions.h").read_text()
     common, _, rest = header[header.index("FMI2_Export fmi2GetTypesPlatformTYPE") :].partition(
         "Model Exchange"
     )
     co_simulation = rest.partition("Co-Simulation")[2]
     defined = set(re.findall(r"^ *FMI2_Export fmi2\w+TYPE +(fmi2\w+);", common + co_simulation, re.M))
-    assert exported(model.binary) == defined and len(defined) == 34
+    assert list_exports(model.binary) == defined and len(defined) == 34
 
 
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="valgrind is not installed")
 def test_valgrind_finds_nothing_in_a_client(model, tmp_path: Path) -> None:
-    """With the small client instead of Python: uninitialised bytes in what is saved, too. A few steps: valgrind is slow."""
-    from fmu_support import headers
+    """The small client instead of Python also shows uninitialised bytes in saved states.
 
+    It takes a few steps only, because valgrind is slow.
+    """
     client, input_ = tmp_path / "client", tmp_path / "in.csv"
-    run("cc", "-std=c99", "-g", "-I", headers(), HERE / "client.c", "-o", client, "-ldl")
+    run("cc", "-std=c99", "-g", "-I", find_headers(), HERE / "client.c", "-o", client, "-ldl")
     input_.write_text(
         f"time,{model.code('steer_angle')}\n" + "".join(f"{0.01 * k:.2f},0.0{k % 3}\n" for k in range(12))
     )

@@ -1,5 +1,7 @@
-"""The same replay on linux64, aarch64-linux (qemu) and win64 (wine), by FMI 2.0 and 3.0: the same bits, and each goes on from the
-others' states."""
+"""A replay has the same bits on linux64, aarch64-linux (qemu) and win64 (wine).
+
+FMI 2.0 and 3.0 agree, too, and each platform goes on from the states of the others.
+"""
 
 from pathlib import Path
 
@@ -11,60 +13,91 @@ from fmu_support import (
     RUNNERS,
     VEHICLE,
     Unit,
-    bits,
-    client_for,
-    client_input,
-    library_for,
-    recorded_drive,
+    build_library,
+    explain_unavailable,
+    format_bits,
+    load_unit,
+    make_client_command,
+    read_recorded_drive,
     run_client,
-    unavailable,
-    unit,
+    write_client_input,
 )
 
 ROWS, MIDDLE, SETTINGS = 260, 150, {ESTIMATOR: {"filter.particles": 100}, VEHICLE: {"simulation.seed": 4}}
 
 
-def inputs(of: Unit, path: Path) -> Path:
+def write_inputs(of: Unit, path: Path) -> Path:
     if of.identifier == ESTIMATOR:
-        return client_input(recorded_drive(900).part(900 - ROWS, 900), of, path)  # moving, with lost channels
+        return write_client_input(
+            read_recorded_drive(900).part(900 - ROWS, 900), of, path
+        )  # moving, with lost channels
     lines = ["time," + ",".join(of.code(n) for n in DRIVER)]
     for k in range(ROWS):
-        row = [0.01 * k, 0.02 * (-1) ** (k // 50), 700.0 * (-1) ** (k // 70), 20.0 * (k % 5), 100.0 * (k % 3), 0.0,
-               1.0 - 0.001 * k, 0.3 * (k % 4), 0.01 * (k % 5), -0.02 * (k % 3)]  # fmt: skip
+        row = [
+            0.01 * k,
+            0.02 * (-1) ** (k // 50),
+            700.0 * (-1) ** (k // 70),
+            20.0 * (k % 5),
+            100.0 * (k % 3),
+            0.0,
+            1.0 - 0.001 * k,
+            0.3 * (k % 4),
+            0.01 * (k % 5),
+            -0.02 * (k % 3),
+        ]
         assert len(row) == 1 + len(DRIVER)
-        lines.append(",".join(bits(x) for x in row))
+        lines.append(",".join(format_bits(x) for x in row))
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
-def options(of: Unit, outputs: list[str] | None = None) -> list[str]:
+def make_options(of: Unit, outputs: list[str] | None = None) -> list[str]:
     return ["--outputs", ",".join(of.code(n) for n in outputs or of.outputs)]
 
 
 @pytest.fixture(scope="module", params=[ESTIMATOR, VEHICLE])
 def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
-    """The drive on this machine, by the library that CMake built, with a state saved in the middle."""
-    if why := unavailable("linux64"):
+    """Return the drive on this machine, by the library that CMake built.
+
+    A state is saved in the middle.
+    """
+    if why := explain_unavailable("linux64"):
         pytest.skip(why)
-    of, folder = unit(request.param), tmp_path_factory.mktemp(request.param)
+    of, folder = load_unit(request.param), tmp_path_factory.mktemp(request.param)
     settings = [
         x for name, value in SETTINGS[of.identifier].items() for x in ("--set", f"{of.code(name)}={value}")
     ]
-    input_ = inputs(of, folder / "in.csv")
-    text = run_client(client_for("linux64"), of.binary, of, input_, folder / "out.csv", *options(of), *settings,
-                      "--save", f"{folder / 'state'}@{MIDDLE}")  # fmt: skip
+    input_ = write_inputs(of, folder / "in.csv")
+    text = run_client(
+        make_client_command("linux64"),
+        of.binary,
+        of,
+        input_,
+        folder / "out.csv",
+        *make_options(of),
+        *settings,
+        "--save",
+        f"{folder / 'state'}@{MIDDLE}",
+    )
     assert len(text.splitlines()) == ROWS + 1
     return {"unit": of, "input": input_, "text": text, "state": folder / "state", "settings": settings}
 
 
 def run_on(target: str, reference: dict, tmp_path: Path, *more: str, version: str = "") -> str:
-    """What the client says there, of the same inputs; by the FMU of another version of FMI."""
-    if why := unavailable(target):
+    """Return the client's output on the target for the same inputs; `version`: of FMI."""
+    if why := explain_unavailable(target):
         pytest.skip(why)
     old = reference["unit"]
-    of = unit(f"{old.identifier}{version}")
-    return run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv",
-                      *options(of, old.outputs), *more)  # fmt: skip
+    of = load_unit(f"{old.identifier}{version}")
+    return run_client(
+        make_client_command(target),
+        build_library(target, of),
+        of,
+        reference["input"],
+        tmp_path / "out.csv",
+        *make_options(of, old.outputs),
+        *more,
+    )
 
 
 @pytest.mark.parametrize("target", RUNNERS)
@@ -111,8 +144,8 @@ def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path
 
 
 def test_channels_are_those_of_the_estimator() -> None:
-    """So that inputs() sets all there are."""
-    names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
+    """So that write_inputs() sets all there are."""
+    names = [v.name for v in load_unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
     velocities = [
         "given",
         "ins_vel_x",
@@ -121,6 +154,11 @@ def test_channels_are_those_of_the_estimator() -> None:
         "gnss_course",
     ]  # at rest unless one is given
     pedals = ["given", "brake", "wheel_torque_front", "wheel_torque_rear"]
-    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities), *(f"pedals.{v}" for v in pedals),
-                     *(f"road.{v}" for v in ("given", "bank", "grade"))]  # fmt: skip
-    assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER
+    assert names == [
+        *CHANNELS,
+        "missing",
+        *(f"velocity.{v}" for v in velocities),
+        *(f"pedals.{v}" for v in pedals),
+        *(f"road.{v}" for v in ("given", "bank", "grade")),
+    ]
+    assert [v.name for v in load_unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

@@ -1,4 +1,4 @@
-"""The same log through the C library and through the FMU gives the same bits in every output."""
+"""A log gives the same bits in every output through the C library and through the FMU."""
 
 import functools
 import threading
@@ -12,11 +12,11 @@ from fmu_support import (
     Instance,
     Log,
     Unit,
+    compute_expected_outputs,
     expect_same_rows,
-    expected_outputs,
-    parameters_of,
-    recorded_drive,
-    unit,
+    load_unit,
+    make_parameters,
+    read_recorded_drive,
 )
 
 from tse.library.core import Config, SimConfig
@@ -24,8 +24,8 @@ from tse.simulation import maneuvers
 from tse.simulation.simulate import drive, simulate
 
 
-def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:
-    """Square waves; with lost cells, lost rows and, when irregular, rows 3 .. 30 ms apart."""
+def simulate_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:
+    """Simulate square waves, some cells and rows lost; irregular: steps of 3 .. 30 ms."""
     random = np.random.default_rng(seed)
     config = Config.exact()
     maneuver = maneuvers.build(
@@ -45,18 +45,20 @@ def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = Fals
     return Log(maneuver.time[keep], channels)
 
 
-def replay(estimator: Unit, log: Log, settings: dict[str, float], form: str | None = None) -> None:
+def expect_same_replay(
+    estimator: Unit, log: Log, settings: dict[str, float], form: str | None = None
+) -> None:
     full = {**(Config.settings_of(form) if form else {}), **settings}
     expected = log.through_library(settings, form)
     with Instance(estimator) as instance:
-        instance.start(parameters_of(full, estimator), time=float(log.time[0]))
+        instance.start(make_parameters(full, estimator), time=float(log.time[0]))
         expect_same_rows(
-            log.through_fmu(instance), (expected_outputs(row, Config.exact(full)) for row in expected)
+            log.through_fmu(instance), (compute_expected_outputs(row, Config.exact(full)) for row in expected)
         )
 
 
 def test_the_recorded_drive_with_default_settings(estimator: Unit) -> None:
-    replay(estimator, recorded_drive(), {})
+    expect_same_replay(estimator, read_recorded_drive(), {})
 
 
 SWEEP = [
@@ -84,11 +86,11 @@ SWEEP = [
 def test_a_drive_with_gaps_with_other_parameters(
     estimator: Unit, settings: dict[str, float], form: str | None
 ) -> None:
-    replay(estimator, simulated_drive(), settings, form)
+    expect_same_replay(estimator, simulate_drive(), settings, form)
 
 
 def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Unit) -> None:
-    """Slalom at constant speed: cornering stiffness shows, longitudinal stiffness does not."""
+    """A slalom at constant speed shows cornering stiffness only."""
     config = Config.exact({"particles": 100})
     maneuver = maneuvers.build("sine-sweep", config, sample_time=0.01, duration=8.0)
     _, outputs = drive(maneuver, config, SimConfig())
@@ -96,7 +98,9 @@ def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Un
     with Instance(estimator) as instance:
         instance.start({**KNOWN, "filter.particles": 100})
         rows = log.through_fmu(instance)
-    expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
+    expect_same_rows(
+        rows, (compute_expected_outputs(row, config) for row in log.through_library({"particles": 100}))
+    )
     assert any(
         r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"]
         for r in rows
@@ -104,17 +108,17 @@ def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Un
 
 
 def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> None:
-    log = simulated_drive(irregular=True)
+    log = simulate_drive(irregular=True)
     steps = np.diff(log.time)
     assert len(log) > 200 and steps.min() < 0.005 and steps.max() > 0.2 and len(set(np.round(steps, 6))) > 20
-    replay(estimator, log, {"particles": 100})
+    expect_same_replay(estimator, log, {"particles": 100})
 
 
 def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) -> None:
-    log = simulated_drive(2.0)
+    log = simulate_drive(2.0)
     late = Log(log.time + 1e5, log.channels)
     expected = [
-        expected_outputs(row, Config.exact({"particles": 60}))
+        compute_expected_outputs(row, Config.exact({"particles": 60}))
         for row in late.through_library({"particles": 60})
     ]
     with Instance(estimator) as instance:
@@ -127,7 +131,7 @@ def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) ->
 
 def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
     """FMPy lets go of Python's lock during a call."""
-    logs = [simulated_drive(3.0, seed) for seed in (1, 2, 3)]
+    logs = [simulate_drive(3.0, seed) for seed in (1, 2, 3)]
     got: dict[int, list] = {}
 
     def work(k: int) -> None:
@@ -142,10 +146,13 @@ def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
         t.join()
     for k, log in enumerate(logs):
         rows = log.through_library({"particles": 200})
-        expect_same_rows(got[k], (expected_outputs(row, Config.exact({"particles": 200})) for row in rows))
+        expect_same_rows(
+            got[k], (compute_expected_outputs(row, Config.exact({"particles": 200})) for row in rows)
+        )
 
 
-# ---- The paper's study (Sec. IV-A) with the two FMUs in a loop, against the same study through the library.
+# ---- The paper's study (Sec. IV-A) with the two FMUs in a loop, against the same study
+# through the library.
 
 
 SEEDS = (1, 2, 3)
@@ -154,14 +161,17 @@ STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 START = {f"initial_{s}": 0.7 for s in STIFFNESS}
 
 
-def square(time: float, period: float) -> float:
+def make_square_wave(time: float, period: float) -> float:
     return 1.0 if (time / period + 1e-9) % 1.0 < 0.5 else -1.0
 
 
 @dataclass
 class Study:
-    """What the estimator was given and put out, row by row; per stiffness mean error [%], mean square error [%^2], share of the
-    time that it is called valid [%]."""
+    """Inputs and outputs of the estimator row by row, and scores per stiffness.
+
+    The scores: mean error [%], mean square error [%^2], share of the time called valid
+    [%].
+    """
 
     log: Log
     rows: list[dict[str, float]]
@@ -169,21 +179,21 @@ class Study:
 
 
 @functools.cache
-def study(seed: int, ramp: bool = True) -> Study:
+def run_study(seed: int, ramp: bool = True) -> Study:
     """Run both."""
-    vehicle, estimator = unit("SingleTrackVehicle"), unit("TireStiffnessEstimator")
+    vehicle, estimator = load_unit("SingleTrackVehicle"), load_unit("TireStiffnessEstimator")
     n = round(DURATION / STEP) + 1
     errors, valid, channels, rows = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, len(CHANNELS))), []
 
     def driver(k: int) -> dict[str, float]:
         return {
-            "steer_angle": 0.02 * square(k * STEP, 4.0),
-            "wheel_torque_front": 700.0 * square(k * STEP, 5.0),
+            "steer_angle": 0.02 * make_square_wave(k * STEP, 4.0),
+            "wheel_torque_front": 700.0 * make_square_wave(k * STEP, 5.0),
         }
 
     with Instance(vehicle, "vehicle") as car, Instance(estimator, "estimator") as filter_:
         car.start({"simulation.seed": seed, "ramp": ramp}, driver(0))
-        filter_.start(parameters_of({"seed": seed, **START}, estimator))
+        filter_.start(make_parameters({"seed": seed, **START}, estimator))
         for k in range(n):
             row = car.get([f"sensor.{c}" for c in CHANNELS] + [f"true.{s}" for s in STIFFNESS])
             channels[k] = [row[f"sensor.{c}"] for c in CHANNELS]
@@ -193,7 +203,7 @@ def study(seed: int, ramp: bool = True) -> Study:
             for a, s in enumerate(STIFFNESS):
                 errors[k, a] = 100 * (rows[-1][f"estimate.{s}"] / row[f"true.{s}"] - 1)
                 valid[k, a] = rows[-1][f"estimate.{s}_valid"]
-            # with ramp: where the driver is at the end of the step; held: what he did at its start
+            # ramp: the driver's inputs at the end of the step; held: those at its start
             car.set(driver(k + 1 if ramp else k))
             car.step(k * STEP, STEP)
     late = np.arange(n) * STEP >= WINDOW
@@ -206,44 +216,57 @@ def study(seed: int, ramp: bool = True) -> Study:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_each_run_is_the_run_of_the_library(seed: int) -> None:
-    """The vehicle drives as the simulator does, but for the last bit of the time steps; of what it logged the estimator makes what
-    the library makes."""
-    run, settings = study(seed), {"seed": seed, **START}
+    """The vehicle drives as the simulator does, but for the last bit of the time steps.
+
+    From its log the estimator computes what the library computes.
+    """
+    run, settings = run_study(seed), {"seed": seed, **START}
     config = Config.exact(settings)
     maneuver = maneuvers.build("square-waves", config, sample_time=STEP, duration=DURATION)
     log = simulate(maneuver, config, SimConfig({"seed": seed})).log
     assert np.abs(log[CHANNELS].to_numpy(float) - run.log.channels).max() < 1e-9
-    expect_same_rows(run.rows, (expected_outputs(row, config) for row in run.log.through_library(settings)))
+    expect_same_rows(
+        run.rows, (compute_expected_outputs(row, config) for row in run.log.through_library(settings))
+    )
 
 
 def test_estimates_leave_the_start_for_the_truth() -> None:
     """They start 30 % too low."""
     for s in STIFFNESS:
-        mean, square_, valid = np.array([study(seed).result[s] for seed in SEEDS]).T
+        mean, square_, valid = np.array([run_study(seed).result[s] for seed in SEEDS]).T
         print(
-            f"{s}: mean error {mean.mean():+.2f} %, RMS {np.sqrt(square_).mean():.2f} %, valid {valid.mean():.0f} %"
+            f"{s}: mean error {mean.mean():+.2f} %, RMS {np.sqrt(square_).mean():.2f} %, "
+            f"valid {valid.mean():.0f} %"
         )
         assert np.sqrt(square_).max() < 15 and valid.min() > 50, s
 
 
 def test_held_inputs_cost_the_stiffness_little() -> None:
-    """src/host/simulate.c, between(): held inputs lead the logged rows by half a row, and the estimator can only interpolate. Hence
-    `ramp` is true by default."""
+    """Held inputs lead the logged rows by half a row (src/host/simulate.c, between()).
+
+    The estimator can only interpolate. Hence `ramp` is true by default.
+    """
     for s in STIFFNESS:
-        cost = np.array([study(seed, ramp=False).result[s][0] - study(seed).result[s][0] for seed in SEEDS])
+        cost = np.array(
+            [run_study(seed, ramp=False).result[s][0] - run_study(seed).result[s][0] for seed in SEEDS]
+        )
         print(
-            f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % ({cost.min():+.2f} .. {cost.max():+.2f})"
+            f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % "
+            f"({cost.min():+.2f} .. {cost.max():+.2f})"
         )
         assert 0 < np.abs(cost).max() < 5, s
 
 
 def test_a_first_row_of_zeros_is_forgotten() -> None:
-    """What importers hand on that connect outputs one step late (fmu/connect.html). Soon estimates are about those without it."""
-    run, estimator = study(1), unit("TireStiffnessEstimator")
+    """Importers that connect outputs one step late hand on a first row of zeros.
+
+    Soon the estimates are close to those without it (fmu/connect.html).
+    """
+    run, estimator = run_study(1), load_unit("TireStiffnessEstimator")
     channels = run.log.channels[:2000].copy()
     channels[0] = 0.0
     with Instance(estimator) as instance:
-        instance.start(parameters_of({"seed": 1, **START}, estimator))
+        instance.start(make_parameters({"seed": 1, **START}, estimator))
         rows = Log(run.log.time[:2000], channels).through_fmu(instance)
     for k in (499, 999, 1999):
         for s in STIFFNESS:
@@ -252,7 +275,7 @@ def test_a_first_row_of_zeros_is_forgotten() -> None:
 
 
 def test_an_fmu_that_is_told_no_mass_finds_nothing_valid(estimator: Unit) -> None:
-    log = simulated_drive()
+    log = simulate_drive()
     with Instance(estimator) as instance:
         instance.start(time=float(log.time[0]))
         rows = log.through_fmu(instance)

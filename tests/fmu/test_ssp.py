@@ -1,5 +1,7 @@
-"""The system that connects both FMUs: its description, and that an importer of systems gets out of it what two FMUs stepped by hand
-give."""
+"""The system that connects both FMUs: its description, and its results in an importer.
+
+The results are those of two FMUs stepped by hand.
+"""
 
 import re
 import zipfile
@@ -8,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fmu_support import ESTIMATOR, VEHICLE, Instance, unit
+from fmu_support import ESTIMATOR, VEHICLE, Instance, load_unit
 
 from tse.library.errors import UserError
 from tselab.cli import cli
@@ -29,11 +31,11 @@ def ssp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "StiffnessStudy.ssp"
 
 
-def steering(time: float) -> float:
+def get_steering(time: float) -> float:
     return 0.02 if time % 2 < 1 else -0.02
 
 
-def torque(time: float) -> float:
+def get_torque(time: float) -> float:
     return 300.0 if time % 1 < 0.5 else -300.0
 
 
@@ -56,8 +58,11 @@ def test_the_description_is_valid_and_every_connector_is_a_variable_of_its_fmu(s
     assert {c.endConnector for c in system.system.connections if c.endElement == "estimator"} == inputs
 
 
-def known_car(ssp):
-    """What the system sets of the estimator, as FMPy takes it: it reads the parameters of a system and does not apply them."""
+def read_known_car(ssp):
+    """Return the system's parameters of the estimator in the form FMPy takes.
+
+    FMPy reads the parameters of a system and does not apply them.
+    """
     from fmpy.ssp.ssd import Parameter, ParameterSet, read_ssd
 
     vehicle, estimator = read_ssd(str(ssp)).system.elements
@@ -104,19 +109,27 @@ def test_a_vehicle_file_becomes_the_parameters_of_its_settings(of, ssp, tmp_path
 
 def test_what_is_not_the_estimator_is_refused(ssp, tmp_path):
     (tmp_path / "text.fmu").write_text("no zip file")
-    for path, words in ((ssp.with_name("SingleTrackVehicle.fmu"), "is not the estimator"), (ssp, "is not an FMU"),
-                        (tmp_path / "text.fmu", "is not an FMU"), (tmp_path / "none.fmu", "no such file")):  # fmt: skip
+    for path, words in (
+        (ssp.with_name("SingleTrackVehicle.fmu"), "is not the estimator"),
+        (ssp, "is not an FMU"),
+        (tmp_path / "text.fmu", "is not an FMU"),
+        (tmp_path / "none.fmu", "no such file"),
+    ):
         with pytest.raises(UserError, match=words):
             parameters_of(path)
 
 
 def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp):
-    drive = {"steer_angle": steering, "wheel_torque_front": torque, "wheel_torque_rear": lambda _: 0.0}
+    drive = {
+        "steer_angle": get_steering,
+        "wheel_torque_front": get_torque,
+        "wheel_torque_rear": lambda _: 0.0,
+    }
     result = fmpy_ssp.simulate_ssp(
-        str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive
+        str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=read_known_car(ssp), input=drive
     )
     assert len(result) == STEPS
-    by_hand = stepped_by_hand()
+    by_hand = step_by_hand()
     for name in by_hand.dtype.names:
         assert np.array_equal(result[name], by_hand[name]), name
     # the connection carries something
@@ -134,13 +147,13 @@ def test_the_example_of_the_guide_comes_to_the_truth_and_says_why_it_restarts(ss
     assert "sensors that jump" in said.out + said.err
 
 
-def stepped_by_hand() -> np.ndarray:
-    """FMPy's master: all step with what was there, then outputs go over to inputs."""
+def step_by_hand() -> np.ndarray:
+    """Step all FMUs with their present inputs, then copy outputs to inputs (as FMPy)."""
     sensors = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     stiffness = ("cx_front", "cy_front", "cy_rear")
     truth, estimate = [f"true.{s}" for s in stiffness], [f"estimate.{s}" for s in stiffness]
     rows = []
-    with Instance(unit(VEHICLE)) as vehicle, Instance(unit(ESTIMATOR)) as estimator:
+    with Instance(load_unit(VEHICLE)) as vehicle, Instance(load_unit(ESTIMATOR)) as estimator:
         vehicle.start()
         estimator.start({"vehicle.exact": True})
         driver, measured = (
@@ -157,8 +170,8 @@ def stepped_by_hand() -> np.ndarray:
             rows.append((*(values[n] for n in truth), *estimator.get(estimate).values()))
             measured = {s: values[f"sensor.{s}"] for s in sensors}
             driver = {
-                "steer_angle": steering(time),
-                "wheel_torque_front": torque(time),
+                "steer_angle": get_steering(time),
+                "wheel_torque_front": get_torque(time),
                 "wheel_torque_rear": 0.0,
             }
     names = [*(f"vehicle.{n}" for n in truth), *(f"estimator.{n}" for n in estimate)]

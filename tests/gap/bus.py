@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.gap.runs import in_processes
-from tests.gap.study import interval
+from tests.gap.runs import run_in_processes
+from tests.gap.study import format_interval
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "scripts" / "results" / "gap-bus.md"
@@ -53,7 +53,7 @@ SHOWN = (
 )
 
 
-def mf4(csv: Path, path: Path) -> None:
+def write_bus_log(csv: Path, path: Path) -> None:
     """Write a log as a bus has it."""
     from asammdf import MDF, Signal
 
@@ -80,7 +80,7 @@ def run(asked: tuple[int, str]) -> dict:
     with tempfile.TemporaryDirectory() as name:
         folder = case.write(Path(name) / "case")
         for path in sorted(folder.glob("*.csv")):
-            mf4(path, path.with_suffix(".mf4"))
+            write_bus_log(path, path.with_suffix(".mf4"))
         for kind in ("csv", "mf4"):
             logs, held = (sorted(folder.glob(f"{part}_*.{kind}")) for part in ("log", "hold_out"))
             verdict = gap(logs, folder / "car.toml", held).as_json()
@@ -94,13 +94,13 @@ def run(asked: tuple[int, str]) -> dict:
     return found
 
 
-def same(case: dict) -> bool:
+def is_same(case: dict) -> bool:
     """Return whether the names of the car are the same, or admitted look-alikes."""
     a, b = case["csv"], case["mf4"]
     return set(a["names"]) <= {*b["names"], *b["alike"]} and set(b["names"]) <= {*a["names"], *a["alike"]}
 
 
-def table(cases: list[dict]) -> str:
+def make_table(cases: list[dict]) -> str:
     """Return the results of cases as Markdown."""
     lines = [
         "| hidden | seed | clean CSV | bus: of the car | bus: of the sensors |",
@@ -110,13 +110,14 @@ def table(cases: list[dict]) -> str:
         cells = (", ".join(x) or "-" for x in (c["csv"]["names"], c["mf4"]["names"], c["mf4"]["sensors"]))
         lines.append(f"| {c['hidden'] or '-'} | {c['seed']} | " + " | ".join(cells) + " |")
     clean, hidden = ([c for c in cases if bool(c["hidden"]) is kind] for kind in (False, True))
-    quiet, alike = sum(not c["mf4"]["names"] for c in clean), sum(map(same, cases))
+    quiet, alike = sum(not c["mf4"]["names"] for c in clean), sum(map(is_same, cases))
     found = sum(c["hidden"] in c["mf4"]["names"] for c in hidden)
     more = sum(len(set(c["mf4"]["names"]) - {c["hidden"]}) for c in hidden)
     lines.append(
         f"\nNo effect of the car on {quiet} of {len(clean)} cars on a bus that hide nothing (95 %: "
-        f"{interval(quiet, len(clean))}); the same names as from the clean log in {alike} of {len(cases)} "
-        f"({interval(alike, len(cases))}); on a bus {found} of {len(hidden)} hidden effects are named, "
+        f"{format_interval(quiet, len(clean))}); the same names as from the clean log in {alike} "
+        f"of {len(cases)} ({format_interval(alike, len(cases))}); "
+        f"on a bus {found} of {len(hidden)} hidden effects are named, "
         f"and {more} more names."
     )
     return "\n".join(lines) + "\n"
@@ -131,10 +132,12 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help=f"default, of all cases: {TABLE.relative_to(ROOT)}")
     options = parser.parse_args()
     effects = [""] * options.clean + [SHOWN[k % len(SHOWN)] for k in range(options.hidden)]
-    cases = in_processes(run, [(options.first + k, e) for k, e in enumerate(effects)], options.jobs, "car")
+    cases = run_in_processes(
+        run, [(options.first + k, e) for k, e in enumerate(effects)], options.jobs, "car"
+    )
     if cases is None:
         return 130
-    text = table(cases)
+    text = make_table(cases)
     print(text)
     whole = (options.clean, options.hidden, options.first) == (CLEAN, HIDDEN, FIRST)
     if options.out or whole:

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.gap.runs import in_processes
+from tests.gap.runs import run_in_processes
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "scripts" / "results" / "gap-loop.md"
@@ -82,7 +82,8 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
         files = {"before": read_vehicle(folder / "car.toml"), "after": read_vehicle(improved)}
         logs = [read_log(p) for p in sorted(folder.glob("hold_out_*.csv"))]
         found = {
-            when: _judged([(log, make_config(v, log)[0]) for log in logs], true) for when, v in files.items()
+            when: score_estimates([(log, make_config(v, log)[0]) for log in logs], true)
+            for when, v in files.items()
         }
     both = [(known["gap"][k], known["car"][k]) for k in true]
     values = {f.name: (f.value, f.value - 1.96 * f.sd, f.value + 1.96 * f.sd) for f in calibrated.findings}
@@ -95,7 +96,7 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     }  # fmt: skip
 
 
-def _judged(drives: list, true: dict[str, float]) -> dict:
+def score_estimates(drives: list, true: dict[str, float]) -> dict:
     """Return error, share of valid rows, and their share within the 95 % interval.
 
     For both cornering stiffnesses, and for the longitudinal one.
@@ -124,7 +125,7 @@ def _judged(drives: list, true: dict[str, float]) -> dict:
     return found
 
 
-def table(cases: list[dict]) -> str:
+def make_table(cases: list[dict]) -> str:
     """Return the results of cases as Markdown."""
     lines = [
         "| hidden | named | cornering: error, % | over before | valid, % | of these in 95 % interval | "
@@ -167,10 +168,10 @@ def main() -> int:
     asked = [
         a for a in asked if not options.only or any(o in ("+".join(a[1]) or "clean") for o in options.only)
     ]
-    found = in_processes(run, asked, options.jobs, "case")
+    found = run_in_processes(run, asked, options.jobs, "case")
     if found is None:
         return 130
-    text = table(found)
+    text = make_table(found)
     print(text, json.dumps(found))
     if len(found) == len(CASES) and options.seed == SEED:
         TABLE.write_text(text, encoding="utf-8")

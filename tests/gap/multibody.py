@@ -15,7 +15,7 @@ the model (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS ty
 all.
 
 The package has axes of SAE (z down, y right: a left wheel runs faster for yaw rate > 0,
-gravity adds to z'), tse those of ISO 8855 (z up, y left). Here all is SAE until `sensors`
+gravity adds to z'), tse those of ISO 8855 (z up, y left). All is SAE until `make_log`
 converts it. A `Program`, the driver's demand, is ISO.
 """
 
@@ -35,7 +35,7 @@ from vehiclemodels.init_mb import init_mb
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb as rates
 from vehiclemodels.vehicle_parameters import VehicleParameters, setup_vehicle_parameters
 
-from tests.gap.runs import in_processes
+from tests.gap.runs import run_in_processes
 from tse.gaps.run.workflow import run as gap
 from tse.report.results import plain
 
@@ -69,7 +69,7 @@ Input = Callable[[int, list[float]], tuple[float, float]]
 # ---- the car and its tyres
 
 
-def parameters(number: int) -> VehicleParameters:
+def make_parameters(number: int) -> VehicleParameters:
     """Return the package's parameters, with tyres changed to behave as real ones.
 
     No shift of side force by the sign of camber, which makes it jump at 0. A leaning
@@ -84,13 +84,13 @@ def parameters(number: int) -> VehicleParameters:
     return p
 
 
-def static_load(p: VehicleParameters) -> np.ndarray:
+def compute_static_load(p: VehicleParameters) -> np.ndarray:
     """Return the load of both axles at rest, N, (2,), with the axles' own mass."""
     length = p.a + p.b
     return GRAVITY * np.array([p.m_s * p.b / length + p.m_uf, p.m_s * p.a / length + p.m_ur])
 
 
-def at_rest(p: VehicleParameters, speed: float) -> list[float]:
+def make_straight_state(p: VehicleParameters, speed: float) -> list[float]:
     """Return the state of a straight drive at `speed`, m/s, (29,), in equilibrium.
 
     `init_mb` leaves body height and pitch at 0 with compressed tyres, so the body would
@@ -103,7 +103,7 @@ def at_rest(p: VehicleParameters, speed: float) -> list[float]:
     return x
 
 
-def tyre_force(
+def compute_tyre_force(
     p: VehicleParameters, slip: float, angle: float, camber: float, load: float
 ) -> tuple[float, float]:
     """Return the force of one tyre, N, forwards and to the right in the wheel's axes.
@@ -137,7 +137,7 @@ class Wheels:
         return c * x - s * y, c * y + s * x
 
 
-def wheels(p: VehicleParameters, x: list[float]) -> Wheels:
+def compute_wheels(p: VehicleParameters, x: list[float]) -> Wheels:
     """Compute the wheels as the package does internally; `check` compares both."""
     found = []
     for axle, (arm, track, d, e) in enumerate(((p.a, p.T_f, p.D_f, p.E_f), (-p.b, p.T_r, p.D_r, p.E_r))):
@@ -153,30 +153,29 @@ def wheels(p: VehicleParameters, x: list[float]) -> Wheels:
             spring = (p.h_s - p.R_w + height_u - x[HEIGHT]) / np.cos(x[ROLL]) - p.h_s + p.R_w
             spring += arm * x[PITCH] - side * 0.5 * (x[ROLL] - roll_u) * track
             camber = x[ROLL] - side * (d * spring + e * spring**2)
-            found.append((angle, slip, camber, load, *tyre_force(p, slip, angle, camber, load)))
+            found.append((angle, slip, camber, load, *compute_tyre_force(p, slip, angle, camber, load)))
     return Wheels(*np.array(found).T)
 
 
 def check(p: VehicleParameters, x: list[float]) -> float:
-    """Return the difference of the acceleration by `wheels` from the package's rates,
-    m/s2."""
+    """Return the difference between compute_wheels() and the package's rates, m/s2."""
     f = rates(list(x), [0.0, 0.0], p)
-    along, aside = (v.sum() for v in wheels(p, x).body(x[STEER]))
+    along, aside = (v.sum() for v in compute_wheels(p, x).body(x[STEER]))
     turning = x[YAW_RATE] * x[VX]
     lateral = p.m_s * (f[VY] + turning) + p.m_uf * (f[VY_U[0]] + turning) + p.m_ur * (f[VY_U[1]] + turning)
     return float(max(abs(f[VX] - x[YAW_RATE] * x[VY] - along / p.m), abs(lateral - aside) / p.m))
 
 
-def slopes(p: VehicleParameters) -> dict[str, float]:
+def compute_slopes(p: VehicleParameters) -> dict[str, float]:
     """Return the stiffness of the axles at static load, straight, free rolling: N/rad, N.
 
     Without camber: tse's nominal values.
     """
     step, found = 1e-6, {}
-    for axle, load in zip(("front", "rear"), 0.5 * static_load(p), strict=True):
+    for axle, load in zip(("front", "rear"), 0.5 * compute_static_load(p), strict=True):
         free = free_slip(p, load)
-        by_angle = [tyre_force(p, free, s * step, 0.0, load)[1] for s in (-1, 1)]
-        by_slip = [tyre_force(p, free + s * step, 0.0, 0.0, load)[0] for s in (-1, 1)]
+        by_angle = [compute_tyre_force(p, free, s * step, 0.0, load)[1] for s in (-1, 1)]
+        by_slip = [compute_tyre_force(p, free + s * step, 0.0, 0.0, load)[0] for s in (-1, 1)]
         # two wheels, two steps
         found[f"cornering_stiffness_{axle}"] = float(by_angle[0] - by_angle[1]) / step
         found[f"longitudinal_stiffness_{axle}"] = float(by_slip[1] - by_slip[0]) / step
@@ -188,11 +187,11 @@ def free_slip(p: VehicleParameters, load: float) -> float:
     shifted."""
     slip = 0.0
     for _ in range(30):  # secant of known slope
-        slip -= tyre_force(p, slip, 0.0, 0.0, load)[0] / (p.tire.p_kx1 * load)
+        slip -= compute_tyre_force(p, slip, 0.0, 0.0, load)[0] / (p.tire.p_kx1 * load)
     return slip
 
 
-def vehicle(p: VehicleParameters) -> dict[str, float]:
+def make_vehicle(p: VehicleParameters) -> dict[str, float]:
     """Return the car as its engineer knows it: keys of src/tables/vehicle.toml, SI."""
     return {
         "mass": p.m,
@@ -204,20 +203,20 @@ def vehicle(p: VehicleParameters) -> dict[str, float]:
         "cg_height": p.h_cg,
         "wheel_radius_front": p.R_w,
         "wheel_radius_rear": p.R_w,
-        **slopes(p),
+        **compute_slopes(p),
     }
 
 
-def vehicle_toml(p: VehicleParameters, number: int) -> str:
+def format_vehicle(p: VehicleParameters, number: int) -> str:
     """Return the vehicle file: nominal values and sensor noise, without the truth."""
-    known = {"wheelbase": p.a + p.b, **vehicle(p)}
+    known = {"wheelbase": p.a + p.b, **make_vehicle(p)}
     sensors = {f"{k}_sd": NOISE[k] for k in ("accel_x", "accel_y", "yaw_rate")}
     sensors["wheel_noise_sd"] = NOISE["wheel_speed_front"]
     lines = [f'name = "multi-body {NAMES[number]}"', f'driven_axle = "{"front" if p.T_se > 0.5 else "rear"}"']
-    return "\n".join([*lines, *_keys(known), "", "[sensors]", *_keys(sensors), ""])
+    return "\n".join([*lines, *format_keys(known), "", "[sensors]", *format_keys(sensors), ""])
 
 
-def _keys(values: dict[str, float]) -> list[str]:
+def format_keys(values: dict[str, float]) -> list[str]:
     return [f"{k} = {v:.7g}" for k, v in values.items()]
 
 
@@ -261,7 +260,7 @@ class Program:
     accel: np.ndarray  # m/s2
 
 
-def driver(program: Program) -> Input:
+def make_driver(program: Program) -> Input:
     """Steer as the program, and drive or brake for its acceleration and speed."""
     steer_rate = np.gradient(program.steer, 0.5 * STEP)
     signals = list(
@@ -389,22 +388,22 @@ FITTED: dict[str, Callable[[Track], None]] = {
 HELD_OUT: dict[str, Callable[[Track], None]] = {"slalom": _slalom, "double_lane_change": _double_lane_change}
 
 
-def stream(seed: int, what: str) -> np.random.Generator:
+def make_stream(seed: int, what: str) -> np.random.Generator:
     """Return a random stream by seed and purpose, independent of other draws."""
     return np.random.default_rng([seed, *what.encode()])
 
 
-def program_of(p: VehicleParameters, name: str, seed: int) -> Program:
+def draw_program(p: VehicleParameters, name: str, seed: int) -> Program:
     """Return a manoeuvre of FITTED or HELD_OUT, drawn by seed."""
-    track = Track(p, stream(seed, name))
+    track = Track(p, make_stream(seed, name))
     {**FITTED, **HELD_OUT}[name](track)
     return Program(track.steer, track.speed(), track.accel)
 
 
-def motion(p: VehicleParameters, program: Program) -> np.ndarray:
+def simulate_motion(p: VehicleParameters, program: Program) -> np.ndarray:
     """Return state and rate every SAMPLE from the start of the log, (samples, 2, 29)."""
     steps, every = round((DURATION + SETTLE) / STEP), round(SAMPLE / STEP)
-    return drive(p, at_rest(p, float(program.speed[0])), driver(program), steps, every)[
+    return drive(p, make_straight_state(p, float(program.speed[0])), make_driver(program), steps, every)[
         round(SETTLE / SAMPLE) :
     ]
 
@@ -412,7 +411,7 @@ def motion(p: VehicleParameters, program: Program) -> np.ndarray:
 # ---- sensors
 
 
-def imu(x: np.ndarray, f: np.ndarray, level: float) -> np.ndarray:
+def measure_motion(x: np.ndarray, f: np.ndarray, level: float) -> np.ndarray:
     """Return accel_x, accel_y, m/s2, and yaw_rate, rad/s, of a body-fixed IMU, ISO, (n,
     3).
 
@@ -434,11 +433,11 @@ def imu(x: np.ndarray, f: np.ndarray, level: float) -> np.ndarray:
     return np.stack([body_x, -body_y, -body_r], -1)
 
 
-def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def make_log(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Return the columns of a log, each (n,), ISO, SI."""
     x, f = kept[:, 0], kept[:, 1]
     omega = x[:, OMEGA]
-    measured = imu(x, f, at_rest(p, 20.0)[PITCH])
+    measured = measure_motion(x, f, make_straight_state(p, 20.0)[PITCH])
     values = (
         np.arange(len(x)) * SAMPLE,
         -x[:, STEER],
@@ -455,7 +454,7 @@ def sensors(p: VehicleParameters, kept: np.ndarray, rng: np.random.Generator) ->
 # ---- what is true of this car, by experiments of its own
 
 
-def held(p: VehicleParameters, speed: float, steer: float, seconds: float = 6.0) -> list[float]:
+def hold_steering(p: VehicleParameters, speed: float, steer: float, seconds: float = 6.0) -> list[float]:
     """Return the state after steering to `steer` (rad, SAE) in 1 s and holding it, (29,).
 
     The speed (m/s) is held, too.
@@ -466,31 +465,31 @@ def held(p: VehicleParameters, speed: float, steer: float, seconds: float = 6.0)
         to = steer * min(1.0, 0.5 * i * STEP)
         return STEER_GAIN * (to - x[STEER]), 2.0 * (speed - x[VX])
 
-    return list(drive(p, at_rest(p, speed), wanted, steps, steps)[-1, 0])
+    return list(drive(p, make_straight_state(p, speed), wanted, steps, steps)[-1, 0])
 
 
 OUTPUTS = ("roll", "pitch", "force_x", "force_y", "load_front", "load_rear")
 
 
-def outputs(p: VehicleParameters, x: list[float]) -> np.ndarray:
+def compute_outputs(p: VehicleParameters, x: list[float]) -> np.ndarray:
     """Return OUTPUTS, (6,): rad; force of all tyres over mass in m/s2; N. SAE."""
-    w = wheels(p, x)
+    w = compute_wheels(p, x)
     along, aside = w.body(x[STEER])
     return np.array([x[ROLL], x[PITCH], along.sum() / p.m, aside.sum() / p.m, *w.load.reshape(2, 2).sum(1)])
 
 
-def response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> dict[str, np.ndarray]:
+def measure_response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> dict[str, np.ndarray]:
     """Return the complex response of OUTPUTS to steering, throttle or brakes,
     (len(hertz),).
 
     by = "steer", "drive" or "brake". Linearised about driving straight at `speed`, by
     central differences of the package's rates.
     """
-    x = held(p, speed, 0.0, 3.0)
+    x = hold_steering(p, speed, 0.0, 3.0)
     n, step = len(x), 1e-6
 
     def both(y: list[float], accel: float) -> np.ndarray:
-        return np.concatenate([rates(list(y), [0.0, accel], p), outputs(p, y)])
+        return np.concatenate([rates(list(y), [0.0, accel], p), compute_outputs(p, y)])
 
     moved = np.empty((n + len(OUTPUTS), n))
     for i in range(n):
@@ -508,7 +507,7 @@ def response(p: VehicleParameters, speed: float, by: str, hertz: np.ndarray) -> 
     return dict(zip(OUTPUTS, found.T, strict=True))
 
 
-def gain(hertz: np.ndarray, wanted: np.ndarray) -> float:
+def fit_gain(hertz: np.ndarray, wanted: np.ndarray) -> float:
     """Return the gain of gain w^2/(s^2 + 2 z w s + w^2) nearest to a complex response."""
     s = 2j * np.pi * hertz
 
@@ -523,33 +522,33 @@ def gain(hertz: np.ndarray, wanted: np.ndarray) -> float:
 ROLLING = np.linspace(0.1, 3.0, 59)  # Hz, where the modes are fitted
 
 
-def roll_gain(p: VehicleParameters) -> float:
+def measure_roll_gain(p: VehicleParameters) -> float:
     """Return the gain of body_roll, rad s2/m: roll over the tyres' force by a mode.
 
     Linearised at 20 m/s, by steering, 0.1 .. 3 Hz.
     """
-    y = response(p, 20.0, "steer", ROLLING)
+    y = measure_response(p, 20.0, "steer", ROLLING)
     # SAE: to the right > 0, so outwards in a left turn, whose force is < 0
-    return gain(ROLLING, -y["roll"] / y["force_y"])
+    return fit_gain(ROLLING, -y["roll"] / y["force_y"])
 
 
-def pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
+def measure_pitch_and_load(p: VehicleParameters) -> tuple[float, float]:
     """Return the gains of pitch_leak (nose up > 0) and longitudinal_load_transfer.
 
     Linearised at 20 m/s; means of brakes and throttle, and of axles. Stiffness is
     proportional to load: its relative change over the acceleration by the tyres, at 0.1
     Hz. In the package it comes with the pitch mode, not at once.
     """
-    pitch, transfer, load = [], [], static_load(p)
+    pitch, transfer, load = [], [], compute_static_load(p)
     for by in ("brake", "drive"):
-        y = response(p, 20.0, by, ROLLING)
-        pitch.append(gain(ROLLING, y["pitch"] / y["force_x"]))
+        y = measure_response(p, 20.0, by, ROLLING)
+        pitch.append(fit_gain(ROLLING, y["pitch"] / y["force_x"]))
         ahead = (y["load_front"] / y["force_x"])[0].real / load[0]
         transfer.append(0.5 * ((y["load_rear"] / y["force_x"])[0].real / load[1] - ahead))
     return 0.5 * sum(pitch), 0.5 * sum(transfer)
 
 
-def rear_camber_steer(p: VehicleParameters) -> float:
+def measure_rear_camber_steer(p: VehicleParameters) -> float:
     """Return the slip angle into the turn of the rear axle's camber force, over roll
     angle.
 
@@ -557,52 +556,56 @@ def rear_camber_steer(p: VehicleParameters) -> float:
     stiffness, over roll. In the package a wheel that leans out pushes in. The front axle
     has the same, for which the catalogue has no effect.
     """
-    x = held(p, 20.0, -2.0 * (p.a + p.b) / 400)
-    w = wheels(p, x)
+    x = hold_steering(p, 20.0, -2.0 * (p.a + p.b) / 400)
+    w = compute_wheels(p, x)
     rear = zip(w.slip[2:], w.angle[2:], w.load[2:], strict=True)
-    upright = sum(tyre_force(p, s, a, 0.0, z)[1] for s, a, z in rear)
-    return float((upright - w.aside[2:].sum()) / slopes(p)["cornering_stiffness_rear"] / x[ROLL])
+    upright = sum(compute_tyre_force(p, s, a, 0.0, z)[1] for s, a, z in rear)
+    return float((upright - w.aside[2:].sum()) / compute_slopes(p)["cornering_stiffness_rear"] / x[ROLL])
 
 
-def inverse_friction(p: VehicleParameters) -> float:
+def measure_inverse_friction(p: VehicleParameters) -> float:
     """Return tse's load of an axle over the maximum side force of its tyres, mean of
     both.
 
     Loads m g lr/L and m g lf/L; tyres without camber.
     """
     found, angle = [], np.linspace(0, 0.3, 1201)
-    for load, carried in zip(p.m * GRAVITY / (p.a + p.b) * np.array([p.b, p.a]), static_load(p), strict=True):
+    for load, carried in zip(
+        p.m * GRAVITY / (p.a + p.b) * np.array([p.b, p.a]), compute_static_load(p), strict=True
+    ):
         free = free_slip(p, carried / 2)
-        found.append(load / max(-2 * tyre_force(p, free, float(a), 0.0, carried / 2)[1] for a in angle))
+        found.append(
+            load / max(-2 * compute_tyre_force(p, free, float(a), 0.0, carried / 2)[1] for a in angle)
+        )
     return float(np.mean(found))
 
 
-def combined(p: VehicleParameters) -> float:
+def fit_combined_slip(p: VehicleParameters) -> float:
     """Return k of 1/sqrt(1 + k slip^2) nearest to the tyre's weight of side force by
     slip.
 
     Slip up to 3.5 %, both signs. Mean of -20 and 20 mrad, at the front's static load,
     without the side force by slip alone.
     """
-    load, slip = 0.5 * static_load(p)[0], np.linspace(-0.035, 0.035, 71)
-    fy = np.array([[tyre_force(p, s, a, 0.0, load)[1] for s in slip] for a in (-0.02, 0.02)])
+    load, slip = 0.5 * compute_static_load(p)[0], np.linspace(-0.035, 0.035, 71)
+    fy = np.array([[compute_tyre_force(p, s, a, 0.0, load)[1] for s in slip] for a in (-0.02, 0.02)])
     weight = (fy / fy[:, 35:36]).mean(0)  # the package's tyre is not quite symmetric
     return float(
         least_squares(lambda k: 1 / np.sqrt(1 + k * slip**2) - weight, [50.0], bounds=(0, np.inf)).x[0]
     )
 
 
-def lateral_transfer(p: VehicleParameters) -> float:
+def fit_lateral_transfer(p: VehicleParameters) -> float:
     """Return k of C (1 - k ay^2), s4/m2, mean of the axles: 0, the tyre is linear in
     load.
 
     Side force of an axle with the wheel loads of 5 m/s2, without camber, at a small
     angle, over that with equal loads.
     """
-    loads, found = wheels(p, held(p, 20.0, -5.0 * (p.a + p.b) / 400)).load.reshape(2, 2), []
+    loads, found = compute_wheels(p, hold_steering(p, 20.0, -5.0 * (p.a + p.b) / 400)).load.reshape(2, 2), []
     for pair in loads:
-        uneven = sum(tyre_force(p, 0.0, 1e-4, 0.0, z)[1] for z in pair)
-        even = 2 * tyre_force(p, 0.0, 1e-4, 0.0, pair.mean())[1]
+        uneven = sum(compute_tyre_force(p, 0.0, 1e-4, 0.0, z)[1] for z in pair)
+        even = 2 * compute_tyre_force(p, 0.0, 1e-4, 0.0, pair.mean())[1]
         found.append(float((1 - uneven / even) / 25))
     return 0.5 * sum(found)
 
@@ -637,22 +640,22 @@ NONE = {
 }
 
 
-def truth(p: VehicleParameters) -> dict:
+def make_truth(p: VehicleParameters) -> dict:
     """Return truth.json: every effect that may be missing, its first parameter and
     value."""
-    pitch, transfer = pitch_and_load(p)
+    pitch, transfer = measure_pitch_and_load(p)
     has = {
         # without force a tyre slips at static load: the magic formula is shifted by p_hx1
-        "wheel_radius": ("change", -np.mean([free_slip(p, 0.5 * z) for z in static_load(p)])),
-        "rear_roll_steer": ("gain", rear_camber_steer(p)),
-        "combined_slip": ("factor", combined(p)),
-        "tyre_saturation": ("inverse_friction", inverse_friction(p)),
+        "wheel_radius": ("change", -np.mean([free_slip(p, 0.5 * z) for z in compute_static_load(p)])),
+        "rear_roll_steer": ("gain", measure_rear_camber_steer(p)),
+        "combined_slip": ("factor", fit_combined_slip(p)),
+        "tyre_saturation": ("inverse_friction", measure_inverse_friction(p)),
         "longitudinal_load_transfer": ("gain", transfer),
-        "lateral_load_transfer": ("gain", lateral_transfer(p)),
+        "lateral_load_transfer": ("gain", fit_lateral_transfer(p)),
         # the IMU is at the body's centre of gravity, that of the whole car is behind it,
         # where who weighs the axles finds it
         "imu_lever_arm": ("x", (p.m_ur * p.b - p.m_uf * p.a) / p.m),
-        "body_roll": ("gain", roll_gain(p)),
+        "body_roll": ("gain", measure_roll_gain(p)),
         "pitch_leak": ("gain", pitch),
     }
     every = {key: (parameter, 0.0) for key, parameter in NONE.items()} | has
@@ -662,10 +665,10 @@ def truth(p: VehicleParameters) -> dict:
 def write(folder: Path, number: int, seed: int = 1) -> None:
     """Write the logs of a car, its vehicle file and its truth. seed: of noise and
     manoeuvres."""
-    p = parameters(number)
+    p = make_parameters(number)
     folder.mkdir(parents=True, exist_ok=True)
     for name in (*FITTED, *HELD_OUT):
-        log = sensors(p, motion(p, program_of(p, name, seed)), stream(seed, f"{name} noise"))
+        log = make_log(p, simulate_motion(p, draw_program(p, name, seed)), make_stream(seed, f"{name} noise"))
         path = folder / f"{'log' if name in FITTED else 'hold_out'}_{name}.csv"
         np.savetxt(
             path,
@@ -675,8 +678,8 @@ def write(folder: Path, number: int, seed: int = 1) -> None:
             header=",".join(COLUMNS),
             comments="",
         )
-    (folder / "car.toml").write_text(vehicle_toml(p, number), encoding="utf-8")
-    (folder / "truth.json").write_text(json.dumps(truth(p), indent=1) + "\n", encoding="utf-8")
+    (folder / "car.toml").write_text(format_vehicle(p, number), encoding="utf-8")
+    (folder / "truth.json").write_text(json.dumps(make_truth(p), indent=1) + "\n", encoding="utf-8")
 
 
 # ---- the study
@@ -699,7 +702,7 @@ def run(car: int) -> dict:
     return json.loads(done.read_text())
 
 
-def true_size(truth: dict, effect: str) -> tuple[str, float] | None:
+def get_true_size(truth: dict, effect: str) -> tuple[str, float] | None:
     """Return parameter and size of the effect in the car; None: absent, or without one
     size."""
     found = next((e for e in truth["effects"] if e["id"] == effect), {})
@@ -707,7 +710,7 @@ def true_size(truth: dict, effect: str) -> tuple[str, float] | None:
     return (found["parameter"], float(value)) if isinstance(value, (int, float)) and value else None
 
 
-def table(results: dict[int, tuple[dict, dict]]) -> str:
+def make_table(results: dict[int, tuple[dict, dict]]) -> str:
     """Return results and truth by car as Markdown."""
     lines = [
         "| car | named: size (the car's) | formula | accel_x, held out | accel_y | yaw_rate |",
@@ -716,7 +719,7 @@ def table(results: dict[int, tuple[dict, dict]]) -> str:
     for car, (result, truth) in results.items():
         named = []
         for e in result["effects"]:
-            true = true_size(truth, e["id"])
+            true = get_true_size(truth, e["id"])
             key = true[0] if true else next(iter(e["parameters"]))
             size = f"{e['parameters'][key]['value']:.3g}"
             named.append(f"{e['id']} {size}" + (f" ({true[1]:.3g})" if true else " (not there)"))
@@ -740,11 +743,11 @@ def main() -> int:
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True, exist_ok=True)
-    found = in_processes(run, options.cars, options.jobs, "car")
+    found = run_in_processes(run, options.cars, options.jobs, "car")
     if found is None:
         return 130
     results = dict(zip(options.cars, found, strict=True))
-    text = table(
+    text = make_table(
         {c: (r, json.loads((FOLDER / f"car{c}" / "truth.json").read_text())) for c, r in results.items()}
     )
     if len(results) == 3:

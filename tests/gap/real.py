@@ -25,7 +25,7 @@ FITTED = 2 / 3  # of the rows
 JOBS = 2
 
 
-def row(folder: Path) -> str:
+def make_row(folder: Path) -> str:
     """Return verdict and text of a log, and rms over noise of its last third, before
     and after."""
     from tse.gaps.run.output import write_all
@@ -72,7 +72,7 @@ def main() -> int:
     lines = [head, "|---|---|---|---|---:|"]
     for k, folder in enumerate(folders, 1):
         print(f"{k} of {len(folders)}: {folder.name}", flush=True)
-        lines.append(row(folder))
+        lines.append(make_row(folder))
         out = options.out or (None if options.only else RESULTS / "gap-real.md")
         if out:
             out.write_text("\n".join(lines) + "\n", encoding="utf-8")

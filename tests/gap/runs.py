@@ -1,6 +1,6 @@
 """Helpers of studies and tests: a changed constant of tse, and runs in processes.
 
-with changed("identify.fit.MODEL_TIME", 4.0):
+with change_constant("identify.fit.MODEL_TIME", 4.0):
     run(...)
 """
 
@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 
 @contextmanager
-def changed(name: str, value: Any) -> Iterator[None]:
+def change_constant(name: str, value: Any) -> Iterator[None]:
     """Set a constant in its module and all importing modules, here and in later forks."""
     module, _, key = name.rpartition(".")
     before = getattr(importlib.import_module(f"tse.{module}"), key)
@@ -30,7 +30,9 @@ def changed(name: str, value: Any) -> Iterator[None]:
             setattr(m, key, before)
 
 
-def in_processes(job: Callable[[Any], Any], asked: Sequence[Any], jobs: int, unit: str) -> list[Any] | None:
+def run_in_processes(
+    job: Callable[[Any], Any], asked: Sequence[Any], jobs: int, unit: str
+) -> list[Any] | None:
     """Run in new processes; return the results in order, or None after Ctrl-C.
 
     New processes import anew, so constants and caches that a run changes stay in its

@@ -42,14 +42,14 @@ class Row:
     verdict: str
 
 
-def long_logs(folder: Path, duration: float) -> None:
+def write_long_logs(folder: Path, duration: float) -> None:
     """Write the logs of the study's case, longer."""
     from tests.gap.generator import Spec, make_cases
 
     next(make_cases([Spec("scale", HIDDEN, SEED, duration=duration)])).write(folder)
 
 
-def many_logs(folder: Path, duration: float) -> None:
+def write_many_logs(folder: Path, duration: float) -> None:
     """Write every manoeuvre twice: driven for twice as long, and cut."""
     import pandas as pd
 
@@ -65,7 +65,7 @@ def many_logs(folder: Path, duration: float) -> None:
         path.unlink()
 
 
-CASES: dict[str, Callable[[Path, float], None]] = {"long": long_logs, "many": many_logs}
+CASES: dict[str, Callable[[Path, float], None]] = {"long": write_long_logs, "many": write_many_logs}
 
 
 def run(case: str, duration: float, jobs: int) -> Row:
@@ -87,7 +87,7 @@ def run(case: str, duration: float, jobs: int) -> Row:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
         names = ", ".join(e["id"] for e in verdict["effects"])
         of = f"{len(logs)}, and {len(held)} held out" if held else f"{len(logs)}"
-        fitted, held_out = (sum(map(minutes, paths)) for paths in (logs, held))
+        fitted, held_out = (sum(map(measure_minutes, paths)) for paths in (logs, held))
     return Row(
         case,
         of,
@@ -99,7 +99,7 @@ def run(case: str, duration: float, jobs: int) -> Row:
     )
 
 
-def minutes(path: Path) -> float:
+def measure_minutes(path: Path) -> float:
     """Return the minutes of a log, by its first and last time."""
     lines = path.read_text(encoding="utf-8").splitlines()
     column = lines[0].split(",").index("time")
@@ -107,10 +107,10 @@ def minutes(path: Path) -> float:
     return (last - first) / 60.0
 
 
-def table(rows: Sequence[Row], jobs: int) -> str:
+def make_table(rows: Sequence[Row], jobs: int) -> str:
     """Return the rows as Markdown."""
     lines = [
-        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}`, {cores()} cores; "
+        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}`, {count_cores()} cores; "
         f"hidden: {' and '.join(HIDDEN)}.",
         "",
         "| case | logs | minutes of log | held out | seconds | GB | verdict |",
@@ -125,7 +125,7 @@ def table(rows: Sequence[Row], jobs: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Return the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -152,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for case in dict.fromkeys(options.only):
         print(f"{case} ...", file=sys.stderr, flush=True)
         rows.append(run(case, options.duration, options.jobs))
-    text = table(rows, options.jobs)
+    text = make_table(rows, options.jobs)
     print(text)
     whole = options.duration == LONG and set(options.only) == set(CASES)
     if path := options.out or (TABLE if whole else None):

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.gap.runs import in_processes
+from tests.gap.runs import run_in_processes
 from tse.library.core import Config
 from tselab.montecarlo.summary import clopper_pearson
 
@@ -73,11 +73,11 @@ def run(spec_json: str) -> dict:
 # ---- judging
 
 
-def truth_ids(case: dict) -> list[str]:
+def get_truth_ids(case: dict) -> list[str]:
     return [e["id"] for e in case["truth"]]
 
 
-def same(a: str, b: str) -> bool:
+def is_same(a: str, b: str) -> bool:
     return a == b or any(a in c and b in c for c in CLASSES)
 
 
@@ -87,10 +87,10 @@ def grade(case: dict) -> str:
 
     extra: right, and more names.
     """
-    truth, named = truth_ids(case), [n["id"] for n in case["named"]]
+    truth, named = get_truth_ids(case), [n["id"] for n in case["named"]]
     if case["verdict"] != "named":
         return "outside" if case["verdict"] == "not_in_catalogue" else "none"
-    hit = [t for t in truth if any(same(t, n) for n in named)]
+    hit = [t for t in truth if any(is_same(t, n) for n in named)]
     admitted = [t for t in truth if any(t in n["look_alikes"] for n in case["named"])]
     if truth and len(hit) == len(truth):
         return "right" if len(named) == len(truth) else "extra"
@@ -99,10 +99,10 @@ def grade(case: dict) -> str:
     return "wrong"
 
 
-def group(case: dict) -> str:
+def name_group(case: dict) -> str:
     if case["outside"]:
         return "outside the catalogue"
-    ids = truth_ids(case)
+    ids = get_truth_ids(case)
     if not ids:
         return "nothing hidden"
     if len(ids) > 1:
@@ -110,7 +110,7 @@ def group(case: dict) -> str:
     return f"one effect, {case['size']:g} x typical"
 
 
-def size_of(case: dict) -> tuple[float, float, float, float] | None:
+def get_size(case: dict) -> tuple[float, float, float, float] | None:
     """Return size, 95 % interval and true size of the first hidden effect; None: not
     named.
 
@@ -137,23 +137,23 @@ def size_of(case: dict) -> tuple[float, float, float, float] | None:
     return (value, low, high, abs(true)) if value >= 0 else (-value, -high, -low, abs(true))
 
 
-def size_error(case: dict) -> float:
+def compute_size_error(case: dict) -> float:
     """Return the relative error of the size; NaN: none."""
-    size = size_of(case)
+    size = get_size(case)
     return math.nan if size is None else size[0] / size[3] - 1.0
 
 
-def interval(k: int, n: int) -> str:
+def format_interval(k: int, n: int) -> str:
     """Return the exact 95 % interval."""
     low, high = clopper_pearson(k, n)
     return f"{100 * low:.0f} .. {100 * high:.0f} %"
 
 
-def worst_held_out(case: dict) -> float:
+def find_worst_held_out(case: dict) -> float:
     return max(case["gap"]["held_out"]["after"].values(), default=math.nan)
 
 
-def closed_held_out(case: dict) -> float:
+def compute_closed_share(case: dict) -> float:
     """Return the share of the energy above noise in held-out logs that the result closes.
 
     Over all channels, with named or proposed effects.
@@ -167,14 +167,14 @@ def closed_held_out(case: dict) -> float:
 BINS = (0.1, 0.5, 0.9, 0.99, 1.0)  # of stated probabilities
 
 
-def reliability(cases: list[dict]) -> list[str]:
+def make_reliability_table(cases: list[dict]) -> list[str]:
     """Return rows of a table: stated probability of an effect, and frequency of its
     presence."""
     stated: list[tuple[float, bool]] = []
     for c in cases:
-        truth = truth_ids(c)
+        truth = get_truth_ids(c)
         stated += [
-            (e["probability"], any(same(t, e["id"]) for t in truth)) for e in (*c["named"], *c["possible"])
+            (e["probability"], any(is_same(t, e["id"]) for t in truth)) for e in (*c["named"], *c["possible"])
         ]
     lines = ["| stated probability | effects | mean stated | there |", "|---|---:|---:|---|"]
     for low, high in pairwise(BINS):
@@ -183,12 +183,13 @@ def reliability(cases: list[dict]) -> list[str]:
             k, n = sum(there for _, there in mine), len(mine)
             mean = np.mean([p for p, _ in mine])
             lines.append(
-                f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % | {100 * k / n:.0f} % ({interval(k, n)}) |"
+                f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % "
+                f"| {100 * k / n:.0f} % ({format_interval(k, n)}) |"
             )
     return lines
 
 
-def tables(cases: list[dict]) -> dict[str, str]:
+def make_tables(cases: list[dict]) -> dict[str, str]:
     """Return the tables as Markdown, by file name."""
     columns = ("right", "extra", "look-alike", "wrong", "outside", "none")
     head = (
@@ -196,16 +197,20 @@ def tables(cases: list[dict]) -> dict[str, str]:
         "none | size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"
     )
     lines = []
-    for name in sorted({group(c) for c in cases}):
-        mine = [c for c in cases if group(c) == name]
+    for name in sorted({name_group(c) for c in cases}):
+        mine = [c for c in cases if name_group(c) == name]
         count = {k: sum(grade(c) == k for c in mine) for k in columns}
-        errors = [abs(e) for e in map(size_error, mine) if math.isfinite(e)]
+        errors = [abs(e) for e in map(compute_size_error, mine) if math.isfinite(e)]
         error = f"{100 * np.median(errors):.0f} %" if errors else ""
-        held = f"{np.median([worst_held_out(c) for c in mine]):.2f}"
+        held = f"{np.median([find_worst_held_out(c) for c in mine]):.2f}"
         seconds = f"{np.median([c['seconds'] for c in mine]):.0f} s"
         counts = " | ".join(str(count[k]) for k in columns)
         lines.append(f"| {name} | {len(mine)} | {counts} | {error} | {held} | {seconds} |")
-    visible = [c for c in cases if group(c) == "one effect, 1 x typical" and truth_ids(c)[0] not in INVISIBLE]
+    visible = [
+        c
+        for c in cases
+        if name_group(c) == "one effect, 1 x typical" and get_truth_ids(c)[0] not in INVISIBLE
+    ]
     if visible:
         top = sum(grade(c) in ("right", "extra") for c in visible)
         held = sum(grade(c) in ("right", "extra", "look-alike") for c in visible)
@@ -213,37 +218,38 @@ def tables(cases: list[dict]) -> dict[str, str]:
         lines.append(
             f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of "
             f"which these logs show next to nothing: right id in {100 * top / len(visible):.0f} % (95 %: "
-            f"{interval(top, len(visible))}), right or in an admitted set in "
-            f"{100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
+            f"{format_interval(top, len(visible))}), right or in an admitted set in "
+            f"{100 * held / len(visible):.0f} % ({format_interval(held, len(visible))})."
         )
-    clean = [c for c in cases if group(c) == "nothing hidden"]
+    clean = [c for c in cases if name_group(c) == "nothing hidden"]
     if clean:
         k = sum(c["verdict"] != "named" for c in clean)
-        lines.append(f"\nNo name on {k} of {len(clean)} clean cars (95 %: {interval(k, len(clean))}).")
+        lines.append(f"\nNo name on {k} of {len(clean)} clean cars (95 %: {format_interval(k, len(clean))}).")
     outside = [c for c in cases if c["outside"]]
     if outside:
         k = sum(c["verdict"] == "named" and c["closed"] > 0.5 for c in outside)
         lines.append(f"\nOutside effects that a name explains by more than half: {k} of {len(outside)}.")
         proposed = [c for c in outside if c.get("formula")]
-        half = sum(closed_held_out(c) > 0.5 for c in proposed)
+        half = sum(compute_closed_share(c) > 0.5 for c in proposed)
         lines.append(
             f"\nOf {len(outside)} outside effects {len(proposed)} get a formula; with it more than half of "
             f"the gap on held-out logs is closed in {half}."
         )
-    sizes = [size for c in cases if not c["outside"] and (size := size_of(c)) is not None]
+    sizes = [size for c in cases if not c["outside"] and (size := get_size(c)) is not None]
     if sizes:
         k = sum(low <= true <= high for _, low, high, true in sizes)
         near = sum(abs(value / true - 1.0) < 0.25 for value, _, _, true in sizes)
         lines.append(
-            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} ({interval(k, len(sizes))}); {near} "
-            f"are within 25 % of it. Its forms are others than the catalogue's."
+            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} "
+            f"({format_interval(k, len(sizes))}); {near} are within 25 % of it. "
+            "Its forms are others than the catalogue's."
         )
-    lines += ["", *reliability([c for c in cases if not c["outside"]])]
+    lines += ["", *make_reliability_table([c for c in cases if not c["outside"]])]
     each = [
         "| hidden | named, by seed | size error | gap before -> after (fit) | held out |",
         "|---|---|---:|---|---|",
     ]
-    for c in sorted(cases, key=lambda c: (group(c), c["name"])):
+    for c in sorted(cases, key=lambda c: (name_group(c), c["name"])):
         named = (
             "; ".join(
                 n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "")
@@ -255,17 +261,18 @@ def tables(cases: list[dict]) -> dict[str, str]:
             named = "; ".join([*([] if named == "-" else [named]), *c["sensors"]])
         if c.get("formula"):
             named += f"; `{c['formula']['formula']}` at {c['formula']['place']}"
-        error = size_error(c)
+        error = compute_size_error(c)
         fit = c["gap"]["fit"]
         change = f"{max(fit['before'].values()):.2f} -> {max(fit['after'].values()):.2f}"
         each.append(
             f"| {c['name']} | {c['verdict']}: {named} | "
-            f"{'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} | {worst_held_out(c):.2f} |"
+            f"{'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} "
+            f"| {find_worst_held_out(c):.2f} |"
         )
     return {"gap.md": head + "\n".join([*lines, "", *each]) + "\n"}
 
 
-def chosen(seeds: int, only: list[str], sizes: int) -> list:
+def choose_cases(seeds: int, only: list[str], sizes: int) -> list:
     """Return the cases of the study by name, with at most this many seeds each.
 
     `sizes`: at most so many seeds of half and double size, which come last.
@@ -295,7 +302,7 @@ def write(found: dict[str, str], whole: bool, out: Path | None) -> list[Path]:
     return [folder / name for name in found]
 
 
-def _job(spec_json: str) -> str:
+def run_job(spec_json: str) -> str:
     name = json.loads(spec_json)["name"]
     path = FOLDER / f"{name}.json"
     if not path.exists():
@@ -325,15 +332,15 @@ def main() -> int:
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True, exist_ok=True)
-    specs = chosen(options.seeds, options.only, options.sizes)
+    specs = choose_cases(options.seeds, options.only, options.sizes)
     kept = ("name", "effects", "seed", "size")
     texts = [json.dumps({k: getattr(s, k) for k in kept}) for s in specs]
-    if in_processes(_job, texts, options.jobs, "case") is None:
+    if run_in_processes(run_job, texts, options.jobs, "case") is None:
         return 130
     cases = [json.loads((FOLDER / f"{s.name}.json").read_text()) for s in specs]
-    found = tables(cases)
+    found = make_tables(cases)
     print("\n".join(found.values()))
-    whole = {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [], SIZES)}
+    whole = {s.name for s in specs} >= {s.name for s in choose_cases(SEEDS, [], SIZES)}
     written = [str(p) for p in write(found, whole, options.out)]
     print(
         f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)",

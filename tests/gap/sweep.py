@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from tests.gap.runs import changed, in_processes
-from tests.gap.study import same
+from tests.gap.runs import change_constant, run_in_processes
+from tests.gap.study import is_same
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-sweep"
@@ -59,37 +59,37 @@ def run(asked: tuple[str, str, float | None]) -> None:
     from tse.identify.data import prepare_all
 
     case, constant, value = asked
-    path = file_of(case, constant, value)
+    path = name_file(case, constant, value)
     if path.exists():
         return
     made = next(make_cases([s for s in study() if s.name == case]))
 
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
         if value is not None:
-            stack.enter_context(changed(constant, value))
+            stack.enter_context(change_constant(constant, value))
         folder = made.write(Path(temporary) / "case")
         logs, config = read(sorted(folder.glob("log_*.csv")), read_vehicle(folder / "car.toml"))
         problem = Problem(prepare_all(logs, config), config)
         found = name(excerpt(problem, fit(problem, STIFFNESS, {})), list(catalogue().values()))
     truth = [e["id"] for e in made.truth["effects"]]
     named = {n.effect.id: (n.probability, n.look_alikes) for n in found.named}
-    right = [t for t in truth if any(same(t, n) or t in alike for n, (_, alike) in named.items())]
-    more = [n for n, (_, alike) in named.items() if not any(same(t, n) or t in alike for t in truth)]
+    right = [t for t in truth if any(is_same(t, n) or t in alike for n, (_, alike) in named.items())]
+    more = [n for n, (_, alike) in named.items() if not any(is_same(t, n) or t in alike for t in truth)]
     result = {"truth": truth, "right": right, "more": {n: named[n][0] for n in more}}
     path.with_suffix(".part").write_text(json.dumps(result))
     path.with_suffix(".part").replace(path)
 
 
-def file_of(case: str, constant: str, value: float | None) -> Path:
+def name_file(case: str, constant: str, value: float | None) -> Path:
     return FOLDER / f"{case}_{'as_it_is' if value is None else f'{constant}_{value:g}'}.json"
 
 
 def is_done(constant: str, value: float | None) -> bool:
-    return all(file_of(c, constant, value).exists() for c in CASES)
+    return all(name_file(c, constant, value).exists() for c in CASES)
 
 
-def row(label: str, constant: str, value: float | None, cases: Sequence[str] = CASES) -> str:
-    found = [json.loads(file_of(c, constant, value).read_text()) for c in cases]
+def make_row(label: str, constant: str, value: float | None, cases: Sequence[str] = CASES) -> str:
+    found = [json.loads(name_file(c, constant, value).read_text()) for c in cases]
     there, right = (sum(len(f[k]) for f in found) for k in ("truth", "right"))
     more = [
         f"{n} {100 * p:.0f} % ({c})" for c, f in zip(cases, found, strict=True) for n, p in f["more"].items()
@@ -97,20 +97,20 @@ def row(label: str, constant: str, value: float | None, cases: Sequence[str] = C
     return f"| {label} | {right} of {there} | {', '.join(more) or '-'} |"
 
 
-def table(constants_asked: dict[str, tuple[float, float]]) -> str:
+def make_table(constants_asked: dict[str, tuple[float, float]]) -> str:
     lines = [
         "| constant | right or admitted | superfluous names, their probability, the case |",
         "|---|---|---|",
     ]
-    lines.append(row("all as they are", "", None))
+    lines.append(make_row("all as they are", "", None))
     for name, values in constants_asked.items():
         for v in values:
-            label = f"`{name}` {v:g} in place of {_value(name):g}"
-            lines.append(row(label, name, v) if is_done(name, v) else f"| {label} | not run | |")
+            label = f"`{name}` {v:g} in place of {get_constant(name):g}"
+            lines.append(make_row(label, name, v) if is_done(name, v) else f"| {label} | not run | |")
     return "\n".join(lines) + "\n"
 
 
-def _value(name: str) -> float:
+def get_constant(name: str) -> float:
     module, _, key = name.rpartition(".")
     return getattr(importlib.import_module(f"tse.{module}"), key)
 
@@ -132,10 +132,10 @@ def main() -> int:
     wanted = {k: v for k, v in VALUES.items() if not options.only or any(o in k for o in options.only)}
     asked: list[tuple[str, str, float | None]] = [(c, "", None) for c in CASES]
     asked += [(c, k, v) for k, values in wanted.items() for v in values for c in CASES]
-    in_processes(run, asked, options.jobs, "run")  # of what was stopped the table says what was not run
+    run_in_processes(run, asked, options.jobs, "run")  # of what was stopped the table says what was not run
     if not is_done("", None):
         return 130
-    text = table(wanted)
+    text = make_table(wanted)
     if len(wanted) == len(VALUES):
         TABLE.write_text(text)
     print(text)

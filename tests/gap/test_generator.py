@@ -14,8 +14,8 @@ import generator
 import numpy as np
 import pytest
 from generator import CATALOGUE, EFFECTS, MANOEUVRES, OUTSIDE, Case, Spec, make_cases, study
-from generator.car import NOMINAL, SENSORS, baseline
-from generator.case import _careful, _prepare, drive_of
+from generator.car import NOMINAL, SENSORS, make_baseline
+from generator.case import _prepare, compute_careful_share, drive_of
 from generator.effects import hide
 from generator.manoeuvres import SETTLE, Program
 from generator.model import (
@@ -23,13 +23,21 @@ from generator.model import (
     OUTPUTS,
     SLOW,
     STEP,
-    load_factor,
-    magic_formula,
-    side_force_weight,
+    compute_load_factor,
+    compute_magic_formula,
+    compute_side_force_weight,
+    compute_slope,
     simulate,
-    slope,
+    stack_parameters,
 )
-from generator.sensors import backlash, bessel, delayed, imu, second_order, sticking
+from generator.sensors import (
+    apply_backlash,
+    apply_sticking,
+    delay_signal,
+    filter_bessel,
+    filter_second_order,
+    measure_motion,
+)
 
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
@@ -51,7 +59,7 @@ class Run:
         self.fast = dict(zip(OUTPUTS, motion.fast[start:, :, i].T, strict=True))
         self.fine = dict(zip(SLOW, motion.slow[start:, :, i].T, strict=True))
         self.slow = {k: x[::10] for k, x in self.fine.items()}
-        self.imu = imu(car, motion.fast[:, :, i])[start:]
+        self.imu = measure_motion(car, motion.fast[:, :, i])[start:]
 
     def axle_stiffness(self):
         """Return front and rear side force over slip angle, from the motion (small
@@ -74,7 +82,7 @@ class Run:
 T = np.arange(10_001) * STEP  # every rig drives 10 s
 
 
-def program(steer, speed=20.0, accel=None, coast=None):
+def make_program(steer, speed=20.0, accel=None, coast=None):
     """Return a program over the log: straight, then steer, accelerate, coast."""
     lead = np.zeros(round(SETTLE / STEP))
     accel, coast = (np.r_[lead, 0 * steer if x is None else x] for x in (accel, coast))
@@ -89,9 +97,9 @@ def sine(f):
     return np.sin(2 * np.pi * f * T)
 
 
-def hidden(key, seed=3, size=1.0):
+def hide_effect(key, seed=3, size=1.0):
     """Return the baseline car with an effect, and the effect's parameters."""
-    car = baseline()
+    car = make_baseline()
     return car, hide(car, {key: 1.0}, np.random.default_rng(seed), size)[0]["parameters"]
 
 
@@ -132,54 +140,54 @@ LOSSES = ("aero_drag", "rolling_resistance")
 OTHERS = ("steering_play", "gust_train", "axle_resonance", "speed_dependent_ratio", "active_front_steering")
 
 
-def rigs():
+def make_rigs():
     """Return car, parameters of the hidden effect, and program by (group, name)."""
     step, slide = 0.03 * ramp(0.5, 0.5), 0.2 * ramp(0.5, 3.0)
     brake = -5.0 * (ramp(1.0, 0.2) - ramp(3.0, 0.2))
     swing = np.sin(2 * np.pi * (0.5 + 0.2 * T) * T) * ramp(0, 0.5)
-    hill, side = {**baseline(), "grade": 0.03}, {**baseline(), "bank": 0.04, "bank_wander": 0.01}
+    hill, side = {**make_baseline(), "grade": 0.03}, {**make_baseline(), "bank": 0.04, "bank_wander": 0.01}
     agile = {
-        **baseline(),
+        **make_baseline(),
         "exact": 1.0,
         "ackermann": 1.0,
         "cornering_stiffness_front": 1.0e6,
         "cornering_stiffness_rear": 1.2e6,
     }
     swings = {"roll_gain": 0.008, "roll_coupling": 0.0025, "pitch_gain": 0.004, "pitch_coupling": 0.0005}
-    lively = {**baseline(), **swings, "exact": 1.0}
+    lively = {**make_baseline(), **swings, "exact": 1.0}
     plain = {
-        "step": (baseline(), program(step)),
-        "brake": (baseline(), program(0 * T, 20.0, brake)),
-        "coast": (baseline(), program(2 * step, 20.0, None, 0 * T + 1)),
-        "hill": (hill, program(step, 20.0, brake)),
-        "bank": (side, program(step)),
-        "agile": (agile, program(6 * step, 5.0)),
-        "lively": (lively, program(2 * step * sine(0.7), 20.0, brake)),
-        "slide": ({**baseline(), "mu": 0.6}, program(slide)),
+        "step": (make_baseline(), make_program(step)),
+        "brake": (make_baseline(), make_program(0 * T, 20.0, brake)),
+        "coast": (make_baseline(), make_program(2 * step, 20.0, None, 0 * T + 1)),
+        "hill": (hill, make_program(step, 20.0, brake)),
+        "bank": (side, make_program(step)),
+        "agile": (agile, make_program(6 * step, 5.0)),
+        "lively": (lively, make_program(2 * step * sine(0.7), 20.0, brake)),
+        "slide": ({**make_baseline(), "mu": 0.6}, make_program(slide)),
     }
     out = {("plain", k): (car, {}, p) for k, (car, p) in plain.items()}
 
     accel = -3.5 * (ramp(5.0, 0.3) - ramp(6.2, 0.3)) + 2.0 * (ramp(7.0, 0.3) - ramp(9.0, 0.3))
     small = 0.012 * sine(0.6) * ramp(0, 0.5)
     groups = {
-        "sine": (LINEAR, program(0.008 * sine(FREQUENCY) * ramp(0, 1.0), SPEED)),
-        "turn": (TURNS, program(0.045 * ramp(1.0, 0.8), 20.0, accel)),
-        "offset": (OFFSETS, program(0 * T)),
-        "coast": (LOSSES, program(0 * T, 28.0, None, 0 * T + 1)),
-        "other": (OTHERS, program(small, 27.0)),
-        "swing": (("body_roll", "pitch_leak"), program(0.01 * swing, 20.0, 2.0 * swing)),
-        "push": (("longitudinal_relaxation",), program(0 * T, 15.0, 2.0 * sine(2.0) * ramp(0, 0.3))),
+        "sine": (LINEAR, make_program(0.008 * sine(FREQUENCY) * ramp(0, 1.0), SPEED)),
+        "turn": (TURNS, make_program(0.045 * ramp(1.0, 0.8), 20.0, accel)),
+        "offset": (OFFSETS, make_program(0 * T)),
+        "coast": (LOSSES, make_program(0 * T, 28.0, None, 0 * T + 1)),
+        "other": (OTHERS, make_program(small, 27.0)),
+        "swing": (("body_roll", "pitch_leak"), make_program(0.01 * swing, 20.0, 2.0 * swing)),
+        "push": (("longitudinal_relaxation",), make_program(0 * T, 15.0, 2.0 * sine(2.0) * ramp(0, 0.3))),
     }
     for group, (names, p) in groups.items():
-        out[group, "clean"] = (baseline(), {}, p)
-        out |= {(group, k): (*hidden(k), p) for k in names}
+        out[group, "clean"] = (make_baseline(), {}, p)
+        out |= {(group, k): (*hide_effect(k), p) for k in names}
     return out
 
 
 @pytest.fixture(scope="module")
 def runs():
     """Run all rigs in one simulation, which takes little longer than one."""
-    table = rigs()
+    table = make_rigs()
     drives = [drive_of(car, p, np.random.default_rng(5)) for car, _, p in table.values()]
     motion = simulate(drives, every=1)
     return {
@@ -197,7 +205,7 @@ def plain(runs):
 
 
 def test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(plain):
-    s, c = plain["step"].slow, baseline()
+    s, c = plain["step"].slow, make_baseline()
     v, wheelbase = s["vx"][-1], c["lf"] + c["lr"]
     k = (
         c["mass"]
@@ -211,7 +219,7 @@ def test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(plain):
 
 
 def test_wheels_that_hardly_slip_roll_on_circles_about_one_point(plain):
-    s, c = plain["agile"].slow, baseline()
+    s, c = plain["agile"].slow, make_baseline()
     delta, wheelbase = 0.18, c["lf"] + c["lr"]
     # that point is abeam of the rear axle
     assert s["vy"][-1] / s["r"][-1] == pytest.approx(c["lr"], rel=0.02)
@@ -222,7 +230,7 @@ def test_wheels_that_hardly_slip_roll_on_circles_about_one_point(plain):
 
 
 def test_forces_of_wheels_that_are_turned_far_balance_along_and_across_the_car(plain):
-    s, c, delta = plain["agile"].slow, baseline(), 0.18
+    s, c, delta = plain["agile"].slow, make_baseline(), 0.18
     v, vy, r = s["vx"][-1], s["vy"][-1], s["r"][-1]
     along = s["tf"][-1] / 0.325  # of the driven front wheels
     across = (c["mass"] * v * r * c["lr"] / (c["lf"] + c["lr"]) - along * np.sin(delta)) / np.cos(delta)
@@ -230,7 +238,7 @@ def test_forces_of_wheels_that_are_turned_far_balance_along_and_across_the_car(p
 
 
 def test_torque_at_the_wheels_is_the_change_of_momentum(plain):
-    s, c = plain["brake"].slow, baseline()
+    s, c = plain["brake"].slow, make_baseline()
     push = np.trapezoid(s["tf"] + s["tr"], dx=0.01) / 0.325
     change = c["mass"] * (s["vx"][-1] - s["vx"][0])
     change += 2 * c["wheel_inertia"] / 0.325 * (s["wf"][-1] - s["wf"][0] + s["wr"][-1] - s["wr"][0])
@@ -239,7 +247,7 @@ def test_torque_at_the_wheels_is_the_change_of_momentum(plain):
 
 
 def test_energy_is_lost_to_the_tyres_at_the_rate_of_force_times_slip_speed(plain):
-    run, c = plain["coast"], baseline()
+    run, c = plain["coast"], make_baseline()
     s = run.slow
     spin = c["wheel_inertia"] * (c["track_front"] ** 2 + c["track_rear"] ** 2) / 2 / 0.325**2
     # mean and difference of left and right
@@ -261,7 +269,7 @@ def test_energy_is_lost_to_the_tyres_at_the_rate_of_force_times_slip_speed(plain
 
 
 def test_brakes_share_torque_and_slip_as_they_are_built(plain):
-    s, c = plain["brake"].slow, baseline()
+    s, c = plain["brake"].slow, make_baseline()
     i = 200
     # the engine drags in front, too
     assert s["tf"][i] / (s["tf"][i] + s["tr"][i]) == pytest.approx(c["brake_front"], abs=0.02)
@@ -285,8 +293,8 @@ def test_specific_force_is_inertial_acceleration_less_gravity_in_the_axes_of_the
         u = run.fast[which][::10]
         inertial -= sign * c[f"{which}_coupling"] * np.gradient(np.gradient(u, 0.01), 0.01)
     waves = {k: v[..., None] for k, v in run.drive.road.items()}
-    x = inertial.real + G * np.sin(slope(waves["grade"], s["s"]))  # uphill +
-    y = inertial.imag + G * np.sin(slope(waves["bank"], s["s"]))  # left side high +
+    x = inertial.real + G * np.sin(compute_slope(waves["grade"], s["s"]))  # uphill +
+    y = inertial.imag + G * np.sin(compute_slope(waves["bank"], s["s"]))  # left side high +
     x, y = x * np.cos(nod) - G * np.sin(nod), y * np.cos(lean) + G * np.sin(lean)
     measured = run.imu[::10]
     inside = slice(5, -5)
@@ -297,13 +305,13 @@ def test_specific_force_is_inertial_acceleration_less_gravity_in_the_axes_of_the
 
 def test_a_hill_is_an_offset_of_accel_x_and_a_bank_of_accel_y(plain):
     hill, side = plain["hill"], plain["bank"]
-    angle = slope(hill.drive.road["grade"][..., None], hill.slow["s"])
+    angle = compute_slope(hill.drive.road["grade"][..., None], hill.slow["s"])
     felt = hill.imu[::10, 0] - np.gradient(hill.slow["vx"], 0.01) + hill.slow["vy"] * hill.slow["r"]
     assert np.corrcoef(angle, felt)[0, 1] > 0.999
     assert felt.std() == pytest.approx(G * angle.std(), rel=0.02)
     felt = side.imu[::10, 1] - np.gradient(side.slow["vy"], 0.01) - side.slow["vx"] * side.slow["r"]
     assert felt.mean() == pytest.approx(
-        G * slope(side.drive.road["bank"][..., None], side.slow["s"]).mean(), rel=0.02
+        G * compute_slope(side.drive.road["bank"][..., None], side.slow["s"]).mean(), rel=0.02
     )
     assert felt.mean() > 0.2
 
@@ -324,10 +332,8 @@ def test_the_bodys_mode_as_accelerometers_see_it_has_the_frequency_and_damping_t
 
 
 def test_wheel_loads_carry_the_car_and_balance_its_overturning():
-    from generator.model import _parameters
-
-    car = {**baseline(), "h_lateral": 0.55, "h_longitudinal": 0.6}
-    p = _parameters([drive_of(car, program(0 * T), np.random.default_rng(1))])
+    car = {**make_baseline(), "h_lateral": 0.55, "h_longitudinal": 0.6}
+    p = stack_parameters([drive_of(car, make_program(0 * T), np.random.default_rng(1))])
     assert p.static.sum() == pytest.approx(car["mass"] * G)
     assert (p.static * p.x).sum() == pytest.approx(0, abs=1e-9)
     assert p.load_roll.sum() == pytest.approx(0, abs=1e-9)
@@ -338,7 +344,7 @@ def test_wheel_loads_carry_the_car_and_balance_its_overturning():
 def test_magic_formula_has_the_slope_and_the_peak_it_is_given():
     slip = np.linspace(-1, 1, 20_001)
     for e in (-0.9, 0.1):
-        force = magic_formula(slip, 5.0e4, 0.9 * 4000.0, LATERAL_C, e)
+        force = compute_magic_formula(slip, 5.0e4, 0.9 * 4000.0, LATERAL_C, e)
         assert force.max() == pytest.approx(0.9 * 4000.0, rel=1e-3)
         assert np.gradient(force, slip)[10_000] == pytest.approx(5.0e4, rel=1e-3)
         assert force == pytest.approx(-force[::-1])
@@ -346,8 +352,8 @@ def test_magic_formula_has_the_slope_and_the_peak_it_is_given():
 
 def test_cornering_stiffness_is_degressive_in_load_and_largest_at_twice_the_static_load():
     load = np.linspace(0, 4, 4001)
-    factor = load_factor(load)
-    assert load_factor(np.array(1.0)) == pytest.approx(1)
+    factor = compute_load_factor(load)
+    assert compute_load_factor(np.array(1.0)) == pytest.approx(1)
     assert load[np.argmax(factor)] == pytest.approx(2.0, abs=0.01)
     assert factor.max() == pytest.approx(1 / np.sin(2 * np.arctan(0.5)))
     assert (np.diff(factor[:1001], 2) < 1e-12).all()
@@ -361,22 +367,22 @@ def test_a_car_that_slides_feels_no_more_than_its_friction(plain):
 def test_filters_do_what_they_are_called():
     t, x = T, sine(1.0)
     later = slice(4000, 5000)
-    assert bessel(x, 0.02)[later] == pytest.approx(np.sin(2 * np.pi * (t - 0.02))[later], abs=0.01)
-    assert delayed(x, 0.0255)[later] == pytest.approx(np.sin(2 * np.pi * (t - 0.0255))[later], abs=1e-4)
+    assert filter_bessel(x, 0.02)[later] == pytest.approx(np.sin(2 * np.pi * (t - 0.02))[later], abs=0.01)
+    assert delay_signal(x, 0.0255)[later] == pytest.approx(np.sin(2 * np.pi * (t - 0.0255))[later], abs=1e-4)
     w, s = 2 * np.pi * 1.5, 2j * np.pi
     h = w**2 / (s**2 + 2 * 0.3 * w * s + w**2)
-    assert second_order(x, w, 0.3)[later] == pytest.approx((h * np.exp(s * t)).imag[later], abs=1e-3)
-    y = backlash(x, 0.1)
+    assert filter_second_order(x, w, 0.3)[later] == pytest.approx((h * np.exp(s * t)).imag[later], abs=1e-3)
+    y = apply_backlash(x, 0.1)
     assert y.max() == pytest.approx(0.9)
     assert np.abs(x - y).max() == pytest.approx(0.1)
-    assert np.abs(sticking(x, 0.2) - x).max() <= 0.2
-    assert len(set(sticking(x, 0.2)[:1000])) < 30
+    assert np.abs(apply_sticking(x, 0.2) - x).max() <= 0.2
+    assert len(set(apply_sticking(x, 0.2)[:1000])) < 30
 
 
 # ---- linear effects: the sine response of a single track in which they stand as formulas
 
 
-def sine_response(effect, p, car):
+def compute_sine_response(effect, p, car):
     """Return accel_y and yaw_rate over steering angle, by the catalogue's formula."""
     c, s, v = NOMINAL, 2j * np.pi * FREQUENCY, SPEED
 
@@ -415,7 +421,7 @@ def sine_response(effect, p, car):
     return ay * (1 + get("imu_scale_ay", "s")) * late * tilt, r * (1 + get("gyro_scale", "s")) * late
 
 
-def projection(x, t, f=FREQUENCY):
+def project_on_sine(x, t, f=FREQUENCY):
     """Return the complex amplitude at a frequency over whole periods at the end."""
     n = round(3 / f / STEP)
     return 2j * np.mean((x[-n:] - x[-n:].mean()) * np.exp(-2j * np.pi * f * t[-n:]))
@@ -425,9 +431,9 @@ def projection(x, t, f=FREQUENCY):
 def test_linear_effects_move_gain_and_phase_by_their_parameters(runs, name):
     run, p = runs["sine", name]
     clean = runs["sine", "clean"][0]
-    expected = np.array(sine_response(name, p, run.car))
-    found = np.array([projection(run.imu[:, k], T) for k in (1, 2)]) / 0.008
-    bare = np.array([projection(clean.imu[:, k], T) for k in (1, 2)]) / 0.008
+    expected = np.array(compute_sine_response(name, p, run.car))
+    found = np.array([project_on_sine(run.imu[:, k], T) for k in (1, 2)]) / 0.008
+    bare = np.array([project_on_sine(clean.imu[:, k], T) for k in (1, 2)]) / 0.008
     # 0.4 %: the wheel forces' share of ay; 6 % of the change: lags of other order, ratio
     # that curves
     tolerance = 0.004 * np.abs(bare) + 0.06 * np.abs(expected - bare)
@@ -474,7 +480,7 @@ def test_a_wrong_radius_is_a_wrong_speed(runs):
 STEADY, BRAKING, THRUST = (slice(420, 480), slice(560, 615), slice(780, 880))
 
 
-def ratios(runs, name, when):
+def compute_ratios(runs, name, when):
     """Return axle stiffness over nominal, front and rear, and the mean accelerations."""
     run, p = runs["turn", name]
     front, rear = run.axle_stiffness()
@@ -495,11 +501,11 @@ def ratios(runs, name, when):
 
 def test_axle_stiffness_of_the_clean_car_is_constant(runs):
     for when in (STEADY, BRAKING, THRUST):
-        assert ratios(runs, "clean", when)[0] == pytest.approx([1, 1], abs=0.004)
+        assert compute_ratios(runs, "clean", when)[0] == pytest.approx([1, 1], abs=0.004)
 
 
 def test_saturation_softens_the_axles_as_the_brush_of_its_parameter_does(runs):
-    found, _, fy, run, p = ratios(runs, "tyre_saturation", STEADY)
+    found, _, fy, run, p = compute_ratios(runs, "tyre_saturation", STEADY)
     s = run.slow
     angle = (s["steer"] - (s["vy"] + NOMINAL["lf"] * s["r"]) / s["vx"])[STEADY].mean()
     load = NOMINAL["mass"] * G * NOMINAL["lr"] / (NOMINAL["lf"] + NOMINAL["lr"])
@@ -515,29 +521,29 @@ def test_saturation_softens_the_axles_as_the_brush_of_its_parameter_does(runs):
 
 
 def test_lateral_load_transfer_softens_both_axles_with_the_square(runs):
-    found, _, fy, _, p = ratios(runs, "lateral_load_transfer", STEADY)
+    found, _, fy, _, p = compute_ratios(runs, "lateral_load_transfer", STEADY)
     assert found == pytest.approx([1 - p["k_front"] * fy**2, 1 - p["k_rear"] * fy**2], abs=0.01)
     assert found.max() < 0.97
 
 
 @pytest.mark.parametrize("when", [BRAKING, THRUST])
 def test_longitudinal_load_transfer_stiffens_the_loaded_axle(runs, when):
-    found, ax, _, _, p = ratios(runs, "longitudinal_load_transfer", when)
+    found, ax, _, _, p = compute_ratios(runs, "longitudinal_load_transfer", when)
     assert found == pytest.approx([1 - p["k_front"] * ax, 1 + p["k_rear"] * ax], abs=0.012)
     assert abs(found[0] - found[1]) > 0.06
 
 
 def test_combined_slip_softens_the_axle_that_brakes(runs):
-    found, _, _, run, p = ratios(runs, "combined_slip", BRAKING)
+    found, _, _, run, p = compute_ratios(runs, "combined_slip", BRAKING)
     s = run.slow
     slip = np.array([((0.325 * s[w] - s["vx"]) / s["vx"])[BRAKING].mean() for w in ("wf", "wr")])
     assert found == pytest.approx(1 / np.sqrt(1 + p["k"] * slip**2), abs=0.006)
     assert found[0] < 0.992
-    assert side_force_weight(np.array(0.0), run.car["combined"]) == 1
+    assert compute_side_force_weight(np.array(0.0), run.car["combined"]) == 1
 
 
 def test_drift_changes_stiffness_over_the_log(runs):
-    found = [ratios(runs, "stiffness_drift", slice(i, i + 20))[0] for i in (300, 960)]
+    found = [compute_ratios(runs, "stiffness_drift", slice(i, i + 20))[0] for i in (300, 960)]
     p = runs["turn", "stiffness_drift"][1]
     span = found[1] / found[0] - 1
     assert span == pytest.approx(np.full(2, p["kappa"] * 0.66), rel=0.4)  # least squares of an exponential
@@ -652,7 +658,7 @@ def test_ratio_by_speed_and_active_steering_change_the_yaw_gain_by_their_law(run
         elif name == "active_front_steering":  # angle less gain (r - steady r)
             law = (1 + told["gain"] * gain(v, 0)) / (1 + told["gain"] * h)
             assert abs(law - 1) > 0.05
-        found = projection(run.fast["r"], T, 0.6) / 0.012
+        found = project_on_sine(run.fast["r"], T, 0.6) / 0.012
         assert found == pytest.approx(h * law, abs=0.01 * abs(h)), name
 
 
@@ -666,7 +672,7 @@ def test_a_sticking_sensor_logs_stairs_while_the_wheels_turn(cases):
 # ---- logs
 
 
-def single_track(logs, scale, parts=2):
+def simulate_single_track(logs, scale, parts=2):
     """Return accel_x, accel_y, yaw_rate of the baseline model, (rows, 3, logs).
 
     Logged steering and wheel speeds drive it.
@@ -711,7 +717,7 @@ def fit(logs, rounds=3):
     n, scale = len(logs), np.ones(3)
 
     def residuals(scales):
-        y = single_track(logs * len(scales), np.repeat(np.transpose(scales), n, axis=1))
+        y = simulate_single_track(logs * len(scales), np.repeat(np.transpose(scales), n, axis=1))
         e = (measured[:, :, None] - y.reshape(len(measured), 3, len(scales), n)) / SD[:, None, None]
         return e - e.mean(0)
 
@@ -722,7 +728,7 @@ def fit(logs, rounds=3):
     return scale, residuals([scale])[:, :, 0]
 
 
-def low_pass(x, cut=5.0):
+def filter_low_pass(x, cut=5.0):
     """Filter without phase: removes noise of wheel speeds and steering, keeps the
     driver."""
     ends = 2 * x[0] - x[:0:-1], 2 * x[-1] - x[-2::-1]
@@ -760,7 +766,7 @@ def test_without_noise_the_baseline_model_explains_every_clean_log(cases):
 def test_with_noise_the_residual_of_clean_logs_is_the_sensors_noise(cases):
     case = cases["clean"]
     logs = [
-        {k: low_pass(v) if "wheel" in k or k == "steer_angle" else v for k, v in g.items()}
+        {k: filter_low_pass(v) if "wheel" in k or k == "steer_angle" else v for k, v in g.items()}
         for g in case.logs.values()
     ]
     _, residual = fit(logs)
@@ -834,13 +840,13 @@ def test_logs_depend_on_the_seed_only_not_on_what_else_is_in_the_batch():
 
 
 def test_a_driver_steers_less_where_the_car_would_slide_or_oversteer():
-    usual = _careful(baseline())
-    car = baseline()
+    usual = compute_careful_share(make_baseline())
+    car = make_baseline()
     hide(car, {"tyre_saturation": {"value": 2.0}}, np.random.default_rng(1))
     assert usual == 1.0
-    assert _careful(car) == pytest.approx(0.7 * car["mu"] * G / 5.6)
-    assert _careful(car) < 0.6
-    assert 0.4 <= _careful({**baseline(), "lf": 1.5, "lr": 1.22}) < 0.8
+    assert compute_careful_share(car) == pytest.approx(0.7 * car["mu"] * G / 5.6)
+    assert compute_careful_share(car) < 0.6
+    assert 0.4 <= compute_careful_share({**make_baseline(), "lf": 1.5, "lr": 1.22}) < 0.8
 
 
 def test_the_same_drive_with_and_without_an_effect_differs_by_the_effect_alone(cases):
@@ -863,7 +869,7 @@ def test_what_is_told_of_an_effect_is_what_was_asked_for(key, size):
     every size."""
     e = EFFECTS[key]
     for seed in (1, 2):
-        car = baseline()
+        car = make_baseline()
         (truth,) = hide(car, {key: 1.0}, np.random.default_rng(seed), size)
         measured = e.measure(car).get(e.parameter, truth["value"])
         assert size * e.low * 0.999 <= abs(truth["value"]) <= size * e.high * 1.001

@@ -25,7 +25,7 @@ FEW = ("sine_sweep", "brake_in_turn")
 HELD_OUT = ("slalom",)
 
 
-def found(
+def run_workflow(
     tmp_path: Path,
     effects: dict[str, float],
     seed: int,
@@ -48,7 +48,7 @@ def found(
 
 
 def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
-    verdict, _, code = found(tmp_path, {}, 101, MANOEUVRES)
+    verdict, _, code = run_workflow(tmp_path, {}, 101, MANOEUVRES)
     assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
     assert max(verdict["gap"]["fit"]["after"].values()) < 1.2
     # no speed, no torque in the log
@@ -60,7 +60,7 @@ def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
     ("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")]
 )
 def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key: str) -> None:
-    verdict, truth, code = found(tmp_path, {effect: 1.0}, 2, FEW)
+    verdict, truth, code = run_workflow(tmp_path, {effect: 1.0}, 2, FEW)
     assert verdict["verdict"] == "named", json.dumps(verdict["words"])
     named = max(verdict["effects"], key=lambda e: e["evidence"])
     assert named["id"] == effect and code in (10, 11)
@@ -71,7 +71,7 @@ def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key
 
 
 def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
-    verdict, _, code = found(tmp_path, {"low_grip_patch": 2.0}, 1, FEW, ())
+    verdict, _, code = run_workflow(tmp_path, {"low_grip_patch": 2.0}, 1, FEW, ())
     assert verdict["verdict"] != "named" or verdict["closed"] < 0.5, verdict["words"]
     assert code in (0, 20)
 
@@ -94,12 +94,12 @@ def test_an_interval_holds_a_size_or_does_not() -> None:
         "truth": [{"id": "body_roll", "parameters": {"gain": 0.008}}],
         "named": [{"id": "body_roll", "parameters": {"gain": {"value": 0.009, "ci95": [0.0085, 0.0095]}}}],
     }
-    assert study.size_of(case) == (0.009, 0.0085, 0.0095, 0.008)
-    assert study.size_error(case) == pytest.approx(0.125)
+    assert study.get_size(case) == (0.009, 0.0085, 0.0095, 0.008)
+    assert study.compute_size_error(case) == pytest.approx(0.125)
     case["named"][0]["parameters"]["gain"] = {"value": -0.009, "ci95": [-0.010, -0.007]}
-    assert study.size_of(case) == (0.009, 0.007, 0.010, 0.008)
-    assert study.size_of({**case, "named": []}) is None and math.isnan(
-        study.size_error({**case, "named": []})
+    assert study.get_size(case) == (0.009, 0.007, 0.010, 0.008)
+    assert study.get_size({**case, "named": []}) is None and math.isnan(
+        study.compute_size_error({**case, "named": []})
     )
 
 
@@ -107,15 +107,15 @@ def test_an_interval_holds_a_size_or_does_not() -> None:
 
 
 def test_logs_are_as_many_and_as_long_as_the_table_says(tmp_path: Path) -> None:
-    scale.long_logs(tmp_path / "long", 12.0)
+    scale.write_long_logs(tmp_path / "long", 12.0)
     assert len(list((tmp_path / "long").glob("log_*.csv"))) == 6
     assert len(list((tmp_path / "long").glob("hold_out_*.csv"))) == 2
-    scale.many_logs(tmp_path / "many", 6.0)
+    scale.write_many_logs(tmp_path / "many", 6.0)
     many = sorted((tmp_path / "many").glob("*.csv"))
     assert len(many) == 20
     for path in many:
         step = pd.read_csv(path)["time"].diff().dropna()
-        assert step.min() > 0.0 and scale.minutes(path) == pytest.approx(0.1, rel=0.01)
+        assert step.min() > 0.0 and scale.measure_minutes(path) == pytest.approx(0.1, rel=0.01)
 
 
 def test_memory_is_that_of_one_process() -> None:
@@ -140,7 +140,7 @@ def test_memory_is_that_of_one_process() -> None:
 def test_a_row_of_the_table() -> None:
     row = scale.Row("long", "6, and 2 held out", 30.0, 10.0, 123.4, 1.234, "named: body_roll")
     assert (
-        scale.table([row], 2).splitlines()[-1]
+        scale.make_table([row], 2).splitlines()[-1]
         == "| long | 6, and 2 held out | 30.0 | 10.0 | 123 | 1.23 | named: body_roll |"
     )
 

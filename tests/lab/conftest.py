@@ -1,4 +1,4 @@
-"""Shared by the tselab tests: running the command as a user does, and one simulated drive."""
+"""Shared by the tselab tests: run the command as a user does; one simulated drive."""
 
 import contextlib
 import io
@@ -34,8 +34,10 @@ def tselab(*args: object, cwd: Path | None = None) -> Result:
 
 
 def tselab_here(*args: object, cwd: Path | None = None) -> Result:
-    """The same in this process: of most commands a start of Python and its packages, a second, is most of the time. Each command
-    that works for long is run as a process somewhere, too: as a user does."""
+    """Run the command in this process, since the start of Python takes a second.
+
+    Every command that runs long is run as a process in some test, too, as a user does.
+    """
     out, err = io.StringIO(), io.StringIO()
     argv, folder = sys.argv, Path.cwd()
     try:
@@ -54,7 +56,7 @@ def tselab_here(*args: object, cwd: Path | None = None) -> Result:
 
 
 def simulated(config: dict[str, float], sim: dict[str, float], dt: float, **driver: np.ndarray) -> np.ndarray:
-    """Rows of the simulator for what the driver does, on a road of level 1."""
+    """Return rows of the simulator for the driver's inputs, on a road of level 1."""
     simulator, rows = Simulator(Config.exact(config), SimConfig(sim)), len(driver["steer_angle"])
     inputs, outputs = simulator.inputs(rows), simulator.outputs(rows)
     for name, values in {"dt": dt, "road_level": 1.0, **driver}.items():
@@ -92,7 +94,21 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
     folder = tmp_path_factory.mktemp("drive")
     vehicle, log, truth = folder / "car.toml", folder / "log.csv", folder / "truth.csv"
     vehicle.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
-    done = tselab("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", vehicle, "--out", log,
-                  "--truth", truth, "--seed", 3, "--with-ref")  # fmt: skip
+    done = tselab(
+        "simulate",
+        "--maneuver",
+        "square-waves",
+        "--duration",
+        20,
+        "--vehicle",
+        vehicle,
+        "--out",
+        log,
+        "--truth",
+        truth,
+        "--seed",
+        3,
+        "--with-ref",
+    )
     assert done.code == 0, done.err
     return Drive(folder, log, truth, vehicle)

@@ -1,6 +1,9 @@
-"""A Dask cluster of processes of this machine, and work for a process that costs it the life: for tests. A module of its own: the
-process imports the module of a function that it is given, and could not import that of a test, which needs this folder's conftest
-where another folder's may be found first."""
+"""A Dask cluster of local processes, and a task that kills its process: for tests.
+
+It is a module of its own because the process imports the module of a function that it is
+given. It could not import a test module, which needs the conftest of this folder: the
+conftest of another folder may be found first.
+"""
 
 import os
 import signal
@@ -18,8 +21,8 @@ Start = Callable[..., subprocess.Popen]
 
 
 @contextmanager
-def starting() -> Iterator[Start]:
-    """Starts `dask ARGS`; ends all of them, whatever happens."""
+def start_programs() -> Iterator[Start]:
+    """Start `dask ARGS`; end all programs afterwards, whatever happens."""
     processes: list[subprocess.Popen] = []
 
     def one(*args: object, path: Path | None = None) -> subprocess.Popen:
@@ -39,16 +42,16 @@ def starting() -> Iterator[Start]:
             process.wait()
 
 
-def scheduler(start: Start) -> str:
+def start_scheduler(start: Start) -> str:
     """Start one; its address."""
     port = free_port()
     start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
-    until(lambda: listens(port))
+    wait_until(lambda: is_listening(port))
     return f"tcp://127.0.0.1:{port}"
 
 
-def worker(address: str, folder: Path) -> tuple[object, ...]:
-    """The words that start one."""
+def make_worker_command(address: str, folder: Path) -> tuple[object, ...]:
+    """Return the arguments that start a worker."""
     return ("worker", address, "--no-nanny", "--nthreads", 1, "--no-dashboard", "--local-directory", folder)
 
 
@@ -58,21 +61,21 @@ def free_port() -> int:
         return s.getsockname()[1]
 
 
-def until(what: Callable[[], object], seconds: float = 120.0) -> None:
+def wait_until(what: Callable[[], object], seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, "the cluster does not start"
         time.sleep(0.1)
 
 
-def listens(port: int) -> bool:
+def is_listening(port: int) -> bool:
     with socket.socket() as s:
         s.settimeout(1.0)
         return s.connect_ex(("127.0.0.1", port)) == 0
 
 
 def kill_this_process(task: Task) -> Outcome:
-    """A log called deadly is as one that is too long for the memory."""
+    """Kill the process on a log called deadly, as a log too long for the memory does."""
     if "deadly" in task.log.name:
         os.kill(os.getpid(), signal.SIGKILL)
     return Outcome(seconds=1.0)

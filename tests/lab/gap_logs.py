@@ -1,5 +1,8 @@
-"""Small logs of a car that has an effect, made with the replay of the library: steering and wheel speeds of the planning
-manoeuvres, and what the sensors would read, with their noise and biases. Seeded."""
+"""Write small logs of a car that has an effect, made with the replay of the library.
+
+Steering and wheel speeds are those of the planning manoeuvres. The sensors' readings have
+noise and biases. All is seeded.
+"""
 
 from pathlib import Path
 
@@ -61,19 +64,19 @@ DRIVES = {
 STIFFNESS = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}  # over the vehicle file's
 
 
-def car(folder: Path) -> Path:
+def write_car(folder: Path) -> Path:
     path = folder / "car.toml"
     path.write_text(CAR, encoding="utf-8")
     return path
 
 
-def problem_of(vehicle: Path, *logs: Path) -> Problem:
-    """These logs, of a car whose settings the vehicle file has."""
+def make_problem(vehicle: Path, *logs: Path) -> Problem:
+    """Return the problem of these logs, with the settings of the vehicle file."""
     config = Config.exact(read_vehicle(vehicle).values)
     return Problem([prepare(read_log(p), config) for p in logs], config)
 
 
-def candidate(config: Config, name: str) -> Candidate:
+def find_candidate(config: Config, name: str) -> Candidate:
     return next(c for c in library(config) if c.name == name)
 
 
@@ -86,10 +89,13 @@ def write_log(
     seconds: float = 24.0,
     **extra: float,
 ) -> Path:
-    """One log of a car with these settings of effects. `drive`: of DRIVES, or a manoeuvre by its full name. `extra`: optional
-    channels with the noise they have."""
+    """Write one log of a car with these settings of effects.
+
+    `drive`: a key of DRIVES, or a manoeuvre by its full name. `extra`: optional channels
+    with the noise they have.
+    """
     config = Config.exact(read_vehicle(vehicle).values)
-    log = prepared(candidate(config, DRIVES.get(drive, drive)), config)[0]
+    log = prepared(find_candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)
     rng = np.random.default_rng(seed)
     inputs = {k: x[:n] for k, x in log.inputs.items()}

@@ -1,6 +1,8 @@
-"""Drives that manoeuvre: out of parking places and round in three points, between stretches of
-street. A single track that rolls both ways, with tyres that have a relaxation length; sensors with
-noise, of which the wheel speeds know no sign."""
+"""Drives with manoeuvres: parking places and three-point turns between streets.
+
+The car is a single track that rolls both ways, with tyres that have a relaxation length.
+The sensors have noise, and the wheel speeds have no sign.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ class Car:
     lock: float  # rad
 
     def vehicle(self) -> str:
-        """The file of it: an ordinary car with known mass and axles."""
+        """Return the vehicle file of an ordinary car with known mass and axles."""
         return (
             f'name = "car"\nmass = {self.mass}\nlf = {self.lf}\nlr = {self.lr}\n'
             f'wheel_radius_front = {self.radius}\nwheel_radius_rear = {self.radius}\ndriven_axle = "front"\n'
@@ -60,8 +62,8 @@ def draw_car(rng: np.random.Generator) -> Car:
     )
 
 
-def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
-    """Bends and lane changes at 7 .. 17 m/s."""
+def draw_street(rng: np.random.Generator, seconds: float) -> list[Part]:
+    """Draw bends and lane changes at 7 .. 17 m/s."""
     parts, done = [], 0.0
     while done < seconds:
         v, length = rng.uniform(7.0, 17.0), rng.uniform(1.0, 3.0)
@@ -72,8 +74,8 @@ def _street(rng: np.random.Generator, seconds: float) -> list[Part]:
     return [*parts, (1.0, 8.0, 0.0), (8.0, 0.0, 0.0)]
 
 
-def _out(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
-    """Out of a parking place: backwards in an arc, perhaps a while straight or with little steering, forward."""
+def draw_exit(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
+    """Leave a parking place: back in an arc, perhaps almost straight, then forward."""
     side = float(rng.choice([-1, 1]))
     arc = side * lock * rng.uniform(0.4, 1.0)
     parts = [(rng.uniform(0.5, 3.0), 0.0, arc), (rng.uniform(3.0, 7.0), -back, arc)]
@@ -82,8 +84,8 @@ def _out(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
     return [*parts, (8.0, 0.0, 0.0), (rng.uniform(0.2, 2.0), 0.0, -arc), (3.0, rng.uniform(1.0, 4.0), -arc)]
 
 
-def _round(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
-    """Round in three points."""
+def draw_three_point_turn(rng: np.random.Generator, lock: float, back: float) -> list[Part]:
+    """Turn round in three points."""
     side = float(rng.choice([-1, 1]))
     ahead = [
         (4.0, rng.uniform(1.5, 4.0), side * lock),
@@ -102,17 +104,19 @@ def drive(seed: int, forward: bool = False) -> Drive:
     """Return a drive with six manoeuvres.   forward: all of it is driven forward."""
     rng = np.random.default_rng(seed)
     car = draw_car(rng)
-    parts = [(2.0, 0.0, 0.0), *_street(rng, 40.0)]
+    parts = [(2.0, 0.0, 0.0), *draw_street(rng, 40.0)]
     for _ in range(6):
-        parts += (_out if rng.random() < 0.5 else _round)(rng, car.lock, rng.uniform(1.0, 4.0))
-        parts += _street(rng, rng.uniform(15.0, 35.0))
+        parts += (draw_exit if rng.random() < 0.5 else draw_three_point_turn)(
+            rng, car.lock, rng.uniform(1.0, 4.0)
+        )
+        parts += draw_street(rng, rng.uniform(15.0, 35.0))
     if forward:
         parts = [(seconds, abs(v), angle) for seconds, v, angle in parts]
-    return _driven(car, parts, rng)
+    return drive_parts(car, parts, rng)
 
 
-def _driven(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
-    """Drive, with a driver who gains and loses speed as drivers do, and turns the wheel at most as fast."""
+def drive_parts(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
+    """Drive as a driver does: limited change of speed and limited steering rate."""
     h, length = STEP / SUB, car.lf + car.lr
     vx = vy = r = angle = af = ar = push = 0.0
     relax, mu, slope, at = 0.35, 1.0, 0.0, 0.0
@@ -124,14 +128,9 @@ def _driven(car: Car, parts: list[Part], rng: np.random.Generator) -> Drive:
             for _ in range(SUB):
                 rate = 0.7 if abs(vx) < 5 else 0.35
                 angle += np.clip(to - angle, -rate * h, rate * h)
-                push += (
-                    h
-                    * (
-                        np.clip(1.5 * (wanted - vx), -1.4 * strength if vx > 0 else -strength, strength)
-                        - push
-                    )
-                    / 0.15
-                )
+                brake = 1.4 * strength if vx > 0 else strength
+                target = np.clip(1.5 * (wanted - vx), -brake, strength)
+                push += h * (target - push) / 0.15
                 sin, cos = np.sin(angle), np.cos(angle)
                 across_front, along_front = (
                     (vy + car.lf * r) * cos - vx * sin,

@@ -39,7 +39,7 @@ def drive(seconds: float, speed: float, across: float, left: float = 0.0, seed: 
     )
 
 
-def said(table: pd.DataFrame) -> list[str]:
+def list_warnings(table: pd.DataFrame) -> list[str]:
     """Return the warnings about a log."""
     return check_units(read_frame(table), WHEELBASE, RADIUS, RADIUS, 15.0)
 
@@ -50,17 +50,17 @@ def test_a_car_that_slides_for_half_its_drive_has_its_steering_angle_the_right_w
     Over the whole log, steering angle and yaw rate have a negative correlation."""
     table, slide = drive(180.0, 15.0, 0.5), drive(180.0, 15.0, 3.0, seed=2)
     slide["steer_angle"] *= -1.0
-    assert said(table) == [] and len(said(slide)) == 1
+    assert list_warnings(table) == [] and len(list_warnings(slide)) == 1
     late = table["time"] > 90.0
     table.loc[late] = slide.loc[late]
-    assert said(table) == []
+    assert list_warnings(table) == []
 
 
 @pytest.mark.parametrize("channel", ["steer_angle", "yaw_rate", "accel_y"])
 def test_a_sign_that_is_wrong_throughout_is_found(channel: str) -> None:
     table = drive(180.0, 15.0, 2.0)
     table[channel] *= -1.0
-    (text,) = said(table)
+    (text,) = list_warnings(table)
     assert channel in text and "change its sign" in text
 
 
@@ -73,14 +73,14 @@ def test_a_motorway_on_which_radii_grow_with_speed_and_load_is_no_mistake() -> N
     v = RADIUS * table["wheel_speed_rear"]
     front = 1.0 - 0.003 + 2e-6 * v**2 + 4e-4 * np.abs(table["accel_y"])
     table["wheel_speed_front"] *= front
-    assert said(table) == []
+    assert list_warnings(table) == []
 
 
 def test_wheels_of_one_side_are_still_found() -> None:
     table = drive(180.0, 15.0, 2.0)
     table["wheel_speed_front"] += 1.5 * table["yaw_rate"] / 2 / RADIUS
     table["wheel_speed_rear"] -= 1.5 * table["yaw_rate"] / 2 / RADIUS
-    (text,) = said(table)
+    (text,) = list_warnings(table)
     assert text.startswith("check the wheels")
 
 
@@ -137,8 +137,8 @@ def test_a_course_of_the_compass_is_found(sense: float) -> None:
     table = drive(120.0, 15.0, 2.0)
     course = sense * np.cumsum(table["yaw_rate"]) * 0.02
     table["gnss_course"] = np.where(np.arange(len(table)) % 10 == 0, np.angle(np.exp(1j * course)), np.nan)
-    assert bool(said(table)) == (sense < 0)
-    assert sense > 0 or "gnss_course turns against yaw_rate" in said(table)[0]
+    assert bool(list_warnings(table)) == (sense < 0)
+    assert sense > 0 or "gnss_course turns against yaw_rate" in list_warnings(table)[0]
 
 
 @pytest.mark.parametrize("run", [1, 10])

@@ -1,5 +1,7 @@
-"""The Python API: the numbers of the command and of the C library, and refusals that name what is wrong. The examples of
-scripts/examples run, and do what they say."""
+"""The Python API has the numbers of the command and of the C library.
+
+Its refusals name the error. The examples of scripts/examples run and do what they claim.
+"""
 
 import copy
 import inspect
@@ -44,7 +46,7 @@ def result(drive, frame):
     return tse.estimate(frame, drive.vehicle)
 
 
-def same_bits(a, b):
+def has_same_bits(a, b):
     return np.array_equal(np.asarray(a, float), np.asarray(b, float), equal_nan=True)
 
 
@@ -73,7 +75,7 @@ def test_a_frame_that_contradicts_itself_warns_and_leaves_nothing_usable(drive, 
     assert all("contradict" in line for line in wrong.words)
 
 
-def as_row(table, i):
+def make_row(table, i):
     return {name: table[name][i] for name in table.columns}
 
 
@@ -100,8 +102,18 @@ def test_arrays_and_structured_arrays_are_as_good_as_a_frame(drive, frame, resul
 
 
 def test_settings_and_average_reach_the_filter_as_options_of_the_command_do(drive, frame, tmp_path):
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--set", "initial_cy_front=0.8",
-                  "--out", tmp_path / "command.csv")  # fmt: skip
+    done = tselab(
+        "estimate",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--average",
+        0.04,
+        "--set",
+        "initial_cy_front=0.8",
+        "--out",
+        tmp_path / "command.csv",
+    )
     assert done.code == 0, done.err
     tse.estimate(frame, drive.vehicle, average=0.04, settings={"initial_cy_front": 0.8}).to_csv(
         tmp_path / "api.csv"
@@ -169,18 +181,32 @@ def test_the_next_drive_starts_from_what_was_learnt(drive, frame, result):
 @pytest.mark.parametrize(
     ("change", "texts"),
     [
-        (lambda f: f.drop(columns="steer_angle"), ["log: column steer_angle is missing", "needed: time, steer_angle"]),
+        (
+            lambda f: f.drop(columns="steer_angle"),
+            ["log: column steer_angle is missing", "needed: time, steer_angle"],
+        ),
         (lambda f: f.drop(columns=["wheel_speed_rear", "wheel_speed_front"]), ["left and right wheel"]),
         (lambda f: f.assign(yaw_rate="x"), ["column yaw_rate is not numeric", "-6 .. 6 rad/s"]),
-        (lambda f: f.assign(steer_angle=f["steer_angle"].where(f.index % 5 != 2, 2.5)),
-         ["row 2, column steer_angle: 2.5 is outside the allowed range -1.2 .. 1.2 rad", "pi/180"]),
-        (lambda f: f.assign(time=f["time"].to_numpy()[::-1]), ["row 1, column time: ", "is earlier than row 0"]),
+        (
+            lambda f: f.assign(steer_angle=f["steer_angle"].where(f.index % 5 != 2, 2.5)),
+            ["row 2, column steer_angle: 2.5 is outside the allowed range -1.2 .. 1.2 rad", "pi/180"],
+        ),
+        (
+            lambda f: f.assign(time=f["time"].to_numpy()[::-1]),
+            ["row 1, column time: ", "is earlier than row 0"],
+        ),
         (lambda f: f.iloc[:0], ["has no rows"]),
-        (lambda f: f.assign(accel_y=np.nan, yaw_rate=np.nan), ["accel_y and yaw_rate are missing: without either nothing"]),
+        (
+            lambda f: f.assign(accel_y=np.nan, yaw_rate=np.nan),
+            ["accel_y and yaw_rate are missing: without either nothing"],
+        ),
         (lambda f: pd.concat([f, f[["accel_x"]]], axis=1), ["column accel_x appears more than once"]),
-        (lambda f: {**{c: f[c] for c in f}, "yaw_rate": f["yaw_rate"].to_numpy()[:5]}, ["column yaw_rate has shape (5,)"]),
+        (
+            lambda f: {**{c: f[c] for c in f}, "yaw_rate": f["yaw_rate"].to_numpy()[:5]},
+            ["column yaw_rate has shape (5,)"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, frame, change, texts):
     with pytest.raises(tse.Error) as error:
         tse.estimate(change(frame), drive.vehicle)
@@ -191,16 +217,30 @@ def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, fra
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: f.drop(columns="accel_y"), "accel_y is not in the log: quantities that only it shows stay unknown"),
+        (
+            lambda f: f.drop(columns="accel_y"),
+            "accel_y is not in the log: quantities that only it shows stay unknown",
+        ),
         (lambda f: f.drop(columns="wheel_speed_rear"), "wheel_speed_front stands in for it"),
-        (lambda f: f.assign(steer_angle=f["steer_angle"].where(f.index != 7, 2.5)),
-         "steer_angle: 1 values outside -1.2 .. 1.2 rad are treated as missing (first in row 7)"),
+        (
+            lambda f: f.assign(steer_angle=f["steer_angle"].where(f.index != 7, 2.5)),
+            "steer_angle: 1 values outside -1.2 .. 1.2 rad are treated as missing (first in row 7)",
+        ),
         (lambda f: f.assign(time=f["time"].where(f.index != 9, 0.0)), "time: "),
-        (lambda f: f.assign(accel_y=0.33 * f["wheel_speed_rear"] * f["yaw_rate"]), "accel_y is speed times yaw_rate to the digit"),
-        (lambda f: f.assign(yaw_rate=f["yaw_rate"].where(f.index % 100 > 4, -3.2767)), "yaw_rate is -3.2767 in 25 rows"),
-        (lambda f: {**f, "yaw_rate": np.ma.masked_array(f["yaw_rate"].to_numpy(), f.index % 10 == 0)}, "yaw_rate: 50 of 500 cells"),
+        (
+            lambda f: f.assign(accel_y=0.33 * f["wheel_speed_rear"] * f["yaw_rate"]),
+            "accel_y is speed times yaw_rate to the digit",
+        ),
+        (
+            lambda f: f.assign(yaw_rate=f["yaw_rate"].where(f.index % 100 > 4, -3.2767)),
+            "yaw_rate is -3.2767 in 25 rows",
+        ),
+        (
+            lambda f: {**f, "yaw_rate": np.ma.masked_array(f["yaw_rate"].to_numpy(), f.index % 10 == 0)},
+            "yaw_rate: 50 of 500 cells",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_a_log_lacks_is_missing_and_said(drive, frame, change, text):
     result = tse.estimate(change(frame.head(500)), drive.vehicle)
     assert any(text in note for note in result.notes), result.notes
@@ -264,7 +304,7 @@ def test_what_is_no_log_car_or_setting_is_named(frame, call, error, said):
 def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
     f = result.filter()
     for i in range(600):
-        e = f.step(as_row(frame, i)).as_dict()
+        e = f.step(make_row(frame, i)).as_dict()
         row = result.table.iloc[i]
         for name, value in e.items():
             if name == "fault_channel":
@@ -273,7 +313,7 @@ def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
             elif isinstance(value, str):
                 assert value == row[name]
             else:
-                assert same_bits(value, row[name]), name
+                assert has_same_bits(value, row[name]), name
     assert set(e) == set(result.table)
 
 
@@ -377,7 +417,7 @@ def test_a_channel_that_is_late_is_waited_for(frame):
         "accel_x": 0.0,
         "accel_y": 0.03,
     }
-    seen = [f.step(as_row(frame, i)) for i in range(100)]
+    seen = [f.step(make_row(frame, i)) for i in range(100)]
     assert seen[0].status == tse.Status.WAITING
     assert 0.029 < seen[-1].estimate_age < 0.051 and seen[-1].status != tse.Status.WAITING
 
@@ -386,13 +426,15 @@ def test_what_a_stream_has_learnt_is_what_the_log_has(frame, result):
     f = result.filter()
     assert f.save_learnt() is None
     for i in range(len(frame)):
-        f.step(as_row(frame, i))
+        f.step(make_row(frame, i))
     assert f.save_learnt() == result.learnt
     for name, sd in f.uncertainty_sd().items():
         assert np.array_equal(sd, result.uncertainty_sd[name])
     new = result.filter()
     new.load_learnt(result.learnt, age=60.0)
-    assert new.step(as_row(frame, 0)).cy_front_sd < 0.5 * result.filter().step(as_row(frame, 0)).cy_front_sd
+    assert (
+        new.step(make_row(frame, 0)).cy_front_sd < 0.5 * result.filter().step(make_row(frame, 0)).cy_front_sd
+    )
     with pytest.raises(tse.LearntError):
         new.load_learnt(result.learnt)  # after the first row
     with pytest.raises(tse.LearntError, match="another vehicle"):
@@ -447,11 +489,12 @@ def test_the_typed_names_are_those_of_the_tables():
 
 
 def test_an_import_of_the_api_leaves_the_threads_of_others_alone():
-    code = "import os; os.environ.pop('OPENBLAS_NUM_THREADS', None); import tse; print(os.environ.get('OPENBLAS_NUM_THREADS'))"
-    assert (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-        == "None\n"
+    code = (
+        "import os; os.environ.pop('OPENBLAS_NUM_THREADS', None); "
+        "import tse; print(os.environ.get('OPENBLAS_NUM_THREADS'))"
     )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "None\n"
 
 
 def test_every_public_name_says_what_it_is():
@@ -506,7 +549,8 @@ class Others:
 sys.meta_path.insert(0, Others())
 import tse
 car = tse.read_vehicle({str(drive.vehicle)!r})
-e = tse.Filter(car).step(steer_angle=0.0, wheel_speed_front=60.0, wheel_speed_rear=60.0, accel_x=0.0, accel_y=0.0, yaw_rate=0.0)
+wheels = {{"wheel_speed_front": 60.0, "wheel_speed_rear": 60.0}}
+e = tse.Filter(car).step(steer_angle=0.0, **wheels, accel_x=0.0, accel_y=0.0, yaw_rate=0.0)
 print(e.vel_x)
 try:
     tse.estimate
@@ -525,10 +569,16 @@ main()
     )
 
 
-@pytest.mark.parametrize(("used", "heavy"), [
-    ("pass", "'scipy.signal', 'scipy.stats', 'plotly', 'matplotlib', 'fmpy'"),
-    ("tse.estimate({log!r}, {vehicle!r})", "'scipy', 'plotly', 'matplotlib', 'fmpy'"),  # scipy: 80 MB, a second
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("used", "heavy"),
+    [
+        ("pass", "'scipy.signal', 'scipy.stats', 'plotly', 'matplotlib', 'fmpy'"),
+        (
+            "tse.estimate({log!r}, {vehicle!r})",
+            "'scipy', 'plotly', 'matplotlib', 'fmpy'",
+        ),  # scipy: 80 MB, a second
+    ],
+)
 def test_nothing_is_loaded_that_only_other_parts_need(used, heavy, drive):
     used = used.format(log=str(drive.log), vehicle=str(drive.vehicle))
     code = f"import sys, tse; {used}; print(sorted(m for m in ({heavy}) if m in sys.modules))"
@@ -541,7 +591,7 @@ def test_nothing_is_loaded_that_only_other_parts_need(used, heavy, drive):
 EXAMPLES = ROOT / "scripts" / "examples"
 
 
-def example(name, *arguments):
+def run_example(name, *arguments):
     done = subprocess.run(
         [sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120
     )
@@ -550,7 +600,7 @@ def example(name, *arguments):
 
 
 def test_a_stream_is_followed():
-    out = example("stream.py")
+    out = run_example("stream.py")
     assert "row refused: steer_angle = 7 is outside its range -1.2 .. 1.2 rad" in out
     assert "late channels: {'steer_angle': 0.02} s" in out and "of 0.020 s before" in out
     (now, within), (first, _) = (
@@ -581,9 +631,16 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("nowhere.kalman", "no estimator 'nowhere.kalman': No module named 'nowhere'; is the folder of nowhere.py in PYTHONPATH?"),
-     ("tse.Nothing", "has no attribute 'Nothing'"), ("tse.STIFFNESS", "is not a function")],
-)  # fmt: skip
+    [
+        (
+            "nowhere.kalman",
+            "no estimator 'nowhere.kalman': No module named 'nowhere'; "
+            "is the folder of nowhere.py in PYTHONPATH?",
+        ),
+        ("tse.Nothing", "has no attribute 'Nothing'"),
+        ("tse.STIFFNESS", "is not a function"),
+    ],
+)
 def test_an_estimator_that_is_not_there_is_refused(name, text):
     with pytest.raises(tse.Error) as error:
         study(f"stress+{name}")

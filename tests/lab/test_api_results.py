@@ -1,4 +1,4 @@
-"""Python does what the command does: the same numbers, and every result says itself in words, as a table, picture and page."""
+"""The Python API has the command's results: numbers, words, table, picture, page."""
 
 import ast
 import copy
@@ -40,8 +40,8 @@ def folder(tmp_path_factory):
     return place
 
 
-def shown(result, path):
-    """Everything that a result must be able to do; the page that it wrote."""
+def show_result(result, path):
+    """Use every output of a result; return the page that it wrote."""
     assert result.words and all(isinstance(line, str) for line in result.words)
     assert isinstance(result.to_frame(), pd.DataFrame)
     assert isinstance(result.plot(), go.Figure)
@@ -56,7 +56,7 @@ def shown(result, path):
 def test_a_log_is_read_shown_and_estimated_like_its_frame(folder, tmp_path):
     log = tse.read_log(folder / "log.csv", CAR)
     assert len(log) == len(log.time) == 6001 and log.sample_time == pytest.approx(0.01)
-    shown(log, tmp_path / "log.html")
+    show_result(log, tmp_path / "log.html")
     frame = log.to_frame()
     assert np.array_equal(frame["yaw_rate"], pd.read_csv(folder / "log.csv")["yaw_rate"])
     tables = [
@@ -88,7 +88,7 @@ def test_an_estimate_draws_and_writes_the_page_of_the_command(folder, tmp_path):
     assert done.code in (0, 3, 4), done.err
     result = tse.estimate(folder / "log.csv", folder / "car.toml")
     assert result.to_frame() is result.table and len(result.log) == len(result)
-    page = shown(result, tmp_path / "api.html")
+    page = show_result(result, tmp_path / "api.html")
     command = (tmp_path / "command.html").read_text(encoding="utf-8")
     for mine, theirs in zip(figures_of(page), figures_of(command), strict=True):
         assert [t.get("name") for t in mine["data"]] == [t.get("name") for t in theirs["data"]]
@@ -105,7 +105,7 @@ def test_signals_are_proposed_and_read_back(folder, tmp_path):
     )
     turned.to_csv(tmp_path / "odd.csv", index=False)
     found = tse.signals(tmp_path / "odd.csv", CAR)
-    shown(found, tmp_path / "signals.html")
+    show_result(found, tmp_path / "signals.html")
     used = found.to_frame().set_index("name")["used"]
     assert used["YawRate_degps"] == "yaw_rate" and not found.missing
     done = tselab_here("signals", "odd.csv", "--vehicle", folder / "car.toml", "--json", cwd=tmp_path)
@@ -125,8 +125,17 @@ def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_i
     made = tse.signals(tmp_path / "log.csv", CAR, databases=[tmp_path / "car.dbc"]).write(
         tmp_path / "api.toml"
     )
-    done = tselab_here("signals", "log.csv", "--vehicle", folder / "car.toml", "--database", "car.dbc", "--write", "command.toml",
-                       cwd=tmp_path)  # fmt: skip
+    done = tselab_here(
+        "signals",
+        "log.csv",
+        "--vehicle",
+        folder / "car.toml",
+        "--database",
+        "car.dbc",
+        "--write",
+        "command.toml",
+        cwd=tmp_path,
+    )
     assert done.code == 0, done.err
     wanted = ReadOptions((tmp_path / "car.dbc",), step=0.01, separator=";")
     assert read_signals(made).how == read_signals(tmp_path / "command.toml").how == wanted
@@ -134,7 +143,10 @@ def test_a_log_is_proposed_as_the_file_beside_it_says_and_what_is_written_says_i
 
 
 def test_a_replay_is_the_car_without_noise(folder, tmp_path):
-    """Of a simulation without noise and spread it is the log, but for what the simulator's wheels do between rows."""
+    """A replay without noise and spread is the log.
+
+    They differ only by the simulator's wheels between rows.
+    """
     quiet = dict.fromkeys(("noise", "spread_cx_front", "spread_cy_front", "spread_cy_rear"), 0.0)
     log = tse.simulate("double-lane-change", CAR, duration=20, settings=quiet).log
     for settings, off in ((None, 0.03), ({"cornering_stiffness_front": 60e3}, None)):
@@ -142,7 +154,7 @@ def test_a_replay_is_the_car_without_noise(folder, tmp_path):
         table = result.to_frame()
         rms = (table["accel_y"] - table["accel_y_simulated"]).std() / table["accel_y"].std()
         assert rms < off if off else rms > 0.1
-    page = shown(result, tmp_path / "replay.html")
+    page = show_result(result, tmp_path / "replay.html")
     assert "measured less simulated" in page
     late = log.assign(accel_y=log["accel_y"].shift(5, fill_value=0.0))
     apart = [tse.replay(x, CAR, settings=s).apart()["accel_y"].rms
@@ -161,7 +173,10 @@ def calibrated(folder):
 
 
 def test_python_learns_nothing_from_channels_that_contradict_each_other(folder):
-    """As the command; of frames each by itself, which are counted, and as long as they like."""
+    """Contradicting channels are treated as by the command.
+
+    Each frame is checked by itself and named by its number.
+    """
     frame = pd.read_csv(folder / "log.csv")
     wrong = frame.assign(accel_y=frame["accel_y"] / 9.81)
     with pytest.raises(tse.Error, match=r"nothing is learnt from it: .*accel_y is in g"):
@@ -218,7 +233,7 @@ def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
         mine.values == pytest.approx(theirs.values, rel=1e-9)
         and mine.calibration.keys() == theirs.calibration.keys()
     )
-    shown(calibrated, tmp_path / "calibrated.html")
+    show_result(calibrated, tmp_path / "calibrated.html")
     assert calibrated.to_frame()["shown"].any() and calibrated.words[0] in done.out
     tse.read_vehicle(calibrated.write(tmp_path / "mine.toml"))
     narrow, wide = (tse.estimate(folder / "log.csv", car, calibrate=False) for car in (mine, CAR))
@@ -238,7 +253,7 @@ def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
     )
     assert done.code in (0, 3, 4), done.err
     result = tse.fleet(folder / "log.csv", CAR, out=tmp_path / "api", calibrate=False)
-    shown(result, tmp_path / "fleet.html")
+    show_result(result, tmp_path / "fleet.html")
     drop = ["report", "log", "car", "vehicle"]
     theirs = pd.read_parquet(tmp_path / "command" / "fleet.parquet").drop(columns=drop)
     pd.testing.assert_frame_equal(
@@ -251,7 +266,7 @@ def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
 
 
 def run_notebook(name, folder, monkeypatch):
-    """What its cells leave; the last line of a cell is shown, as in a browser."""
+    """Run the cells, and return their variables; show the value of a cell's last line."""
     monkeypatch.chdir(folder)
     cells = json.loads((ROOT / "scripts" / "examples" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     names: dict = {}
@@ -301,7 +316,7 @@ def test_the_notebook_of_a_missing_effect(tmp_path, monkeypatch):
         and set(gap.to_frame()["id"]) == {"steering_ratio"}
     )
     assert gap.vehicle.values["steering_ratio_change"] == pytest.approx(0.15, abs=0.04)
-    shown(gap, tmp_path / "page.html")
+    show_result(gap, tmp_path / "page.html")
     rms = [
         (t["yaw_rate"] - t["yaw_rate_simulated"]).std()
         for t in (n[x].to_frame() for x in ("before", "after"))
@@ -321,8 +336,8 @@ def test_a_setting_of_the_other_filter_is_refused(folder):
     tse.Filter(settings=tse.Filter(CAR).settings)
 
 
-# ---- What the Python API takes besides, and what it says of what it does not take: no cryptic error, nothing silently
-# wrong.
+# ---- What else the Python API takes, and how it refuses the rest: no cryptic error,
+# nothing wrong without a message.
 
 
 @pytest.fixture(scope="module")
@@ -352,7 +367,10 @@ START = pd.Timestamp("2024-05-01 12:00:00")
     ids=["spans", "dates", "with a zone", "as text", "objects", "numpy", "objects of spans"],
 )
 def test_a_time_may_be_dates(time, frame, table):
-    """Means are those of seconds to what a date of 2024 in double resolves: 2e-7 s of a step of 0.01 s."""
+    """Means equal those of times in seconds, within the resolution of a date in double.
+
+    A date of 2024 resolves 2e-7 s of a step of 0.01 s.
+    """
     found = tse.estimate(frame.assign(time=time(frame["time"])), SMALL).table
     assert np.allclose(np.diff(found["time"]), 0.01, atol=1e-6)
     assert np.allclose(found["cy_front"], table["cy_front"], rtol=2e-3)

@@ -16,9 +16,9 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from conftest import Result, tselab, tselab_here
-from gap_logs import car, write_log
+from gap_logs import write_car, write_log
 from tests.gap.generator import Spec, make_cases
-from tests.lab.test_identify import made, written
+from tests.lab.test_identify import make_drive_rows, write_rows
 from tse.calibration import workflow
 from tse.calibration.result import (
     NumberFinding,
@@ -197,13 +197,13 @@ def test_quantisation_is_found_where_it_is() -> None:
 
 
 def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
-    rows = made(3, 30.0)
-    still = made(4, 30.0)
+    rows = make_drive_rows(3, 30.0)
+    still = make_drive_rows(4, 30.0)
     for name in ("steer_angle", "accel_y", "yaw_rate"):  # straight: the residuals are noise
         rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(
             5
         ).standard_normal(len(rows))
-    log = written(tmp_path / "straight.csv", rows)
+    log = write_rows(tmp_path / "straight.csv", rows)
     (tmp_path / "car.toml").write_text(
         "mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
     )
@@ -229,7 +229,7 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     The file is written into another folder, where the next calibration finds the formula.
     """
     lopsided = parse("lopsided", "one-sided", "yaw_rate", "k*abs(yaw_rate)", [Number("k", 0.1, "1")])
-    log = write_log(tmp_path / "log.csv", car(tmp_path), "sweep", lopsided.settings(), 1, 15.0)
+    log = write_log(tmp_path / "log.csv", write_car(tmp_path), "sweep", lopsided.settings(), 1, 15.0)
     write_formula(tmp_path / "mine.toml", lopsided)
     plain, told = (tmp_path / f"{name}.toml" for name in ("car", "told"))
     told.write_text(plain.read_text() + '[formula]\nfile = "mine.toml"\n')
@@ -379,7 +379,7 @@ PRIOR_SD = 0.5
 LATE_SD = 0.025
 
 
-def slip_of(config: Config, driven: str, stiffness: float, push: float, share: float = 1.0) -> float:
+def compute_slip(config: Config, driven: str, stiffness: float, push: float, share: float = 1.0) -> float:
     """Return the slip at which the tyres of an axle take their share of the push [m/s2].
 
     Found by search: curve of the class, grip 1, with load transfer.
@@ -418,7 +418,7 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
     gains = np.gradient(v, DT)
     push = gains + 9.81 * ROLLING + DRAG * v**2 / config.mass
     if driven == "both":
-        return _all_wheel_drive(config, t, v, push, factor, rng)
+        return make_all_wheel_drive(config, t, v, push, factor, rng)
     stiffness = factor * getattr(config, f"longitudinal_stiffness_{driven}")
     grid = np.linspace(0.0, 3.5, 101)
     # the road accelerates the free wheels, 1.2 kg m2 each, by slip; the driven axle adds
@@ -426,7 +426,7 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
     spin = 2 * 1.2 / 0.32**2 / config.mass * gains
     free = "rear" if driven == "front" else "front"
     drags = spin * config.mass / (factor * getattr(config, f"longitudinal_stiffness_{free}"))
-    slip = np.interp(push + spin, grid, [slip_of(config, driven, stiffness, p) for p in grid])
+    slip = np.interp(push + spin, grid, [compute_slip(config, driven, stiffness, p) for p in grid])
     # a tyre loses 0.5 % of its rolling radius by its static load; load transfer changes
     # it in proportion
     moved = HEIGHT / 9.81 * push
@@ -442,7 +442,7 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0, faster: flo
     return read_frame(pd.DataFrame(frame))
 
 
-def _all_wheel_drive(
+def make_all_wheel_drive(
     config: Config, t: np.ndarray, v: np.ndarray, push: np.ndarray, factor: float, rng: np.random.Generator
 ) -> CheckedLog:
     """Return a log with wheel torques and brake: 70 and 40 % of the force in front, in
@@ -456,7 +456,7 @@ def _all_wheel_drive(
     for axle, parts in (("front", (0.7, 0.4)), ("rear", (0.3, 0.6))):
         stiffness = factor * getattr(config, f"longitudinal_stiffness_{axle}")
         first, second = (
-            np.interp(push, grid, [slip_of(config, axle, stiffness, p, s) for p in grid]) for s in parts
+            np.interp(push, grid, [compute_slip(config, axle, stiffness, p, s) for p in grid]) for s in parts
         )
         by[axle] = np.where(in_front, first, second)
     moved = HEIGHT / 9.81 * push
@@ -475,7 +475,7 @@ def _all_wheel_drive(
     return read_frame(pd.DataFrame(frame | {"brake": 0.0 * t}))
 
 
-def searched() -> tuple[Any, CarFit]:
+def make_search() -> tuple[Any, CarFit]:
     """Return the fit of a search that had no slip, and a wrong stiffness."""
     x = np.array([0.004, 0.004, ROLLING, DRAG, PITCH, 0.7, RADIUS, RADIUS])
     prior = np.array([LATE_SD] * 2 + [0.0] * 3 + [PRIOR_SD] + [0.003 * RADIUS] * 2)
@@ -487,7 +487,7 @@ def searched() -> tuple[Any, CarFit]:
     return problem, CarFit(x, np.zeros(0), np.eye(8), x, {}, [], ([], []), None)
 
 
-def driven_car(driven: str) -> Vehicle:
+def make_driven_car(driven: str) -> Vehicle:
     return Vehicle(None, "car", {}, {"driven_axle": driven, "cg_height": HEIGHT})
 
 
@@ -503,9 +503,9 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
     the same latency, which the regression neglects. Stiffness: 1 % of prior, 1 % of
     scatter.
     """
-    problem, fit = searched()
+    problem, fit = make_search()
     logs = [drive(driven, later, 1, factor), drive(driven, later, 2, factor)]
-    found = apply_slip_regression(problem, fit, logs, driven_car(driven))
+    found = apply_slip_regression(problem, fit, logs, make_driven_car(driven))
     assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.003)
     late = [w for w in describe_slip(problem, found) if w.startswith("wheel speeds")]
     assert len(late) == len(describe_wheel_latencies(problem, found)) / 2 == (later != 0)
@@ -520,12 +520,12 @@ def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(
 
 def test_what_logs_do_not_show_is_left_as_it_was() -> None:
     """With four driven wheels and a constant speed, the stiffness keeps its prior."""
-    problem, fit = searched()
+    problem, fit = make_search()
     log = drive("front", 0.008, 1)
     steady = drive("front", 0.008, 1, faster=0.0)
     for found in (
-        apply_slip_regression(problem, fit, [log], driven_car("both")),
-        apply_slip_regression(problem, fit, [steady], driven_car("front")),
+        apply_slip_regression(problem, fit, [log], make_driven_car("both")),
+        apply_slip_regression(problem, fit, [steady], make_driven_car("front")),
     ):
         np.testing.assert_array_equal(found.x[:2], 0.0)
         np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
@@ -536,14 +536,14 @@ def test_what_logs_do_not_show_is_left_as_it_was() -> None:
 def test_what_they_hardly_show_is_shrunk() -> None:
     """With noisy wheels, a latency below three sd is not applied, and the sd is
     larger."""
-    problem, fit = searched()
+    problem, fit = make_search()
     log = drive("front", 0.03, 3)
     rng = np.random.default_rng(4)
     loud = log.data.assign(
         wheel_speed_front=log.data["wheel_speed_front"] + 3.0 * rng.standard_normal(len(log.data))
     )
-    sure = apply_slip_regression(problem, fit, [log], driven_car("front"))
-    found = apply_slip_regression(problem, fit, [replace(log, data=loud)], driven_car("front"))
+    sure = apply_slip_regression(problem, fit, [log], make_driven_car("front"))
+    found = apply_slip_regression(problem, fit, [replace(log, data=loud)], make_driven_car("front"))
     assert found.x[0] == found.x[1] == 0.0
     assert found.covariance[5, 5] > 1.1 * sure.covariance[5, 5]
 
@@ -551,10 +551,10 @@ def test_what_they_hardly_show_is_shrunk() -> None:
 @pytest.mark.parametrize("off", [-0.03, -0.012, 0.02])
 def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
     """Within 0.1 %. The stiffness is the same within 1 %."""
-    problem, fit = searched()
+    problem, fit = make_search()
     log = drive("front", 0.0, 5)
     other = replace(log, data=log.data.assign(wheel_speed_rear=log.data["wheel_speed_rear"] / (1.0 + off)))
-    right, found = (apply_slip_regression(problem, fit, [x], driven_car("front")) for x in (log, other))
+    right, found = (apply_slip_regression(problem, fit, [x], make_driven_car("front")) for x in (log, other))
     front, rear = (found.x[NAMES.index(f"wheel_radius_{axle}")] / RADIUS for axle in ("front", "rear"))
     assert rear / front - 1.0 == pytest.approx(off, abs=0.001)
     (words,) = describe_slip(problem, found)
@@ -567,12 +567,12 @@ def test_a_mismatch_of_the_radii_is_found_said_and_applied(off: float) -> None:
 def test_of_two_driven_axles_wheel_torques_and_brake_show_the_stiffness() -> None:
     """Within 3 %, as with one. Without a brake switch, torques may leave out the
     brakes."""
-    problem, fit = searched()
+    problem, fit = make_search()
     log = drive("both", 0.0, 6, 0.8)
-    found = apply_slip_regression(problem, fit, [log], driven_car("both"))
+    found = apply_slip_regression(problem, fit, [log], make_driven_car("both"))
     assert np.exp(found.x[5]) == pytest.approx(0.8, rel=0.03)
     blind = replace(log, extra=log.extra.drop(columns="brake"))
-    left = apply_slip_regression(problem, fit, [blind], driven_car("both"))
+    left = apply_slip_regression(problem, fit, [blind], make_driven_car("both"))
     assert left.x[5] == 0.0
     assert describe_slip(problem, left)[0].startswith("longitudinal stiffness: not shown")
 

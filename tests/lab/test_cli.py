@@ -1,5 +1,7 @@
-"""The command itself: help, versions, lists, demo, study, internal errors. The simulator from the shell: formats, and properties of
-the truth worked out by hand."""
+"""The command itself: help, versions, lists, demo, study, internal errors.
+
+The simulator from the shell: formats, and properties of the truth computed by hand.
+"""
 
 import importlib.util
 import json
@@ -86,7 +88,8 @@ def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     assert "hidden effect (body_roll" in hidden and "(body_roll): gain 0.009" in hidden
     verdict = json.loads((tmp_path / "demo" / "gap" / "verdict.json").read_text())
     assert [e["id"] for e in verdict["effects"]] == ["body_roll"]
-    # 5 %: the scatter of a stiffness that is redrawn at every sample; held out: noise of the scatter above the sensors'
+    # 5 %: the scatter of a stiffness that is redrawn at every sample. In held-out logs
+    # this scatter is noise above the sensors'.
     assert verdict["effects"][0]["parameters"]["gain"]["value"] == pytest.approx(0.009, rel=0.05)
     assert (
         verdict["gap"]["held_out"]["after"]["accel_y"]
@@ -107,13 +110,23 @@ def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
         logged = pd.read_csv(tmp_path / "demo" / "logger" / "est.csv").iloc[-1000:]
         for key in ("cx_front", "cy_front", "cy_rear"):
             assert logged[key].mean() == pytest.approx(est[key].iloc[-1000:].mean(), rel=0.02)
-    again = tselab("estimate", "log.csv", "--vehicle", "vehicle.toml", "--config", "filter.toml", "--out", "again.csv",
-                   cwd=tmp_path / "demo")  # fmt: skip
+    again = tselab(
+        "estimate",
+        "log.csv",
+        "--vehicle",
+        "vehicle.toml",
+        "--config",
+        "filter.toml",
+        "--out",
+        "again.csv",
+        cwd=tmp_path / "demo",
+    )
     assert again.code == 0
     assert (tmp_path / "demo" / "again.csv").read_bytes() == (tmp_path / "demo" / "est.csv").read_bytes()
 
 
-# ---- --json of every command that finds something: one document on standard output, and nothing else there.
+# ---- --json of every command with a result: one document on standard output, and nothing
+# else.
 
 
 FORMULA = """id = "play"

@@ -1,4 +1,7 @@
-"""Parameter uncertainty (src/tables/uncertainty.toml): a parameter off by its sd moves stiffnesses by what it adds to theirs."""
+"""Parameter uncertainty (src/tables/uncertainty.toml) enters the sd of the stiffnesses.
+
+A parameter that is off by its sd moves a stiffness by the amount that it adds to the sd.
+"""
 
 from collections.abc import Callable
 
@@ -14,7 +17,7 @@ ROWS, DT = 6000, 0.01
 LAST = slice(ROWS - 500, None)  # rows of which the mean is compared: a single one has its own noise
 BASE = {"driven_axle": 1.0, "model_sd": 0.05}
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-LEAST = 0.002  # of a stiffness: smaller is not compared
+MIN_CHANGE = 0.002  # of a stiffness: smaller is not compared
 ABSORBED = 0.006  # the same of what is a state, and found while driving
 
 
@@ -33,10 +36,10 @@ def driven() -> np.ndarray:
     return drive({})
 
 
-def logged(
+def make_log(
     driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
 ) -> np.ndarray:
-    """The log, with columns changed by functions of time and column."""
+    """Return the log, with columns changed by functions of time and column."""
     rows = np.zeros(ROWS, NativeFilter(Config.exact()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
     for name in rows.dtype.names:
@@ -50,23 +53,23 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def estimated(rows: np.ndarray, **settings: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Estimates of all rows, and Filter.uncertainty_sd() at the end."""
+def estimate_rows(rows: np.ndarray, **settings: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the estimates of all rows, and Filter.uncertainty_sd() at the end."""
     filter_ = NativeFilter(Config.exact(BASE | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
     return out, filter_.uncertainty_sd()
 
 
-def late(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def delay_by(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return lambda t, x: np.interp(t - by, t, x)
 
 
-def times(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def multiply_by(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return lambda _, x: by * x
 
 
-def plus(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def add_offset(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     return lambda _, x: x + by
 
 
@@ -74,35 +77,42 @@ CAR = Config.exact()
 Run = Callable[[np.ndarray, float, dict[str, float]], tuple[np.ndarray, dict[str, np.ndarray]]]
 
 
-def told_otherwise(**settings: Callable[[float], float]) -> Run:
-    """The car is another one than the settings say."""
-    return lambda y, by, more: estimated(logged(y), **{k: f(by) for k, f in settings.items()}, **more)
+def change_car(**settings: Callable[[float], float]) -> Run:
+    """Return a run whose car differs from the settings."""
+    return lambda y, by, more: estimate_rows(make_log(y), **{k: f(by) for k, f in settings.items()}, **more)
 
 
-def logged_otherwise(change: Callable[[float], Callable], *columns: str) -> Run:
-    """The sensors are others than the settings say."""
-    return lambda y, by, more: estimated(logged(y, dict.fromkeys(columns, change(by))), **more)
+def change_sensors(change: Callable[[float], Callable], *columns: str) -> Run:
+    """Return a run whose sensors differ from the settings."""
+    return lambda y, by, more: estimate_rows(make_log(y, dict.fromkeys(columns, change(by))), **more)
 
 
-# setting: how far off, and the estimates then. wheel_delay_sd shows less than LEAST on this drive, lean_sd needs a bank
+# setting: size of the error, and the estimates with it. wheel_delay_sd shows less than
+# MIN_CHANGE on this drive. lean_sd needs a bank.
 OFF: dict[str, tuple[float, Run]] = {
-    "mass_sd": (0.05, told_otherwise(mass=lambda by: CAR.mass * (1 + by), yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
-    "yaw_inertia_sd": (0.05, told_otherwise(yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
-    "cg_sd": (0.02, told_otherwise(lf=lambda by: CAR.lf - by, lr=lambda by: CAR.lr + by)),
-    "accel_y_scale_sd": (0.02, logged_otherwise(lambda by: times(1 + by), "accel_y")),
-    "gyro_scale_sd": (0.01, logged_otherwise(lambda by: times(1 + by), "yaw_rate")),
-    "accel_delay_sd": (0.001, logged_otherwise(late, "accel_x", "accel_y")),
-    "trail_sd": (0.02, told_otherwise(aligning_moment_trail=lambda by: by)),
-}  # fmt: skip
+    "mass_sd": (
+        0.05,
+        change_car(mass=lambda by: CAR.mass * (1 + by), yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by)),
+    ),
+    "yaw_inertia_sd": (0.05, change_car(yaw_inertia=lambda by: CAR.yaw_inertia * (1 + by))),
+    "cg_sd": (0.02, change_car(lf=lambda by: CAR.lf - by, lr=lambda by: CAR.lr + by)),
+    "accel_y_scale_sd": (0.02, change_sensors(lambda by: multiply_by(1 + by), "accel_y")),
+    "gyro_scale_sd": (0.01, change_sensors(lambda by: multiply_by(1 + by), "yaw_rate")),
+    "accel_delay_sd": (0.001, change_sensors(delay_by, "accel_x", "accel_y")),
+    "trail_sd": (0.02, change_car(aligning_moment_trail=lambda by: by)),
+}
 FOUND: dict[str, tuple[float, Run]] = {  # states
-    "steer_ratio_sd": (0.01, logged_otherwise(lambda by: times(1 + by), "steer_angle")),
-    "steer_offset_sd": (0.002, logged_otherwise(plus, "steer_angle")),
-    "wheel_radius_sd": (0.005, logged_otherwise(lambda by: times(1 + by), "wheel_speed_rear")),
+    "steer_ratio_sd": (0.01, change_sensors(lambda by: multiply_by(1 + by), "steer_angle")),
+    "steer_offset_sd": (0.002, change_sensors(add_offset, "steer_angle")),
+    "wheel_radius_sd": (0.005, change_sensors(lambda by: multiply_by(1 + by), "wheel_speed_rear")),
 }
 
 
-def moved_by(driven: np.ndarray, name: str, by: float, run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """What the stiffnesses move by when the parameter is off by its sd, in a filter that considers it; what is said of it."""
+def measure_change(driven: np.ndarray, name: str, by: float, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Return how a parameter that is off by its sd moves the stiffnesses, and their sd.
+
+    The filter considers the parameter.
+    """
     (above, parts), (below, _) = (run(driven, sign * by, {name: by}) for sign in (1, -1))
     moved = [abs(float(np.mean(above[s][LAST] - below[s][LAST]))) / 2 for s in STIFFNESS]
     return np.array(moved), parts[name]
@@ -111,8 +121,8 @@ def moved_by(driven: np.ndarray, name: str, by: float, run: Run) -> tuple[np.nda
 @pytest.mark.parametrize("name", OFF)
 def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> None:
     """To 30 %, of what is not estimated: on the same noise."""
-    moved, part = moved_by(driven, name, *OFF[name])
-    compared = np.maximum(moved, part) > LEAST
+    moved, part = measure_change(driven, name, *OFF[name])
+    compared = np.maximum(moved, part) > MIN_CHANGE
     assert compared.any()
     assert (part[compared] > 0.7 * moved[compared]).all() and (
         part[compared] < 1.3 * moved[compared]
@@ -123,25 +133,30 @@ def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> 
 def test_what_is_found_while_driving_moves_them_by_no_more_than_is_said(
     driven: np.ndarray, name: str
 ) -> None:
-    moved, part = moved_by(driven, name, *FOUND[name])
+    moved, part = measure_change(driven, name, *FOUND[name])
     assert (moved < 1.3 * part + ABSORBED).all(), (moved, part)
     off, _ = FOUND[name][1](driven, FOUND[name][0], {})  # a filter that is told that it is exact does worse
-    exact, _ = estimated(logged(driven))
+    exact, _ = estimate_rows(make_log(driven))
     wrong = [abs(float(np.mean(off[s][LAST] - exact[s][LAST]))) for s in STIFFNESS]
     assert np.linalg.norm(moved) < np.linalg.norm(wrong)
 
 
 def test_tyres_that_build_up_their_force_are_within_what_is_said(driven: np.ndarray) -> None:
     slow = drive({"relaxation_length": 0.2})
-    assumed, parts = estimated(logged(slow), relaxation_sd=0.2)
-    exact, _ = estimated(logged(driven))
+    assumed, parts = estimate_rows(make_log(slow), relaxation_sd=0.2)
+    exact, _ = estimate_rows(make_log(driven))
     moved = np.array([abs(float(np.mean(assumed[s][LAST] - exact[s][LAST]))) for s in STIFFNESS])
-    assert (moved < 1.96 * parts["relaxation_sd"] + LEAST).all() and parts["relaxation_sd"][1] > LEAST
+    assert (moved < 1.96 * parts["relaxation_sd"] + MIN_CHANGE).all() and parts["relaxation_sd"][
+        1
+    ] > MIN_CHANGE
 
 
-def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of a car on slopes that rise and fall by `grade` every 25 s, driven on its front axle and braked on both, and the
-    slope of each row; integrated in steps of 1 ms by nothing of the library."""
+def drive_over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows of a car on slopes, and the slope of each row.
+
+    The slope rises and falls by `grade` every 25 s. The car is driven on its front axle
+    and braked on both. The motion is integrated in steps of 1 ms without the library.
+    """
     fine, every, mass, stiffness, radius = (
         0.001,
         10,
@@ -176,7 +191,7 @@ def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.nda
 @pytest.mark.parametrize("grade", [0.02, 0.05, 0.07])
 def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
     """5 % of the rows: what is asked."""
-    rows, _ = over_hills(grade)
+    rows, _ = drive_over_hills(grade)
     settings = {
         "accel_x_sd": 0.1,
         "longitudinal_stiffness_rear": CAR.longitudinal_stiffness_front,
@@ -194,22 +209,25 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
 
 
 def test_a_channel_that_comes_back_and_a_gap_leave_no_jump(driven: np.ndarray) -> None:
-    """What is late by a rate takes the rate of its row, and not that since channel or time were lost."""
+    """A delayed channel is corrected by the rate of its row.
+
+    The rate is not that over the time since the channel or the rows were lost.
+    """
     told = {"accel_delay_sd": 0.01, "relaxation_sd": 0.5, "wheel_delay_sd": 0.01}
-    rows = logged(driven)
-    whole, _ = estimated(rows, **told)
+    rows = make_log(driven)
+    whole, _ = estimate_rows(rows, **told)
     rows["accel_y"][3000:3050] = np.nan
     rows["dt"][4000] = 0.5  # longer than max_gap
-    holed, _ = estimated(rows, **told)
+    holed, _ = estimate_rows(rows, **told)
     for key in ("cy_front_sd", "cy_rear_sd"):
         assert holed[key][3050] < 1.05 * whole[key][3050] and holed[key][4001] < 1.1 * whole[key][4001]
 
 
 def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
     told = {"mass_sd": 0.04, "cg_sd": 0.03, "trail_sd": 0.02}
-    rows = logged(driven)
-    out, parts = estimated(rows, **told)
-    exact, _ = estimated(rows)
+    rows = make_log(driven)
+    out, parts = estimate_rows(rows, **told)
+    exact, _ = estimate_rows(rows)
     assert {name for name, sd in parts.items() if sd.any()} >= {*told, "model_sd"}
     for a, key in enumerate(STIFFNESS):
         together = sum(parts[name][a] ** 2 for name in told)
@@ -229,11 +247,11 @@ def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
 
 
 def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -> None:
-    """Two frames that are stamped within a microsecond: what differs between them is noise, and no rate of anything."""
+    """The difference of two frames within a microsecond is noise and gives no rate."""
     config = Config.exact({"model_sd": 0.03, "relaxation_sd": 0.3, "mass_sd": 0.02, "accel_y_scale_sd": 0.02})
     largest = []
     for dt in (DT, 1e-5, 1e-6):
-        rows = logged(driven)
+        rows = make_log(driven)
         rows["dt"][2000:2002] = dt, 2 * DT - dt
         filter_ = NativeFilter(config)
         outputs = filter_.outputs(ROWS)

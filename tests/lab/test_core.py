@@ -47,11 +47,13 @@ def test_settings_are_the_rows_of_the_table():
         table = read_toml(TABLES / f"{file}.toml")
         if file == "sensors":  # has four parts
             table = [name for part in table.values() for name in part]
-        names += effect_settings() if file == "effects" else table["setting"] if file == "formula" else table
+        names += (
+            list_effect_settings() if file == "effects" else table["setting"] if file == "formula" else table
+        )
     assert list(Config.exact().fields) == names
 
 
-def effect_settings():
+def list_effect_settings():
     return [f"{i}_{p}" for i, row in read_toml(TABLES / "effects.toml").items() for p in row["parameter"]]
 
 

@@ -36,25 +36,25 @@ from tse.log.rows import Reading
 from tse.readers.readers import read_recording
 
 COUNT = int(os.environ.get("TSE_DAMAGED", "12"))
-LONGEST = 60.0  # s of the processor for one file
+MAX_SECONDS = 60.0  # s of the processor for one file
 TRADE = {
     "VBOX": lambda f, s: write_vbo(f / "drive.vbo", s),
     "three header rows": lambda f, s: write_racechrono(f / "drive.csv", s),
     "long table": lambda f, s: write_long(f / "drive.csv", s),
-    "packed table": lambda f, s: _packed(write_racechrono(f / "drive.csv", s)),
+    "packed table": lambda f, s: pack_file(write_racechrono(f / "drive.csv", s)),
     "groups of MF4": lambda f, s: write_groups(f / "drive.mf4", s, 5.0),
     **{name: (lambda f, s, name=name: write_bus_log(name, f, encode_frames(s))) for name in BUS_LOGS},
 }
 
 
-def _packed(path: Path) -> Path:
+def pack_file(path: Path) -> Path:
     made = path.with_name("drive.csv.gz")
     made.write_bytes(gzip.compress(path.read_bytes()))
     path.unlink()
     return made
 
 
-def damaged(data: bytes, chance: random.Random) -> bytes:
+def damage_file(data: bytes, chance: random.Random) -> bytes:
     """Return the file with one kind of damage."""
     made = bytearray(data)
     at = chance.randrange(len(made))
@@ -80,7 +80,7 @@ def try_all(path: Path, target: Path, seed: str, car) -> None:
     """Read COUNT damaged files as the commands do."""
     good, chance = target.read_bytes(), random.Random(seed)
     for i in range(COUNT):
-        target.write_bytes(damaged(good, chance))
+        target.write_bytes(damage_file(good, chance))
         begin = time.process_time()
         try:
             found = read_recording(path)
@@ -94,7 +94,7 @@ def try_all(path: Path, target: Path, seed: str, car) -> None:
             raise AssertionError(f"{seed}, file {i}: {type(error).__name__}: {error}") from error
         finally:
             (path.parent / "signals.toml").unlink(missing_ok=True)
-        assert time.process_time() - begin < LONGEST, f"{seed} {i}"
+        assert time.process_time() - begin < MAX_SECONDS, f"{seed} {i}"
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_a_damaged_database_is_read_or_refused(odd, car, clean, tmp_path):
     try_all(path, tmp_path / "car.dbc", odd, car)
 
 
-def _header(first_group: int, first_history: int) -> bytes:
+def make_header(first_group: int, first_history: int) -> bytes:
     """Return the beginning of an MDF 4: two blocks."""
     name = b"MDF     4.10    test    ".ljust(28, b"\0") + struct.pack("<H", 410) + bytes(34)
     return (
@@ -156,7 +156,7 @@ def _header(first_group: int, first_history: int) -> bytes:
 ])  # fmt: skip
 def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_path):
     pytest.importorskip("asammdf", reason="asammdf is not installed: scripts/setup.sh logs")
-    (tmp_path / "drive.mf4").write_bytes(_header(*where) + block)
+    (tmp_path / "drive.mf4").write_bytes(make_header(*where) + block)
     begin = time.process_time()
     done = tselab_here("signals", tmp_path / "drive.mf4")
     assert done.code == 2 and "is damaged" in done.err, done.err

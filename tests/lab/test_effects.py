@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.optimize import least_squares
-from test_consider import DT, ROWS, late, logged
+from test_consider import DT, ROWS, delay_by, make_log
 
 from conftest import RAN, simulated, tselab_here
 from tse.car.vehicle import is_set, read_vehicle
@@ -43,7 +43,7 @@ def read(tmp_path, text):
     return read_vehicle(path)
 
 
-def straight(rows=300, speed=20.0, **more):
+def make_straight_rows(rows=300, speed=20.0, **more):
     wheels = np.full(rows, speed / 0.33)
     return {
         "dt": np.full(rows, 0.01),
@@ -173,7 +173,7 @@ def test_replay_reads_what_the_simulator_simulates():
 
 
 def test_replay_takes_profiles_and_gives_optional_channels():
-    replay = Replay(("accel_x", "vel_x", "wheel_torque_front", "wheel_torque_rear"), **straight())
+    replay = Replay(("accel_x", "vel_x", "wheel_torque_front", "wheel_torque_rear"), **make_straight_rows())
     flat = {k: v.copy() for k, v in replay.run(Config.exact()).items()}
     replay.set("grade", np.full(300, 0.03))
     hill = {k: v.copy() for k, v in replay.run(Config.exact()).items()}
@@ -185,7 +185,7 @@ def test_replay_takes_profiles_and_gives_optional_channels():
 
 
 def test_replay_starts_as_told_and_refuses_what_makes_no_sense():
-    replay = Replay(("vel_y", "yaw_rate", "accel_y"), **straight(5))
+    replay = Replay(("vel_y", "yaw_rate", "accel_y"), **make_straight_rows(5))
     out = replay.run(Config.exact(), vel_y=0.5, bias_yaw_rate=0.25)
     assert (out["vel_y"][0], out["yaw_rate"][0]) == (0.5, 0.25)
     with pytest.raises(ValueError, match="wheel_speed_rear is needed"):
@@ -193,7 +193,7 @@ def test_replay_starts_as_told_and_refuses_what_makes_no_sense():
     with pytest.raises(ValueError, match="shape"):
         replay.set("bank", np.zeros(4))
     with pytest.raises(UserError, match="refused row 3"):
-        Replay(**straight(5, steer_angle=np.array([0, 0, 3.0, 0, 0]))).run(Config.exact())
+        Replay(**make_straight_rows(5, steer_angle=np.array([0, 0, 3.0, 0, 0]))).run(Config.exact())
     config = Config.exact()
     with pytest.raises(SettingError):
         config.relaxation_length = -1
@@ -218,7 +218,7 @@ def at_the_limit() -> np.ndarray:
     return simulated(UNLIKE, quiet, DT, steer_angle=0.008 * t * np.sin(2 * np.pi * 0.2 * t))
 
 
-def brush(angle: np.ndarray, stiffness: float, end: float) -> np.ndarray:
+def compute_brush_force(angle: np.ndarray, stiffness: float, end: float) -> np.ndarray:
     """Return the force of a brush tyre with parabolic pressure (Pacejka 2012, 3.1), at
     most `end`.
     """
@@ -246,8 +246,8 @@ def test_friction_of_each_axle_is_found_again_by_least_squares(at_the_limit):
     def misfit(u: np.ndarray) -> np.ndarray:
         """Given: stiffness [1e5 N/rad] and friction, in front and behind."""
         ends = u[1::2] * loads
-        left_front = brush(front, 1e5 * u[0], ends[0]) - front_force
-        left_rear = brush(rear, 1e5 * u[2], ends[1]) - rear_force
+        left_front = compute_brush_force(front, 1e5 * u[0], ends[0]) - front_force
+        left_rear = compute_brush_force(rear, 1e5 * u[2], ends[1]) - rear_force
         return np.r_[left_front, left_rear] / 1000
 
     found = least_squares(misfit, [1.0, 1.1, 1.0, 1.1]).x
@@ -290,8 +290,8 @@ def test_the_filter_with_the_balance_keeps_the_stiffness_of_a_car_at_the_limit(a
     speeds are one signal here, which shows no slip.
     """
     settings = {"grip": 1 / UNLIKE["tyre_saturation_inverse_friction"], "driven_axle": 1.0}
-    told = estimated(at_the_limit, tyre_saturation_balance=UNLIKE["tyre_saturation_balance"], **settings)
-    untold = estimated(at_the_limit, **settings)
+    told = estimate_rows(at_the_limit, tyre_saturation_balance=UNLIKE["tyre_saturation_balance"], **settings)
+    untold = estimate_rows(at_the_limit, **settings)
     off = [max(abs(y["cy_front"] - 1), abs(y["cy_rear"] - 1)) for y in (told, untold)]
     assert off[0] < 0.02 and off[1] > 1.5 * off[0], off
 
@@ -315,7 +315,7 @@ def driven() -> np.ndarray:
     return simulated({}, {"seed": 3, "speed": 20.0}, DT, steer_angle=steer, wheel_torque_front=torque)
 
 
-def estimated(rows: np.ndarray, **settings: float) -> np.void:
+def estimate_rows(rows: np.ndarray, **settings: float) -> np.void:
     filter_ = NativeFilter(Config.exact({"driven_axle": 1.0} | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
@@ -339,7 +339,7 @@ def test_a_lag_is_found_and_costs_no_stiffness(driven, case):
     the longitudinal stiffness.
     """
     by, steer = CASES[case]
-    last = estimated(logged(driven, {name: late(x) for name, x in by.items()}))
+    last = estimate_rows(make_log(driven, {name: delay_by(x) for name, x in by.items()}))
     assert last["lag_steer"] == pytest.approx(steer, abs=0.003)
     assert last["lag_steer_sd"] < 0.002
     for key in STIFFNESS[1:] if case == "IMU late" else STIFFNESS:
@@ -350,13 +350,13 @@ def test_a_lag_is_found_and_costs_no_stiffness(driven, case):
 
 def test_where_no_lag_is_allowed_it_is_taken_for_another_stiffness(driven):
     """So that the test above shows what the lags do."""
-    last = estimated(logged(driven, {"steer_angle": late(-0.02)}), steer_lag_sd=0.0)
+    last = estimate_rows(make_log(driven, {"steer_angle": delay_by(-0.02)}), steer_lag_sd=0.0)
     assert abs(last["lag_steer"]) < 1e-6 and last["lag_steer_sd"] < 1e-6
     assert abs(last["cy_rear"] - 1) > 0.05
 
 
 def test_what_nothing_excites_stays_unknown(driven):
-    last = estimated(np.repeat(logged(driven)[:1], 1000))
+    last = estimate_rows(np.repeat(make_log(driven)[:1], 1000))
     assert last["lag_steer"] == pytest.approx(0, abs=0.01) and last["lag_steer_sd"] == pytest.approx(
         0.02, rel=0.3
     )

@@ -40,15 +40,34 @@ ISSUE_COLUMNS = [
     "n_eff", "log_evidence", "status",
 ]  # fmt: skip
 LATER_COLUMNS = [
-    *(f"{s}_spread_seen" for s in STIFFNESS), "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
+    *(f"{s}_spread_seen" for s in STIFFNESS),
+    "noise_accel_x",
+    "noise_accel_y",
+    "noise_yaw_rate",
     *(f"{s}_reason" for s in STIFFNESS),
     *(f"p_{p}" for p in ("steady", "changed", "axle", "fault", "sliding", "restarted")),
-    "change_age", "change_probability", "change_kind", *(f"change_{s}" for s in STIFFNESS), "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
-    "sideslip_sd", "grip", "grip_sd", "grip_valid", "noise_wheel_front", "noise_wheel_rear",
-    *(f"{what}_{c}" for what in ("innovation", "nis") for c in SENSORS), "grip_reason",
-    *(f"{s}_secant" for s in STIFFNESS), "fault_factor",
-]  # fmt: skip
+    "change_age",
+    "change_probability",
+    "change_kind",
+    *(f"change_{s}" for s in STIFFNESS),
+    "fault_channel",
+    "discrepancy_accel_x",
+    "discrepancy_accel_y",
+    "discrepancy_yaw_rate",
+    "lag_steer",
+    "lag_steer_sd",
+    "estimate_age",
+    "sideslip_sd",
+    "grip",
+    "grip_sd",
+    "grip_valid",
+    "noise_wheel_front",
+    "noise_wheel_rear",
+    *(f"{what}_{c}" for what in ("innovation", "nis") for c in SENSORS),
+    "grip_reason",
+    *(f"{s}_secant" for s in STIFFNESS),
+    "fault_factor",
+]
 
 
 @pytest.fixture(scope="module")
@@ -298,9 +317,22 @@ def test_settings_come_from_file_and_options_win(drive, tmp_path):
     (tmp_path / "filter.toml").write_text(
         "forgetting = 0.98\ninitial_mean_sd = 0.01\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n"
     )
-    done = tselab_here("estimate", "--form", "robust", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
-                  "--particles", 48,
-                  "--set", "initial_cy_front=0.8", "--verbose", cwd=tmp_path)  # fmt: skip
+    done = tselab_here(
+        "estimate",
+        "--form",
+        "robust",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--config",
+        "filter.toml",
+        "--particles",
+        48,
+        "--set",
+        "initial_cy_front=0.8",
+        "--verbose",
+        cwd=tmp_path,
+    )
     assert done.code == 0, done.err
     assert "48 particles, forgetting 0.98" in done.out
     first = pd.read_csv(tmp_path / "log.est.csv").iloc[0]
@@ -346,10 +378,23 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     long["time"] = np.arange(len(long)) * 0.01
     long.to_csv(tmp_path / "long.csv", index=False)
     run = subprocess.Popen(
-        [*COMMAND, "estimate", "--verbose", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html",
-         "--save-learnt", "car.tse"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [
+            *COMMAND,
+            "estimate",
+            "--verbose",
+            "long.csv",
+            "--vehicle",
+            str(drive.vehicle),
+            "--progress",
+            "--report",
+            "r.html",
+            "--save-learnt",
+            "car.tse",
+        ],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
     seen = b""
     end = time.monotonic() + 60
     while not re.search(rb"[1-9]\d*%", seen) and time.monotonic() < end:
@@ -384,7 +429,8 @@ def test_closed_pipe_is_not_an_error_message():
     assert run.stdout.startswith("setting") and run.stderr == ""
 
 
-# ---- What one drive taught, kept for the next: tselab estimate --save-learnt, --load-learnt.
+# ---- What is learnt on one drive is kept for the next: tselab estimate --save-learnt,
+# --load-learnt.
 
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
 FORMS = ("default", "robust")
@@ -402,8 +448,8 @@ def estimate(folder, name, *options, codes=RAN):
     return done
 
 
-def errors(folder, name, first, last):
-    """Relative errors over a span of time: root mean square per stiffness; and the rows that are valid, yet wrong."""
+def compute_errors(folder, name, first, last):
+    """Return the rms relative error per stiffness, and the share of wrong valid rows."""
     est, truth = (pd.read_csv(folder / f"{name}.{kind}.csv") for kind in ("est", "truth"))
     span = (est["time"] >= first) & (est["time"] < last)
     wrong = {key: (est[key] / truth[f"true_{key}"] - 1)[span] for key in STIFFNESS}
@@ -413,7 +459,7 @@ def errors(folder, name, first, last):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """A drive on tyres unlike the settings', learnt in two forms: default.tse, robust.tse."""
+    """Return a drive on other tyres, learnt in two forms: default.tse, robust.tse."""
     folder = tmp_path_factory.mktemp("learnt")
     (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     simulate(folder, "first", 1)
@@ -430,10 +476,10 @@ def first(tmp_path_factory):
 def test_the_next_drive_is_right_at_once(first, form):
     """Square waves teach everything within tenths of a second: nothing to gain there."""
     estimate(first, "quiet", "--form", form)
-    without, _ = errors(first, "quiet", 0, 2)
+    without, _ = compute_errors(first, "quiet", 0, 2)
     done = estimate(first, "quiet", "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
     assert f"started from: {form}.tse, 1 days old (--age)" in done.out
-    learnt, _ = errors(first, "quiet", 0, 2)
+    learnt, _ = compute_errors(first, "quiet", 0, 2)
     mean = [np.mean(list(errors.values())) for errors in (without, learnt)]
     if form == "default":
         assert mean[0] > 0.1 and mean[1] < 0.05
@@ -448,10 +494,10 @@ def test_the_next_drive_is_right_at_once(first, form):
 @pytest.mark.parametrize("form", FORMS)
 def test_a_road_that_has_changed_since_is_followed(first, form):
     estimate(first, "changed", "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
-    late, sure = errors(first, "changed", 20, 30)
+    late, sure = compute_errors(first, "changed", 20, 30)
     assert max(late["cy_front"], late["cy_rear"]) < 0.05 and late["cx_front"] < 0.15 and sure == 0
     if form == "default":
-        soon, sure = errors(first, "changed", 5, 10)
+        soon, sure = compute_errors(first, "changed", 5, 10)
         assert max(soon["cy_front"], soon["cy_rear"]) < 0.05 and soon["cx_front"] < 0.15 and sure == 0
 
 
@@ -485,8 +531,20 @@ def test_one_file_may_be_loaded_and_replaced(first):
 def test_sensors_filled_in_from_another_log_and_other_filter_settings_do_not_matter(first):
     lines = (first / "car.toml").read_text().split("[sensors]")[0]
     (first / "bare.toml").write_text(lines)
-    done = tselab_here("estimate", "--verbose", "second.csv", "--vehicle", "bare.toml", "--set", "max_gap=0.3", "--load-learnt",
-                  "default.tse", "--age", 1, cwd=first)  # fmt: skip
+    done = tselab_here(
+        "estimate",
+        "--verbose",
+        "second.csv",
+        "--vehicle",
+        "bare.toml",
+        "--set",
+        "max_gap=0.3",
+        "--load-learnt",
+        "default.tse",
+        "--age",
+        1,
+        cwd=first,
+    )
     assert done.code == 0, done.err
 
 
@@ -537,8 +595,20 @@ def test_another_vehicle_and_a_newer_format_are_told_apart(first):
 def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
     (tmp_path / "car.toml").write_text((first / "car.toml").read_text())
     for name, seed in (("one", 1), ("two", 2)):
-        done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--out", f"{name}.csv",
-                      "--set", "true_bias_yaw_rate=0.008", "--seed", seed, cwd=tmp_path)  # fmt: skip
+        done = tselab_here(
+            "simulate",
+            "--maneuver",
+            "square-waves",
+            "--vehicle",
+            "car.toml",
+            "--out",
+            f"{name}.csv",
+            "--set",
+            "true_bias_yaw_rate=0.008",
+            "--seed",
+            seed,
+            cwd=tmp_path,
+        )
         assert done.code == 0, done.err
     estimate(tmp_path, "one", "--save-learnt", "biased.tse")
     off = []
@@ -586,7 +656,10 @@ def test_after_ctrl_c_no_second_pass_begins(drive, monkeypatch):
 
 
 def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, monkeypatch):
-    """The steering angle comes at another time than the vehicle file says: known at the end alone, true of all rows."""
+    """The steering angle has another latency than the vehicle file states.
+
+    This is known only at the end, and holds for all rows.
+    """
     prepared = single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {})
     assert results.exit_code(single.run(prepared, None, None).findings) != results.NOTHING
     late = "steer_angle comes 60 ms later than the vehicle file says. Stiffness is wrong by it"

@@ -24,7 +24,7 @@ from tse.library.errors import UserError
 KB = 40  # allowed size of a file; every result of a drive is larger
 
 
-def with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProcess[str]:
+def run_with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProcess[str]:
     """Run the command with a limit to the size of a file, as on a full disk."""
 
     def limit() -> None:
@@ -39,7 +39,7 @@ def with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProce
 def test_a_full_disk_is_said_and_leaves_what_was_there(drive, tmp_path):
     out, report = tmp_path / "est.csv", tmp_path / "report.html"
     out.write_text("as before\n")
-    done = with_little_room(
+    done = run_with_little_room(
         "estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report
     )
     assert done.returncode == 2, done.stderr
@@ -51,7 +51,7 @@ def test_a_full_disk_is_said_and_leaves_what_was_there(drive, tmp_path):
 
 def test_of_two_results_the_one_that_does_not_fit_is_named(drive, tmp_path):
     out, report = tmp_path / "est.csv", tmp_path / "report.html"
-    done = with_little_room(
+    done = run_with_little_room(
         "estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report, room=2000
     )
     assert done.returncode == 2
@@ -101,7 +101,7 @@ def test_not_a_byte_of_room_is_said_by_every_command(result, args, drive, tmp_pa
     monkeypatch.chdir(tmp_path)
     Path("drag.toml").write_text(FORMULA)
     before = {p.name for p in tmp_path.iterdir()}
-    done = with_little_room(*[{"LOG": drive.log, "CAR": drive.vehicle}.get(a, a) for a in args], room=0)
+    done = run_with_little_room(*[{"LOG": drive.log, "CAR": drive.vehicle}.get(a, a) for a in args], room=0)
     assert done.returncode == 2, done.stdout + done.stderr
     assert f"{result}" in done.stderr and "cannot be written" in done.stderr
     assert "internal error" not in done.stderr and "Traceback" not in done.stderr
@@ -316,15 +316,15 @@ def test_where_none_can_be_kept_each_process_has_its_own(there, home):
 # ---- Tables that are written fast: pandas reads back the same bits.
 
 
-def written(table) -> str:
+def write_csv(table) -> str:
     return (csv_header(table) + csv_rows(table)).decode()
 
 
-def as_pandas(table: pd.DataFrame) -> str:
+def write_by_pandas(table: pd.DataFrame) -> str:
     return table.to_csv(index=False, lineterminator="\n")
 
 
-def cells(text: str) -> list[list[object]]:
+def parse_cells(text: str) -> list[list[object]]:
     """Return the cells of a table: numbers by their value, other cells as texts."""
 
     def value(cell: str) -> object:
@@ -352,7 +352,7 @@ def test_numbers_have_the_shortest_digits_and_every_bit(kind):
     assert all(Decimal(c) == Decimal(str(v)) for c, v in zip(texts, x, strict=True))
 
 
-def usual(seed: int, rows: int = 500) -> dict:
+def draw_usual_columns(seed: int, rows: int = 500) -> dict:
     """Return columns like those of estimates: numbers of many kinds, and words."""
     rng = np.random.default_rng(seed)
     size = 10.0 ** rng.uniform(-9, 9, rows)
@@ -375,7 +375,7 @@ def usual(seed: int, rows: int = 500) -> dict:
 
 @pytest.mark.parametrize("rows", [1, 2, 500])
 def test_what_is_usual_is_written_without_arrow_and_as_arrow_writes_it(monkeypatch, rows):
-    tables = [usual(seed, rows) for seed in range(5)]
+    tables = [draw_usual_columns(seed, rows) for seed in range(5)]
     tables = [t | {"time": np.where(t["time"] < 1e-5, 0.0, t["time"])} for t in tables]
     expected = [estimate._write_rows_by_arrow(t) for t in tables]
     monkeypatch.delattr(estimate, "_write_rows_by_arrow")
@@ -388,7 +388,9 @@ def test_what_is_usual_is_written_without_arrow_and_as_arrow_writes_it(monkeypat
 )  # fmt: skip
 def test_what_orjson_writes_otherwise_is_written_by_arrow(odd):
     kind = np.float32 if isinstance(odd, np.float32) else None
-    table = usual(3, 4) | {"odd": np.array([odd, odd, odd, odd if isinstance(odd, str | bool) else 2], kind)}
+    table = draw_usual_columns(3, 4) | {
+        "odd": np.array([odd, odd, odd, odd if isinstance(odd, str | bool) else 2], kind)
+    }
     assert csv_rows(table) == estimate._write_rows_by_arrow(table)
 
 
@@ -423,11 +425,11 @@ MIXED = pd.DataFrame(
 )
 def test_a_table_reads_as_what_pandas_writes(change):
     table = MIXED.assign(**change)
-    assert cells(written(table)) == cells(as_pandas(table))
+    assert parse_cells(write_csv(table)) == parse_cells(write_by_pandas(table))
 
 
 def test_a_table_without_rows_has_its_header():
-    assert written(MIXED.iloc[:0]) == as_pandas(MIXED.iloc[:0])
+    assert write_csv(MIXED.iloc[:0]) == write_by_pandas(MIXED.iloc[:0])
 
 
 def test_parts_put_together_are_the_whole():

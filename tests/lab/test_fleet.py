@@ -1,4 +1,7 @@
-"""tselab fleet: many logs of many cars, in any state, one table and one page; killed and started again; on a cluster."""
+"""tselab fleet: many logs of many cars, in any state, give one table and one page.
+
+The run may be killed and started again, and may run on a cluster.
+"""
 
 import json
 import os
@@ -16,7 +19,7 @@ import pandas as pd
 import pytest
 
 from conftest import COMMAND, tselab, tselab_here
-from dask_cluster import kill_this_process, scheduler, starting, until, worker
+from dask_cluster import kill_this_process, make_worker_command, start_programs, start_scheduler, wait_until
 from tse.car.vehicle import read_vehicle
 from tse.estimation.estimate import write_table
 from tse.library.core import STIFFNESS, Config, SimConfig
@@ -60,7 +63,7 @@ def logs(tmp_path_factory) -> Path:
     return folder
 
 
-def fleet(folder: Path, out: Path, *more: object):
+def run_fleet(folder: Path, out: Path, *more: object):
     return tselab_here(
         "fleet", folder / "logs", "--vehicle", folder / "car.toml", "--out", out, "--jobs", 2, *more
     )
@@ -70,7 +73,7 @@ def fleet(folder: Path, out: Path, *more: object):
 def done(logs):
     """The whole of it once, in two processes."""
     out = logs / "out"
-    return fleet(logs, out, "--estimates"), out, pd.read_parquet(out / "fleet.parquet")
+    return run_fleet(logs, out, "--estimates"), out, pd.read_parquet(out / "fleet.parquet")
 
 
 def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_error(done):
@@ -99,7 +102,10 @@ def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_err
 
 
 def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path):
-    """As by hand with --load-learnt, --age and --save-learnt, to the last bit; the first is late, the others valid at once."""
+    """--load-learnt, --age and --save-learnt by hand give the same bits.
+
+    The first drive is valid late, the others at once.
+    """
     _, out, table = done
     up = [logs / "logs" / "up" / f"2024-05-{day:02d}.csv" for day in (1, 2)]
     car = ["--vehicle", logs / "car.toml"]
@@ -127,7 +133,7 @@ def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path)
         pd.testing.assert_frame_equal(pd.read_parquet(kept), pd.read_parquet(tmp_path / f"{day}.parquet"))
     (kept,) = (out / "learnt").glob("up.tse")
     assert kept.stat().st_size > 100
-    alone = fleet(logs, tmp_path / "alone", "--no-learn", "--no-reports", "--jobs", 1)
+    alone = run_fleet(logs, tmp_path / "alone", "--no-learn", "--no-reports", "--jobs", 1)
     assert alone.code == 3
     by_itself = pd.read_parquet(tmp_path / "alone" / "fleet.parquet")
     second = [
@@ -156,12 +162,12 @@ def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_
     shutil.copytree(out, tmp_path / "out")
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "logs").iterdir()}
     start = time.monotonic()
-    again = fleet(logs, tmp_path / "out")  # without --estimates: those of before are not asked for
+    again = run_fleet(logs, tmp_path / "out")  # without --estimates: those of before are not asked for
     assert again.code == 3
     changed = {p.name for p, t in before.items() if p.stat().st_mtime_ns != t}
     assert len(changed) == 9  # they are part of what was asked
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "logs").iterdir()}
-    again = fleet(logs, tmp_path / "out", "--json")
+    again = run_fleet(logs, tmp_path / "out", "--json")
     assert again.code == 3 and time.monotonic() - start < 60
     assert all(p.stat().st_mtime_ns == t for p, t in before.items())
     said = json.loads(again.out)
@@ -174,14 +180,24 @@ def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_
     one.write_text(json.dumps(kept))
     other = next(p for p in before if p.name.startswith("up-2024-05-03"))
     other.write_text(other.read_text()[:100])
-    assert fleet(logs, tmp_path / "out").code == 3
+    assert run_fleet(logs, tmp_path / "out").code == 3
     assert {p for p, t in before.items() if p.stat().st_mtime_ns != t} == {one, other}
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out" / "fleet.parquet"), table)
 
 
 def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_path):
-    command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--jobs", 1,
-               "--no-reports"]  # fmt: skip
+    command = [
+        *COMMAND,
+        "fleet",
+        logs / "logs",
+        "--vehicle",
+        logs / "car.toml",
+        "--out",
+        tmp_path / "out",
+        "--jobs",
+        1,
+        "--no-reports",
+    ]
     process = subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     kept = tmp_path / "out" / "logs"
     end = time.monotonic() + 90
@@ -191,14 +207,14 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
     process.wait()
     before = {p: p.stat().st_mtime_ns for p in kept.glob("*.json")}
     assert 2 <= len(before) < 9 and not (tmp_path / "out" / "fleet.parquet").exists()
-    assert fleet(logs, tmp_path / "out", "--no-reports").code == 3
+    assert run_fleet(logs, tmp_path / "out", "--no-reports").code == 3
     assert all(p.stat().st_mtime_ns == t for p, t in before.items())
     table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
     pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
 
 
-def task(log: Path) -> Task:
-    """Nothing but a log."""
+def make_task(log: Path) -> Task:
+    """Return a task that has a log only."""
     return Task(
         log,
         log.parent,
@@ -224,7 +240,7 @@ def task(log: Path) -> Task:
 def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(tmp_path):
     with LocalPool(kill_this_process, 2) as workers:
         for name in ("a", "deadly", "b"):
-            workers.submit(task(tmp_path / name))
+            workers.submit(make_task(tmp_path / name))
         found = {t.log.name: outcome_of(t, result) for t, result in (workers.next() for _ in range(3))}
     assert {name for name, o in found.items() if o.error} == {"deadly"} and "memory" in found["deadly"].error
 
@@ -322,19 +338,29 @@ def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path
     distributed = pytest.importorskip(
         "distributed", reason="dask.distributed is missing: there is no cluster to test with"
     )
-    with starting() as start:
-        address = scheduler(start)
+    with start_programs() as start:
+        address = start_scheduler(start)
         with distributed.Client(address, set_as_default=False) as client:
-            first = start(*worker(address, tmp_path / "dask"))
-            until(lambda: len(client.scheduler_info()["workers"]) == 1)
-            command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--no-reports",
-                       "--scheduler", address]  # fmt: skip
+            first = start(*make_worker_command(address, tmp_path / "dask"))
+            wait_until(lambda: len(client.scheduler_info()["workers"]) == 1)
+            command = [
+                *COMMAND,
+                "fleet",
+                logs / "logs",
+                "--vehicle",
+                logs / "car.toml",
+                "--out",
+                tmp_path / "out",
+                "--no-reports",
+                "--scheduler",
+                address,
+            ]
             process = subprocess.Popen(
                 [*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
             )
             kept = tmp_path / "out" / "logs"
-            until(lambda: len(list(kept.glob("*.json"))) >= 2)
-            start(*worker(address, tmp_path / "dask"))
+            wait_until(lambda: len(list(kept.glob("*.json"))) >= 2)
+            start(*make_worker_command(address, tmp_path / "dask"))
             first.kill()  # in the middle of a log
             _, said = process.communicate(timeout=120)
     assert process.returncode == 3, said
@@ -349,13 +375,13 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
     (tmp_path / "old" / "tse" / "library").mkdir(parents=True)
     (tmp_path / "old" / "tse" / "__init__.py").touch()
     (tmp_path / "old" / "tse" / "library" / "__init__.py").write_text('__version__ = "0.0.1"\n')
-    with starting() as start:
-        address = scheduler(start)
+    with start_programs() as start:
+        address = start_scheduler(start)
         with distributed.Client(address, set_as_default=False) as client:
             with pytest.raises(UserError, match="has no workers"):
                 check_workers(client, address)
-            start(*worker(address, tmp_path / "dask"), path=tmp_path / "old")
-            until(lambda: len(client.scheduler_info()["workers"]) == 1)
+            start(*make_worker_command(address, tmp_path / "dask"), path=tmp_path / "old")
+            wait_until(lambda: len(client.scheduler_info()["workers"]) == 1)
             with pytest.raises(UserError, match=r"has tselab 0\.0\.1, this is tselab"):
                 check_workers(client, address)
 
@@ -363,12 +389,13 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
 def test_the_table_is_read_by_others_as_the_help_says(done):
     """What the help says of reading it works."""
     _, out, table = done
-    assert (
-        set(table.usable.unique()) <= {"yes", "in part", "no"}
-        and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
-    )
+    assert set(table.usable.unique()) <= {"yes", "in part", "no"}
+    assert list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
     duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
-    text = f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' where usable <> 'no' group by all"
+    text = (
+        f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' "
+        "where usable <> 'no' group by all"
+    )
     assert len(duckdb.sql(text).fetchall()) == 6
 
 
@@ -377,9 +404,9 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
         raise ZeroDivisionError("of ours")
 
     monkeypatch.setattr(module, "_run_task", fail)
-    assert "internal error: ZeroDivisionError: of ours" in module.work(task(tmp_path / "a")).error
+    assert "internal error: ZeroDivisionError: of ours" in module.work(make_task(tmp_path / "a")).error
     with pytest.raises(UserError, match="install the same on all"):
-        module.work(replace(task(tmp_path / "a"), code=("0", "0")))
+        module.work(replace(make_task(tmp_path / "a"), code=("0", "0")))
 
 
 def test_a_link_in_a_circle_is_a_row_with_its_error(tmp_path):
@@ -417,8 +444,18 @@ def test_cars_of_names_alike_have_files_of_their_own(tmp_path):
 
 
 def test_a_log_of_another_car_is_said():
-    rows = [{"car": "taxi", "log": f"{i}", "stiffness": "cy_front", "value": 100 * x, "nominal": 100.0, "sd": 2.0, "usable": "yes"}
-            for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))]  # fmt: skip
+    rows = [
+        {
+            "car": "taxi",
+            "log": f"{i}",
+            "stiffness": "cy_front",
+            "value": 100 * x,
+            "nominal": 100.0,
+            "sd": 2.0,
+            "usable": "yes",
+        }
+        for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))
+    ]
     found = unlike(pd.DataFrame(rows))
     assert list(found) == ["4"] and "front cornering stiffness 1.9 times theirs" in found["4"]
     assert unlike(pd.DataFrame(rows[:3])) == {}
@@ -443,7 +480,10 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(os.name == "nt", reason="no signals to a process")
 def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
-    """Four of ten hung while a lock of each future was taken for every result, so six moments tell (1 - 0.6^6 = 95 %)."""
+    """Six interrupts find the fault with a probability of 1 - 0.6^6 = 95 %.
+
+    Four of ten runs hung while a lock of each future was taken for every result.
+    """
     (tmp_path / "many.py").write_text(MANY)
     for moment in range(6):
         run = subprocess.Popen(
@@ -465,12 +505,19 @@ def test_an_interrupt_between_many_short_tasks_ends_all(tmp_path):
 
 
 def test_cars_are_ranked_by_their_stiffness_and_not_by_their_own_calibration(done):
-    """A car that is soft, as its vehicle file says, is soft; of what is not known the reason is said."""
+    """A car that is soft, and is soft in its vehicle file, is ranked as soft.
+
+    For an unknown stiffness the reason is given.
+    """
     from tse.runs.page import Car, Last
 
     def car(name, **last):
-        return Car(name, [], {k: Last(v, 5e3, v / nominal, pd.Timestamp(0)) for k, (v, nominal) in last.items()},
-                   {} if last else {"cy_front": "too few bends in this log"})  # fmt: skip
+        return Car(
+            name,
+            [],
+            {k: Last(v, 5e3, v / nominal, pd.Timestamp(0)) for k, (v, nominal) in last.items()},
+            {} if last else {"cy_front": "too few bends in this log"},
+        )
 
     stiff = car("stiff", cy_front=(100e3, 120e3), cx_front=(50e3, 50e3))
     soft = car("soft", cy_front=(90e3, 80e3), cy_rear=(70e3, 70e3))

@@ -25,7 +25,7 @@ FMUS3 = tuple(f"{name}-fmi3" for name in FMUS)
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with both FMUs, for FMI 2.0 and 3.0, and the system, with the binary of this machine."""
+    """Build both FMUs, for FMI 2.0 and 3.0, and the system; return the folder."""
     folder = tmp_path_factory.mktemp("fmus")
     done = tselab("fmu", "build", "--out", folder)
     assert done.code == 0, done.err
@@ -38,7 +38,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def everywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with binaries of all platforms; those of FMI 3.0, which cost as long again, of two besides this one."""
+    """Return the same with binaries of all platforms.
+
+    The FMUs of FMI 3.0, which take as long again, have those of two platforms besides
+    this one.
+    """
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip(
             "ziglang, which compiles for other platforms, is not installed (scripts/setup.sh platforms)"
@@ -49,7 +53,7 @@ def everywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refused(done, words: list[str]) -> None:
+def expect_refusal(done, words: list[str]) -> None:
     assert done.code == 2, done.out + done.err
     assert "Traceback" not in done.err
     for word in words:
@@ -120,8 +124,10 @@ def test_a_missing_compiler_is_said_before_anything_is_built(tmp_path, monkeypat
 
 def test_build_refuses_a_file_and_a_platform_that_nobody_knows(tmp_path):
     (tmp_path / "taken").write_text("")
-    refused(tselab_here("fmu", "build", "--out", tmp_path / "taken"), ["taken", "a directory is needed"])
-    refused(tselab_here("fmu", "build", "--platform", "vax"), ["vax", "linux64"])
+    expect_refusal(
+        tselab_here("fmu", "build", "--out", tmp_path / "taken"), ["taken", "a directory is needed"]
+    )
+    expect_refusal(tselab_here("fmu", "build", "--platform", "vax"), ["vax", "linux64"])
 
 
 def test_slices_are_joined_as_the_loader_of_macos_wants_them():
@@ -136,8 +142,8 @@ def test_slices_are_joined_as_the_loader_of_macos_wants_them():
     assert platforms.universal([arm]) == arm
 
 
-def slices(data: bytes) -> list:
-    """A shared library as lief reads it; a universal one of macOS is one a processor."""
+def read_slices(data: bytes) -> list:
+    """Read a shared library with lief; a universal one has one part per processor."""
     if data[:2] == b"MZ":
         return [lief.PE.parse(data)]
     if data[:4] == b"\x7fELF":
@@ -154,10 +160,27 @@ MACHINES = {
     "aarch64-linux": [ARM],
     "aarch64-darwin": [ARM],
 }
-C_LIBRARY = ("libc.so.6", "libm.so.6", "kernel32.dll", "ntdll.dll", "ucrtbase.dll", "msvcrt.dll", "api-ms-win-crt-",
-             "/usr/lib/libsystem.")  # fmt: skip
-LINKER_MADE = {"_init", "_fini", "_edata", "_end", "__bss_start", "_mh_dylib_header", "__dso_handle", "___dso_handle",
-               "__mh_dylib_header"}  # fmt: skip
+C_LIBRARY = (
+    "libc.so.6",
+    "libm.so.6",
+    "kernel32.dll",
+    "ntdll.dll",
+    "ucrtbase.dll",
+    "msvcrt.dll",
+    "api-ms-win-crt-",
+    "/usr/lib/libsystem.",
+)
+LINKER_MADE = {
+    "_init",
+    "_fini",
+    "_edata",
+    "_end",
+    "__bss_start",
+    "_mh_dylib_header",
+    "__dso_handle",
+    "___dso_handle",
+    "__mh_dylib_header",
+}
 OLDEST = {"linux64": (2, 2, 5), "aarch64-linux": (2, 17)}  # glibc that a binary needs
 
 
@@ -180,7 +203,7 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, n
     assert set(binaries) == {platforms.PLATFORMS[p].folder(fmi) for p in wanted}
     for platform, machines in wanted.items():
         data = binaries[platforms.PLATFORMS[platform].folder(fmi)]
-        found = slices(data)
+        found = read_slices(data)
         assert [b.abstract.header.architecture for b in found] == (machines if fmi == "2" else machines[:1])
         for b in found:
             assert {f.name for f in b.exported_functions} - LINKER_MADE in (

@@ -1,4 +1,4 @@
-"""A formula of the user: from text to a program, numbers over a log, C; and whatever is refused on the way."""
+"""A formula of the user: text to program, values over a log, C code, refusals."""
 
 import math
 import shutil
@@ -31,7 +31,7 @@ def make(text, *numbers, place="front_angle", **more) -> Formula:
     return parse("it", "a title", place, text, numbers, **more)
 
 
-def names(formula) -> list[str]:
+def list_operations(formula) -> list[str]:
     table = {op.code: op.name for op in module.library().formula_ops.values()}
     return [table[code] for code in formula.operations]
 
@@ -63,11 +63,14 @@ def drive(rows=200, seed=1) -> dict[str, np.ndarray]:
     ],
 )
 def test_the_program_of_a_text(text, numbers, program):
-    assert names(make(text, *numbers)) == program.split()
+    assert list_operations(make(text, *numbers)) == program.split()
 
 
-def stack_machine(formula: Formula, row: dict[str, float]) -> float:
-    """The settings' bytes, run as src/tables/formula.toml says; nothing of the module's own tables."""
+def run_stack_machine(formula: Formula, row: dict[str, float]) -> float:
+    """Run the settings' bytes as src/tables/formula.toml defines them.
+
+    The module's own tables are not used.
+    """
     settings = formula.settings()
     codes = [int(settings[f"formula_code_{k}"]) >> shift & 255 for k in range(1, 11) for shift in (0, 8, 16)]
     signals = {16: "steer_angle", 17: "vel_x", 18: "vel_y", 19: "yaw_rate", 20: "accel_x", 21: "accel_y"}
@@ -131,7 +134,7 @@ def test_text_program_and_settings_mean_the_same(text):
 
     for i in range(20):
         row = {name: float(values_of[i]) for name, values_of in signals.items()}
-        assert values[i] == pytest.approx(stack_machine(formula, row), rel=1e-12)
+        assert values[i] == pytest.approx(run_stack_machine(formula, row), rel=1e-12)
         assert values[i] == pytest.approx(python(row), rel=1e-12)
 
 
@@ -170,7 +173,7 @@ def test_other_values_keep_all_else_and_are_checked():
 def test_the_longest_and_the_deepest_are_allowed():
     assert len(make("+".join(["slip_front*slip_rear"] * 8) + "+1").operations) == 33
     assert len(make("1-(1-(1-(1-(1-(1-(1-1))))))").operations) == 15
-    assert names(make("rate(rate(rate(steer_angle)))*time**3")).count("rate") == 3
+    assert list_operations(make("rate(rate(rate(steer_angle)))*time**3")).count("rate") == 3
     assert make("(" * 20 + "steer_angle" + ")" * 20).operations == (16,)
 
 
@@ -267,8 +270,22 @@ def test_texts_that_are_refused(text, message):
 
 def test_no_text_of_allowed_characters_ends_otherwise_than_in_a_formula_or_a_refusal():
     random = np.random.default_rng(3)
-    pieces = [*"()+-*/.,12 ", "**", "abs", "lag", "play", "steer_angle", "slip_front", "time", "in", "if", "else", "not", "0x",
-              "e9"]  # fmt: skip
+    pieces = [
+        *"()+-*/.,12 ",
+        "**",
+        "abs",
+        "lag",
+        "play",
+        "steer_angle",
+        "slip_front",
+        "time",
+        "in",
+        "if",
+        "else",
+        "not",
+        "0x",
+        "e9",
+    ]
     made = 0
     for _ in range(3000):
         text = "".join(random.choice(pieces, random.integers(1, 12)))
@@ -494,8 +511,9 @@ def test_a_lag_is_that_of_a_linear_system():
     time = np.arange(0, 3, 0.01)
     steer = np.sin(3 * time) + 0.2 * np.sin(11 * time) + 0.1
     y = make("lag(steer_angle, tau)", T).evaluate({"steer_angle": steer}, 0.01)
-    # lsim is exact for an input that is linear between rows, from rest at 0: the first value is taken out. The trapezoidal rule
-    # errs by (w h)^2/12 of what passes with w below 11 rad/s, and by (h/T)^2/12 = 1e-3 of the start's kink.
+    # lsim is exact for an input that is linear between rows, from rest at 0, so the first
+    # value is subtracted. The trapezoidal rule errs by (w h)^2/12 of the passed signal,
+    # with w below 11 rad/s, and by (h/T)^2/12 = 1e-3 of the kink at the start.
     _, exact, _ = signal.lsim(([1.0], [T.value, 1.0]), steer - steer[0], time)
     assert y == pytest.approx(exact + steer[0], abs=2e-3)
     assert y[0] == steer[0]
@@ -521,7 +539,8 @@ def test_a_mode_is_that_of_a_linear_system():
     f, w = Number("freq", 1.5, "Hz"), 2 * math.pi * 1.5
     y = make("second(accel_y, freq, 0.3)", f, place="accel_y").evaluate({"accel_y": accel}, 0.005)
     _, exact, _ = signal.lsim(([w**2], [1.0, 2 * 0.3 * w, w**2]), accel - accel[0], time)
-    # The rule detunes the mode by (w h)^2/12 = 2e-4 of its frequency: over the ringing of 2 m/s2 about 1e-3.
+    # The rule detunes the mode by (w h)^2/12 = 2e-4 of its frequency. Over the ringing of
+    # 2 m/s2 this is about 1e-3.
     assert y == pytest.approx(exact + accel[0], abs=3e-3)
 
 
@@ -622,11 +641,26 @@ TITLES = (
     "\u202e ü */",
 )  # none of which ends a comment
 FORMULA = parse(
-    "play_and_lag", "*/ a play, softened with the speed\n#error \\", "rear_angle",
+    "play_and_lag",
+    "*/ a play, softened with the speed\n#error \\",
+    "rear_angle",
     "k*(play(steer_angle, w) - steer_angle)*(1 + soft((vel_x - v0)/vw)) + j*lag(accel_y, T)",
-    [Number(*n, text=text) for n, text in zip((("k", 0.9, "1"), ("w", 0.002, "rad"), ("v0", 17.0, "m/s"), ("vw", 2.0, "m/s"),
-                                               ("j", 2e-4, "s2/m"), ("T", 0.1, "s")), TITLES, strict=True)],
-)  # fmt: skip
+    [
+        Number(*n, text=text)
+        for n, text in zip(
+            (
+                ("k", 0.9, "1"),
+                ("w", 0.002, "rad"),
+                ("v0", 17.0, "m/s"),
+                ("vw", 2.0, "m/s"),
+                ("j", 2e-4, "s2/m"),
+                ("T", 0.1, "s"),
+            ),
+            TITLES,
+            strict=True,
+        )
+    ],
+)
 
 
 def run(folder: Path, settings: dict[str, float], *flags: str) -> bytes:

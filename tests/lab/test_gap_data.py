@@ -1,5 +1,8 @@
-"""Logs as the gap workflow takes them: which rows hold something new, and which stretches of long logs are worth the most:
-against the best of all choices, and on a log that is straight but for a minute."""
+"""Logs in the gap workflow: informative rows, and the best stretches of long logs.
+
+The choice is compared with the best of all choices, and made on a log that is straight
+but for a minute.
+"""
 
 import json
 import os
@@ -12,8 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gap_logs import car, write_log
-from tests.gap.runs import changed
+from gap_logs import write_car, write_log
+from tests.gap.runs import change_constant
 from tse.car.vehicle import read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.channels.log import read_log
@@ -67,7 +70,7 @@ def test_a_sensor_that_stands_still_is_no_slow_one() -> None:
 
 
 def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     good = write_log(tmp_path / "good.csv", vehicle, "sweep", {}, 1)
     (tmp_path / "bad.csv").write_text("no log\n")
     notes: list[str] = []
@@ -85,7 +88,7 @@ def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
 
 def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     """The rest of it is compared as it was."""
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     whole = write_log(tmp_path / "whole.csv", vehicle, "sweep", {}, 1)
     table = pd.read_csv(whole)
     table.drop(columns="accel_x").to_csv(tmp_path / "without.csv", index=False, float_format="%.9g")
@@ -144,7 +147,10 @@ def test_an_error_of_a_user_stays_one() -> None:
 
 
 def test_pieces_are_chosen_about_as_well_as_by_trying_all():
-    """Greedy choices reach 1 - 1/e of the best ln det (Nemhauser 1978); of eight random pieces, nearly all of it."""
+    """Greedy choices reach 1 - 1/e of the best ln det (Nemhauser 1978).
+
+    With eight random pieces they reach nearly all of it.
+    """
     rng = np.random.default_rng(3)
     says = [(lambda a: a.T @ a)(rng.standard_normal((3, 4)) * rng.uniform(0.2, 3)) for _ in range(8)]
 
@@ -186,7 +192,7 @@ def long_log(tmp_path_factory):
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     baseline = fit(problem, STIFFNESS, {})
-    with changed("gaps.infer.excerpt.MAX_SECONDS", 60.0):
+    with change_constant("gaps.infer.excerpt.MAX_SECONDS", 60.0):
         assert ex.is_long(problem)
         few = ex.excerpt(problem, baseline)
     log = few.logs[0]
@@ -200,19 +206,22 @@ def test_the_part_with_the_bends_is_chosen(long_log):
 
 def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
-    with changed("gaps.infer.excerpt.MAX_SECONDS", 200.0):
+    with change_constant("gaps.infer.excerpt.MAX_SECONDS", 200.0):
         assert not ex.is_long(problem)
         assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
 
 
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
-    """A car that rolls, in 48 s of log, of which 20 are searched: its size is that of all logs, and so is what is left."""
-    vehicle = car(tmp_path)
+    """A car rolls in 48 s of log, of which 20 s are searched.
+
+    The size of the roll and the residuals are those of all logs.
+    """
+    vehicle = write_car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
         for k, d in enumerate(("sweep", "brakes"))
     ]
-    with changed("gaps.infer.excerpt.MAX_SECONDS", 20.0):
+    with change_constant("gaps.infer.excerpt.MAX_SECONDS", 20.0):
         result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]
@@ -235,7 +244,7 @@ LOG_SEED, HIDE_SEED = 11, 1
 
 @dataclass
 class Clean:
-    """A log of a car that lacks nothing, and what its verdict says that it could not have shown."""
+    """A log of a car without an effect, and the effects not visible in it."""
 
     vehicle: Path
     problem: Problem
@@ -260,7 +269,7 @@ class Clean:
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory) -> Clean:
     folder = tmp_path_factory.mktemp("detect")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=30.0)
     result = workflow.run([log], vehicle)
     assert result.verdict == "none"
@@ -271,8 +280,11 @@ def clean(tmp_path_factory) -> Clean:
 
 @pytest.mark.parametrize("effect", ["steering_ratio", "lateral_load_transfer"])
 def test_twice_the_smallest_size_is_named_and_half_of_it_is_not(clean, effect):
-    """Nats go with the square of the size: 4 and 1/4 of what a name needs. With a quarter, a class of look-alikes may be above 90 %
-    in one noise of ten, as in this one; none of them is by itself."""
+    """The evidence grows with the square of the size: 4 and 1/4 of what a name needs.
+
+    With a quarter, a class of look-alikes may be above 90 % with one noise of ten, as
+    with this one. None of its effects is by itself.
+    """
     told = clean.undetectable[effect]
     assert told["smallest"] > told["typical"]
     half = clean.named_when_hidden(effect, 0.5)

@@ -1,5 +1,8 @@
-"""A formula for what the catalogue does not have: the linearisation against the replay, what is found against what was hidden, and
-what the user gets."""
+"""Formulas for effects that the catalogue does not have.
+
+The linearisation is compared with the replay, the found formula with the hidden one. The
+output of the command is read as a user does.
+"""
 
 import json
 from dataclasses import replace
@@ -9,7 +12,7 @@ import numpy as np
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from gap_logs import car, problem_of, write_log
+from gap_logs import make_problem, write_car, write_log
 from tse.car.formula import Number, parse, read_formula, write_formula
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
@@ -25,31 +28,37 @@ HIDDEN = parse("damper", "hidden", "yaw_moment", "k*(yaw_rate - max(-w, min(w, y
                [Number("k", -3.0, "1/s"), Number("w", 0.1, "rad/s")])  # fmt: skip
 
 
-def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int) -> Problem:
-    vehicle = car(folder)
+def make_hidden_problem(
+    folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int
+) -> Problem:
+    vehicle = write_car(folder)
     paths = [
         write_log(folder / f"{d}_{seed}.csv", vehicle, d, effects, seed + i) for i, d in enumerate(drives)
     ]
-    return problem_of(vehicle, *paths)
+    return make_problem(vehicle, *paths)
 
 
 @pytest.fixture(scope="module")
 def damped(tmp_path_factory) -> tuple[Problem, Problem]:
     """A car with the damper: fitted logs, and one that is held out."""
     folder = tmp_path_factory.mktemp("damped")
-    return problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), problem(
+    return make_hidden_problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), make_hidden_problem(
         folder, HIDDEN.settings(), ("steps",), 7
     )
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory) -> Problem:
-    return problem(tmp_path_factory.mktemp("plain"), {}, ("sweep", "brakes"), 1)
+    return make_hidden_problem(tmp_path_factory.mktemp("plain"), {}, ("sweep", "brakes"), 1)
 
 
 @pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])
 def test_the_linearisation_answers_as_the_replay_does(plain, place):
-    """Within a fifth: one step a block, straight driving, no coupling of both directions; it only chooses what is simulated."""
+    """They agree within a fifth.
+
+    The linearisation has one step a block, drives straight and couples no directions. It
+    only chooses what is simulated.
+    """
     values = fit(plain, STIFFNESS, {}).values
     term = (
         terms.Term("accel_x", terms.PULL.unit)
@@ -78,7 +87,10 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
 
 
 def test_a_constant_force_is_felt_until_the_wheels_hold_the_speed():
-    """accel_x of m dv/dt = m u - along/v (v - v0), from u = 1 at once: an exponential, from the first block on."""
+    """accel_x follows m dv/dt = m u - along/v (v - v0), with u = 1 from the start.
+
+    The solution is an exponential from the first block on.
+    """
     c, v, dt = Config.exact(), 20.0, 0.1
     along = c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear
     at = {"vel_x": np.full(30, v), "dt": np.full(30, dt)}
@@ -95,7 +107,10 @@ def test_every_form_of_the_library_is_a_formula_of_its_place(place):
 
 
 def test_what_the_catalogue_says_is_no_formula():
-    """A first-order lag of the steering is steering_lag: as a formula it would cost less, and take its own name's place."""
+    """A first-order lag of the steering is steering_lag.
+
+    As a formula it would cost less, and would replace its own name.
+    """
     for place, texts in terms.KNOWN.items():
         library = {t.text for t in (terms.lateral() if place in terms.LATERAL else terms.longitudinal())}
         assert set(texts) <= library  # else one was renamed, and would be proposed
@@ -111,7 +126,10 @@ def test_units_of_coefficients():
 
 
 def test_a_hidden_formula_is_found_and_holds_on_the_other_log(damped):
-    """Form and place are in the library, so both must be right; k and w within 10 %: several sd of 48 s."""
+    """Form and place are in the library, so both must be right.
+
+    k and w must be right within 10 %: several sd of 48 s.
+    """
     fitted, held = damped
     last = fit(fitted, STIFFNESS, {})
     found = search.discover(fitted, last, held)
@@ -148,7 +166,10 @@ def test_what_a_held_out_log_does_not_bear_out_is_not_proposed(damped, plain):
 
 @pytest.mark.parametrize(("rise", "stands"), [(0.0001, True), (0.03, False)])
 def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
-    """accel_x, which the damper does not touch, is worse for sure: by a hundredth of a percent, and by three percent."""
+    """accel_x, which the damper does not touch, is certainly worse.
+
+    It is worse by a hundredth of a percent, then by three percent.
+    """
     compare = search.compare
 
     def worse(*given):
@@ -166,7 +187,7 @@ def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     logs = [
         write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i)
         for i, d in enumerate(("sweep", "brakes"), 1)
@@ -251,7 +272,7 @@ def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
 
 
 def test_vehicle_files_that_name_a_formula_wrongly_are_refused(tmp_path):
-    path = car(tmp_path)
+    path = write_car(tmp_path)
     text = path.read_text()
     write_formula(tmp_path / "damper.toml", HIDDEN)
     for table, words in (

@@ -1,5 +1,7 @@
-"""The inference of the gap workflow against what is computed another way: integrals, least
-squares, counted cases."""
+"""The inference of the gap workflow against other computations.
+
+These are integrals, least squares and counted cases.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -13,7 +15,7 @@ from scipy.integrate import quad
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 
-from gap_logs import car, problem_of, write_log
+from gap_logs import make_problem, write_car, write_log
 from tse.car.vehicle import read_vehicle
 from tse.gaps.catalogue import Own, Parameter, catalogue, of_the_car
 from tse.gaps.fit import fit as gap_fit
@@ -35,8 +37,10 @@ N = 1500
 
 @dataclass
 class Linear:
-    """What a Space asks of a problem: one log of accel_y, linear in the compliance of front
-    and rear and in an effect."""
+    """The interface that Space needs of a problem, for one log of accel_y.
+
+    It is linear in the compliance of front and rear and in an effect.
+    """
 
     effect: Parameter
     size: float
@@ -72,21 +76,24 @@ class Linear:
         )
 
 
-def one_effect(of: float = 1.0) -> tuple[Hypothesis, Linear]:
-    """An effect of one strength and no shape, `of` times its typical size."""
+def make_one_effect(of: float = 1.0) -> tuple[Hypothesis, Linear]:
+    """Return an effect of one strength and no shape, `of` times its typical size."""
     h = next(h for h in hypotheses() if h.id == "mass")
     (p,) = h.effect.fitted
     return h, Linear(p, of * p.scale)
 
 
-def of_a_channel(square: float) -> float:
+def compute_channel_likelihood(square: float) -> float:
     return ln_likelihood(square, N)
 
 
 @pytest.mark.parametrize("rms", [0.8, 1.1, 1.5, 6.0, 40.0])
 def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float) -> None:
-    """As the fit has it (measure_scales), by a difference; 1e-4: of its second order. Nearer
-    to the noise than LASTING all counts as there."""
+    """The derivative of the fit (measure_scales) is compared with a difference.
+
+    Tolerance 1e-4: the second order of the difference. A residual nearer to the noise
+    than LASTING counts in full.
+    """
     noise = np.random.default_rng(3).standard_normal(N)
     residual = rms * noise / np.sqrt(np.mean(noise**2))
     space = SimpleNamespace(
@@ -98,23 +105,25 @@ def test_a_likelihood_falls_with_the_sd_that_its_residuals_count_with(rms: float
     )
     sd = measure_scales(space, [residual])["accel_y"].sd
     h = 1e-4
-    slope = (of_a_channel(rms**2 + h) - of_a_channel(rms**2 - h)) / (2 * h * N)
+    slope = (compute_channel_likelihood(rms**2 + h) - compute_channel_likelihood(rms**2 - h)) / (2 * h * N)
     assert slope == pytest.approx(-0.5 / sd**2, rel=1e-4)
 
 
 def test_evidence_of_a_linear_problem_is_the_integral() -> None:
-    """Laplace's method is exact for what is linear and normal; 0.05 nats: the search ends at
-    a tenth of a sd. With and without the effect, whose strength is an unknown either way;
-    what is left is noise, of which the likelihood is a normal."""
+    """Laplace's method is exact for a linear and normal problem.
+
+    0.05 nats: the search ends at a tenth of a sd. The effect is off or on; its strength
+    is unknown in both cases. The residual is noise, whose likelihood is normal.
+    """
     variance = 1.0 + together() * LASTING**2
     for size, members in ((0.0, ()), (1.0, ("mass",))):
-        h, problem = one_effect(size)
+        h, problem = make_one_effect(size)
         j = judge(problem, [h], members, {})
         a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in j.space.names])
         a = a - a.mean(axis=0)
         y = problem.measured - problem.measured.mean() - a @ j.space.mean
         exact = multivariate_normal.logpdf(y, np.zeros(N), variance * np.eye(N) + (a * j.space.sd**2) @ a.T)
-        exact += 0.5 * N * np.log(2 * np.pi * variance) + of_a_channel(0.0)
+        exact += 0.5 * N * np.log(2 * np.pi * variance) + compute_channel_likelihood(0.0)
         ours = j.evidence
         for e in j.effects:  # a normal stands for the size's prior while it is fitted
             value, at = j.values[problem.effect.name], j.space.names.index(problem.effect.name)
@@ -124,7 +133,7 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
 
 def test_slopes_of_one_fit_have_the_evidence_of_another_set() -> None:
     """Exact for what is linear: a tenth of a nat, at which fits end."""
-    h, problem = one_effect(0.3)
+    h, problem = make_one_effect(0.3)
     with_it, nothing = judge(problem, [h], ["mass"], {}), judge(problem, [h], [], {})
     assert Around(with_it).judge(with_it.ids).evidence == pytest.approx(with_it.evidence, abs=1e-9)
     assert Around(with_it).judge(nothing.ids).evidence == pytest.approx(nothing.evidence, abs=0.1)
@@ -136,7 +145,7 @@ def test_slopes_of_one_fit_have_the_evidence_of_another_set() -> None:
 
 def test_a_search_names_what_is_there_and_nothing_else() -> None:
     for of, expected in ((1.0, {"mass"}), (0.0, set())):
-        h, problem = one_effect(of)
+        h, problem = make_one_effect(of)
         search = Search(problem, [h])
         assert search.run().ids == expected
         assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(
@@ -145,9 +154,11 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
 
 
 def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
-    """Least squares of numpy, a fold at a time, with the priors as rows; 1 %: the biases are
-    those of all rows."""
-    h, problem = one_effect()
+    """Compare with numpy's least squares, a fold at a time, with the priors as rows.
+
+    1 %: the biases are those of all rows.
+    """
+    h, problem = make_one_effect()
     j = judge(problem, [h], ["mass"], {})
     a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in j.space.names])
     a = a - a.mean(axis=0)
@@ -162,8 +173,8 @@ def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
     assert folds.held_out(j)["accel_y"] == pytest.approx(left, rel=0.01)
 
 
-def large(*ids: str) -> SimpleNamespace:
-    """A set in which every effect has its typical size, known to a percent."""
+def make_large_set(*ids: str) -> SimpleNamespace:
+    """Return a set in which every effect has its typical size, known to a percent."""
     effects = [SimpleNamespace(id=i, effect=catalogue()[i]) for i in ids]
     strengths = [p for h in effects for p in h.effect.strengths]
     values, sd = ({p.name: share * p.scale for p in strengths} for share in (1.0, 0.01))
@@ -172,7 +183,7 @@ def large(*ids: str) -> SimpleNamespace:
 
 def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
     """Beside the share of a million normal numbers that are, 1 sd: 0.0005."""
-    one = large("gyro_scale")
+    one = make_large_set("gyro_scale")
     (p,) = one.effects[0].effect.strengths
     drawn = np.random.default_rng(0).standard_normal(1_000_000)
     for size, sd in ((1.0, 0.5), (0.5, 0.3), (-1.2, 1.0), (3.0, 0.1)):  # of what is negligible
@@ -183,9 +194,12 @@ def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
 
 
 def test_effects_that_share_the_probability_are_each_others_look_alikes() -> None:
-    """Two of which the logs of all drives prefer the one that the fitted ones do not: one class, surely missing."""
+    """The logs of all drives prefer the effect that the fitted logs do not.
+
+    Both effects form one class, which is certainly missing.
+    """
     sets = {("yaw_inertia",): 0.3, ("mass",): 0.6, ("mass", "grade"): 0.06, (): 0.04}
-    known = {frozenset(k): large(*k) for k in sets}
+    known = {frozenset(k): make_large_set(*k) for k in sets}
     search = SimpleNamespace(
         probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, all=lambda: known
     )
@@ -214,8 +228,12 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
 
 
 def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path) -> None:
-    """A car that is 12 % heavier than a file that knows its mass to 1 %, and its inertia to a fifth: it is not the mass."""
-    path = car(tmp_path)
+    """A car is 12 % heavier than its file states.
+
+    The file states the mass to 1 % and the inertia to a fifth, so the mass is not the
+    cause.
+    """
+    path = write_car(tmp_path)
     assert known_of(read_vehicle(path)) == list(catalogue().values())  # all is 0: nothing is said
     text = path.read_text(encoding="utf-8").replace("\nmass_sd = 0.0", "\nmass_sd = 0.01")
     path.write_text(text.replace("yaw_inertia_sd = 0.0", "yaw_inertia_sd = 0.2"), encoding="utf-8")
@@ -227,7 +245,7 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
         write_log(tmp_path / f"{d}.csv", path, d, {"mass_change": 0.12}, k)
         for k, d in enumerate(("sweep", "steps"))
     ]
-    problem = problem_of(path, *logs)
+    problem = make_problem(path, *logs)
     for asked, names in ((list(catalogue().values()), {"mass", "yaw_inertia"}), (effects, {"yaw_inertia"})):
         (named,) = naming.name(problem, asked).named
         assert {named.effect.id, *named.look_alikes} == names
@@ -236,13 +254,16 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> Problem:
     folder = tmp_path_factory.mktemp("infer")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     log = write_log(folder / "steps.csv", vehicle, "steps", {}, 3, seconds=12.0)
-    return problem_of(vehicle, log)
+    return make_problem(vehicle, log)
 
 
 def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Problem) -> None:
-    """Positive: what the C library simulates as a delay. Negative: as latencies. The same numbers to 2 % of the change."""
+    """A positive delay equals the C library's delay, a negative one equals latencies.
+
+    The numbers agree to 2 % of the change.
+    """
     plain = late.predict({})
     for values in (
         {"imu_delay_time": 0.02},
@@ -254,15 +275,24 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
         shifted = late.predict(values)
         if any(v < 0 for v in values.values()):
             moved = {k: v for k, v in told.items() if k.endswith("_latency")}
-            assert moved == pytest.approx({"steer_angle_latency": 0.02, "wheel_speed_front_latency": 0.02,
-                                           "wheel_speed_rear_latency": 0.02, "accel_y_latency": 0.01})  # fmt: skip
+            assert moved == pytest.approx(
+                {
+                    "steer_angle_latency": 0.02,
+                    "wheel_speed_front_latency": 0.02,
+                    "wheel_speed_rear_latency": 0.02,
+                    "accel_y_latency": 0.01,
+                }
+            )
             continue
         other = Problem(late.logs, Config.exact(late.config.as_dict() | told))
         assert np.std(other.predict({}) - shifted) < 0.02 * np.std(shifted - plain)
 
 
 def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
-    """All of them: settings, stiffness, latencies. A road's profile is fitted to what they leave."""
+    """Settings, stiffness and latencies are held.
+
+    A road's profile is fitted to their residuals.
+    """
     values = {
         "cy_front": 0.9,
         "cy_rear": 1.05,
@@ -295,8 +325,8 @@ def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
 
 
 def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
-    """Steering logged 20 ms late and a car that rolls: both, and the improved vehicle says so."""
-    vehicle = car(tmp_path)
+    """Steering logged 20 ms late and a roll of the car are both found."""
+    vehicle = write_car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 5)
     table = pd.read_csv(log)
     table["steer_angle"] = table["steer_angle"].shift(2)
@@ -311,8 +341,11 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
 
 
 def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path) -> None:
-    """Of the road: what is written of it is bank_superelevation, and it is no answer by itself where something is left."""
-    vehicle = car(tmp_path)
+    """The lean of the road is written as bank_superelevation.
+
+    It is no answer by itself where something else is left.
+    """
+    vehicle = write_car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"bank_superelevation": 0.12}, 5)
         for d in ("sweep", "steps")
@@ -331,7 +364,7 @@ def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path
 def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_path: Path) -> None:
     """A delay of the IMU that shows in yaw_rate, beside a grade of which accel_x is full:
     0.08 rad, 0.057 rms."""
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     path = write_log(tmp_path / "log.csv", vehicle, "sweep", {"imu_delay_time": 0.008}, 5)
     table = pd.read_csv(path)
     table["accel_x"] += 9.81 * 0.08 * np.sin(2 * np.pi * table["time"] / 12.0)
@@ -344,7 +377,7 @@ def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_p
         0.057, abs=0.012
     )  # knots are 2 s apart, and a prior of 0.03 rad holds them
     problem = Problem(found.logs, config)
-    level = naming.plain_car(problem_of(vehicle, path))
+    level = naming.plain_car(make_problem(vehicle, path))
     names = naming.name(problem, [catalogue()["imu_delay"]], baseline=level, roads=found.found)
     late = next(n for n in names.named if n.effect.id == "imu_delay")
     assert late.values["imu_delay_time"] == pytest.approx(0.008, abs=0.002)
@@ -352,7 +385,7 @@ def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_p
 
 
 def test_a_level_road_has_no_name(tmp_path: Path) -> None:
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 4)
     read = read_vehicle(vehicle)
     logs, config = workflow.read([log], read)
@@ -361,7 +394,10 @@ def test_a_level_road_has_no_name(tmp_path: Path) -> None:
 
 
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
-    """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
+    """The steering's latency is its own delay plus the IMU's; the wheels' is the IMU's.
+
+    An effect of the car adds nothing. A low pass has an interval of its own.
+    """
     sizes = {
         "imu_delay": (-0.02, 0.002),
         "steering_delay": (-0.01, 0.001),
@@ -390,13 +426,16 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
 
 
 def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scale that is surely below what counts is not there; a name that does not stand has the reason given, and so has one that
-    closes less of what the others leave than a name must."""
-    vehicle = car(tmp_path)
+    """A scale that is surely below the size that counts is not possible.
+
+    A name that does not stand is listed with the reason. So is a name that closes less of
+    the others' residual than a name must.
+    """
+    vehicle = write_car(tmp_path)
     log = write_log(
         tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.002}, 3
     )
-    problem = problem_of(vehicle, log)
+    problem = make_problem(vehicle, log)
     asked = [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]
     found = naming.name(problem, asked)
     assert [n.effect.id for n in found.named] == ["body_roll"]
@@ -414,9 +453,9 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
 
 
 def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 3)
-    level = problem_of(vehicle, log)
+    level = make_problem(vehicle, log)
     profile = {"grade": 0.01 * np.sin(level.logs[0].distance / 50)}
     problem = level.of([replace(level.logs[0], road=profile)])
     baseline, fitted = naming.plain_car(level), naming.plain_car(problem)
@@ -433,12 +472,15 @@ def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
 
 
 def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
-    """Of a car with rolls and delays: no other stiffness leaves less, by a search of scipy without slopes."""
-    vehicle = car(tmp_path)
+    """Compare with a search of scipy without slopes, for a car with rolls and delays.
+
+    No other stiffness leaves a smaller residual.
+    """
+    vehicle = write_car(tmp_path)
     log = write_log(
         tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.03}, 3
     )
-    problem = problem_of(vehicle, log)
+    problem = make_problem(vehicle, log)
     keys = [p.name for p in STIFFNESS]
 
     def left(x: np.ndarray) -> float:
@@ -453,7 +495,10 @@ def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
 
 
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:
-    """Which has one number, where the effect has two strengths; and a delay below zero is a message that is late."""
+    """A road's profile has one number where an effect has two strengths.
+
+    A negative delay is a late message.
+    """
     bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)
     assert not bank.message
     assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._sentence(bank)
@@ -562,8 +607,8 @@ def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
 
 def test_a_fit_of_a_parameter_that_changes_nothing_ends_with_numbers(tmp_path: Path) -> None:
     """scipy's trust region divides by the slope."""
-    vehicle = car(tmp_path)
-    problem = problem_of(vehicle, write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 1, 20.0))
+    vehicle = write_car(tmp_path)
+    problem = make_problem(vehicle, write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 1, 20.0))
     idle = Parameter("formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere")
     found = gap_fit(problem, [*STIFFNESS, idle], {})
     assert all(np.isfinite(v) for v in found.values.values())

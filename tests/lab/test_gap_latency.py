@@ -1,5 +1,8 @@
-"""The gap workflow on logs whose channels are late: a vehicle file that says so, and a drive so gentle that it
-cannot tell delays apart."""
+"""The gap workflow on logs whose channels are late.
+
+One vehicle file states the latencies. One drive is so gentle that it cannot distinguish
+delays.
+"""
 
 import json
 from pathlib import Path
@@ -9,7 +12,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab
-from gap_logs import car, write_log
+from gap_logs import write_car, write_log
 from tse.car.vehicle import read_vehicle
 from tse.gaps.run import workflow
 from tse.identify.data import prepare, remove_latencies
@@ -28,7 +31,7 @@ HIDDEN = {"body_roll_gain": 0.009}
 def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path]]:
     """Log and vehicle file: in time; late and told; late and not told."""
     folder = tmp_path_factory.mktemp("late")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     log = write_log(folder / "in_time.csv", vehicle, "sweep", HIDDEN, 5, 12.0)
     table = pd.read_csv(log)
     for name, by in LATE.items():
@@ -44,7 +47,10 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path
 
 
 def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -> None:
-    """Latencies of whole rows: the smoothed steering agrees but for what the ends change of the smoothing."""
+    """Latencies are whole rows.
+
+    The smoothed steering differs only by the effect of the smoothing at the ends.
+    """
     found = {}
     for name, (log, vehicle) in logs.items():
         read, config = workflow.read([log], read_vehicle(vehicle))
@@ -61,7 +67,10 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
 
 
 def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str, tuple[Path, Path]]) -> None:
-    """As in the log that is in time; not told of them, that something is late is found, and no physics that is not there."""
+    """With the latencies given, the result is that of the log that is in time.
+
+    Without them, a latency is found, and no physical effect that does not exist.
+    """
     results = {name: workflow.run([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
     named = {
         name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {}
@@ -86,8 +95,11 @@ ALIKE = {"steering_delay", "imu_delay"}
 
 
 def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(tmp_path: Path) -> None:
-    """At one speed and without braking the car is a linear system: late wheels and a late IMU are the same thing to it."""
-    vehicle, out = car(tmp_path), tmp_path / "out"
+    """At one speed and without braking the car is a linear system.
+
+    There, late wheels and a late IMU have the same effect.
+    """
+    vehicle, out = write_car(tmp_path), tmp_path / "out"
     log = write_log(tmp_path / "gentle.csv", vehicle, GENTLE, {"imu_delay_time": DELAY}, 7, seconds=12.0)
     done = tselab("gap", "--verbose", log, "--vehicle", vehicle, "--out", out, "--jobs", 1)
     assert done.code == 11, done.out + done.err

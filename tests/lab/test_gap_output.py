@@ -1,4 +1,4 @@
-"""tselab gap as a user runs it: the verdict, the files it leaves, and that they are what they say."""
+"""tselab gap as a user runs it: the verdict and the content of its files."""
 
 import ctypes
 import json
@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, Result, tselab
-from gap_logs import STIFFNESS, car, write_log
+from gap_logs import STIFFNESS, write_car, write_log
 from tse.car.vehicle import make_filter_values, read_vehicle
 from tse.gaps.run.output import COLUMNS
 from tse.library.core import Config, library
@@ -24,8 +24,18 @@ from tselab.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 DELAY = {"imu_delay_time": 0.02}
-WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wshadow", "-Wundef",
-            "-Wvla", "-Werror")  # fmt: skip
+WARNINGS = (
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wsign-conversion",
+    "-Wdouble-promotion",
+    "-Wshadow",
+    "-Wundef",
+    "-Wvla",
+    "-Werror",
+)
 
 
 @dataclass
@@ -46,7 +56,7 @@ class Case:
 def case(tmp_path_factory):
     """An IMU that is 20 ms late, in two logs and one that is held out."""
     folder = tmp_path_factory.mktemp("gap")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     logs = [
         write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0)
         for seed, d in enumerate(("sweep", "brakes"), 1)
@@ -90,7 +100,8 @@ def test_the_estimator_is_valid_as_long_and_foresees_rows_as_well_with_the_impro
         )  # lag_steer finds it untold
     assert "The estimator's front cornering stiffness: valid" in case.done.out
     assert [d["part"] for d in estimator["logs"]] == ["fit", "fit", "held_out"]
-    # of a car that is known exactly but for its steering, which the filter follows: hardly worse with its size given
+    # The car is known exactly but for its steering, which the filter follows. With the
+    # size given, the filter is hardly worse.
     assert all(d["evidence"]["after"] > d["evidence"]["before"] - 0.1 for d in estimator["logs"])
 
 
@@ -139,14 +150,30 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(
     lib = library()
     source = tmp_path / f"main.{suffix}"
     source.write_text(
-        '#include "effects.h"\n#include "effects.h"\n#ifdef __cplusplus\nextern "C"\n#endif\nvoid set(tse_config *c);\n'
+        '#include "effects.h"\n#include "effects.h"\n'
+        '#ifdef __cplusplus\nextern "C"\n#endif\nvoid set(tse_config *c);\n'
         "void set(tse_config *c) { tse_config_small_case(c); }\n"
     )
     define = f"-DTSE_REAL_{'FLOAT' if lib.format == 'float' else 'DOUBLE'}"
     done = subprocess.run(
-        [compiler, *flags, *WARNINGS, define, "-shared", "-fPIC", "-I", ROOT / "include", "-I", case.out, source, "-o",
-         tmp_path / "set.so"], capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            compiler,
+            *flags,
+            *WARNINGS,
+            define,
+            "-shared",
+            "-fPIC",
+            "-I",
+            ROOT / "include",
+            "-I",
+            case.out,
+            source,
+            "-o",
+            tmp_path / "set.so",
+        ],
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0 and not done.stderr, done.stderr
     theirs, mine = (
         Config.exact(),
@@ -204,7 +231,7 @@ def test_picture_is_a_png(case):
 
 
 def test_nothing_hidden_is_exit_0(tmp_path):
-    vehicle = car(tmp_path)
+    vehicle = write_car(tmp_path)
     logs = [
         write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed)
         for seed, d in enumerate(("sweep", "brakes"), 5)
@@ -253,7 +280,7 @@ def test_help_tells_of_the_workflow_and_its_commands():
 
 
 def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_path):
-    """A log of a car with another steering: what is left of the fitted logs is noise, and not of that one."""
+    """A held-out log with another steering has a residual; the fitted logs have noise."""
     held = write_log(
         tmp_path / "other.csv", case.vehicle, "steps", DELAY | {"steering_ratio_change": 0.1}, 3, 16.0
     )

@@ -1,4 +1,7 @@
-"""Names against formulas: what a world is worth, on residuals that are drawn, and on a log whose steering ratio goes with speed."""
+"""Names against formulas: the probability of a world.
+
+It is tested on drawn residuals, and on a log whose steering ratio depends on speed.
+"""
 
 from types import SimpleNamespace
 
@@ -16,8 +19,8 @@ from tse.gaps.infer.space import LASTING
 ROWS = 3000
 
 
-def problem():
-    """One log, accel_y alone."""
+def make_one_log_problem():
+    """Return a problem of one log with accel_y alone."""
     every = np.ones(ROWS, bool)
     rows = SimpleNamespace(of=lambda channel: every, group=np.zeros(ROWS, int))
     return SimpleNamespace(rows=rows, used=lambda: [("accel_y", every)], noise_energy=np.ones(ROWS), jobs=1)
@@ -27,17 +30,17 @@ def fit(rms):
     return SimpleNamespace(residuals=rms * np.random.default_rng(1).standard_normal(ROWS), values={})
 
 
-def naming(rms, *names):
+def make_naming(rms, *names):
     named = [SimpleNamespace(effect=SimpleNamespace(id=n), probability=1.0, whole=1.0) for n in names]
     return SimpleNamespace(final=fit(rms), named=named)
 
 
-def formula(rms, length):
+def make_formula_result(rms, length):
     return SimpleNamespace(fit=fit(rms), values={}, price=2.0 * length, formula=SimpleNamespace(text="k*x"))
 
 
-def worlds(*known):
-    w = Worlds(problem(), None)
+def make_worlds(*known):
+    w = Worlds(make_one_log_problem(), None)
     for n, *found in known:
         w.add(n, n.final, *found)
     w.weigh()
@@ -54,7 +57,7 @@ def test_a_name_costs_its_prior_odds_and_its_size():
 
 
 def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
-    w = worlds((naming(1.0, "mass"),), (naming(1.0, "mass", "body_roll"),))
+    w = make_worlds((make_naming(1.0, "mass"),), (make_naming(1.0, "mass", "body_roll"),))
     assert w.known[0].probability / w.known[1].probability == pytest.approx(np.exp(price_of("body_roll")))
     assert w.with_name("mass") == pytest.approx(1.0)
     assert w.best() is w.known[0]
@@ -63,7 +66,7 @@ def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
 def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
     """As many values of noise as LASTING leaves of them."""
     names = ("body_roll", "relaxation", "cg_shift")
-    w = worlds((naming(1.1, "mass"),), (naming(1.0, "mass", *names),))
+    w = make_worlds((make_naming(1.1, "mass"),), (make_naming(1.0, "mass", *names),))
     ratio = np.log(w.known[1].probability) - np.log(w.known[0].probability)
     fall = 0.21 * float(np.sum(fit(1.0).residuals ** 2))
     assert ratio == pytest.approx(
@@ -72,18 +75,21 @@ def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
 
 
 def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
-    """Both leave more than noise, so that what the names close besides says little; a formula is what stands."""
+    """Both leave more than noise, so the part that the names close besides counts little.
+
+    A formula stands.
+    """
     names = ("mass", "yaw_inertia", "cg_shift", "rear_roll_steer", "combined_slip", "body_roll")
-    empty = naming(10.0)
-    w = worlds((naming(2.0, *names),), (empty, formula(2.5, 5)))
+    empty = make_naming(10.0)
+    w = make_worlds((make_naming(2.0, *names),), (empty, make_formula_result(2.5, 5)))
     assert w.with_name("mass") < NAME_AT
     assert w.best() is w.known[1]
     assert w.best().text == "k*x"
 
 
 def test_one_name_that_closes_as_much_as_a_formula_stands():
-    empty = naming(10.0)
-    w = worlds((naming(2.0, "mass"),), (empty, formula(2.0, 5)))
+    empty = make_naming(10.0)
+    w = make_worlds((make_naming(2.0, "mass"),), (empty, make_formula_result(2.0, 5)))
     assert w.with_name("mass") > NAME_AT
     assert w.known[1].probability / w.known[0].probability == pytest.approx(
         np.exp(price_of("mass") - 10.0 - np.log(4.0))
@@ -91,21 +97,26 @@ def test_one_name_that_closes_as_much_as_a_formula_stands():
 
 
 def test_a_formula_beside_a_name_is_asked_with_both_prices():
-    one = naming(3.0, "body_roll")
-    w = worlds((one,), (one, formula(1.0, 5)), (naming(10.0),), (naming(10.0), formula(3.0, 5)))
+    one = make_naming(3.0, "body_roll")
+    w = make_worlds(
+        (one,),
+        (one, make_formula_result(1.0, 5)),
+        (make_naming(10.0),),
+        (make_naming(10.0), make_formula_result(3.0, 5)),
+    )
     assert w.best() is w.known[1]
     assert w.with_name("body_roll") > 0.99
 
 
 def test_held_out_logs_count_as_much_as_those_that_were_fitted():
     """A formula that does nothing for other logs is worth half the nats."""
-    other = problem()
+    other = make_one_log_problem()
     other.residuals = lambda values: values["rms"] * np.random.default_rng(2).standard_normal(ROWS)
-    nothing = naming(1.3)
+    nothing = make_naming(1.3)
     nothing.final.values = {"rms": 1.3}
-    works, fails = formula(1.0, 5), formula(1.0, 5)
+    works, fails = make_formula_result(1.0, 5), make_formula_result(1.0, 5)
     works.values, fails.values = {"rms": 1.0}, {"rms": 1.3}
-    w = Worlds(problem(), other)
+    w = Worlds(make_one_log_problem(), other)
     for d in (None, works, fails):
         w.add(nothing, nothing.final, d)
     w.weigh()
@@ -114,18 +125,21 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted():
 
 
 def test_nothing_is_a_world_too():
-    """Where the names closed nothing, and no formula does: nothing else is there to be weighed."""
-    w = worlds((naming(9.0),))
+    """Neither names nor a formula closed anything, so there is no other world."""
+    w = make_worlds((make_naming(9.0),))
     assert w.best() is w.known[0]
     assert w.best().probability == 1.0
 
 
 def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
-    """Its probability is what the search gave it times that of the worlds that have it: 90 % of 95 % is no name."""
-    one = naming(2.0, "mass")
+    """Its probability is that of the search times that of the worlds that have it.
+
+    90 % of 95 % is too little for a name.
+    """
+    one = make_naming(2.0, "mass")
     one.named[0].whole, one.named[0].probability, one.baseline, one.closed = 0.95, 0.95, fit(10.0), 0.9
     found = SimpleNamespace(fit=fit(2.01), values={}, price=6.0, formula=SimpleNamespace(text="k*x"))
-    nothing, kept = naming(10.0), []
+    nothing, kept = make_naming(10.0), []
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
     monkeypatch.setattr(
@@ -137,7 +151,7 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     monkeypatch.setattr(
         rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing
     )
-    _, names, shown = rivals.explained(problem(), None, one, lambda _: None)
+    _, names, shown = rivals.explained(make_one_log_problem(), None, one, lambda _: None)
     share = sum(r["probability"] for r in shown if r["ids"] == ["mass"])
     assert NAME_AT < share < NAME_AT / 0.95
     assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
@@ -159,7 +173,7 @@ def test_a_name_that_a_formula_leaves_nothing_of_is_not_kept(monkeypatch):
 
 
 def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
-    one, nothing, kept = naming(9.7, "mass"), naming(10.0), []
+    one, nothing, kept = make_naming(9.7, "mass"), make_naming(10.0), []
     one.baseline, one.closed = fit(10.0), 0.07
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
@@ -167,14 +181,17 @@ def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
     monkeypatch.setattr(
         rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing
     )
-    _, names, _ = rivals.explained(problem(), None, one, lambda _: None)
+    _, names, _ = rivals.explained(make_one_log_problem(), None, one, lambda _: None)
     assert not names.named and kept == [(frozenset(), "the names together close less than 20 % of the gap")]
 
 
 def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
-    """A log so short that a formula is hardly worth its length: beside the names that stand it is proposed as its own search has
-    judged, with its words, or it is not, and there are none."""
-    short = naming(2.0)
+    """A log is so short that a formula is hardly worth its length.
+
+    Beside the names that stand, the formula is proposed as its own search has judged, in
+    the same words. Otherwise it is not proposed, and there are no words.
+    """
+    short = make_naming(2.0)
     short.baseline, short.closed, short.possible = fit(2.0), 0.0, []
     found = SimpleNamespace(
         fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"]
@@ -182,7 +199,7 @@ def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     monkeypatch.setattr(rivals, "discover", lambda *_: found)
     monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
-    last, names, shown = rivals.explained(problem(), None, short, lambda _: None)
+    last, names, shown = rivals.explained(make_one_log_problem(), None, short, lambda _: None)
     assert last is found and not names.named
     assert [r["formula"] for r in shown] == [None, "k*x"]  # the likelier first
     assert sum(r["probability"] for r in shown) == pytest.approx(1.0)

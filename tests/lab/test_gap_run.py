@@ -1,5 +1,8 @@
-"""tselab gap check and plan; the optional columns. How well the improved vehicle file says that the car is known, and what the
-estimator makes of it."""
+"""tselab gap check and plan, and the optional columns.
+
+The uncertainty that the improved vehicle file states for the car, and the estimator's
+results with it.
+"""
 
 import re
 
@@ -9,7 +12,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from conftest import RAN, tselab_here
-from gap_logs import CAR, DRIVES, STIFFNESS, car, problem_of, write_log
+from gap_logs import CAR, DRIVES, STIFFNESS, make_problem, write_car, write_log
 from tse.car.config import make_config
 from tse.car.vehicle import get_unknown_car, read_vehicle
 from tse.channels.log import read_log
@@ -39,7 +42,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def vehicle(folder):
-    return car(folder)
+    return write_car(folder)
 
 
 @pytest.fixture
@@ -95,8 +98,11 @@ def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
 
 
 def test_axles_do_not_brace_in_bends(vehicle):
-    """The nominal car goes at the speed of the manoeuvre, and neither axle brakes against the other one: 46 N at most, in turns of
-    0.3 rad. One wheel speed for both axles would be 1.9 % of speed and 2.9 kN."""
+    """The nominal car keeps the manoeuvre's speed; the axles do not brake each other.
+
+    The force is 46 N at most, in turns of 0.3 rad. With one wheel speed for both axles it
+    would be 1.9 % of speed and 2.9 kN.
+    """
     c = Config.exact()
     assert c.exact_kinematics_share == 1.0
     for candidate in library(c):
@@ -178,7 +184,7 @@ def case(tmp_path_factory):
     paths = [
         write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)
     ]
-    problem = problem_of(vehicle, *paths)
+    problem = make_problem(vehicle, *paths)
     found = fit(problem, PARAMETERS, {})
     naming = Naming(found, found, [], 0.0, [], [], True)
     improved = folder / "improved.toml"
@@ -199,7 +205,10 @@ def test_what_logs_show_is_known_better_and_what_they_do_not_as_before(case):
 
 
 def test_what_no_log_shows_and_what_may_be_missing_instead_is_in_the_interval(case):
-    """Mass with inertia and all stiffnesses by one factor, and how far sets that share the probability differ: variances add up."""
+    """Mass with inertia and all stiffnesses may have a common factor.
+
+    The variance of this factor is added to that between sets that share the probability.
+    """
     _, vehicle, problem, found, _ = case
     light, heavy = read_vehicle(vehicle), read_vehicle(vehicle)
     light.values["mass_sd"], heavy.values["mass_sd"] = 0.0, 0.08
@@ -234,7 +243,10 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
 
 
 def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
-    """As calibration has it: nothing more than a car that is fitted, of a log that is explained; of another more."""
+    """The uncertainty of the model is computed as in calibration.
+
+    A fitted car whose log is explained gets no more. A car with another log gets more.
+    """
     _, vehicle, problem, _, improved = case
     car = read_vehicle(vehicle)
     explained = read_vehicle(improved).values["model_sd"]
@@ -249,7 +261,10 @@ def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
 
 
 def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
-    """As on a RAV4's log: the fit is sure of a third less. Nothing of it is written where accel_x is not explained."""
+    """The fit claims a third less, as on a RAV4's log.
+
+    Nothing of it is written where accel_x is not explained.
+    """
     _, vehicle, problem, _, _ = case
     table = pd.read_csv(write_log(tmp_path / "rough.csv", vehicle, "brakes", {}, 5, 24.0))
     rough = gaussian_filter1d(np.random.default_rng(1).standard_normal(len(table)), 8.0)

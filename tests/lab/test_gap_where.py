@@ -1,5 +1,8 @@
-"""Where: a disturbance that enters at a known place is found there. The residuals are made by scipy's matrix exponential of a
-linear single-track model of its own, not by the filter that looks for it."""
+"""A disturbance that enters at a known place is located there.
+
+The residuals are made by scipy's matrix exponential of a separate linear single-track
+model, not by the filter that looks for them.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +11,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from gap_logs import STIFFNESS, car, problem_of, write_log
+from gap_logs import STIFFNESS, make_problem, write_car, write_log
 from tse.gaps.fit import fit
 from tse.gaps.infer import where
 from tse.gaps.infer.remainder import is_noise, without_spikes, without_walk
@@ -23,24 +26,29 @@ STEP = 0.04  # s, a block
 def clean(tmp_path_factory):
     """Two logs of the car as the vehicle file says, and their fit."""
     folder = tmp_path_factory.mktemp("where")
-    vehicle = car(folder)
+    vehicle = write_car(folder)
     paths = [
         write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "steps"), 31)
     ]
-    problem = problem_of(vehicle, *paths)
+    problem = make_problem(vehicle, *paths)
     return problem, fit(problem, PARAMETERS, {})
 
 
-def drift(n: int, tau: float, rng: np.random.Generator) -> np.ndarray:
-    """Ornstein-Uhlenbeck of unit variance."""
+def draw_drift(n: int, tau: float, rng: np.random.Generator) -> np.ndarray:
+    """Draw an Ornstein-Uhlenbeck process of unit variance."""
     x, keep = np.zeros(n), np.exp(-STEP / tau)
     for k in range(1, n):
         x[k] = keep * x[k - 1] + np.sqrt(1 - keep**2) * rng.standard_normal()
     return x
 
 
-def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Change of lateral acceleration and yaw rate that a disturbance makes (N, N m, m/s2 or rad/s), stiffness as in the logs."""
+def compute_response(
+    config: Config, speed: float, place: str, d: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the change of lateral acceleration and yaw rate by a disturbance.
+
+    The disturbance is in N, N m, m/s2 or rad/s. The stiffness is that of the logs.
+    """
     if place == "sensor accel_y":
         return d, np.zeros_like(d)
     if place == "sensor yaw_rate":
@@ -71,8 +79,8 @@ def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.
     return np.array(ay), np.array(r)
 
 
-def disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
-    """Entries for residuals of noise, of a wrong stiffness and of a disturbance."""
+def make_disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
+    """Return entries for residuals of noise, a wrong stiffness and a disturbance."""
     problem, baseline = clean
     rng = np.random.default_rng(7)
     residuals = rng.standard_normal(len(baseline.residuals)) + baseline.jacobian @ [0.02, -0.03, 0.02]
@@ -80,7 +88,7 @@ def disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
     for i in range(len(problem.logs)):
         ay_rows = (problem.rows.log == i) & problem.rows.of("accel_y")
         r_rows = (problem.rows.log == i) & problem.rows.of("yaw_rate")
-        ay, r = answer(
+        ay, r = compute_response(
             problem.config, float(speed[ay_rows].mean()), place, size * make(i, int(ay_rows.sum()), rng)
         )
         residuals[ay_rows] += problem.weight[ay_rows] * ay
@@ -93,7 +101,7 @@ def disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
     ("road (bank)", 0.3), ("sensor accel_y", 0.2), ("sensor yaw_rate", 0.01),
 ])  # fmt: skip
 def test_disturbance_is_found_where_it_enters(clean, place, size):
-    found = disturbed(clean, place, size, lambda i, n, rng: drift(n, 0.6, rng))
+    found = make_disturbed(clean, place, size, lambda i, n, rng: draw_drift(n, 0.6, rng))
     assert found[0].place == place
     assert found[0].nats > found[1].nats + 8  # as a name needs it
     c = clean[0].config
@@ -107,7 +115,10 @@ def test_disturbance_is_found_where_it_enters(clean, place, size):
 
 
 def test_what_follows_the_steering_is_not_the_road(clean):
-    """Roll of the body: the accelerometer leans with the car's own turning, which a bank of the road does not."""
+    """With a rolling body the accelerometer leans with the car's own turning.
+
+    A bank of the road does not.
+    """
     problem, baseline = clean
     turning = problem.channels(baseline.values, ("accel_y",))["accel_y"]
 
@@ -115,7 +126,7 @@ def test_what_follows_the_steering_is_not_the_road(clean):
         ay = turning[(problem.rows.log == i) & problem.rows.of("accel_y")]
         return np.convolve(ay, np.exp(-np.arange(20) * STEP / 0.1) * (1 - np.exp(-STEP / 0.1)))[:n]
 
-    found = disturbed(clean, "sensor accel_y", 0.1, roll)
+    found = make_disturbed(clean, "sensor accel_y", 0.1, roll)
     assert found[0].place == "sensor accel_y" and found[-1].place == "road (bank)"
 
 
@@ -130,11 +141,11 @@ def test_nothing_gives_no_entry_evidence(clean):
 LOG = np.repeat(np.arange(4), 750)  # four logs of 30 s
 
 
-def white(seed: int) -> np.ndarray:
+def draw_white(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).standard_normal(len(LOG))
 
 
-def low_pass(x: np.ndarray, seconds: float) -> np.ndarray:
+def filter_low_pass(x: np.ndarray, seconds: float) -> np.ndarray:
     a = np.exp(-BLOCK_TIME / seconds)
     return lfilter([np.sqrt(1 - a * a)], [1.0, -a], x)
 
@@ -142,35 +153,35 @@ def low_pass(x: np.ndarray, seconds: float) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("seconds", [0.001, 0.02, 0.03])
 def test_noise_behind_the_low_pass_of_a_sensor_is_noise(seconds: float, seed: int) -> None:
-    assert is_noise(1.7 * low_pass(white(seed), seconds), LOG)
+    assert is_noise(1.7 * filter_low_pass(draw_white(seed), seconds), LOG)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_what_lasts_swings_or_comes_and_goes_is_not(seed: int) -> None:
     t = BLOCK_TIME * np.arange(len(LOG))
-    assert not is_noise(white(seed) + low_pass(white(seed + 100), 0.3), LOG)  # gusts
-    assert not is_noise(white(seed) + 1.2 * np.sin(2 * np.pi * 5.5 * t), LOG)  # an axle
+    assert not is_noise(draw_white(seed) + filter_low_pass(draw_white(seed + 100), 0.3), LOG)  # gusts
+    assert not is_noise(draw_white(seed) + 1.2 * np.sin(2 * np.pi * 5.5 * t), LOG)  # an axle
     assert not is_noise(
-        white(seed) * np.where(np.sin(0.4 * t) > 0.5, 3.0, 1.0), LOG
+        draw_white(seed) * np.where(np.sin(0.4 * t) > 0.5, 3.0, 1.0), LOG
     )  # where something is done
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_walk_of_the_bias_is_taken_out_and_little_else(seed: int) -> None:
     step = 0.05
-    walk = np.concatenate([np.cumsum(step * white(seed + 10 + i)[:750]) for i in range(4)])
-    rest = without_walk(white(seed) + walk, LOG, step)
+    walk = np.concatenate([np.cumsum(step * draw_white(seed + 10 + i)[:750]) for i in range(4)])
+    rest = without_walk(draw_white(seed) + walk, LOG, step)
     assert np.sqrt(np.mean(rest**2)) < 1.05
     swing = np.sin(2 * np.pi * 0.5 * BLOCK_TIME * np.arange(len(LOG)))
     assert np.sqrt(np.mean(without_walk(swing, LOG, step) ** 2)) > 0.85 * np.sqrt(np.mean(swing**2))
 
 
 def test_a_bias_that_stays_is_no_walk() -> None:
-    np.testing.assert_array_equal(without_walk(white(1), LOG, 0.0), white(1))
+    np.testing.assert_array_equal(without_walk(draw_white(1), LOG, 0.0), draw_white(1))
 
 
 def test_lone_spikes_go_and_what_lasts_two_blocks_stays() -> None:
-    x = white(3)
+    x = draw_white(3)
     spiked = x.copy()
     spiked[[100, 800, 1600]] += 15.0
     spiked[2000:2003] += 15.0

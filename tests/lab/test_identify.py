@@ -64,7 +64,7 @@ STIFF = {"cx_front": 0.9, "cy_front": 1.1, "cy_rear": 0.95}
 QUIET = {"accel_x_sd": 0.03, "accel_y_sd": 0.03, "yaw_rate_sd": 0.001}
 
 
-def made(
+def make_drive_rows(
     seed: int,
     seconds: float = 40.0,
     late: dict[str, float] | None = None,
@@ -103,7 +103,7 @@ def made(
     return np.rec.fromarrays([t, *rows.values()], names=["time", *rows])
 
 
-def written(path: Path, rows: np.ndarray) -> Path:
+def write_rows(path: Path, rows: np.ndarray) -> Path:
     names = rows.dtype.names
     np.savetxt(
         path,
@@ -116,9 +116,10 @@ def written(path: Path, rows: np.ndarray) -> Path:
     return path
 
 
-def ready(folder: Path, config: Config, count: int = 2, **how: dict[str, float]) -> list[PreparedLog]:
+def prepare_logs(folder: Path, config: Config, count: int = 2, **how: dict[str, float]) -> list[PreparedLog]:
     return [
-        prepare(read_log(written(folder / f"log{i}.csv", made(i + 1, **how))), config) for i in range(count)
+        prepare(read_log(write_rows(folder / f"log{i}.csv", make_drive_rows(i + 1, **how))), config)
+        for i in range(count)
     ]
 
 
@@ -126,15 +127,15 @@ def ready(folder: Path, config: Config, count: int = 2, **how: dict[str, float])
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[CarProblem, CarFit]:
     """Fit two logs of 40 s."""
     config = Config.exact(QUIET)
-    problem = CarProblem(ready(tmp_path_factory.mktemp("logs"), config, late=LATE, hidden=HIDDEN), config,
-                      make_prior(make_default_vehicle(), config), 2)  # fmt: skip
+    logs = prepare_logs(tmp_path_factory.mktemp("logs"), config, late=LATE, hidden=HIDDEN)
+    problem = CarProblem(logs, config, make_prior(make_default_vehicle(), config), 2)
     return problem, fit(problem)
 
 
 # ---- slow part of residuals
 
 
-def drawn(seed: int, covariance: Callable[[np.ndarray], np.ndarray], count: int = 40) -> list[Piece]:
+def draw_pieces(seed: int, covariance: Callable[[np.ndarray], np.ndarray], count: int = 40) -> list[Piece]:
     """Draw residuals of 100 s each, with this autocovariance over a lag [s]."""
     time = 0.04 * np.arange(2500)
     root = np.linalg.cholesky(toeplitz(covariance(time)) + 1e-9 * np.eye(len(time)))
@@ -142,7 +143,7 @@ def drawn(seed: int, covariance: Callable[[np.ndarray], np.ndarray], count: int 
     return [Piece(time, np.ones(len(time)), root @ rng.standard_normal(len(time))) for _ in range(count)]
 
 
-def hills(size: float, time: float) -> Callable[[np.ndarray], np.ndarray]:
+def make_autocovariance(size: float, time: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: size**2 * np.exp(-t / time) * (np.cos(t / time) + np.sin(t / time))
 
 
@@ -150,14 +151,17 @@ def hills(size: float, time: float) -> Callable[[np.ndarray], np.ndarray]:
 def test_the_power_of_what_lasts_is_the_integral_of_its_autocovariance(time: float) -> None:
     """size^2 x time. 10 %: scatter of 4,000 s, and the means of 100 s that are
     removed."""
-    pieces = drawn(4, lambda t: 0.25 * np.exp(-t / time))
+    pieces = draw_pieces(4, lambda t: 0.25 * np.exp(-t / time))
     assert measure_lasting(pieces).power == pytest.approx(0.25 * time, rel=0.1)
     noise = [
         replace(p, residual=0.5 * np.random.default_rng(k).standard_normal(len(p.time)))
         for k, p in enumerate(pieces)
     ]
     assert measure_lasting(noise).power == pytest.approx(0.25 * 0.02, rel=0.2)  # half a step
-    assert measure_lasting(noise).walk < 0.3 * measure_lasting(drawn(5, hills(0.5, 3.0), 5)).walk
+    assert (
+        measure_lasting(noise).walk
+        < 0.3 * measure_lasting(draw_pieces(5, make_autocovariance(0.5, 3.0), 5)).walk
+    )
 
 
 @pytest.mark.parametrize("time", [2.0, 4.0])
@@ -167,10 +171,10 @@ def test_a_walk_is_the_smallest_with_no_less_than_hills_at_any_frequency(time: f
 
     15 %: scatter of 4,000 s.
     """
-    lags, of = 0.02 * np.arange(8000), hills(0.5, time)
+    lags, of = 0.02 * np.arange(8000), make_autocovariance(0.5, time)
     frequency = np.geomspace(0.01, 3.0, 400)
     spectrum = 0.02 * (2 * np.cos(np.outer(frequency, lags)) @ of(lags) - of(lags[:1]))
-    walk = measure_lasting(drawn(6, of)).walk
+    walk = measure_lasting(draw_pieces(6, of)).walk
     assert walk == pytest.approx(np.sqrt((spectrum * frequency**2).max()), rel=0.15)
 
 
@@ -330,7 +334,7 @@ def test_stiffness_is_searched_as_compliance_and_its_prior_goes_with_it(
 def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(
     tmp_path: Path,
 ) -> None:
-    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
+    log = prepare(read_log(write_rows(tmp_path / "log.csv", make_drive_rows(1, 20.0))), Config.exact(QUIET))
     told = Config.exact(QUIET | {"bank_superelevation": 0.2})
     other, plain = (
         CarProblem([log], c, make_prior(make_default_vehicle(), c)) for c in (told, Config.exact(QUIET))
@@ -417,7 +421,7 @@ def test_noise_of_what_is_compared_is_that_of_the_sensor_through_the_comparison(
 def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) -> None:
     """Compare with a rigid body: cross product, rotation matrix, and two rows of
     latency."""
-    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
+    log = prepare(read_log(write_rows(tmp_path / "log.csv", make_drive_rows(1, 20.0))), Config.exact(QUIET))
     nothing = np.zeros(len(log.time))
     log.measured |= {"ins_vel_x": nothing, "ins_vel_y": nothing, "gnss_speed": nothing}
     place, turn = (1.2, -0.4), 0.03
@@ -438,17 +442,17 @@ def test_a_measured_velocity_is_that_of_its_place_in_its_axes(tmp_path: Path) ->
 
 def test_held_values_are_as_old_as_they_are_on_average(tmp_path: Path) -> None:
     """Wheels hold every fourth value: 0, 1, 2, 3 rows old, 15 ms on average."""
-    rows = made(1, 20.0)
+    rows = make_drive_rows(1, 20.0)
     at = np.arange(len(rows)) // 4 * 4
     for name in ("wheel_speed_front", "wheel_speed_rear"):
         rows[name] = rows[name][at]
-    log = prepare(read_log(written(tmp_path / "held.csv", rows)), Config.exact(QUIET))
+    log = prepare(read_log(write_rows(tmp_path / "held.csv", rows)), Config.exact(QUIET))
     assert log.held == pytest.approx({"wheel_speed_front": 0.015, "wheel_speed_rear": 0.015}, abs=1e-4)
 
 
 def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp_path: Path) -> None:
     """Smooth wheels at 50 Hz on rows of 100 Hz: as a spline through their own entries."""
-    log, noise = read_log(written(tmp_path / "log.csv", made(1, 40.0))), 0.05
+    log, noise = read_log(write_rows(tmp_path / "log.csv", make_drive_rows(1, 40.0))), 0.05
     true = {n: log.data[n].to_numpy() for n in ("wheel_speed_front", "wheel_speed_rear")}
     time = log.time[::2]
     for k, (name, x) in enumerate(true.items()):
@@ -468,7 +472,7 @@ def test_noise_of_an_interpolated_channel_is_smoothed_as_that_of_its_entries(tmp
 def test_the_curvature_of_the_road_is_that_of_the_path_at_any_speed(tmp_path: Path) -> None:
     """Drive a clothoid at changing speed: smoothing by a symmetric kernel leaves it
     unchanged."""
-    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config.exact(QUIET))
+    log = prepare(read_log(write_rows(tmp_path / "log.csv", make_drive_rows(1, 20.0))), Config.exact(QUIET))
     v = compute_speed(log.inputs, Config.exact())
     log.measured["yaw_rate"] = 1e-4 * log.distance * v
     found = compute_curve_accel(log, Config.exact())
@@ -605,7 +609,7 @@ def test_a_fit_ends_where_scipy_does(tmp_path: Path) -> None:
     config = Config.exact(QUIET)
     prior = make_prior(make_default_vehicle(), config).select(STIFFNESS)
     problem = CarProblem(
-        ready(tmp_path, config, 1, hidden={"relaxation_length": 0.3}), config, prior, road=False
+        prepare_logs(tmp_path, config, 1, hidden={"relaxation_length": 0.3}), config, prior, road=False
     )
     ended = fit(problem)
     root = np.linalg.cholesky(problem.information).T
@@ -650,15 +654,15 @@ def test_noise_counts_in_every_value_and_an_error_of_the_model_once_in_model_tim
 def test_the_bank_of_a_road_is_found_and_the_car_with_it(tmp_path: Path) -> None:
     """The bank, 1.4 degrees rms, is no lean into curves. Without it the stiffness is
     wrong."""
-    config, rows = Config.exact(QUIET), made(1, 80.0)
-    log = prepare(read_log(written(tmp_path / "log.csv", rows)), config)
+    config, rows = Config.exact(QUIET), make_drive_rows(1, 80.0)
+    log = prepare(read_log(write_rows(tmp_path / "log.csv", rows)), config)
     bank = 0.035 * np.sin(2 * np.pi * log.distance / 350)
     inputs = {n: log.inputs[n] for n in ("steer_angle", "wheel_speed_front", "wheel_speed_rear")}
     replay = Replay(("accel_x", "accel_y", "yaw_rate"), dt=np.full(len(rows), DT), bank=bank, **inputs)
     rng = np.random.default_rng(3)
     for name, x in replay.run(config, **STIFF).items():
         rows[name] = x + {"yaw_rate": 0.001}.get(name, 0.03) * rng.standard_normal(len(rows))
-    banked = prepare(read_log(written(tmp_path / "banked.csv", rows)), config)
+    banked = prepare(read_log(write_rows(tmp_path / "banked.csv", rows)), config)
     prior = make_prior(make_default_vehicle(), config).select(STIFFNESS)
     flat, whole = (fit(CarProblem([banked], config, prior, road=road)) for road in (False, None))
     road = Knots.lay([banked.distance])
@@ -733,8 +737,8 @@ def test_what_a_manoeuvre_is_said_to_bring_it_brings(
     """After a sine sweep, the sd of both axles is the predicted one, within 30 %."""
     problem, before = found
     said = advice.compute_sd_after(problem, before, advice.steer_sweep)
-    rows = made(3, advice.MANOEUVRE_TIME, LATE, HIDDEN, advice.steer_sweep)
-    more = prepare(read_log(written(tmp_path / "sweep.csv", rows)), problem.config)
+    rows = make_drive_rows(3, advice.MANOEUVRE_TIME, LATE, HIDDEN, advice.steer_sweep)
+    more = prepare(read_log(write_rows(tmp_path / "sweep.csv", rows)), problem.config)
     after = fit(CarProblem([*problem.logs, more], problem.config, problem.prior, 2))
     for key, sd in said.items():
         k = problem.names.index(key)

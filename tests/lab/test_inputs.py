@@ -46,7 +46,7 @@ def beside():
         pytest.skip("the inputs are not beside this checkout")
 
 
-def estimated(folder: Path, log: Path) -> pd.Series:
+def estimate_stiffness(folder: Path, log: Path) -> pd.Series:
     """Return the stiffness at the end of a log."""
     done = tselab_here("estimate", log, "--vehicle", INPUTS / "known.toml", "--out", folder / "est.csv")
     assert done.code in (0, 3), done.err
@@ -57,7 +57,7 @@ def estimated(folder: Path, log: Path) -> pd.Series:
 @pytest.fixture(scope="module")
 def wanted(tmp_path_factory, beside):
     """Return the stiffness of the clean log."""
-    return estimated(tmp_path_factory.mktemp("clean"), INPUTS / "si.csv")
+    return estimate_stiffness(tmp_path_factory.mktemp("clean"), INPUTS / "si.csv")
 
 
 @pytest.mark.parametrize("name", SAME)
@@ -72,7 +72,7 @@ def test_an_input_gives_what_the_clean_log_gives(name, wanted, tmp_path):
     assert ("warning: the unit 'km^h'" in done.out) == (name == "10-unit-km^h")
     if name in ("27-quoted-decimal-comma.csv", "28-hhmmss.csv"):
         (tmp_path / "signals.toml").unlink()  # the log has the names of the library
-    np.testing.assert_allclose(estimated(tmp_path, tmp_path / log) / wanted, 1.0, atol=0.03)
+    np.testing.assert_allclose(estimate_stiffness(tmp_path, tmp_path / log) / wanted, 1.0, atol=0.03)
 
 
 def test_a_long_table_and_one_without_accel_y_are_read_as_far_as_they_go():

@@ -1,4 +1,7 @@
-"""Channels that are logged late by known times: told to the filter, they cost nothing; and what `tselab estimate` says of it."""
+"""Channels with known latencies cost nothing if the filter has the latencies.
+
+The output of `tselab estimate` names them.
+"""
 
 import numpy as np
 import pandas as pd
@@ -15,13 +18,18 @@ from tse.report.report import figures_of
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-INTEGRATED = 0.035  # of the stiffness, with an sd of 0.02: 0.01 of it is the row of 10 ms in one substep (two: 0.02 at most)
-STRICT = {"steer_lag_sd": 0.0, "driven_axle": 1.0}  # nothing is found out that is not told
+# Share of the stiffness, with an sd of 0.02. The row of 10 ms in one substep makes 0.01.
+# With two substeps it is 0.02 at most.
+INTEGRATED = 0.035
+STRICT = {"steer_lag_sd": 0.0, "driven_axle": 1.0}  # the filter finds no latency by itself
 
 
 @pytest.fixture(scope="module")
 def driven() -> np.ndarray:
-    """Rows of the simulator at 1 ms, nothing late: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s."""
+    """Simulate rows at 1 ms without latencies.
+
+    Steering sweeps to 1.5 Hz, and torque steps are smoothed over 0.1 s.
+    """
     n = 10
     t = DT / n * np.arange(ROWS * n)
     steer, torque = (
@@ -32,8 +40,8 @@ def driven() -> np.ndarray:
     return simulated({"sample_time": DT / n}, sim, DT / n, steer_angle=steer, wheel_torque_front=torque)
 
 
-def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
-    """The log every 10 ms with the sensors' noise, in which columns are late by so many seconds."""
+def make_log(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
+    """Return a noisy log every 10 ms whose columns are late by these seconds."""
     config, random = Config.exact(), np.random.default_rng(seed)
     rows = np.zeros(ROWS, NativeFilter(config).inputs(1).dtype)
     fine, t = DT / 10 * np.arange(len(driven)), DT * np.arange(ROWS)
@@ -46,7 +54,7 @@ def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndar
     return rows
 
 
-def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np.ndarray:
+def estimate_rows(rows: np.ndarray, late: dict[str, float], **settings: float) -> np.ndarray:
     filter_ = NativeFilter(
         Config.exact(STRICT | settings | {f"{name}_latency": by for name, by in late.items()})
     )
@@ -55,24 +63,30 @@ def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np
     return out
 
 
-def drawn(seed: int) -> dict[str, float]:
-    """A latency of each channel; the wheels, which are of one controller, come together."""
+def draw_latencies(seed: int) -> dict[str, float]:
+    """Draw a latency of each channel; the wheels, of one controller, share theirs."""
     random = np.random.default_rng(seed)
     steer, wheels, x, y = random.uniform(0.0, 0.06, 4)
     return {"steer_angle": steer, **dict.fromkeys(WHEELS, wheels), "accel_x": x, "accel_y": y}
 
 
-def normalised(row: np.void) -> list[float]:
-    """Errors of the stiffness in sd; the simulated tyres are the nominal ones."""
+def normalise_errors(row: np.void) -> list[float]:
+    """Return the stiffness errors in sd; the simulated tyres are the nominal ones."""
     return [float((row[key] - 1) / row[f"{key}_sd"]) for key in STIFFNESS]
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
-    """Within 4 sd, as the log without latencies is; valid, and no more than 1.3 times as uncertain."""
-    late = drawn(seed)
-    plain, told = estimated(logged(driven, {}, seed), {}), estimated(logged(driven, late, seed), late)
-    assert max(map(abs, normalised(plain[-1]))) < 4 and max(map(abs, normalised(told[-1]))) < 4
+    """The error is within 4 sd, as without latencies, and the estimate is valid.
+
+    The sd is at most 1.3 times that without latencies.
+    """
+    late = draw_latencies(seed)
+    plain, told = (
+        estimate_rows(make_log(driven, {}, seed), {}),
+        estimate_rows(make_log(driven, late, seed), late),
+    )
+    assert max(map(abs, normalise_errors(plain[-1]))) < 4 and max(map(abs, normalise_errors(told[-1]))) < 4
     for key in STIFFNESS:
         assert told[-1][key] == pytest.approx(plain[-1][key], abs=0.01)
         assert told[-1][key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else INTEGRATED)
@@ -91,24 +105,30 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
 
 
 def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
-    """So that the test above shows what telling does: but for one of six, whose latencies happen to be alike."""
+    """This shows that the test above depends on the given latencies.
+
+    One of six drives is exempt: its latencies happen to be alike.
+    """
     worst = [
-        max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS)
+        max(
+            abs(estimate_rows(make_log(driven, draw_latencies(seed), seed), {})[-1][key] - 1)
+            for key in STIFFNESS
+        )
         for seed in range(6)
     ]
     assert sorted(worst)[1] > 0.05, worst
 
 
 def test_channels_that_are_early_are_as_good(driven: np.ndarray) -> None:
-    late = {name: -by for name, by in drawn(7).items()}
-    last = estimated(logged(driven, late), late)[-1]
-    assert last["estimate_age"] < DT and max(map(abs, normalised(last))) < 4
+    late = {name: -by for name, by in draw_latencies(7).items()}
+    last = estimate_rows(make_log(driven, late), late)[-1]
+    assert last["estimate_age"] < DT and max(map(abs, normalise_errors(last))) < 4
     assert all(
         last[key] == pytest.approx(1.0, abs=0.08 if key == "cx_front" else INTEGRATED) for key in STIFFNESS
     )
 
 
-# ------------------------------------------------------------------------------------------- tselab estimate
+# ---- tselab estimate
 
 CAR = """mass = 1900.0
 yaw_inertia = 3000.0
@@ -136,7 +156,7 @@ LATE = {"steer_angle": 0.034, "accel_y": -0.011}
 @pytest.fixture(scope="module")
 def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     folder = tmp_path_factory.mktemp("latency")
-    rows = logged(driven, LATE)
+    rows = make_log(driven, LATE)
     table = pd.DataFrame({"time": DT * np.arange(ROWS)} | {c.name: rows[c.name] for c in library().channels})
     table["ref_vel_y"] = driven["true_vel_y"][::10]
     table.to_csv(folder / "log.csv", index=False)
@@ -166,7 +186,7 @@ def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> Non
 
 
 def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
-    """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
+    """vel_y agrees with the reference at the plot's time better than at the row's."""
     _, est, table, page = run
     traces = {
         t["name"]: t

@@ -1,4 +1,7 @@
-"""The filter on a bus while driving: the rows and estimates of the file of the same drive, and a sentence for what goes wrong."""
+"""The filter on a bus while driving has the rows and estimates of the drive's file.
+
+Each fault has a sentence.
+"""
 
 import json
 import shutil
@@ -66,7 +69,7 @@ def folder(tmp_path_factory):
 def sent(
     folder: Path, seconds: float = 20.0, qualifier: np.ndarray | None = None
 ) -> list[tuple[float, int, bytes]]:
-    """Frames of a drive, three messages each 10 ms."""
+    """Return the frames of a drive, three messages each 10 ms."""
     clean = make_drive(folder / "car.toml", seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
@@ -83,7 +86,7 @@ def trip(folder):
     return sent(folder)
 
 
-def message(stamp: float, identifier: int, data: bytes) -> "can.Message":
+def make_message(stamp: float, identifier: int, data: bytes) -> "can.Message":
     return can.Message(timestamp=EPOCH + stamp, arbitration_id=identifier, data=data, is_extended_id=False)
 
 
@@ -100,23 +103,23 @@ class Sender(threading.Thread):
             for t, i, d in self._trip:
                 if (wait := begin + (t - self._trip[0][0]) / self._speed - time.monotonic()) > 0:
                     time.sleep(wait)
-                bus.send(message(t, i, d))
+                bus.send(make_message(t, i, d))
 
 
-def opener(channel: str):
+def make_opener(channel: str):
     return bus_opener("virtual", channel, preserve_timestamps=True)
 
 
-def a_live(folder, channel, out=None, signals=True, say=lambda _: None, **more):
+def make_live(folder, channel, out=None, signals=True, say=lambda _: None, **more):
     car = read_vehicle(folder / "car.toml")
     mapped = read_signals(folder / "signals.toml") if signals is True else signals
-    opened = more.pop("opened", None) or opener(channel)
+    opened = more.pop("opened", None) or make_opener(channel)
     return LiveDrive(
         opened, [folder / "car.dbc"], car, make_config(car, None)[0], mapped, out, say=say, **more
     )
 
 
-def driven(live, sender, patience=1.0):
+def drive_live(live, sender, patience=1.0):
     """Work until everything was sent and used."""
     sender.start()
     end = time.monotonic() + patience
@@ -127,14 +130,34 @@ def driven(live, sender, patience=1.0):
 
 
 def test_a_drive_has_the_numbers_of_its_file(folder, trip, tmp_path):
-    """Rows of the record give the same bits; its frames the same values, but for what a spline does not know yet."""
-    live = a_live(folder, "same", tmp_path / "out")
-    driven(live, Sender("same", trip, 3.0))
+    """The rows of the record give the same bits.
+
+    Its frames give the same values, but for the end of the spline, which lacks later
+    frames.
+    """
+    live = make_live(folder, "same", tmp_path / "out")
+    drive_live(live, Sender("same", trip, 3.0))
     out = tmp_path / "out"
-    assert {p.name for p in out.iterdir()} >= {"car.dbc", "events.txt", "filter.toml", "frames.blf", "frames.signals.toml",
-                                               "rows.csv", "rows.est.csv"} - {"events.txt"}  # fmt: skip
-    done = tselab_here("estimate", out / "rows.csv", "--config", out / "filter.toml", "--vehicle", folder / "car.toml",
-                       "--no-calibrate", "--out", tmp_path / "rows.est.csv")  # fmt: skip
+    assert {p.name for p in out.iterdir()} >= {
+        "car.dbc",
+        "events.txt",
+        "filter.toml",
+        "frames.blf",
+        "frames.signals.toml",
+        "rows.csv",
+        "rows.est.csv",
+    } - {"events.txt"}
+    done = tselab_here(
+        "estimate",
+        out / "rows.csv",
+        "--config",
+        out / "filter.toml",
+        "--vehicle",
+        folder / "car.toml",
+        "--no-calibrate",
+        "--out",
+        tmp_path / "rows.est.csv",
+    )
     assert done.code in RAN, done.err
     assert (tmp_path / "rows.est.csv").read_bytes() == (out / "rows.est.csv").read_bytes()
     done = tselab_here("estimate", out / "frames.blf", "--vehicle", folder / "car.toml", "--no-calibrate",
@@ -161,8 +184,8 @@ def test_a_drive_has_the_numbers_of_its_file(folder, trip, tmp_path):
 
 
 def test_a_drive_in_real_time_keeps_up(folder, tmp_path):
-    live = a_live(folder, "real", tmp_path / "out")
-    driven(live, Sender("real", sent(folder, 8.0), 1.0), 0.3)
+    live = make_live(folder, "real", tmp_path / "out")
+    drive_live(live, Sender("real", sent(folder, 8.0), 1.0), 0.3)
     drive_ = live.drive
     assert drive_.rows / (drive_.time - drive_.first) > 99.0
     assert np.median(drive_.delays) < 0.05
@@ -170,9 +193,9 @@ def test_a_drive_in_real_time_keeps_up(folder, tmp_path):
 
 
 def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
-    live = a_live(folder, "foreign")
+    live = make_live(folder, "foreign")
     strange = [(t, i + 500, d) for t, i, d in trip[:1500]]  # 5 s, as long as the others are away
-    driven(live, Sender("foreign", strange + trip[1500:], 2.0))
+    drive_live(live, Sender("foreign", strange + trip[1500:], 2.0))
     said = " ".join(text for _, text in live.said)
     assert (
         "none of the 3 identifiers (0x258, 0x259, 0x25a) is in car.dbc: it is the database of another bus"
@@ -182,8 +205,8 @@ def test_a_database_of_another_bus_is_said_and_it_goes_on(folder, trip):
 
 
 def test_a_message_that_stops_is_said_and_missing_until_it_is_back(folder, trip, tmp_path):
-    live = a_live(folder, "stops", tmp_path / "out")
-    driven(live, Sender("stops", [f for f in trip if not (f[1] == 102 and 5.0 < f[0] < 8.0)]))
+    live = make_live(folder, "stops", tmp_path / "out")
+    drive_live(live, Sender("stops", [f for f in trip if not (f[1] == 102 and 5.0 < f[0] < 8.0)]))
     said = [text for _, text in live.said]
     assert any("steer_angle: no value for a second (message SAS_1)" in s for s in said)
     assert any("steer_angle: values again" in s for s in said)
@@ -196,8 +219,8 @@ def test_a_message_that_stops_is_said_and_missing_until_it_is_back(folder, trip,
 def test_values_that_a_flag_calls_invalid_are_missing(folder, tmp_path):
     bad = np.zeros(1001)
     bad[400:700] = 1
-    live = a_live(folder, "flag", tmp_path / "out")
-    driven(live, Sender("flag", sent(folder, 10.0, bad)))
+    live = make_live(folder, "flag", tmp_path / "out")
+    drive_live(live, Sender("flag", sent(folder, 10.0, bad)))
     rows = pd.read_csv(tmp_path / "out" / "rows.csv")
     inside = rows[(rows.time > 4.1) & (rows.time < 6.9)]
     assert inside.yaw_rate.isna().all() and inside.accel_x.notna().all() and len(inside) > 250
@@ -220,7 +243,7 @@ class Broken:
 
 
 def test_a_bus_that_fails_is_opened_again_and_what_follows_is_used(folder, trip):
-    first, later = [message(*f) for f in trip[:1500]], [message(*f) for f in trip[1500:]]
+    first, later = [make_message(*f) for f in trip[:1500]], [make_message(*f) for f in trip[1500:]]
     parts = iter([Broken(first), Broken(later)])
     refused = iter([False, True, False])
 
@@ -229,7 +252,7 @@ def test_a_bus_that_fails_is_opened_again_and_what_follows_is_used(folder, trip)
             raise UserError("cannot be opened")
         return next(parts)
 
-    live = a_live(folder, "", opened=opened)
+    live = make_live(folder, "", opened=opened)
     end = time.monotonic() + 6.0
     while live.drive.frames < len(trip) and time.monotonic() < end:
         live.work(0.05)
@@ -245,7 +268,7 @@ def test_a_bus_that_fails_is_opened_again_and_what_follows_is_used(folder, trip)
 def test_a_bus_that_is_off_and_error_frames_are_said(folder, trip):
     off = can.Message(arbitration_id=0x40, is_error_frame=True)
     error = can.Message(arbitration_id=0x4, is_error_frame=True)
-    messages = iter([error, off, *(message(*f) for f in trip[:30])])
+    messages = iter([error, off, *(make_message(*f) for f in trip[:30])])
     bus = Broken([])
 
     def recv(timeout):
@@ -255,7 +278,7 @@ def test_a_bus_that_is_off_and_error_frames_are_said(folder, trip):
         return found
 
     bus.recv = recv
-    live = a_live(folder, "", opened=lambda: bus)
+    live = make_live(folder, "", opened=lambda: bus)
     end = time.monotonic() + 1.6
     while time.monotonic() < end:
         live.work(0.05)
@@ -267,16 +290,16 @@ def test_a_bus_that_is_off_and_error_frames_are_said(folder, trip):
 
 
 def test_a_clock_that_is_set_back_is_bridged(folder, trip):
-    live = a_live(folder, "clock")
-    driven(live, Sender("clock", trip[:1500] + [(t - 100.0, i, d) for t, i, d in trip[1500:3000]]))
+    live = make_live(folder, "clock")
+    drive_live(live, Sender("clock", trip[:1500] + [(t - 100.0, i, d) for t, i, d in trip[1500:3000]]))
     assert any("the clock of the bus was set back by 100 s" in text for _, text in live.said)
     assert live.drive.rows > 900
 
 
 def test_signals_that_nobody_names_are_proposed_from_what_comes(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("tse.streaming.drive.LISTENED", 2.0)
-    live = a_live(folder, "none", tmp_path / "out", signals=None)
-    driven(live, Sender("none", sent(folder, 40.0), 5.0))
+    live = make_live(folder, "none", tmp_path / "out", signals=None)
+    drive_live(live, Sender("none", sent(folder, 40.0), 5.0))
     said = [text for _, text in live.said]
     assert any("proposed: yaw_rate = ESC_1.YawRate: deg/s" in s for s in said)
     assert any("guessed by names, units and physics" in s for s in said)
@@ -288,8 +311,8 @@ def test_signals_that_nobody_names_are_proposed_from_what_comes(folder, tmp_path
 def test_channels_that_contradict_each_other_are_said_and_teach_nothing(folder, trip, tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text(SIGNALS.replace('name = "YawRate"', 'name = "YawRate"\nsign = -1'))
-    live = a_live(folder, "wrong", signals=read_signals(path))
-    driven(live, Sender("wrong", trip), 1.5)
+    live = make_live(folder, "wrong", signals=read_signals(path))
+    drive_live(live, Sender("wrong", trip), 1.5)
     assert any("yaw_rate is positive to the right" in text for _, text in live.said)
     est, found, _, against = live.result()
     assert est.learnt is None and against and all(v.level == "none" for f in found for v in f.verdicts)
@@ -333,8 +356,9 @@ from pathlib import Path
 folder = Path({folder!r})
 Sender("cli", sent(folder, 30.0), 3.0).start()
 from tselab.cli import main
-sys.argv = ["tselab", "live", "--interface", "virtual", "--channel", "cli", "--bus", "preserve_timestamps=true",
-            "--database", str(folder / "car.dbc"), "--vehicle", str(folder / "car.toml"), *{more!r}]
+sys.argv = ["tselab", "live", "--interface", "virtual", "--channel", "cli",
+            "--bus", "preserve_timestamps=true", "--database", str(folder / "car.dbc"),
+            "--vehicle", str(folder / "car.toml"), *{more!r}]
 main()
 """
 
@@ -375,8 +399,20 @@ def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_p
     assert "started from" in err and "Traceback" not in err and f"Learnt state written to {taught}" in out
     assert "front, in bends" in out and "a second; from a frame to the estimate" in err
     assert taught.read_bytes() != before and (tmp_path / "two" / "before.tse").read_bytes() == before
-    again = tselab_here("estimate", rows, "--config", tmp_path / "two" / "filter.toml", "--vehicle", folder / "car.toml",
-                        "--load-learnt", tmp_path / "two" / "before.tse", "--age", 1, "--out", tmp_path / "e.csv")  # fmt: skip
+    again = tselab_here(
+        "estimate",
+        rows,
+        "--config",
+        tmp_path / "two" / "filter.toml",
+        "--vehicle",
+        folder / "car.toml",
+        "--load-learnt",
+        tmp_path / "two" / "before.tse",
+        "--age",
+        1,
+        "--out",
+        tmp_path / "e.csv",
+    )
     assert (
         again.code in RAN
         and (tmp_path / "e.csv").read_bytes() == (tmp_path / "two" / "rows.est.csv").read_bytes()
@@ -428,7 +464,7 @@ def test_what_cannot_begin_is_refused_with_a_sentence(options, says, folder, tmp
 
 
 def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
-    live = a_live(folder, "page")
+    live = make_live(folder, "page")
     page = Page(live)
     try:
         text = urllib.request.urlopen(page.url, timeout=10).read().decode()
@@ -457,7 +493,7 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
 
 
 def test_the_page_in_a_browser(folder, trip):
-    """Answers and plots at two widths, in the light and in the dark; nothing but its own machine is asked."""
+    """Answers and plots appear at two widths, light and dark, without a network."""
     sys.path.append(str(ROOT / "scripts"))
     import page as built
 
@@ -470,7 +506,7 @@ def test_the_page_in_a_browser(folder, trip):
         modules = built.modules()
     except built.Failed as error:
         pytest.skip(str(error)[:200])
-    live = a_live(folder, "browser")
+    live = make_live(folder, "browser")
     page = Page(live, car="not calibrated")
     try:
         sender = Sender("browser", trip)
@@ -503,7 +539,7 @@ def test_the_page_in_a_browser(folder, trip):
 
 
 def test_a_disk_that_is_full_is_a_sentence_and_it_goes_on(folder, trip, tmp_path, monkeypatch):
-    live = a_live(folder, "full", tmp_path / "out")
+    live = make_live(folder, "full", tmp_path / "out")
 
     class Full:
         def write(self, data):
@@ -514,7 +550,7 @@ def test_a_disk_that_is_full_is_a_sentence_and_it_goes_on(folder, trip, tmp_path
 
     monkeypatch.setattr("tse.streaming.drive.open", lambda *a, **k: Full(), raising=False)
     sender = Sender("full", trip[:3000])
-    driven(live, sender, 1.5)
+    drive_live(live, sender, 1.5)
     monkeypatch.undo()
     assert any("No space left on device): it goes on" in text for _, text in live.said)
     assert live.drive.rows > 900

@@ -49,10 +49,10 @@ def clean(tmp_path_factory):
     car, log = folder / "car.toml", folder / "log.csv"
     car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     make_drive(car).to_csv(log, index=False)
-    return pd.read_csv(log), car, estimates(log, car, folder)
+    return pd.read_csv(log), car, compute_estimates(log, car, folder)
 
 
-def estimates(log: Path, car: Path, folder: Path, *options: object) -> pd.Series:
+def compute_estimates(log: Path, car: Path, folder: Path, *options: object) -> pd.Series:
     """Return the means of the last rows of EST.csv."""
     done = tselab_here("estimate", "--verbose", log, "--vehicle", car, "--out", folder / "est.csv", *options)
     assert done.code == 0, done.err
@@ -63,7 +63,7 @@ def estimates(log: Path, car: Path, folder: Path, *options: object) -> pd.Series
 def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean, tmp_path):
     table, car, wanted = clean
     path = write_or_skip(name, tmp_path, split_messages(table))
-    found = estimates(path, car, tmp_path)
+    found = compute_estimates(path, car, tmp_path)
     np.testing.assert_allclose(found / wanted, 1.0, atol=TOLERANCE)
 
 
@@ -140,7 +140,7 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     late = proposed.signals["wheel_speed_rear"].latency
     assert late == pytest.approx(LATENCY["wheels"] - LATENCY["imu"], abs=0.005)
     np.testing.assert_allclose(
-        estimates(path, car, tmp_path)[["cy_front", "cy_rear"]] / wanted[["cy_front", "cy_rear"]],
+        compute_estimates(path, car, tmp_path)[["cy_front", "cy_rear"]] / wanted[["cy_front", "cy_rear"]],
         1.0,
         atol=0.1,
     )
@@ -236,7 +236,7 @@ def bends(tmp_path_factory):
     return make_drive(car)
 
 
-def log_of(time: np.ndarray, **columns: object) -> Recording:
+def make_recording(time: np.ndarray, **columns: object) -> Recording:
     """Return a recording of columns, given as values or as (values, unit)."""
     parts = {n.replace("__", "."): x if isinstance(x, tuple) else (x, "") for n, x in columns.items()}
     return Recording(
@@ -244,7 +244,7 @@ def log_of(time: np.ndarray, **columns: object) -> Recording:
     )
 
 
-def without_wheels(bends) -> dict[str, object]:
+def make_signals_without_wheels(bends) -> dict[str, object]:
     """Return signals named as in a published MAT file of a car driven by a computer.
 
     It has no steering wheel: df is the angle of the front wheels."""
@@ -259,7 +259,7 @@ def without_wheels(bends) -> dict[str, object]:
 
 
 def test_without_wheels_the_speed_stands_for_an_axle_and_says_so(bends):
-    found = propose(log_of(bends.time.to_numpy(), **without_wheels(bends)))
+    found = propose(make_recording(bends.time.to_numpy(), **make_signals_without_wheels(bends)))
     assert {g.channel: g.name for g in found.guesses} == {
         "steer_angle": ("df",), "wheel_speed_rear": ("vx",), "accel_x": ("a_long",),
         "accel_y": ("a_lat",), "yaw_rate": ("wz",)}  # fmt: skip
@@ -272,9 +272,12 @@ def test_without_wheels_the_speed_stands_for_an_axle_and_says_so(bends):
 
 
 def test_a_speed_of_a_receiver_once_a_second_is_no_wheel_but_tells_the_units(bends):
-    made = without_wheels(bends) | {"wz": np.degrees(bends.yaw_rate), "a_lat": bends.accel_y / 9.81}
+    made = make_signals_without_wheels(bends) | {
+        "wz": np.degrees(bends.yaw_rate),
+        "a_lat": bends.accel_y / 9.81,
+    }
     speed = Channel("gps_speed_kmh", bends.time.to_numpy()[::100], 3.6 * np.asarray(made.pop("vx"))[::100])
-    log = log_of(bends.time.to_numpy(), **made)
+    log = make_recording(bends.time.to_numpy(), **made)
     log.channels[speed.name] = speed
     found = propose(log)
     assert found["wheel_speed_rear"] is None and "wheel_speed_rear" in found.missing
@@ -285,7 +288,7 @@ def test_an_attitude_is_no_yaw_rate_and_an_accuracy_no_steering(bends):
     heading = np.cumsum(bends.yaw_rate) * 0.01
     noise = np.random.default_rng(1).normal(0.2, 0.02, len(bends))
     found = propose(
-        log_of(
+        make_recording(
             bends.time.to_numpy(),
             tf__rotation__z=np.sin(heading / 2),
             tf__rotation__w=np.cos(heading / 2),
@@ -303,14 +306,16 @@ def test_a_measured_quantity_may_be_called_status(bends):
         "steer_angle_status": bends.steer_angle * 57.3 * RATIO,
         "yaw_rate_status": bends.yaw_rate,
     }
-    found = propose(log_of(bends.time.to_numpy(), **named))
+    found = propose(make_recording(bends.time.to_numpy(), **named))
     assert found["steer_angle"].name == ("steer_angle_status",) and found["yaw_rate"].name == (
         "yaw_rate_status",
     )
     assert found["wheel_speed_rear"].unit == "km/h"
     flags = {n: np.arange(len(bends)) // 100 % 3 for n in ("steer_angle_status", "yaw_rate_status")}
     assert (
-        propose(log_of(bends.time.to_numpy(), vehicle_speed=bends.wheel_speed_rear, **flags))["yaw_rate"]
+        propose(make_recording(bends.time.to_numpy(), vehicle_speed=bends.wheel_speed_rear, **flags))[
+            "yaw_rate"
+        ]
         is None
     )
 
@@ -319,7 +324,7 @@ def test_the_four_pressures_of_the_tyres_are_no_wheel_speeds(bends):
     rng = np.random.default_rng(2)
     pressure = {f"{s}_pressure": 33 + 0.01 * bends.time + rng.normal(0, 0.05, len(bends)) for s in
                 ("left_front", "right_front", "left_rear", "right_rear")}  # fmt: skip
-    assert propose(log_of(bends.time.to_numpy(), **pressure)).guesses == []
+    assert propose(make_recording(bends.time.to_numpy(), **pressure)).guesses == []
 
 
 def test_the_ratio_of_a_straight_drive_is_not_drawn_down_by_the_noise_of_the_gyro():
@@ -415,7 +420,7 @@ def test_a_sign_that_is_a_bit_of_its_own_is_proposed_with_its_magnitude(bends):
     time, data = bends.time.to_numpy(), bends
     rng = np.random.default_rng(3)
     found = propose(
-        log_of(
+        make_recording(
             time,
             **{
                 "LWI_Lenkradwinkel": np.abs(RATIO * data.steer_angle.to_numpy()),
@@ -458,7 +463,7 @@ def test_a_steering_angle_that_comes_after_the_yaw_rate_is_late(bends, late, say
     An angle that is in time gives no warning."""
     time = bends.time.to_numpy()
     data = {c: bends[c] for c in ("accel_x", "accel_y", "yaw_rate", "wheel_speed_front", "wheel_speed_rear")}
-    found = propose(log_of(time, steer_angle=np.interp(time - late, time, bends.steer_angle), **data))
+    found = propose(make_recording(time, steer_angle=np.interp(time - late, time, bends.steer_angle), **data))
     guess = found["steer_angle"]
     assert guess is not None and any("steer_angle is logged about" in w for w in found.warnings) == says
     assert guess.latency == pytest.approx(late, abs=0.05 if says else 0.0)

@@ -23,7 +23,7 @@ from tse.log.rows import Reading
 from tse.readers.recording import Growing
 
 
-def lines_of(drive, count: int = 450) -> list[str]:
+def read_lines(drive, count: int = 450) -> list[str]:
     return drive.log.read_text().splitlines()[: count + 1]
 
 
@@ -34,7 +34,7 @@ def read(folder: Path, lines: list[str]):
 
 
 def test_blank_rows_are_none_and_count_as_lines(drive, tmp_path):
-    lines = lines_of(drive)
+    lines = read_lines(drive)
     lines[120:140] = [",".join("" for _ in lines[0].split(","))] * 20
     log = read(tmp_path, lines)
     assert len(log) == 430 and list(log.line[118:120]) == [120, 141]
@@ -42,7 +42,7 @@ def test_blank_rows_are_none_and_count_as_lines(drive, tmp_path):
 
 @pytest.mark.parametrize("row", [0, 99, 100, 101, 250, 449])
 def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, row):
-    lines = lines_of(drive)
+    lines = read_lines(drive)
     lines[row + 1] = lines[row + 1].replace(",", ",oops,", 1).rsplit(",", 1)[0]
     log = read(tmp_path, lines)
     assert (
@@ -53,7 +53,7 @@ def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, row):
 
 
 def test_each_column_with_a_wrong_cell_is_named_with_its_first(drive, tmp_path):
-    lines = lines_of(drive)
+    lines = read_lines(drive)
     name = lines[0].split(",")
     for row, column in ((20, "yaw_rate"), (300, "accel_x"), (310, "accel_x")):
         cells = lines[row].split(",")
@@ -65,7 +65,7 @@ def test_each_column_with_a_wrong_cell_is_named_with_its_first(drive, tmp_path):
 
 
 def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path):
-    lines = lines_of(drive)
+    lines = read_lines(drive)
     name = lines[0].split(",").index("accel_x")
     for row in range(300, 340):
         cells = lines[row].split(",")
@@ -77,7 +77,7 @@ def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path):
 
 @pytest.mark.parametrize("row", [50, 100, 101, 102, 300])
 def test_a_row_with_too_many_cells_is_refused_wherever_it_is(drive, tmp_path, row):
-    lines = lines_of(drive)
+    lines = read_lines(drive)
     lines[row] += ",1,2"
     with pytest.raises(
         UserError, match=f"not a well-formed CSV: Expected 13 fields in line {row + 1}, saw 15"
@@ -86,14 +86,14 @@ def test_a_row_with_too_many_cells_is_refused_wherever_it_is(drive, tmp_path, ro
 
 
 def test_a_reference_that_turns_into_text_late_is_left_out(drive, tmp_path):
-    lines = lines_of(drive)
+    lines = read_lines(drive)
     lines[400] = lines[400].rsplit(",", 1)[0] + ",gone"
     log = read(tmp_path, lines)
     assert "column ref_cy_rear is not numeric: not used" in log.notes and "ref_cy_rear" not in log.ref
 
 
 def test_rows_of_a_part_are_those_of_the_whole(drive, tmp_path):
-    log = read(tmp_path, lines_of(drive))
+    log = read(tmp_path, read_lines(drive))
     whole = log.rows()
     parts = np.concatenate([log.rows(first, first + 70) for first in range(0, len(log), 70)])
     assert np.array_equal(whole, parts)
@@ -102,7 +102,7 @@ def test_rows_of_a_part_are_those_of_the_whole(drive, tmp_path):
 TRACK, RADIUS = 1.5, 0.3
 
 
-def four_wheels(folder, **columns):
+def write_four_wheels(folder, **columns):
     """Write a log of a turning car with four wheels; return the axles' means, rad/s."""
     t = 0.01 * np.arange(400)
     turn = 0.4 * np.sin(t)
@@ -123,7 +123,7 @@ def four_wheels(folder, **columns):
 
 
 def test_four_wheels_are_the_middles_of_two_axles(tmp_path):
-    path, middle, _ = four_wheels(tmp_path)
+    path, middle, _ = write_four_wheels(tmp_path)
     log = read_log(path)
     assert list(log.data) == [f.name for f in library().channels]
     for axle, speed in middle.items():
@@ -132,11 +132,11 @@ def test_four_wheels_are_the_middles_of_two_axles(tmp_path):
 
 
 def test_a_wheel_that_is_missing_is_made_up_for_by_the_other_and_the_turn(tmp_path):
-    _, middle, table = four_wheels(tmp_path)
+    _, middle, table = write_four_wheels(tmp_path)
     left, right = table["wheel_speed_front_left"].copy(), table["wheel_speed_front_right"].copy()
     left[100:150] = right[300:320] = np.nan
     left[200] = right[200] = np.nan
-    path, *_ = four_wheels(tmp_path, wheel_speed_front_left=left, wheel_speed_front_right=right)
+    path, *_ = write_four_wheels(tmp_path, wheel_speed_front_left=left, wheel_speed_front_right=right)
     log = read_log(path)
     expected = np.where(np.arange(400) == 200, np.nan, middle["wheel_speed_front"])
     np.testing.assert_allclose(log.data["wheel_speed_front"], expected, atol=1e-9)
@@ -147,7 +147,7 @@ def test_a_wheel_that_is_missing_is_made_up_for_by_the_other_and_the_turn(tmp_pa
 
 
 def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_path):
-    path, *_ = four_wheels(tmp_path, wheel_speed_rear=np.full(400, 50.0))
+    path, *_ = write_four_wheels(tmp_path, wheel_speed_rear=np.full(400, 50.0))
     np.testing.assert_allclose(read_log(path).data["wheel_speed_rear"], 50.0)
     table = pd.read_csv(path).drop(columns="wheel_speed_front_right")
     table.to_csv(path, index=False)
@@ -161,7 +161,7 @@ def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_
 def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
     wrong = np.full(400, 60.0)
     wrong[7] = 900.0
-    path, *_ = four_wheels(tmp_path, wheel_speed_rear_right=wrong)
+    path, *_ = write_four_wheels(tmp_path, wheel_speed_rear_right=wrong)
     log = read_log(path)
     assert (
         "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)"
@@ -303,7 +303,7 @@ def test_a_value_that_stands_still_is_no_hole():
     assert np.diff(t).max() < 0.11
 
 
-def table(**late: float) -> dict[str, Series]:
+def make_channels(**late: float) -> dict[str, Series]:
     """Return channels of three rates; one of them has a gap."""
     rates = {
         "steer_angle": 20,
@@ -322,7 +322,7 @@ def table(**late: float) -> dict[str, Series]:
 
 
 def test_gaps_stay_gaps_and_only_of_the_channel_that_has_them():
-    rows = resample_channels(table(), None)
+    rows = resample_channels(make_channels(), None)
     assert rows.rate == 100 and np.diff(rows.time) == pytest.approx(0.01)
     missing = rows.time[np.isnan(rows.value["accel_y"])]
     assert missing.min() == pytest.approx(10.0, abs=0.02) and missing.max() == pytest.approx(12.0, abs=0.02)
@@ -333,7 +333,7 @@ def test_gaps_stay_gaps_and_only_of_the_channel_that_has_them():
 def test_a_gap_of_all_channels_is_no_rows():
     all_gone = {
         n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)])
-        for n, s in table().items()
+        for n, s in make_channels().items()
     }
     rows = resample_channels(all_gone, None)
     assert np.diff(rows.time).max() == pytest.approx(4.0, abs=0.15) and (np.diff(rows.time) > 0.02).sum() == 1
@@ -343,7 +343,7 @@ def test_a_gap_of_all_channels_is_no_rows():
 def test_channels_of_one_entry_are_a_row_and_of_none_no_row(count):
     found = {
         n: Series(n, s.time[:count] + 1e-3 * k, s.value[:count], 0.01)
-        for k, (n, s) in enumerate(table().items())
+        for k, (n, s) in enumerate(make_channels().items())
     }
     rows = resample_channels(found, None)
     assert len(rows.time) == count
@@ -352,7 +352,7 @@ def test_channels_of_one_entry_are_a_row_and_of_none_no_row(count):
 
 @pytest.mark.parametrize("rate", [10.0, 50.0, 1000.0])
 def test_any_rate(rate):
-    rows = resample_channels(table(), rate)
+    rows = resample_channels(make_channels(), rate)
     assert np.median(np.diff(rows.time)) == pytest.approx(1 / rate)
     good = np.isfinite(rows.value["yaw_rate"])
     assert np.abs(rows.value["yaw_rate"] - np.sin(rows.time + 8))[good].max() < 0.01

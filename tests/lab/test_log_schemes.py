@@ -175,12 +175,12 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
             columns[full], units[full] = speed / per, unit if told else ""
             mine.append(full)
         names[f"wheel_speed_{axle}"], si[f"wheel_speed_{axle}"] = tuple(mine), per
-    _others(rng, clean, columns, units, prefix, told, n, radius, ratio)
+    add_others(rng, clean, columns, units, prefix, told, n, radius, ratio)
     order = [str(k) for k in rng.permutation(list(columns))]
     return Scheme(names, sign, si, ratio, {k: columns[k] for k in order}, {k: units[k] for k in order})
 
 
-def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
+def add_others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
     """Add other signals of a bus, some of them similar to the channels."""
     v = clean.wheel_speed_rear.to_numpy() * radius
     slow = np.cumsum(rng.standard_normal(n)) * 0.01
@@ -210,7 +210,7 @@ def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
             columns[prefix + str(name)], units[prefix + str(name)] = value, unit if told else ""
 
 
-def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
+def list_errors(scheme: Scheme, proposal, radius: float) -> list[str]:
     """Return the errors of a proposal: names, signs, units (> 1 %), ratio (> 15 %)."""
     found = []
     for channel, names in scheme.names.items():
@@ -260,7 +260,7 @@ def test_the_right_mapping_in_19_of_20_fresh_schemes(clean):
         channels = {
             n: Channel(n, clean.time.to_numpy(), x, scheme.units[n]) for n, x in scheme.columns.items()
         }
-        found[seed] = wrong(scheme, propose(Recording(Path("log"), "drawn", channels)), RADIUS)
+        found[seed] = list_errors(scheme, propose(Recording(Path("log"), "drawn", channels)), RADIUS)
     bad = {seed: w for seed, w in found.items() if w}
     assert len(FRESH) - len(bad) >= RIGHT, bad
 
@@ -287,7 +287,7 @@ def drive() -> pd.DataFrame:
     return log
 
 
-def proposed(
+def propose_for(
     time: pd.Series, columns: dict[str, np.ndarray], units: dict[str, str] | None = None
 ) -> Proposal:
     made = {
@@ -297,7 +297,7 @@ def proposed(
     return propose(Recording(Path("log"), "drawn", made))
 
 
-def named(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
+def name_signals(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
     wheels = {n: log[f"wheel_speed_{a}_{s}"] * RADIUS * 3.6
               for n, a, s in (("whl_fl_kmh", "front", "left"), ("whl_fr_kmh", "front", "right"),
                               ("whl_rl_kmh", "rear", "left"), ("whl_rr_kmh", "rear", "right"))}  # fmt: skip
@@ -328,7 +328,7 @@ def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
         mph["front_right"],
         drive.accel_x,
     ]
-    found = proposed(drive.time, {f"ch{i:02d}": x for i, x in enumerate(columns)})
+    found = propose_for(drive.time, {f"ch{i:02d}": x for i, x in enumerate(columns)})
     assert (
         found["yaw_rate"].name == ("ch04",)
         and found["yaw_rate"].unit == "deg/s"
@@ -349,7 +349,7 @@ def test_what_the_log_cannot_test_is_unsure(drive):
     )
     noise = np.random.default_rng(2).normal(size=(4, 400))
     wheels = {f"whl_{p}_kmh": 60.0 + 0.01 * x for p, x in zip(("fl", "fr", "rl", "rr"), noise, strict=True)}
-    found = proposed(straight.time, {**named(straight), **wheels, "accel_y": straight.accel_y})
+    found = propose_for(straight.time, {**name_signals(straight), **wheels, "accel_y": straight.accel_y})
     assert "sure" not in {found[c].confidence for c in ("accel_y", "yaw_rate", "steer_angle") if found[c]}
     assert all(found[c].unsure for c in ("accel_y", "yaw_rate", "steer_angle") if found[c])
 
@@ -377,7 +377,7 @@ def test_a_unit_is_what_its_spelling_means(unit, si, per):
 
 
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
-    found = proposed(
+    found = propose_for(
         drive.time[:500],
         {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)},
     )
@@ -386,7 +386,9 @@ def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
 
 def test_the_unit_of_an_angle_that_cannot_be_tested_is_by_its_size(drive):
     for size, unit, ratio in ((0.05, "rad", False), (60.0, "deg", True)):
-        found = proposed(drive.time[:500], {"steer_angle": size * np.sin(np.arange(500) / 80)})["steer_angle"]
+        found = propose_for(drive.time[:500], {"steer_angle": size * np.sin(np.arange(500) / 80)})[
+            "steer_angle"
+        ]
         assert (found.unit, bool(found.ratio)) == (unit, ratio) and "unit" in found.unsure
 
 
@@ -397,7 +399,7 @@ def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
         "accel_x": c * drive.accel_x + s * drive.accel_y,
         "accel_y": c * drive.accel_y - s * drive.accel_x,
     }
-    said = [w for w in proposed(drive.time, named(drive, **more)).warnings if "mounted turned" in w]
+    said = [w for w in propose_for(drive.time, name_signals(drive, **more)).warnings if "mounted turned" in w]
     if turned:
         angle = float(said[0].split("turned by ")[1].split()[0])
         assert angle == pytest.approx(turned, abs=4)
@@ -406,7 +408,7 @@ def test_an_imu_that_is_mounted_turned_is_said_with_its_angle(drive, turned):
 
 
 def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
-    log = named(drive)
+    log = name_signals(drive)
     exchanged = {
         **log,
         "whl_fl_kmh": log["whl_fr_kmh"],
@@ -414,12 +416,12 @@ def test_left_and_right_exchanged_or_axes_of_sae_is_said_to_be_either(drive):
         "whl_rl_kmh": log["whl_rr_kmh"],
         "whl_rr_kmh": log["whl_rl_kmh"],
     }
-    found = proposed(drive.time, exchanged)
+    found = propose_for(drive.time, exchanged)
     assert any("left and right wheels are exchanged" in w for w in found.warnings)
     assert all(
         found[c].confidence == "likely" and found[c].unsure for c in ("steer_angle", "accel_y", "yaw_rate")
     )
-    right = proposed(drive.time, log)
+    right = propose_for(drive.time, log)
     assert not any("exchanged" in w for w in right.warnings) and right["steer_angle"].confidence == "sure"
 
 
@@ -430,7 +432,7 @@ def test_flags_counters_and_numbers_for_no_value(drive):
     rng = np.random.default_rng(3)
     bad = rng.random(len(drive)) < 0.01
     angle = np.where(bad, 819.1, drive.steer_angle * DEG * GEAR)
-    log = named(drive)
+    log = name_signals(drive)
     bus = {
         "LWI.LWI_Lenkradwinkel": angle,
         "LWI.LWI_QBit_Lenkradwinkel": bad,
@@ -441,7 +443,7 @@ def test_flags_counters_and_numbers_for_no_value(drive):
         **{n: x for n, x in log.items() if n.startswith("whl") or n == "accel_x"},
     }
     units = {"LWI.LWI_Lenkradwinkel": "deg", "ESP.Gierrate": "deg/s", "ESP.Querbeschleunigung": "m/s2"}
-    found = proposed(drive.time, bus, units)
+    found = propose_for(drive.time, bus, units)
     steer = found["steer_angle"]
     assert steer.name == ("LWI.LWI_Lenkradwinkel",) and steer.confidence == "sure"
     assert steer.valid == ("LWI.LWI_QBit_Lenkradwinkel", 0.0) and steer.counter == ("LWI.LWI_BZ", 16)
@@ -456,11 +458,11 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     angle = drive.steer_angle * DEG * GEAR
     coarse = np.round(angle / 1.5) * 1.5
     log = {
-        **named(drive),
+        **name_signals(drive),
         "steering_wheel_angle_deg": coarse,
         "steer_fraction": np.round((angle - coarse) / 0.1) * 0.1,
     }
-    found = proposed(drive.time, log)["steer_angle"]
+    found = propose_for(drive.time, log)["steer_angle"]
     assert found.add == "steer_fraction"
     pd.DataFrame({"time": drive.time, **log}).to_csv(tmp_path / "log.csv", index=False)
     (tmp_path / "car.toml").write_text(f"{CAR}steering_ratio = {GEAR}\n")

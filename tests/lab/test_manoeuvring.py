@@ -1,5 +1,7 @@
-"""A car that manoeuvres, and wheel speeds without their sign: backwards nothing is learnt, and
-nothing is lost of what is driven forward."""
+"""A car that manoeuvres, and wheel speeds without their sign.
+
+Backwards nothing is learnt, and what is driven forward is used in full.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Monte-Carlo studies: what the scores mean, that runs are kept and foreign ones refused, that every way of running gives
-the same numbers, and a small seeded part of each study."""
+"""Monte-Carlo studies: the scores, kept runs, and a small seeded part of each study.
+
+Foreign runs are refused, and every way of running gives the same numbers.
+"""
 
 import os
 import re
@@ -22,16 +24,16 @@ from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.pictures import write
 
 
-def plan(study: str, *cases: str, runs: int = 1, **more) -> engine.Plan:
+def make_plan(study: str, *cases: str, runs: int = 1, **more) -> engine.Plan:
     return engine.Plan(studies.study(study, cases), runs, **more)
 
 
-def driven(case: Case, seed: int = 1, **sim: float) -> Drive:
-    p = plan("stress")
+def simulate_case(case: Case, seed: int = 1, **sim: float) -> Drive:
+    p = make_plan("stress")
     return drive(case, seed, lambda about: engine.configure("tse", p, about), sim)
 
 
-def numbers(table: pd.DataFrame) -> pd.DataFrame:
+def drop_times(table: pd.DataFrame) -> pd.DataFrame:
     return table.drop(columns=engine.TIMES)
 
 
@@ -101,8 +103,13 @@ ROWS, STEP = 401, 0.1
 CODES = {f.name: code for code, f in library().codes(REASON).items()}
 
 
-def at_rest(rows: int, names: np.dtype, event: float) -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
-    """Rows in which everything is known, the truth is 0.8 and the estimate right, valid and 1 % uncertain; an event."""
+def make_constant_drive(
+    rows: int, names: np.dtype, event: float
+) -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+    """Return rows of a known truth of 0.8, with an estimate that is right, and an event.
+
+    The estimate is valid, and its sd is 1 %.
+    """
     time_ = np.round(np.arange(rows) * STEP, 9)
     truth, estimate = np.zeros(rows, library().dtype(SIM_OUTPUT)), np.zeros(rows, names)
     for key in STIFFNESS:
@@ -121,7 +128,7 @@ def at_rest(rows: int, names: np.dtype, event: float) -> tuple[Drive, Case, scor
 @pytest.fixture
 def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
     """40 s, with a spread of 5 % that is seen from 20 s on."""
-    d, case, known, estimate = at_rest(ROWS, library().dtype(OUTPUT), 20.0)
+    d, case, known, estimate = make_constant_drive(ROWS, library().dtype(OUTPUT), 20.0)
     for key in STIFFNESS:
         estimate[f"{key}_spread"] = 0.04
         estimate[f"{key}_spread_seen"][200:] = 1
@@ -231,7 +238,7 @@ def test_grey_is_neither_observable_nor_unobservable(still):
 
 def test_regressors_are_what_the_accelerometer_feels():
     quiet = {"noise": 1.0, **dict.fromkeys(studies.SPREADS, 0.0)}
-    d = driven(replace(studies.NOMINAL, build=studies._waves(5.0), sim=quiet))
+    d = simulate_case(replace(studies.NOMINAL, build=studies._waves(5.0), sim=quiet))
     phi, use = scores.regressors(d)
     c, steer = d.config, d.truth["steer_angle"]
     x, y = c.accel_x_sd * phi[:, 0], c.accel_y_sd * phi[:, 1:].sum(axis=1)
@@ -248,7 +255,7 @@ def test_regressors_are_what_the_accelerometer_feels():
 
 def test_low_excitation_has_half_a_percent_of_slip():
     quiet = dict.fromkeys(studies.SPREADS, 0.0)
-    d = driven(replace(studies.LOW, sim=quiet))
+    d = simulate_case(replace(studies.LOW, sim=quiet))
     t = d.truth
     roll = d.config.wheel_radius_front * t["true_wheel_speed_front"]
     slip = (roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
@@ -294,7 +301,7 @@ def test_every_stress_case_can_be_driven_and_looks_at_rows_it_has():
     for case in studies.study("stress").cases:
         if case.name.startswith("stuck-") or case.name in ("highway", "stop-and-go"):
             continue  # as dropout-; long
-        d = driven(case, 3)
+        d = simulate_case(case, 3)
         assert np.isfinite([d.truth[n] for n in ("true_vel_x", "true_vel_y", "true_yaw_rate")]).all(), (
             case.name
         )
@@ -305,21 +312,21 @@ def test_every_stress_case_can_be_driven_and_looks_at_rows_it_has():
 
 
 def test_reverse_drives_backwards_and_is_logged_so():
-    d = driven(studies.study("stress", ("reverse",)).cases[0])
+    d = simulate_case(studies.study("stress", ("reverse",)).cases[0])
     assert d.truth["true_vel_x"].min() < -2.5 and d.rows["wheel_speed_front"].min() < -5
     assert np.isinf(scores.knowable(d, studies.NOMINAL).best_sd[d.truth["true_vel_x"] < -0.5]).all()
 
 
 def test_the_brakes_of_an_open_loop_manoeuvre_reach_the_wheels():
     lock = next(c for c in studies._cases()["stress"] if c.name == "wheel-lock")
-    d = driven(replace(lock, sim={}))  # tyres without a limit: no wheel locks, but the car slows down
+    d = simulate_case(replace(lock, sim={}))  # tyres without a limit: no wheel locks, but the car slows down
     start, end = np.searchsorted(d.time, [studies.PULSES[0], studies.PULSES[0] + studies.LOCK_FOR])
     assert d.truth["true_vel_x"][start] - d.truth["true_vel_x"][end] > 3
 
 
 def test_wheels_lock_and_spin_for_about_a_second():
     for case in studies.study("stress", ("wheel-lock", "wheel-spin")).cases:
-        t = (d := driven(case)).truth
+        t = (d := simulate_case(case)).truth
         roll = d.car.wheel_radius_front * t["true_wheel_speed_front"]
         slip = np.abs(roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
         for start in studies.PULSES:
@@ -331,7 +338,7 @@ def test_wheels_lock_and_spin_for_about_a_second():
 def test_the_truth_of_tyres_that_saturate_is_their_secant():
     assert scores.grip(np.array([0.0, 0.3, 3.0, 6.0])) == pytest.approx([1, 1 - 0.1 + 0.01 / 3, 1 / 3, 1 / 6])
     quiet = {"noise": 1.0, "friction": 0.9, **dict.fromkeys(studies.SPREADS, 0.0)}
-    d = driven(replace(studies.NOMINAL, sim=quiet))
+    d = simulate_case(replace(studies.NOMINAL, sim=quiet))
     phi, use = scores.regressors(d)
     c, rows = d.car, slice(1500, 3000)
     force_y = (c.accel_y_sd * phi[:, 1:] * scores.grip(use)).sum(
@@ -357,13 +364,13 @@ def test_the_truth_of_tyres_that_saturate_is_their_secant():
 def test_nothing_is_judged_before_two_memories_are_full():
     for name, first in (("nominal", scores.SETTLE_AFTER), ("forgetting-0.999", 20.0)):
         case = studies.study("stress", (name,)).cases[0]
-        d = driven(case)
+        d = simulate_case(case)
         settled = scores.knowable(d, case).settled
         assert d.time[settled.argmax()] == pytest.approx(first) and min(a for a, _ in case.windows) >= 15
 
 
 def test_what_a_case_is_about_wins_over_the_users_settings():
-    p = plan("stress", "forgetting-0.98", settings={"forgetting": 0.995, "particles": 64})
+    p = make_plan("stress", "forgetting-0.98", settings={"forgetting": 0.995, "particles": 64})
     about = p.study.cases[0].config
     config = engine.configure("tse", p, about)
     assert (config.forgetting, config.particles, config.initial_cx_front) == (0.98, 64, 0.7)
@@ -382,8 +389,8 @@ def test_what_a_case_is_about_wins_over_the_users_settings():
 
 
 def test_runs_go_on_after_a_stop_and_a_cut_line(tmp_path, monkeypatch):
-    p = plan("stress", "nominal", "outliers", runs=2, settings={"particles": 32})
-    whole = numbers(engine.run(p, tmp_path / "whole"))
+    p = make_plan("stress", "nominal", "outliers", runs=2, settings={"particles": 32})
+    whole = drop_times(engine.run(p, tmp_path / "whole"))
     assert list(whole["seed"]) == [1, 2, 1, 2] and list(whole["case"]) == ["nominal"] * 2 + ["outliers"] * 2
 
     real, done = engine.run_unit, []
@@ -401,22 +408,24 @@ def test_runs_go_on_after_a_stop_and_a_cut_line(tmp_path, monkeypatch):
     path.write_bytes(path.read_bytes()[:-20])  # the second run is cut
     done.clear()
     monkeypatch.setattr(engine, "run_unit", lambda unit: done.append(unit) or real(unit))
-    assert numbers(engine.run(p, tmp_path / "cut")).equals(whole)
+    assert drop_times(engine.run(p, tmp_path / "cut")).equals(whole)
     assert [(u.case, u.seed) for u in done] == [("nominal", 2), ("outliers", 1), ("outliers", 2)]
     done.clear()
-    more = numbers(engine.run(replace(p, runs=3), tmp_path / "cut"))  # more runs are added to what is there
-    assert [u.seed for u in done] == [3, 3] and numbers(engine.run(p, tmp_path / "cut")).equals(whole)
+    more = drop_times(
+        engine.run(replace(p, runs=3), tmp_path / "cut")
+    )  # more runs are added to what is there
+    assert [u.seed for u in done] == [3, 3] and drop_times(engine.run(p, tmp_path / "cut")).equals(whole)
     assert len(more) == 6
 
 
 def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp_path, monkeypatch):
-    p = plan("stress", "nominal", settings={"particles": 32}, runs=2)
-    first = numbers(engine.run(p, tmp_path))
+    p = make_plan("stress", "nominal", settings={"particles": 32}, runs=2)
+    first = drop_times(engine.run(p, tmp_path))
     others = [
         replace(p, settings={"particles": 48}),
         replace(p, form="paper"),
         replace(p, sim_settings={"noise": 2.0}),
-        plan("stress+robust", "nominal", settings={"particles": 32}, runs=2),
+        make_plan("stress+robust", "nominal", settings={"particles": 32}, runs=2),
     ]
     for other in others:
         assert engine.read(tmp_path / engine.RUNS, other.units) == {}
@@ -431,13 +440,13 @@ def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp
     monkeypatch.setattr(
         engine, "run_unit", lambda unit, real=engine.run_unit: real(unit) if unit.seed == 2 else 1 / 0
     )
-    assert numbers(engine.run(p, tmp_path)).equals(first)
+    assert drop_times(engine.run(p, tmp_path)).equals(first)
     with pytest.raises(RuntimeError, match="case nominal, seed 1: ZeroDivisionError"):
         engine.run(p, tmp_path, restart=True)
 
 
 def test_a_process_with_another_library_refuses():
-    p = plan("stress", "nominal")
+    p = make_plan("stress", "nominal")
     unit = p.units[0]
     with pytest.raises(UserError, match="not, or no longer, the one that the study began with"):
         engine.run_unit(unit._replace(library="0" * 64))
@@ -446,8 +455,8 @@ def test_a_process_with_another_library_refuses():
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory) -> pd.DataFrame:
     """In one process."""
-    return numbers(
-        engine.run(plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone"))
+    return drop_times(
+        engine.run(make_plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone"))
     )
 
 
@@ -467,7 +476,7 @@ def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
     assert done.code == 0, done.err
     out = tmp_path / "montecarlo-stress"
     table = pd.read_csv(out / "runs.csv")
-    pd.testing.assert_frame_equal(numbers(table), alone, check_dtype=False)
+    pd.testing.assert_frame_equal(drop_times(table), alone, check_dtype=False)
     text = (out / "stress.md").read_text()
     assert text.strip() in done.out
     assert "2 of each case, seeds 1 .. 2" in text
@@ -486,9 +495,9 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
     )
     options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, **options) as cluster:
-        p = plan("stress", "nominal", "paper-prior", runs=2)
+        p = make_plan("stress", "nominal", "paper-prior", runs=2)
         table = engine.run(p, tmp_path, scheduler=cluster.scheduler_address)
-    pd.testing.assert_frame_equal(numbers(table), alone)
+    pd.testing.assert_frame_equal(drop_times(table), alone)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no signals to a process")
@@ -501,8 +510,20 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
     ids=["ctrl-c", "kill"],
 )
 def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_path, send, what):
-    command = [*COMMAND, "montecarlo", "--study", "stress", "--cases", "nominal", "--runs", "500", "--jobs", "2", "--out",
-               str(tmp_path)]  # fmt: skip
+    command = [
+        *COMMAND,
+        "montecarlo",
+        "--study",
+        "stress",
+        "--cases",
+        "nominal",
+        "--runs",
+        "500",
+        "--jobs",
+        "2",
+        "--out",
+        str(tmp_path),
+    ]
     run = subprocess.Popen(
         command,
         stderr=subprocess.PIPE,
@@ -549,13 +570,13 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path, address):
     with pytest.raises(
         UserError, match="option --scheduler: no Dask scheduler answers at " + re.escape(address)
     ):
-        engine.run(plan("stress", "nominal"), tmp_path, scheduler=address)
+        engine.run(make_plan("stress", "nominal"), tmp_path, scheduler=address)
 
 
 def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"pip install 'tse\[cluster\]'"):
-        engine.run(plan("stress", "nominal"), tmp_path, scheduler="tcp://127.0.0.1:9")
+        engine.run(make_plan("stress", "nominal"), tmp_path, scheduler="tcp://127.0.0.1:9")
 
 
 # ---- numbers for people
@@ -605,7 +626,7 @@ def test_there_is_a_small_part_of_each_study():
 @pytest.mark.parametrize("name", SMALL)
 def test_a_small_part_of_each_study(name, tmp_path):
     cases, runs = SMALL[name]
-    p = plan(name, *cases, runs=runs)
+    p = make_plan(name, *cases, runs=runs)
     rows = engine.run(p, tmp_path)
     text, files = write(p, rows, tmp_path)
     assert {f.name for f in files} == {
@@ -619,14 +640,20 @@ def test_a_small_part_of_each_study(name, tmp_path):
     if name not in ("stress", "paper", "robust"):
         assert not lines["diverged"].any(), text
     checks = {
-        "accuracy": _accuracy, "paper": _paper, "robust": _robust, "peers": _peers, "stress": _stress, "regimes": _regimes,
-        "false-alarms": _false_alarms,
-    }  # fmt: skip
+        "accuracy": check_accuracy,
+        "paper": check_paper,
+        "robust": check_robust,
+        "peers": check_peers,
+        "stress": check_stress,
+        "regimes": check_regimes,
+        "false-alarms": check_false_alarms,
+    }
     checks[name](lines, text)
 
 
-def _accuracy(lines, text):
-    # along: radii, which are exact here, are known to 0.2 %, and a drive of seconds hardly finds them
+def check_accuracy(lines, text):
+    # along: the radii, which are exact here, are known to 0.2 %. A drive of seconds
+    # hardly improves them.
     for name, limit in (("cx_front", 12.0), ("cy_front", 2.0), ("cy_rear", 2.0)):
         assert (
             lines.loc["accuracy", "tse"][f"{name}_rms"] < limit
@@ -634,8 +661,11 @@ def _accuracy(lines, text):
         )
 
 
-def _paper(lines, text):
-    """Of two runs: robust and default do not diverge; a held steering angle that the filter knows of biases nothing."""
+def check_paper(lines, text):
+    """Check that in two runs robust and default do not diverge.
+
+    A held steering angle that the filter has as such gives no bias.
+    """
     for case in ("iv-a", "iv-a-held"):
         robust = lines.loc[case, "robust"]
         assert not robust["diverged"] and (robust[[f"{s}_rms" for s in STIFFNESS[1:]]] < 2).all()
@@ -648,14 +678,17 @@ def _paper(lines, text):
     assert "| paper | as printed | robust | default |" in text and "tselab paper --runs 2" in text
 
 
-def _robust(lines, text):
-    """Noise of three times the setting ends in the spread, where that has no limit, and with it everything."""
+def check_robust(lines, text):
+    """Check that triple noise ends in the spread, where the spread has no limit.
+
+    The spread then includes everything.
+    """
     limited, free = (lines.loc["noise-3x", name] for name in ("robust", "robust-no-limit"))
     assert limited["cy_front_rms"] < free["cy_front_rms"] and free["cy_front_spread"] > 35
     assert all(text_ in text for text_, _ in estimators.VARIANTS.values())
 
 
-def _peers(lines, text):
+def check_peers(lines, text):
     for name in ("tse", "ekf", "known"):
         line = lines.loc["nominal", name]
         assert line["cx_front_rms"] < 12 and (line[[f"{s}_rms" for s in STIFFNESS[1:]]] < 8).all()
@@ -664,14 +697,14 @@ def _peers(lines, text):
     assert "over EKF" in text
 
 
-def _stress(lines, text):
+def check_stress(lines, text):
     assert (lines["cy_rear_rms"] < 20).all() and lines.loc["mass-10", "tse"][
         "cy_front_bias"
     ] > 5  # C/m is what is seen
     assert lines.loc["road-0.3", "tse"]["cy_front_settle_2"] < 20
 
 
-def _regimes(lines, text):
+def check_regimes(lines, text):
     known = lines.loc["road-0.7", "known"]
     assert known["all_settle_1_most"] < 0.2 and known["cy_front_rms"] < 1 and np.isnan(known["valid_off_1"])
     assert lines.loc["road-0.7", "tse"]["detected_1"] < 5
@@ -679,6 +712,6 @@ def _regimes(lines, text):
     assert "## RMS error over that of known" in text and "## After a change of the road" in text
 
 
-def _false_alarms(lines, text):
+def check_false_alarms(lines, text):
     line = lines.loc["false-alarms", "tse"]
     assert line["hours"] == pytest.approx(1 / 6) and (line[[f"{s}_rms" for s in STIFFNESS]] < 15).all()

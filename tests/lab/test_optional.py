@@ -1,5 +1,8 @@
-"""Channels that a log may have besides (input.toml): a measured velocity, brake switch and wheel torques; from columns to the
-filter, and settings that would be without effect; without them no bit changes."""
+"""Optional channels of a log (input.toml): velocity, brake switch and wheel torques.
+
+They are followed from columns to the filter. Settings without effect are reported.
+Without the channels no bit changes.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -28,8 +31,14 @@ from tse.readers.readers import read_recording
 from tse.readers.recording import ReadOptions
 
 ROWS, DT = 4000, 0.01
-CAR: dict[str, Any] = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33,
-                       "driven_axle": "front"}  # fmt: skip
+CAR: dict[str, Any] = {
+    "mass": 1900.0,
+    "lf": 1.25,
+    "lr": 1.5,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+    "driven_axle": "front",
+}
 
 
 @pytest.fixture(scope="module")
@@ -42,12 +51,12 @@ def drive() -> pd.DataFrame:
     return table.assign(ref_vel_x=out["true_vel_x"], ref_vel_y=out["true_vel_y"])
 
 
-def vehicle(**sensors: float):
+def make_car(**sensors: float):
     return make_vehicle({**CAR, **({"sensors": sensors} if sensors else {})}, Path("car.toml"))
 
 
-def gnss(drive: pd.DataFrame) -> pd.DataFrame:
-    """The same with speed and course ten times a second; a course from any zero."""
+def make_gnss_columns(drive: pd.DataFrame) -> pd.DataFrame:
+    """Return the drive with speed and course at 10 Hz; the course has any zero."""
     heading = np.cumsum(drive.yaw_rate) * DT + 3.0
     course = heading + np.arctan2(drive.ref_vel_y, drive.ref_vel_x)
     new = np.arange(len(drive)) % 10 == 0
@@ -60,13 +69,20 @@ def gnss(drive: pd.DataFrame) -> pd.DataFrame:
 def test_the_library_names_the_velocities_behind_the_channels() -> None:
     assert [f.name for f in library().channels][-1] == "yaw_rate"
     assert [f.name for f in library().optional] == [
-        "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course", "brake", "wheel_torque_front", "wheel_torque_rear",
-        "bank", "grade",
-    ]  # fmt: skip
+        "ins_vel_x",
+        "ins_vel_y",
+        "gnss_speed",
+        "gnss_course",
+        "brake",
+        "wheel_torque_front",
+        "wheel_torque_rear",
+        "bank",
+        "grade",
+    ]
 
 
 def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) -> None:
-    log = read_frame(gnss(drive))
+    log = read_frame(make_gnss_columns(drive))
     rows = log.rows()
     assert log.optional == ["gnss_speed", "gnss_course"]
     assert set(rows["given"][::10]) == {12}
@@ -76,7 +92,7 @@ def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) 
 
 
 def test_a_csv_reads_as_the_frame(drive: pd.DataFrame, tmp_path: Path) -> None:
-    table = gnss(drive)
+    table = make_gnss_columns(drive)
     table.to_csv(tmp_path / "log.csv", index=False)
     rows, same = read_log(tmp_path / "log.csv").rows(), read_frame(table).rows()
     assert (rows["given"] == same["given"]).all()
@@ -84,8 +100,8 @@ def test_a_csv_reads_as_the_frame(drive: pd.DataFrame, tmp_path: Path) -> None:
 
 
 def test_columns_of_other_names_change_no_bit(drive: pd.DataFrame) -> None:
-    """vel_y, speed, course may be anything; only the names of the library are measurements."""
-    config, _ = make_config(vehicle(), read_frame(drive))
+    """vel_y, speed, course may be anything; only the library's names are measurements."""
+    config, _ = make_config(make_car(), read_frame(drive))
     plain = estimate(read_frame(drive), config).table
     named = estimate(read_frame(drive.assign(vel_y=9.0, speed=99.0, course=1.0)), config).table
     pd.testing.assert_frame_equal(plain, named)
@@ -95,9 +111,9 @@ def test_a_measured_speed_across_is_followed(drive: pd.DataFrame) -> None:
     """Of a car of its class, whose stiffness nobody knows."""
     table = drive.assign(ins_vel_x=drive.ref_vel_x, ins_vel_y=drive.ref_vel_y)
     off = {}
-    for name, frame in (("without", drive), ("with", table), ("gnss", gnss(drive))):
+    for name, frame in (("without", drive), ("with", table), ("gnss", make_gnss_columns(drive))):
         log = read_frame(frame)
-        config, _ = make_config(vehicle(), log)
+        config, _ = make_config(make_car(), log)
         found = estimate(log, config).table
         late = found.time > 20
         off[name] = np.sqrt(np.mean((found.vel_y - drive.ref_vel_y)[late] ** 2))
@@ -106,11 +122,11 @@ def test_a_measured_speed_across_is_followed(drive: pd.DataFrame) -> None:
 
 
 def test_a_row_of_a_filter_has_them_too(drive: pd.DataFrame) -> None:
-    log = read_frame(gnss(drive).head(300))
-    config, _ = make_config(vehicle(), log)
+    log = read_frame(make_gnss_columns(drive).head(300))
+    config, _ = make_config(make_car(), log)
     found = estimate(log, config).table
     step = tse.Filter({**CAR}, sample_time=DT)
-    for row in gnss(drive).head(300).to_dict("records"):
+    for row in make_gnss_columns(drive).head(300).to_dict("records"):
         y = step.step(row)
     assert y.vel_y == pytest.approx(found.vel_y.iloc[-1], abs=1e-12)
     nothing = tse.Filter({**CAR}, sample_time=DT)
@@ -150,15 +166,15 @@ def test_a_velocity_in_another_unit_or_of_another_sign_is_said(
 def test_settings_without_a_velocity_are_refused_where_this_run_asks_for_them(drive: pd.DataFrame) -> None:
     """A vehicle file that was calibrated with an INS is of logs without one, too."""
     with pytest.raises(UserError, match=r"velocity_lever_x without effect: the log has none of ins_vel_x"):
-        make_config(vehicle(), read_frame(drive), options={"velocity_lever_x": 1.0})
-    make_config(vehicle(velocity_lever_x=1.0), read_frame(drive))
-    config, _ = make_config(vehicle(velocity_lever_x=1.0), read_frame(gnss(drive)))
+        make_config(make_car(), read_frame(drive), options={"velocity_lever_x": 1.0})
+    make_config(make_car(velocity_lever_x=1.0), read_frame(drive))
+    config, _ = make_config(make_car(velocity_lever_x=1.0), read_frame(make_gnss_columns(drive)))
     assert config.velocity_lever_x == 1.0
 
 
 def test_forms_that_do_not_use_a_velocity_refuse_it(drive: pd.DataFrame) -> None:
     with pytest.raises(UserError, match=r"column gnss_speed, gnss_course: only the default filter"):
-        make_config(vehicle(), read_frame(gnss(drive)), form="paper")
+        make_config(make_car(), read_frame(make_gnss_columns(drive)), form="paper")
 
 
 def test_a_course_that_wraps_is_averaged_along_the_shorter_way(drive: pd.DataFrame) -> None:
@@ -195,7 +211,7 @@ def its_car(made, tmp_path_factory) -> Vehicle:
     return read_vehicle(folder / "car.toml")
 
 
-def said(log: CheckedLog, made) -> list[str]:
+def list_notes(log: CheckedLog, made) -> list[str]:
     v = made.vehicle
     return check_units(
         log,
@@ -217,7 +233,7 @@ def test_columns_are_bits_of_a_row_where_they_have_a_number(driven: pd.DataFrame
 
 
 def test_generated_torques_are_those_of_force_and_of_both_axles(made) -> None:
-    """Rolling resistance is a hundredth of the load, spin-up a tenth of the force at most."""
+    """Rolling resistance: a hundredth of the load; spin-up: at most 0.1 of the force."""
     r, p = made.reference, made.car.parameters
     fast = (r["vel_x"] > 5) & (np.abs(r["road_wheel"]) < 0.02)
     for axle, radius in (("front", p["radius_front"]), ("rear", p["radius_rear"])):
@@ -274,15 +290,26 @@ def test_a_pressure_in_the_column_is_not_used_and_a_note_says_how(driven: pd.Dat
         ({}, []),
         ({"brake": lambda d: 1.0 - d.brake}, ["brake is on in"]),
         ({"brake": lambda d: 0.0 * d.brake}, ["brake is off in"]),
-        ({"wheel_torque_front": lambda d: -d.wheel_torque_front, "wheel_torque_rear": lambda d: -d.wheel_torque_rear}, ["make -"]),
-        ({"wheel_torque_front": lambda d: d.wheel_torque_front / 1000, "wheel_torque_rear": lambda d: d.wheel_torque_rear / 1000},
-         ["times the force of mass x accel_x"]),
+        (
+            {
+                "wheel_torque_front": lambda d: -d.wheel_torque_front,
+                "wheel_torque_rear": lambda d: -d.wheel_torque_rear,
+            },
+            ["make -"],
+        ),
+        (
+            {
+                "wheel_torque_front": lambda d: d.wheel_torque_front / 1000,
+                "wheel_torque_rear": lambda d: d.wheel_torque_rear / 1000,
+            },
+            ["times the force of mass x accel_x"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_contradicts_the_speed_or_the_acceleration_is_said(
     made, driven: pd.DataFrame, change, words
 ) -> None:
-    found = said(read_frame(driven.assign(**change)), made)
+    found = list_notes(read_frame(driven.assign(**change)), made)
     for word in words:
         assert any(word in line for line in found), found
     assert bool(found) == bool(words), found
@@ -301,7 +328,10 @@ def test_a_switch_that_is_averaged_is_a_share(driven: pd.DataFrame) -> None:
 
 
 def test_a_pressure_becomes_a_switch_by_signals_toml(its_car, driven: pd.DataFrame, tmp_path: Path) -> None:
-    """Proposed by name and by what the speed does, written, read, and 1 where the pressure is above."""
+    """The switch is proposed by its name and by the change of speed, written and read.
+
+    It is 1 where the pressure is above the threshold.
+    """
     pressure = np.where(driven.brake > 0, 5.0 + 40.0 * np.maximum(-driven.accel_x, 0.0), 0.1)
     units = {f.name: f"{f.name} [{f.unit}]" for f in library().channels}
     other = driven.rename(columns={**units, "wheel_torque_front": "FrontAxleTorque [Nm]", "brake": "unused"})

@@ -1,5 +1,8 @@
-"""A car that nobody has calibrated is calibrated on its own log: what that finds, keeps, and leaves to the class. The car is one of
-tests/cars, of 14 degrees of freedom."""
+"""An uncalibrated car is calibrated on its own log.
+
+The tests check what is found, what is kept and what keeps the values of the class. The
+car is one of tests/cars, with 14 degrees of freedom.
+"""
 
 import json
 from dataclasses import dataclass
@@ -12,8 +15,8 @@ import pytest
 import tse
 from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
-from tests.cars.study import TRUTH, truth_of
-from tests.gap.runs import changed
+from tests.cars.study import TRUTH, compute_truth
+from tests.gap.runs import change_constant
 from tse.calibration import own, workflow
 from tse.car.config import make_config
 from tse.car.vehicle import make_filter_values, make_vehicle, read_vehicle
@@ -49,10 +52,10 @@ def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
     return Case(folder, log, car, first, est, pd.read_csv(folder / "plain.csv"))
 
 
-def errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
-    """Relative, of the rows after 20 s."""
+def compute_errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
+    """Return the relative errors of the rows after 20 s."""
     truth = pd.read_csv(case.folder / "reference_mountain.csv")
-    true = truth_of({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
+    true = compute_truth({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
     return (est[key].to_numpy() / true - 1)[est["time"].to_numpy() > 20]
 
 
@@ -71,11 +74,12 @@ def test_the_stiffness_of_the_car_is_found_and_said(case):
 
 def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
     for key in AXLES:
-        ours, plain = (errors(case, e, key) for e in (case.est, case.plain))
+        ours, plain = (compute_errors(case, e, key) for e in (case.est, case.plain))
         assert np.nanmedian(np.abs(ours)) < 0.1 and np.nanmedian(np.abs(ours)) < np.nanmedian(np.abs(plain))
         sd = (case.est[f"{key}_sd"] / case.est[key]).to_numpy()[case.est["time"].to_numpy() > 20]
         known = np.isfinite(ours)
-        # nearly all rows of one drive share one error: 0.9 fails where the interval misses for seconds, not for a moment
+        # Nearly all rows of one drive share one error. 0.9 fails where the interval
+        # misses for seconds, not for a moment.
         assert (np.abs(ours)[known] < 1.96 * sd[known] * (1 + ours[known])).mean() > 0.9
     assert case.est["cy_front_valid"].mean() > case.plain["cy_front_valid"].mean()
 
@@ -135,7 +139,7 @@ def test_python_says_and_estimates_the_same(case):
 
 
 def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
-    entry = kept(case, cache)
+    entry = find_kept(case, cache)
     entry.unlink()  # the command's has the bits of one thread of the BLAS
     own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
     whole = entry.read_text()
@@ -146,7 +150,7 @@ def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
         assert entry.read_text() == whole
 
 
-def kept(case: Case, cache: Path) -> Path:
+def find_kept(case: Case, cache: Path) -> Path:
     key = own._compute_key(read_vehicle(case.car), [read_log(case.log)])
     return cache / "tselab" / "calibrated" / f"{key}.json"
 
@@ -198,7 +202,7 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
     longest = own.MAX_SEARCH_SECONDS
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # nothing is kept there
     monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", -1.0)
-    with changed("identify.fit.MAX_FIT_STEPS", 1):
+    with change_constant("identify.fit.MAX_FIT_STEPS", 1):
         late = own.calibrate_once(car, [log])
         assert late.text == "" and late.found == {"used": False, "why": own.TOO_LONG}
         monkeypatch.setattr(own, "MAX_SEARCH_SECONDS", longest)
@@ -208,7 +212,10 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
 
 
 def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch, tmp_path):
-    """The estimate is written, nothing is kept of the calibration, no lock stays; from Python it is an interrupt as any other."""
+    """The estimate is written, no calibration is kept, and no lock stays.
+
+    In Python it is an ordinary interrupt.
+    """
 
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -246,7 +253,7 @@ def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows[:6000]) + "\n")  # names, and 5999 rows
     log, car = read_log(tmp_path / "log.csv"), read_vehicle(case.car)
     assert log.time[-1] - log.time[0] == pytest.approx(59.98, abs=1e-6)
-    with changed("identify.fit.MAX_FIT_STEPS", 1):
+    with change_constant("identify.fit.MAX_FIT_STEPS", 1):
         assert "s are needed" not in own.calibrate_once(car, [log]).words[0]
 
 
@@ -271,7 +278,7 @@ def test_channels_that_contradict_each_other_calibrate_nothing(case):
 
 
 def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
-    """Both drives are of one car as calibrated, so that the second starts from what the first taught."""
+    """Both drives are of one car: the second starts from the first's results."""
     rows = case.log.read_text().splitlines()
     (tmp_path / "logs").mkdir()
     for name, part in (("2026-01-01", rows[1:4501]), ("2026-01-02", rows[4501:])):
@@ -317,7 +324,10 @@ def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
 
 
 def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
-    """The search's value moved to twice that of the filter, with a narrow interval; left where it was found, both agree."""
+    """The search's value is moved to twice that of the filter, with a narrow interval.
+
+    Where it is not moved, both agree.
+    """
     vehicle, log = read_vehicle(case.car), read_log(case.log)
     found = own.calibrate_once(vehicle, [log]).found
     config, _ = make_config(vehicle, log)

@@ -1,4 +1,7 @@
-"""The extended Kalman filters that tse is compared with: beside least squares over a whole window, and on what a log may hold."""
+"""The extended Kalman filters that tse is compared with.
+
+They are compared with least squares over a whole window, and run on all a log may hold.
+"""
 
 import functools
 from dataclasses import dataclass, replace
@@ -43,11 +46,19 @@ class Drive:
 
 
 def drive(
-    name: str = "square-waves", *, seed: int = 1, duration: float = 10.0, dt: float = 0.01, noise: float = 1.0,
-    low: bool = False, settings: dict | None = None, sim: dict | None = None, road: list | None = None,
+    name: str = "square-waves",
+    *,
+    seed: int = 1,
+    duration: float = 10.0,
+    dt: float = 0.01,
+    noise: float = 1.0,
+    low: bool = False,
+    settings: dict | None = None,
+    sim: dict | None = None,
+    road: list | None = None,
     forgetting: float = 0.99,
-) -> Drive:  # fmt: skip
-    """A simulated drive. low: slip of half a per cent, steering of 0.005 rad."""
+) -> Drive:
+    """Simulate a drive; low: slip of half a per cent, steering of 0.005 rad."""
     config = Config.exact({**START, "sample_time": dt, **(settings or {})})
     maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)
     if low:
@@ -62,11 +73,12 @@ def drive(
     return Drive(config, rows, peers.Known((SPREAD,) * 3, sensors, forgetting), simulation.truth)
 
 
-# ---- the reference: (1)-(4) in newtons, inputs linear between rows, Runge and Kutta's fourth-order rule in half a millisecond
+# ---- the reference: (1)-(4) in newtons, inputs linear between rows, Runge and Kutta's
+# fourth-order rule in steps of half a millisecond
 
 
-def reference_accelerations(car, x, w, u):
-    """(1)-(4): specific force and yaw acceleration. Works for columns, too."""
+def compute_reference_accelerations(car, x, w, u):
+    """Return specific force and yaw acceleration by (1)-(4), also for columns."""
     (vx, vy, r), (delta, omega_f, omega_r) = x, u
     vf, vr = car["wheel_radius_front"] * omega_f, car["wheel_radius_rear"] * omega_r
     fx_f = car["longitudinal_stiffness_front"] * (1 + w[0]) * (vf - vx) / np.maximum(vx, vf)
@@ -78,37 +90,37 @@ def reference_accelerations(car, x, w, u):
     return ax, ay, (car["lf"] * (fy_f + fx_f * delta) - car["lr"] * fy_r) / car["yaw_inertia"]
 
 
-def reference_rate(car, x, w, u):
-    ax, ay, yaw = reference_accelerations(car, x, w, u)
+def compute_reference_rate(car, x, w, u):
+    ax, ay, yaw = compute_reference_accelerations(car, x, w, u)
     return np.array([ax + x[1] * x[2], ay - x[0] * x[2], yaw])
 
 
-def reference_move(car, x, w, u0, u1, dt):
-    """x after a row: classical Runge-Kutta, inputs linear between rows."""
+def move_reference(car, x, w, u0, u1, dt):
+    """Return x after a row: classical Runge-Kutta, inputs linear between rows."""
     steps = int(np.ceil(dt / 5e-4 - 1e-9))
     at, h = (lambda k: u0 + (u1 - u0) * k / steps), dt / steps
     for k in range(steps):
-        k1 = reference_rate(car, x, w, at(k))
-        k2 = reference_rate(car, x + h / 2 * k1, w, at(k + 0.5))
-        k3 = reference_rate(car, x + h / 2 * k2, w, at(k + 0.5))
-        k4 = reference_rate(car, x + h * k3, w, at(k + 1))
+        k1 = compute_reference_rate(car, x, w, at(k))
+        k2 = compute_reference_rate(car, x + h / 2 * k1, w, at(k + 0.5))
+        k3 = compute_reference_rate(car, x + h / 2 * k2, w, at(k + 0.5))
+        k4 = compute_reference_rate(car, x + h * k3, w, at(k + 1))
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return x
 
 
-def reference_observe(car, x, w, u):
-    ax, ay, _ = reference_accelerations(car, x, w, u)
+def observe_reference(car, x, w, u):
+    ax, ay, _ = compute_reference_accelerations(car, x, w, u)
     return np.array(np.broadcast_arrays(ax, ay, x[2]))
 
 
 # ---- what is compared
 
 
-def estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def get_estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([out[s] for s in STIFFNESS]).T, np.array([out[f"{s}_sd"] for s in STIFFNESS]).T
 
 
-def finite(out: np.ndarray) -> bool:
+def is_finite(out: np.ndarray) -> bool:
     return all(np.isfinite(out[name]).all() for name in out.dtype.names)
 
 
@@ -116,17 +128,18 @@ def finite(out: np.ndarray) -> bool:
 
 
 class Window:
-    """A short drive as one linear problem: every measurement as a function of everything that is random.
+    """A short drive as one linear problem: measurements as functions of random numbers.
 
-    theta = (x0, mu, b0, eps of each row, step of the biases before each row but the first), whitened: N(0, 1). The
-    functions are the reference's model run from the first row to the last; their derivative is a central difference.
+    theta = (x0, mu, b0, eps of each row, step of the biases before each row but the
+    first), whitened: N(0, 1). The functions run the reference's model from the first row
+    to the last. Their derivative is a central difference.
     """
 
     ROWS, DT = 25, 0.01
     step = 1.0  # of the difference, in sds
 
     def __init__(self, scale: float):
-        """scale: of every doubt and noise. A small one makes the problem linear, whatever its functions are."""
+        """`scale` multiplies every sd; with a small one any problem is linear."""
         n = self.ROWS
         self.config = config = Config.exact(
             {
@@ -161,7 +174,7 @@ class Window:
         self.sensors = sensors
 
     def trajectory(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, b and y of every row, (rows, 3, columns), for whitened theta in columns."""
+        """Return x, b, y, (rows, 3, columns), for whitened theta in columns."""
         n, theta = self.ROWS, self.sd[:, None] * theta
         eps = theta[9 : 9 + 3 * n].reshape(n, 3, -1)
         steps = np.concatenate([theta[None, 6:9], theta[9 + 3 * n :].reshape(n - 1, 3, -1)])
@@ -169,14 +182,14 @@ class Window:
         x, mu = [self.start[:, None] + theta[:3]], self.mu[:, None] + theta[3:6]
         for k in range(1, n):
             x.append(
-                reference_move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT)
+                move_reference(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT)
             )
-        y = [reference_observe(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
+        y = [observe_reference(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
         return np.array(x), b, np.array(y)
 
     @functools.cached_property
     def linear(self) -> tuple[np.ndarray, ...]:
-        """Derivatives of x, b and y by whitened theta."""
+        """Return the derivatives of x, b and y by whitened theta."""
         each = self.step * np.eye(len(self.sd))
         ahead, back = self.trajectory(each), self.trajectory(-each)
         return tuple((a - b) / (2 * self.step) for a, b in zip(ahead, back, strict=True))
@@ -189,15 +202,21 @@ class Window:
         return rows
 
     def information(self, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Prior and measurements as one whitened system a theta = ...; use: (rows, 3), which measurements."""
+        """Return prior and measurements as one whitened system a theta = ...
+
+        `use`, (rows, 3), selects the measurements.
+        """
         a = (self.linear[2] / self.sensors[:, None])[use]
         return a, np.eye(len(self.sd)) + a.T @ a
 
 
 def test_estimates_equal_weighted_least_squares_over_the_whole_window(monkeypatch):
-    """Noise a ten-thousandth of a car's: then the filters' problem is linear, and its solution is that of least squares on
-    all rows at once, with whatever channel is missing left out. What is left of the curvature is of that order. Steps are
-    fine, since an sd of vel_x is less than a thousandth of a millimetre a second here."""
+    """With noise a ten-thousandth of a car's, the filters' problem is linear.
+
+    Its solution is that of least squares on all rows at once, without the missing
+    channels. The remaining curvature is of that order. Steps are short, since the sd of
+    vel_x is less than a thousandth of a millimetre per second here.
+    """
     monkeypatch.setattr(peers, "STEP", 0.02)
     window, rng = Window(1e-4), np.random.default_rng(5)
     use = np.ones((window.ROWS, 3), bool)
@@ -248,7 +267,7 @@ def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
     )
     x, w = np.array([speed, 0.05, 0.02]), np.array([0.1, 0.2, 0.1])
     u, to = np.array([rows[name] for name in DRIVES]).T
-    exact = reference_move(config.as_dict(), x, w, u, to, dt)
+    exact = move_reference(config.as_dict(), x, w, u, to, dt)
     moved = peers.move(SimpleNamespace(**config.as_dict()), x[:, None], w[:, None], u, to, dt)
     np.testing.assert_allclose(moved[:, 0], exact, atol=2e-5)
 
@@ -257,7 +276,10 @@ def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
 
 
 def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
-    """When the steering turns, the row that logs it has not turned by it yet; that row has no measurement here."""
+    """When the steering turns, its row's motion does not yet show the turn.
+
+    That row has no measurement here.
+    """
     d = drive(duration=4.0, sim={"hold_inputs": 1})
     flip = np.searchsorted(d.time, 2.0 - 1e-9)
     for name in MEASURES:
@@ -270,9 +292,12 @@ def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
 
 
 def test_errors_are_half_of_what_the_filter_believes_of_them():
-    """Forgetting makes its variance 1 + lambda times that of its error. The start is 30 % off, 1 sd, biases drawn and walking;
-    rows four memories apart, whose errors are nearly independent; 99.8 % intervals, Cx up to 15 % worse: a stiffness that is 9 %
-    off is a worse place to linearise at."""
+    """Forgetting makes the filter's variance 1 + lambda times that of its error.
+
+    The start is 30 % off, 1 sd; biases are drawn and walk. Rows are four memories apart,
+    so that their errors are nearly independent. The intervals are 99.8 %. Cx may be up to
+    15 % worse: a stiffness that is 9 % off is a worse place to linearise at.
+    """
     shares = []
     for seed in range(1, 9):
         bias = np.random.default_rng(seed).standard_normal(3)
@@ -281,7 +306,7 @@ def test_errors_are_half_of_what_the_filter_believes_of_them():
             for m, b in zip(MEASURES, bias, strict=True)
         }
         d = drive(duration=20.0, seed=seed, sim={**start, "bias_walk": 1.0})
-        mean, sd = estimates(d.run("ekf"))
+        mean, sd = get_estimates(d.run("ekf"))
         at = np.searchsorted(d.time, np.array((8.0, 12.0, 16.0, 20.0)) - 1e-6)
         shares.append(1.99 * (((mean - d.mean) / sd)[at]) ** 2)
     low, high = stats.chi2.interval(0.998, 32)
@@ -293,7 +318,7 @@ def test_what_nothing_excites_any_more_is_forgotten_up_to_the_variance_of_the_st
     d = drive(duration=20.0)
     for name in ("accel_y", "yaw_rate", "steer_angle"):
         d.rows[name][600:] = 0.0  # straight ahead: no side force, nothing about the lateral stiffness
-    sd = estimates(d.run("ekf"))[1][:, 1:]
+    sd = get_estimates(d.run("ekf"))[1][:, 1:]
     np.testing.assert_allclose(sd[660] / sd[650], d.known.forgetting**-5, rtol=1e-3)
     np.testing.assert_allclose(sd[-1], d.config.initial_mean_sd, rtol=1e-3)
 
@@ -303,10 +328,10 @@ def test_what_nothing_excites_any_more_is_forgotten_up_to_the_variance_of_the_st
 def test_a_missing_input_teaches_nothing_and_ends(kind, name):
     d = drive(duration=6.0)
     gap = slice(300, 340)  # longer than max_gap: states start again
-    whole = estimates(d.run(kind))
+    whole = get_estimates(d.run(kind))
     d.rows[name][gap] = np.nan
-    mean, sd = estimates(out := d.run(kind))
-    assert finite(out)
+    mean, sd = get_estimates(out := d.run(kind))
+    assert is_finite(out)
     for held in (mean, sd):
         np.testing.assert_allclose(held[gap][1:], held[gap][:1].repeat(39, 0), atol=1e-9)
     assert np.abs(mean[-1] - whole[0][-1]).max() < 2 * whole[1][-1].max()
@@ -320,22 +345,22 @@ def test_values_that_no_sensor_has_are_missing():
     assert (d.run("ekf") == missing).all()
 
 
-def spin(d: Drive) -> None:
+def spin_wheel(d: Drive) -> None:
     d.rows["wheel_speed_front"][200:300] *= 3
 
 
-def stuck(d: Drive) -> None:
+def freeze_sensors(d: Drive) -> None:
     for name in ("accel_y", "wheel_speed_rear"):
         d.rows[name][200:400] = d.rows[name][200]
 
 
-def silent(d: Drive) -> None:
+def lose_channels(d: Drive) -> None:
     for name in (*DRIVES, *MEASURES):
         d.rows[name][:20] = np.nan
         d.rows[name][300:310] = np.nan
 
 
-def gap(d: Drive) -> None:
+def make_gap(d: Drive) -> None:
     d.rows["dt"][300] = 5.0
 
 
@@ -346,10 +371,10 @@ HARD = {
     "short rows": ({"dt": 0.005, "duration": 3.0}, None),
     "long rows": ({"dt": 0.04}, None),
     "standstill": ({"name": "stop-and-go", "duration": 22.0, "dt": 0.02}, None),
-    "wheel spin": ({}, spin),
-    "stuck channels": ({}, stuck),
-    "nothing logged": ({}, silent),
-    "gap": ({}, gap),
+    "wheel spin": ({}, spin_wheel),
+    "stuck channels": ({}, freeze_sensors),
+    "nothing logged": ({}, lose_channels),
+    "gap": ({}, make_gap),
     "no noise of the stiffness": ({"sim": {f"spread_{s}": 0.0 for s in STIFFNESS}}, None),
 }
 
@@ -363,8 +388,8 @@ def test_every_hard_case_ends_with_numbers(kind, case):
         d = Drive(d.config, d.rows, peers.Known((0.0,) * 3, d.known.noise_sd), d.truth)
     if harm:
         harm(d)
-    mean, _ = estimates(out := d.run(kind))
-    assert finite(out)
+    mean, _ = get_estimates(out := d.run(kind))
+    assert is_finite(out)
     assert (mean >= d.config.stiffness_min - 1e-9).all() and (mean <= d.config.stiffness_max + 1e-9).all()
 
 
@@ -374,7 +399,7 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
         duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD)
     )
     known = replace(d.known, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
-    mean, sd = estimates(out := peers.run("known", d.rows, d.config, known))
+    mean, sd = get_estimates(out := peers.run("known", d.rows, d.config, known))
     event = np.searchsorted(d.time, 8.0 - 1e-9)
     assert (sd[event] > 3 * sd[event - 1]).all()
     for part in (slice(200, event), slice(event, None)):
@@ -390,5 +415,5 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
     spread = [out[f"{s}_spread"][late].mean() for s in STIFFNESS]
     assert spread == pytest.approx([SPREAD * level] * 3, rel=0.02)
 
-    deaf = estimates(peers.run("known", d.rows, d.config, replace(known, changes=())))[0]
+    deaf = get_estimates(peers.run("known", d.rows, d.config, replace(known, changes=())))[0]
     assert (np.abs(deaf / d.mean - 1)[event + 50] > 0.10).all()

@@ -1,4 +1,4 @@
-"""The studies of regimes: what counts as a change, what is driven, what the tables say."""
+"""The studies of regimes: the events that count as a change, the drives, the tables."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from test_montecarlo import at_rest
+from test_montecarlo import make_constant_drive
 
 from tse.library.core import STIFFNESS, Config, SimConfig
 from tse.library.errors import UserError
@@ -22,7 +22,7 @@ ESTIMATE = np.dtype(
 )
 
 
-def driven(case: Case, seed: int = 1) -> Drive:
+def simulate_case(case: Case, seed: int = 1) -> Drive:
     plan = engine.Plan(studies.study("regimes"), 1)
     return drive(case, seed, lambda about: engine.configure("tse", plan, about), {})
 
@@ -33,13 +33,13 @@ def driven(case: Case, seed: int = 1) -> Drive:
 @pytest.fixture
 def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
     """60 s, an event at 30 s of which the estimator, right all the time, says nothing."""
-    return at_rest(ROWS, ESTIMATE, 30.0)
+    return make_constant_drive(ROWS, ESTIMATE, 30.0)
 
 
-def says(
+def expect_change(
     estimate: np.ndarray, d: Drive, first: float, when: float, until: float = np.inf, sure: float = 0.9
 ) -> None:
-    """From `first` on the estimator says that the regime changed at `when`."""
+    """Make the estimator report from row `first` on that the regime changed at `when`."""
     rows = (d.time > first - 1e-9) & (d.time < until - 1e-9)
     estimate["change_age"][rows] = d.time[rows] - when
     estimate["change_probability"][rows] = sure
@@ -61,11 +61,11 @@ def test_who_says_nothing_reports_nothing_and_notices_nothing(still):
 
 def test_a_change_counts_once_however_often_it_is_said(still):
     d, case, known, estimate = still
-    says(estimate, d, 30.3, 30.0)
-    says(
+    expect_change(estimate, d, 30.3, 30.0)
+    expect_change(
         estimate, d, 31.0, 30.2, until=32.0
     )  # a history that begins 0.2 s later is the likeliest for a while
-    says(estimate, d, 33.0, 30.0, until=34.0, sure=0.5)  # not sure
+    expect_change(estimate, d, 33.0, 30.0, until=34.0, sure=0.5)  # not sure
     assert scores.reported(d, estimate) == pytest.approx([30.0])
     row = scores.regimes(d, case, known, estimate)
     assert (row["changes"], row["false_changes"], row["detected_1"]) == (1, 0, pytest.approx(0.3))
@@ -74,7 +74,7 @@ def test_a_change_counts_once_however_often_it_is_said(still):
 def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(still):
     d, case, known, estimate = still
     for when in (12.0, 29.5, 29.9, 31.9, 32.2, 45.0):
-        says(estimate, d, when, when, until=when + 0.3)
+        expect_change(estimate, d, when, when, until=when + 0.3)
     row = scores.regimes(d, case, known, estimate)
     assert (row["changes"], row["false_changes"]) == (
         4,
@@ -87,16 +87,16 @@ def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(
 
 def test_who_reports_an_older_change_has_not_detected_the_event(still):
     d, case, known, estimate = still
-    says(estimate, d, 20.0, 20.0)
+    expect_change(estimate, d, 20.0, 20.0)
     assert scores.regimes(d, case, known, estimate)["detected_1"] == np.inf
-    says(estimate, d, 34.0, 29.95)  # birth times are no rows of events
+    expect_change(estimate, d, 34.0, 29.95)  # birth times are no rows of events
     row = scores.regimes(d, case, known, estimate)
     assert row["detected_1"] == pytest.approx(4.0) and (row["changes"], row["false_changes"]) == (2, 1)
 
 
 def test_a_refused_row_says_nothing(still):
     d, _, _, estimate = still
-    says(estimate, d, 30.0, 30.0)
+    expect_change(estimate, d, 30.0, 30.0)
     estimate["status"] = -3
     assert not len(scores.reported(d, estimate))
 
@@ -104,10 +104,10 @@ def test_a_refused_row_says_nothing(still):
 def test_the_age_of_a_change_counts_pauses_and_the_drive_does_not(still):
     d, case, known, estimate = still
     d.rows["dt"][400] = 600.0  # at 40 s
-    says(estimate, d, 30.0, 30.0)
+    expect_change(estimate, d, 30.0, 30.0)
     estimate["change_age"][400:] += 600.0 - STEP
     assert scores.reported(d, estimate) == pytest.approx([30.0])
-    says(estimate, d, 50.0, 50.0)  # after the pause
+    expect_change(estimate, d, 50.0, 50.0)  # after the pause
     assert scores.reported(d, estimate) == pytest.approx([30.0, 50.0])
     row = scores.regimes(d, replace(case, events=(30.0, 50.0)), known, estimate)
     assert row["false_changes"] == 0 and row["detected_2"] == pytest.approx(0)
@@ -159,7 +159,7 @@ def test_every_case_can_be_driven_and_looks_at_rows_it_has():
     for case in EVERY.values():
         if case.name.startswith("false-alarms"):
             continue  # long
-        d = driven(case, 3)
+        d = simulate_case(case, 3)
         vy = np.abs(d.truth["true_vel_y"])
         assert np.isfinite(vy).all() and vy.max() < 3, case.name  # nobody spins
         assert scores.inside(d.time, case.windows).any() and max((*case.events, 0)) < d.time[-1], case.name
@@ -169,7 +169,7 @@ def test_every_case_can_be_driven_and_looks_at_rows_it_has():
 
 
 def test_a_slow_change_goes_all_the_way_at_one_rate():
-    d = driven(EVERY["slow-20"])
+    d = simulate_case(EVERY["slow-20"])
     at = [np.searchsorted(d.time, t - 1e-9) for t in (20.0, 30.0, 40.0, 60.0)]
     assert d.stiffness[at, 1] == pytest.approx([1, 0.85, 0.7, 0.7], abs=1e-6)
     assert d.time[-1] == 60 and EVERY["slow-20"].windows == ((20.0, 60.0),)
@@ -177,11 +177,11 @@ def test_a_slow_change_goes_all_the_way_at_one_rate():
 
 def test_held_cases_hold_and_the_others_do_not():
     for name, case in EVERY.items():
-        assert driven(
+        assert simulate_case(
             replace(case, build=studies._waves(0.1), corrupt=None)
         ).sim.hold_inputs == name.endswith("-held")
     road = EVERY["road-0.7"]
-    ramped, held = (driven(replace(road, sim={"hold_inputs": hold})) for hold in (0, 1))
+    ramped, held = (simulate_case(replace(road, sim={"hold_inputs": hold})) for hold in (0, 1))
     flip = np.searchsorted(ramped.time, 2.0 - 1e-9)  # of the steering
     assert (ramped.rows["steer_angle"] == held.rows["steer_angle"]).all()
     before, after = (
@@ -208,7 +208,7 @@ def test_ordinary_driving_is_ordinary():
         ends.append(np.abs(m.steer_angle).max())
         speeds.append(m.target_speed.mean())
     assert np.std(ends) > 0 and np.std(speeds) > 0.5
-    d = driven(replace(EVERY["false-alarms"], build=lambda *a: studies.ordinary(*a, duration=120.0)))
+    d = simulate_case(replace(EVERY["false-alarms"], build=lambda *a: studies.ordinary(*a, duration=120.0)))
     assert np.abs(d.truth["true_accel_y"]).max() < 4 and np.abs(d.truth["true_accel_x"]).max() < 4.5
     assert (np.abs(d.truth["true_vel_x"] - np.median(d.truth["true_vel_x"]))).max() < 30
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from test_what_happened import CALM, ROAD
-from test_what_happened import table_of as table_of_events
+from test_what_happened import make_table as table_of_events
 
 from conftest import tselab_here
 from tse.car.vehicle import make_default_vehicle
@@ -73,15 +73,24 @@ def test_text_of_the_user_is_escaped(page):
 
 @pytest.mark.parametrize(
     ("column", "quantity"),
-    [("ref_vel_x", "vel_x"), ("ref_vehicle_speed", "vel_x"), ("ref_yaw_rate_phone", "yaw_rate"), ("ref_cy_rear", "cy_rear"),
-     ("ref_cx_front_n", "cx_front"), ("ref_wheel_fl", "wheel_speed_front"), ("ref_wheel_rr", "wheel_speed_rear"),
-     ("ref_throttle_pct", None), ("ref_vel_z", None), ("ref_steering_wheel", None)],
-)  # fmt: skip
+    [
+        ("ref_vel_x", "vel_x"),
+        ("ref_vehicle_speed", "vel_x"),
+        ("ref_yaw_rate_phone", "yaw_rate"),
+        ("ref_cy_rear", "cy_rear"),
+        ("ref_cx_front_n", "cx_front"),
+        ("ref_wheel_fl", "wheel_speed_front"),
+        ("ref_wheel_rr", "wheel_speed_rear"),
+        ("ref_throttle_pct", None),
+        ("ref_vel_z", None),
+        ("ref_steering_wheel", None),
+    ],
+)
 def test_reference_columns_find_their_quantity(column, quantity):
     assert match_reference(column) == quantity
 
 
-def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, noise: float = 1.0):
+def make_table(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, noise: float = 1.0):
     rows = {"time": range(len(valid)), "status": [0 if v else 1 for v in valid]}
     rows |= {
         "noise_accel_x": [noise] * len(valid),
@@ -99,25 +108,25 @@ def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, n
     return pd.DataFrame(rows)
 
 
-def verdict_of(*args, **more):
-    return verdicts(table_of(*args, **more), Config.exact())
+def make_verdict(*args, **more):
+    return verdicts(make_table(*args, **more), Config.exact())
 
 
 def test_verdict_gives_value_band_share_and_distance_to_nominal():
-    front = verdict_of([1] * 62 + [0] * 38, "not excited")[1]
+    front = make_verdict([1] * 62 + [0] * 38, "not excited")[1]
     assert front.text.startswith("98 kN/rad ± 3 (95 %), valid 62 % of the time; 18 % below nominal")
     assert "too little steering excitation" in front.text and front.level == "good"
     assert "spread 5 % from sample to sample" in front.text
 
 
 def test_a_spread_that_cannot_be_seen_is_not_given():
-    (front,) = verdict_of([1] * 100, "", seen=0)[1:2]
+    (front,) = make_verdict([1] * 100, "", seen=0)[1:2]
     assert np.isnan(front.spread) and "spread" not in front.text
 
 
 def test_the_value_is_that_at_the_end_of_particles_the_median():
     """The filter of the car knows most at the end; particles forget."""
-    table = table_of([1] * 90 + [0] * 10, "uncertain")
+    table = make_table([1] * 90 + [0] * 10, "uncertain")
     table["cy_front"] = 98e3 + 100.0 * np.arange(100)
     table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
     end, median = (verdicts(table, Config.exact({"form": form}))[1] for form in (0, 1))
@@ -134,12 +143,12 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     ("reason", "level"), [("uncertain", "good"), ("implausible", "partly"), ("sensor fault", "partly")]
 )
 def test_a_log_that_ends_with_a_channel_at_fault_is_good_in_part(reason: str, level: str) -> None:
-    assert verdict_of([1] * 60 + [0] * 40, reason)[1].level == level
-    assert verdict_of([1] * 30 + [0] * 40 + [1] * 30, reason)[1].level == "good"
+    assert make_verdict([1] * 60 + [0] * 40, reason)[1].level == level
+    assert make_verdict([1] * 30 + [0] * 40 + [1] * 30, reason)[1].level == "good"
 
 
 def test_grip_and_sideslip_have_their_intervals():
-    table = table_of([1] * 100, "")
+    table = make_table([1] * 100, "")
     assert others(table, Config.exact({"grip_sd": 0.2})) == []  # a table without them
     angle = np.where(np.arange(100) == 40, -0.05, 0.01)
     table = table.assign(
@@ -164,19 +173,21 @@ def test_grip_and_sideslip_have_their_intervals():
 
 
 def test_remarks_name_noise_and_contradictions():
-    assert remarks(table_of([1] * 100, "")) == remarks(table_of([1] * 100, "", noise=1.2)) == []
-    assert remarks(table_of([1] * 100, "", noise=2.94)) == ["accel_x is noisier than the settings say: x2.9"]
-    assert remarks(table_of([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
+    assert remarks(make_table([1] * 100, "")) == remarks(make_table([1] * 100, "", noise=1.2)) == []
+    assert remarks(make_table([1] * 100, "", noise=2.94)) == [
+        "accel_x is noisier than the settings say: x2.9"
+    ]
+    assert remarks(make_table([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
         "a sensor was probably at fault 2 times, in 10 % of the log: not valid there"
     ]
-    assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "sensor fault"))[0]
+    assert "at fault once, in under 1 % of" in remarks(make_table([1] * 400 + [0], "sensor fault"))[0]
 
 
 @pytest.mark.parametrize(
     ("late", "said"), [(0.023, ""), (-0.023, ""), (-0.025, "25 ms later"), (0.025, "25 ms earlier")]
 )
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
-    table = table_of([1] * 100, "")
+    table = make_table([1] * 100, "")
     assert late_steering(table, Config.exact({"steer_lag_sd": 0.008})) == []  # a table without it
     found = late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.008}))
     assert [said in text for text in found] == ([True] if said else [])
@@ -186,8 +197,11 @@ def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said)
 
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
-    """A row of a car that stands is held, whatever its channels: the fault of which the list tells is in the share, too."""
-    table = table_of([1] * 40 + [0] * 20 + [1] * 40, "sensor fault")
+    """A row of a standing car is held, whatever its channels.
+
+    The fault that the list names is in the share, too.
+    """
+    table = make_table([1] * 40 + [0] * 20 + [1] * 40, "sensor fault")
     for key in ("cx_front", "cy_front", "cy_rear"):
         table.loc[50:59, f"{key}_reason"] = "held"
     table = table.assign(p_fault=np.where(np.arange(100) // 20 == 2, 0.99, 0.01), fault_channel=4)
@@ -213,16 +227,16 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
 
 
 def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
-    for v in verdict_of([0] * 100, "not excited"):
+    for v in make_verdict([0] * 100, "not excited"):
         assert v.level == "none" and v.value == pytest.approx(98) and v.band == pytest.approx(1.96 * 1.5)
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
-    front = verdict_of([0] * 100, "parameters uncertain")[1]
+    front = make_verdict([0] * 100, "parameters uncertain")[1]
     assert (
         "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car"
         in front.text
     )
 
-    refused = table_of([0] * 5, "row refused").assign(status=-3)
+    refused = make_table([0] * 5, "row refused").assign(status=-3)
     assert [(v.level, v.text) for v in verdicts(refused, Config.exact())] == [
         ("none", "no value: row refused, the rows were refused")
     ] * 3
@@ -231,8 +245,8 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
 # ---- The report's figures: thinned without losing a peak, and such as plotly takes them.
 
 
-def made_up(n: int) -> tuple[CheckedLog, pd.DataFrame]:
-    """A log and estimates of n rows that nobody computed."""
+def make_estimates(n: int) -> tuple[CheckedLog, pd.DataFrame]:
+    """Make up a log and estimates of n rows."""
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
     data = pd.DataFrame({c: rng.standard_normal(n) for c in list_columns()[1:]})
@@ -254,9 +268,9 @@ def made_up(n: int) -> tuple[CheckedLog, pd.DataFrame]:
 
 def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
     """Of a filter that doubts in its last rows."""
-    log, table = made_up(6000)
+    log, table = make_estimates(6000)
     told = table_of_events(CALM)
-    table = pd.concat([table.drop(list_columns=[c for c in table if c in told]), told], axis=1)
+    table = pd.concat([table.drop(columns=[c for c in table if c in told]), told], axis=1)
     table.loc[table.index[-20:], ["cy_front", "cy_front_sd"]] = [100e3, 30e3]
     sd = {"model_sd": np.full(3, 0.009)}
     write_report(
@@ -276,9 +290,14 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
     )
 
 
-def figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:
-    made = [plots.stiffness_figure(data, table, Config.exact()), plots.states_figure(data), plots.inputs_figure(data),
-            plots.health_figure(data), plots.others_figure(data)]  # fmt: skip
+def make_figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:
+    made = [
+        plots.stiffness_figure(data, table, Config.exact()),
+        plots.states_figure(data),
+        plots.inputs_figure(data),
+        plots.health_figure(data),
+        plots.others_figure(data),
+    ]
     return [f for f in made if f is not None]
 
 
@@ -315,10 +334,10 @@ def test_what_a_screen_can_show_is_not_thinned():
 def test_figures_are_what_plotly_takes(n):
     import plotly.graph_objects as go
 
-    log, table = made_up(n)
+    log, table = make_estimates(n)
     data = plots.Data(log)
     data.add(table)
-    for figure in figures(data, table):
+    for figure in make_figures(data, table):
         checked = go.Figure(figure.as_dict())  # refuses every key and value that it does not know
         assert checked.layout.height == figure.height
         for trace in checked.data:
@@ -329,12 +348,12 @@ def test_figures_are_what_plotly_takes(n):
 
 
 def test_drawn_block_by_block_is_drawn_as_a_whole():
-    log, table = made_up(20001)
+    log, table = make_estimates(20001)
     whole, parts = plots.Data(log), plots.Data(log)
     whole.add(table)
     for start in range(0, len(table), 4096):
         parts.add(table.iloc[start : start + 4096])
-    a, b = ([f.as_dict() for f in figures(d, table)] for d in (whole, parts))
+    a, b = ([f.as_dict() for f in make_figures(d, table)] for d in (whole, parts))
     assert whole.stride == 8
     for x, y in zip(a, b, strict=True):
         assert x["layout"] == y["layout"]
@@ -345,11 +364,11 @@ def test_drawn_block_by_block_is_drawn_as_a_whole():
 
 
 def test_an_interrupted_run_is_drawn_as_far_as_it_came():
-    log, table = made_up(20001)
+    log, table = make_estimates(20001)
     data = plots.Data(log)
     data.add(table.iloc[:4096])
     data.add(table.iloc[4096:5000])
-    for figure in figures(data, table.iloc[:5000]):
+    for figure in make_figures(data, table.iloc[:5000]):
         for trace in figure.data:
             assert len(trace["x"]) == len(trace["y"]) and max(trace["x"]) <= log.time[4999]
 
@@ -369,7 +388,10 @@ def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
 
 
 def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
-    """They were thinned to every n-th row: a spike of one block was gone in six of seven places."""
+    """A spike of one block stays visible.
+
+    When the lines were thinned to every n-th row, it was lost in six of seven places.
+    """
     n = 21_000
     table = pd.DataFrame(
         {
@@ -391,9 +413,9 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
 
 
 def drive(told, seconds: float = 200.0):
-    """CheckedLog and estimates with all columns that the report draws."""
+    """Return a log and estimates with all columns that the report draws."""
     table = table_of_events(told, seconds)
-    log, other = made_up(len(table))
+    log, other = make_estimates(len(table))
     rest = other[[c for c in other if c not in table]]
     return log, pd.concat(
         [table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1
@@ -441,8 +463,17 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
         tmp_path / "r.html", Estimates(table, False), log, make_default_vehicle(), Config.exact(), []
     )
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
-                 "From 36.0 .. 119.9 s", "From 119.9 .. 200.0 s", "<td>front axle changed</td>"):  # fmt: skip
+    for text in (
+        "What happened",
+        "<td>road changed</td>",
+        "36.03 s",
+        "97 %",
+        "front cornering x 0.70",
+        "From 0.0 .. 36.0 s",
+        "From 36.0 .. 119.9 s",
+        "From 119.9 .. 200.0 s",
+        "<td>front axle changed</td>",
+    ):
         assert text in page, text
     assert "<h3>Grip</h3>" not in page  # a setting, no estimate
     calm = drive(CALM)[1]

@@ -28,13 +28,13 @@ TEXT = """distance,bank,grade,bank_sd,grade_sd,x,y
 """
 
 
-def written(tmp_path, text=TEXT):
+def write_road_file(tmp_path, text=TEXT):
     path = tmp_path / "road.csv"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def winding(length, seed, step=1.0):
+def make_winding_road(length, seed, step=1.0):
     """Return distance, m, and curvature, 1/m, of a winding road.
 
     Its bends are random, 20 .. 60 m long, with 1/40 1/m at most.
@@ -45,7 +45,7 @@ def winding(length, seed, step=1.0):
     return s, np.interp(s, knots, rng.uniform(-0.025, 0.025, len(knots)))
 
 
-def circuit():
+def make_circuit():
     """Return distance, m, and curvature, 1/m, of a circuit of 1500 m.
 
     Polar form: r = 1 + 0.2 sin 3 phi + 0.1 cos 5 phi.
@@ -61,7 +61,7 @@ def circuit():
     return at, np.interp(at, unit * s, (r**2 + 2 * r1**2 - r * r2) / size**3 / unit)
 
 
-def path_of(s, bend, x0=0.0):
+def compute_path(s, bend, x0=0.0):
     heading = np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * np.diff(s))])
     middle = 0.5 * (heading[1:] + heading[:-1])
     return x0 + np.concatenate([[0.0], np.cumsum(np.cos(middle) * np.diff(s))]), np.concatenate(
@@ -69,7 +69,7 @@ def path_of(s, bend, x0=0.0):
     )
 
 
-def driven(s, bend, begin=0.0, end=None, radius=1.0, bias=0.0, closed=False, seed=1, **columns):
+def simulate_drive(s, bend, begin=0.0, end=None, radius=1.0, bias=0.0, closed=False, seed=1, **columns):
     """Return a log of a drive along a road at 12 .. 18 m/s, and the true distance of its
     rows.
 
@@ -90,7 +90,7 @@ def driven(s, bend, begin=0.0, end=None, radius=1.0, bias=0.0, closed=False, see
     return read_frame(data, f"drive {seed}"), at
 
 
-def plain(s, bend, **more):
+def make_plain_road(s, bend, **more):
     return make_road(s, curvature=bend, **more)
 
 
@@ -98,7 +98,7 @@ def plain(s, bend, **more):
 
 
 def test_a_road_is_read_as_it_stands_in_the_file(tmp_path):
-    road = read_road(written(tmp_path))
+    road = read_road(write_road_file(tmp_path))
     assert road.distance.tolist() == [0.0, 10.0, 20.0]
     assert road.bank.tolist() == [0.02, 0.04, -0.03]
     assert np.isnan(road.grade[1]) and road.grade[2] == 0.0
@@ -106,14 +106,14 @@ def test_a_road_is_read_as_it_stands_in_the_file(tmp_path):
 
 
 def test_what_is_written_is_read_again(tmp_path):
-    s, bend = circuit()
+    s, bend = make_circuit()
     profile = (
         0.03 * np.sin(s / 100),
         0.02 * np.cos(s / 150),
         np.full(len(s), 0.004),
         np.full(len(s), np.nan),
     )
-    x, y = path_of(s, bend)
+    x, y = compute_path(s, bend)
     road = Road(s, *profile, x, y, 45 + y / 111e3, 8 + x / 79e3, bend, True)
     write_road(road, tmp_path / "road.csv")
     again = read_road(tmp_path / "road.csv")
@@ -165,7 +165,7 @@ def test_what_is_written_is_read_again(tmp_path):
 )
 def test_a_wrong_file_is_refused_by_name_line_column_and_range(tmp_path, was, becomes, said):
     assert was in TEXT
-    path = written(tmp_path, TEXT.replace(was, becomes, 1))
+    path = write_road_file(tmp_path, TEXT.replace(was, becomes, 1))
     with pytest.raises(UserError) as error:
         read_road(path)
     assert str(path) in str(error.value) and said in str(error.value)
@@ -177,7 +177,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 
 def test_a_refused_road_leaves_the_file_as_it_was(tmp_path):
-    path = written(tmp_path)
+    path = write_road_file(tmp_path)
     with pytest.raises(UserError, match="not beyond"):
         write_road(replace(read_road(path), distance=np.array([0.0, 1.0, 0.5])), path)
     assert path.read_text() == TEXT
@@ -187,7 +187,7 @@ def test_a_refused_road_leaves_the_file_as_it_was(tmp_path):
 
 
 def test_a_place_lies_between_its_neighbours(tmp_path):
-    road = read_road(written(tmp_path))
+    road = read_road(write_road_file(tmp_path))
     np.testing.assert_allclose(road.interpolate("bank", [-1.0, 0.0, 2.5, 15.0, 20.0, 21.0, np.nan]),
                                [np.nan, 0.02, 0.025, 0.005, -0.03, np.nan, np.nan])  # fmt: skip
 
@@ -203,7 +203,7 @@ def test_a_circuit_begins_again():
 
 def test_knots_become_the_profile_of_a_path():
     s = np.arange(0.0, 101.0, 5.0)
-    road = plain(s, 0 * s).with_profile(np.array([20.0, 60.0]), bank=np.array([0.0, 0.04]))
+    road = make_plain_road(s, 0 * s).with_profile(np.array([20.0, 60.0]), bank=np.array([0.0, 0.04]))
     assert road.interpolate("bank", [40.0])[0] == pytest.approx(0.02)
     assert np.isnan(road.interpolate("bank", [10.0, 70.0])).all() and np.isnan(road.grade).all()
 
@@ -237,11 +237,11 @@ def test_a_position_is_found_along_its_own_direction_only():
 
 
 def test_a_log_with_latitude_and_longitude_is_found_by_them():
-    s, bend = winding(2000.0, 5)
-    x, y = path_of(s, bend)
+    s, bend = make_winding_road(2000.0, 5)
+    x, y = compute_path(s, bend)
     north, east = 48 + y / 111195.08, 11 + x / (111195.08 * np.cos(np.deg2rad(48)))
     road = make_road(s, latitude=north, longitude=east).with_profile(s, bank=0.02 * np.sin(s / 80))
-    log, at = driven(s, bend, 300.0, 1700.0, gnss_latitude=lambda a: np.interp(a, s, north),
+    log, at = simulate_drive(s, bend, 300.0, 1700.0, gnss_latitude=lambda a: np.interp(a, s, north),
                      gnss_longitude=lambda a: np.interp(a, s, east))  # fmt: skip
     profile = match_log(road, log, CAR)
     assert profile.how == "GNSS position" and profile.share == 1.0
@@ -262,9 +262,9 @@ def test_a_log_with_latitude_and_longitude_is_found_by_them():
 def test_a_log_is_found_by_its_bends(begin, radius, bias):
     """A gyro bias of 3 mrad/s acts as a bend of 5 km. Wheels 5 % off give 100 m at the
     end."""
-    s, bend = winding(2000.0, 7)
-    log, at = driven(s, bend, begin, 1900.0, radius, bias)
-    profile = match_log(plain(s, bend).with_profile(s, grade=s / 1e5), log, CAR)
+    s, bend = make_winding_road(2000.0, 7)
+    log, at = simulate_drive(s, bend, begin, 1900.0, radius, bias)
+    profile = match_log(make_plain_road(s, bend).with_profile(s, grade=s / 1e5), log, CAR)
     assert profile.how == "path" and profile.share > 0.95
     off = profile.distance - at
     assert np.nanquantile(np.abs(off), 0.95) < 5.0 and np.nanmax(np.abs(off)) < 10.0
@@ -272,9 +272,9 @@ def test_a_log_is_found_by_its_bends(begin, radius, bias):
 
 
 def test_rounds_of_a_circuit_are_one_road():
-    s, bend = circuit()
-    log, at = driven(s, bend, 200.0, 200.0 + 3.4 * 1500.0, closed=True)
-    profile = match_log(plain(s, bend, is_closed=True), log, CAR)
+    s, bend = make_circuit()
+    log, at = simulate_drive(s, bend, 200.0, 200.0 + 3.4 * 1500.0, closed=True)
+    profile = match_log(make_plain_road(s, bend, is_closed=True), log, CAR)
     off = np.mod(profile.distance - at + 750.0, 1500.0) - 750.0
     assert profile.share > 0.98 and np.nanmax(np.abs(off)) < 8.0
     assert np.nanmax(profile.distance) < 1500.0
@@ -282,11 +282,11 @@ def test_rounds_of_a_circuit_are_one_road():
 
 def test_what_is_off_the_road_is_not_on_it():
     """The log has 600 m on the way to the road, 1400 m on it, and 500 m elsewhere."""
-    s, bend = winding(1400.0, 13)
-    (_, to), (_, off) = winding(600.0, 14), winding(500.0, 15)
+    s, bend = make_winding_road(1400.0, 13)
+    (_, to), (_, off) = make_winding_road(600.0, 14), make_winding_road(500.0, 15)
     whole = np.concatenate([to[:-1], bend, off[1:]])
-    log, at = driven(np.arange(len(whole), dtype=float), whole)
-    found = match_log(plain(s, bend), log, CAR).distance
+    log, at = simulate_drive(np.arange(len(whole), dtype=float), whole)
+    found = match_log(make_plain_road(s, bend), log, CAR).distance
     inside = (at > 650) & (at < 1950)
     assert np.isfinite(found[inside]).all() and np.nanmax(np.abs(found[inside] - (at[inside] - 600))) < 8.0
     assert np.isnan(found[(at < 500) | (at > 2150)]).mean() > 0.95
@@ -294,16 +294,16 @@ def test_what_is_off_the_road_is_not_on_it():
 
 @pytest.mark.parametrize("change", ["another", "mirrored", "backwards"])
 def test_another_road_is_refused(change):
-    s, bend = winding(2500.0, 17)
-    other = {"another": winding(2500.0, 18)[1], "mirrored": -bend, "backwards": -bend[::-1]}[change]
+    s, bend = make_winding_road(2500.0, 17)
+    other = {"another": make_winding_road(2500.0, 18)[1], "mirrored": -bend, "backwards": -bend[::-1]}[change]
     with pytest.raises(UserError, match="drive 1: cannot be aligned with road: nowhere do its bends go with"):
-        match_log(plain(s, bend), driven(s, other)[0], CAR)
+        match_log(make_plain_road(s, bend), simulate_drive(s, other)[0], CAR)
 
 
 def test_a_straight_road_says_that_it_shows_no_place():
     s = np.arange(0.0, 2000.0, 10.0)
     with pytest.raises(UserError, match="turns by less than 1 rad, so only GNSS positions show"):
-        match_log(plain(s, 0 * s), driven(*winding(1500.0, 19))[0], CAR)
+        match_log(make_plain_road(s, 0 * s), simulate_drive(*make_winding_road(1500.0, 19))[0], CAR)
 
 
 def test_bends_that_repeat_say_that_they_show_no_place():
@@ -311,7 +311,7 @@ def test_bends_that_repeat_say_that_they_show_no_place():
     s = np.arange(0.0, 2001.0)
     bend = 0.01 * np.sin(2 * np.pi * s / 100)
     with pytest.raises(UserError, match="its bends repeat, as those of a slalom"):
-        match_log(plain(s, bend), driven(s, bend, 300.0, 1800.0)[0], CAR)
+        match_log(make_plain_road(s, bend), simulate_drive(s, bend, 300.0, 1800.0)[0], CAR)
 
 
 # ---- several logs
@@ -319,9 +319,9 @@ def test_bends_that_repeat_say_that_they_show_no_place():
 
 def test_laps_have_one_distance():
     """Rows at one place have one distance, for logs with other starts and wheels."""
-    s, bend = winding(2200.0, 23)
+    s, bend = make_winding_road(2200.0, 23)
     drives = (0.0, 2200.0, 1.0), (150.0, 1900.0, 1.02), (400.0, 2100.0, 0.98)  # from, to, radius
-    made = [driven(s, bend, *drive, seed=i) for i, drive in enumerate(drives)]
+    made = [simulate_drive(s, bend, *drive, seed=i) for i, drive in enumerate(drives)]
     found, road = match_common([log for log, _ in made], CAR)
     assert not road.is_closed and road.length == pytest.approx(2200.0, rel=0.02)
     for (log, at), distance in zip(made, found, strict=True):
@@ -330,12 +330,12 @@ def test_laps_have_one_distance():
 
 
 def test_laps_of_one_road_share_its_knots_and_another_road_has_its_own():
-    s, bend = winding(2200.0, 23)
-    other_s, other_bend = winding(1500.0, 31)
+    s, bend = make_winding_road(2200.0, 23)
+    other_s, other_bend = make_winding_road(1500.0, 31)
     (first, at), (other, _), (second, later) = (
-        driven(s, bend, seed=1),
-        driven(other_s, other_bend, seed=2),
-        driven(s, bend, 150.0, 1900.0, 1.02, seed=3),
+        simulate_drive(s, bend, seed=1),
+        simulate_drive(other_s, other_bend, seed=2),
+        simulate_drive(s, bend, 150.0, 1900.0, 1.02, seed=3),
     )
     found = find_laps([first, other, second], CAR)
     assert found.of == [0, 1, 0] and (found.count(0), found.count(1)) == (2, 1)
@@ -348,20 +348,20 @@ def test_laps_of_one_road_share_its_knots_and_another_road_has_its_own():
 
 def test_a_profile_that_was_not_fitted_is_not_known():
     """Only a bank is fitted: the grade of the road and of its logs stays unknown."""
-    s, bend = winding(400.0, 5)
+    s, bend = make_winding_road(400.0, 5)
     knots = Knots.lay([s], kinds=("bank",))
     z = 0.01 * np.arange(len(knots))
-    found = make_profile(plain(s, bend), knots, 0, z, np.full(len(z), 0.002))
+    found = make_profile(make_plain_road(s, bend), knots, 0, z, np.full(len(z), 0.002))
     np.testing.assert_allclose(found.bank, np.interp(s, knots.compute_places(0), z), atol=1e-12)
     np.testing.assert_allclose(found.bank_sd, 0.002)
     assert np.isnan(found.grade).all() and np.isnan(found.grade_sd).all()
 
 
 def test_rounds_of_one_log_are_found_to_be_a_circuit():
-    s, bend = circuit()
+    s, bend = make_circuit()
     (first, at), (second, later) = (
-        driven(s, bend, 0.0, 2.6 * 1500, closed=True),
-        driven(s, bend, 700.0, 2300.0, closed=True, seed=2),
+        simulate_drive(s, bend, 0.0, 2.6 * 1500, closed=True),
+        simulate_drive(s, bend, 700.0, 2300.0, closed=True, seed=2),
     )
     (a, b), road = match_common([first, second], CAR)
     assert road.is_closed and road.length == pytest.approx(1500.0, abs=10.0)
@@ -373,7 +373,7 @@ def test_rounds_of_one_log_are_found_to_be_a_circuit():
 # ---- the real road
 
 
-def genesis(name):
+def read_genesis(name):
     folder = SHARED / name
     if not folder.is_dir():
         pytest.skip("../shared/data is not here")
@@ -386,7 +386,7 @@ def test_the_path_of_a_real_lap_leads_where_its_positions_are(radius):
 
     95 % of the rows: straights show no place.
     """
-    log = genesis("genesis_cpg_fast")
+    log = read_genesis("genesis_cpg_fast")
     car = Config.exact({"wheel_radius_front": 0.34 * radius, "wheel_radius_rear": 0.34 * radius})
     track = derive_track(log, car)
     (by_gnss,), way = match_common([log], car)
@@ -400,11 +400,11 @@ def test_the_path_of_a_real_lap_leads_where_its_positions_are(radius):
 
 def test_a_lap_of_another_place_is_refused():
     car = Config.exact({"wheel_radius_front": 0.34, "wheel_radius_rear": 0.34})
-    _, way = match_common([genesis("genesis_cpg_fast")], car)
-    rfs = genesis("genesis_rfs")
+    _, way = match_common([read_genesis("genesis_cpg_fast")], car)
+    rfs = read_genesis("genesis_rfs")
     with pytest.raises(UserError, match="cannot be aligned"):
         match_log(
-            plain(way.distance, way.curvature),
+            make_plain_road(way.distance, way.curvature),
             replace(rfs, ref=rfs.ref.drop(columns=["ref_east", "ref_north"])),
             car,
         )
@@ -437,7 +437,7 @@ def banked():
     return road, tse.simulate("double-lane-change", seed=1, duration=120, settings=TRUE, road=road)
 
 
-def estimated(log, **more):
+def score_estimates(log, **more):
     """Return rms error and mean sd of both cornering stiffnesses, and the share of valid
     rows.
 
@@ -474,8 +474,8 @@ def test_a_known_road_makes_the_estimate_better(banked):
     Bank acts as side force, in waves as long as a manoeuvre.
     """
     road, (log, truth) = banked
-    error, sd, valid, plain = estimated(log)
-    error_on, sd_on, valid_on, known = estimated(log, road=road)
+    error, sd, valid, plain = score_estimates(log)
+    error_on, sd_on, valid_on, known = score_estimates(log, road=road)
     assert (error_on < 0.5 * error).all() and (error_on < 0.04).all()
     assert (sd_on < sd).all() and (valid_on >= valid).all()
     off, off_on = (
@@ -489,8 +489,8 @@ def test_a_road_that_is_not_known_changes_no_bit(banked):
     """The file has neither bank nor grade, or the columns have no value."""
     _, (log, _) = banked
     short = log.iloc[:1500]
-    plain = estimated(short)[3].to_frame()
-    again = estimated(short.assign(bank=np.nan, grade=np.nan))[3].to_frame()
+    plain = score_estimates(short)[3].to_frame()
+    again = score_estimates(short.assign(bank=np.nan, grade=np.nan))[3].to_frame()
     pd.testing.assert_frame_equal(plain, again, check_exact=True)
 
 

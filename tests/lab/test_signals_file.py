@@ -134,7 +134,7 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # old text, new text, words of
 
 
 def table(rows: int = 1000) -> pd.DataFrame:
-    """A drive in odd names and units."""
+    """Return a drive in odd names and units."""
     t = np.arange(rows) * 0.01
     turn = 0.2 * np.sin(t)
     v = 20 + np.sin(0.5 * t)
@@ -341,9 +341,17 @@ def test_a_proposal_with_a_bare_name_stands_beside_the_log_where_it_is_looked_fo
     log = tmp_path / "logs" / "log.csv"
     t = np.arange(0, 20, 0.02)
     speed, lean = 20 + np.sin(0.3 * t), 0.2 * np.sin(t)
-    pd.DataFrame({"t [s]": t, "Lenkwinkel [deg]": 30 * lean, "v_VL [km/h]": 3.6 * speed, "v_HL [km/h]": 3.6 * speed,
-                  "Gierrate [deg/s]": np.rad2deg(lean), "ay [m/s2]": speed * lean, "ax [m/s2]": 0.3 * np.cos(0.3 * t)}).to_csv(
-        log, index=False)  # fmt: skip
+    pd.DataFrame(
+        {
+            "t [s]": t,
+            "Lenkwinkel [deg]": 30 * lean,
+            "v_VL [km/h]": 3.6 * speed,
+            "v_HL [km/h]": 3.6 * speed,
+            "Gierrate [deg/s]": np.rad2deg(lean),
+            "ay [m/s2]": speed * lean,
+            "ax [m/s2]": 0.3 * np.cos(0.3 * t),
+        }
+    ).to_csv(log, index=False)
     done = tselab_here("signals", "logs/log.csv", "--write", "signals.toml", cwd=tmp_path)
     assert done.code in (0, 3), done.err
     assert (log.parent / "signals.toml").is_file() and not (tmp_path / "signals.toml").exists()
@@ -394,7 +402,7 @@ def lively(tmp_path_factory):
     return path
 
 
-def warnings(lively, **scale):
+def list_warnings(lively, **scale):
     log = read_log(lively)
     for name, factor in scale.items():
         log.data[name] *= factor
@@ -419,14 +427,14 @@ def warnings(lively, **scale):
     ],
 )
 def test_wrong_units_and_signs_are_named(lively, scale, hint):
-    assert hint in warnings(lively, **scale)
-    assert warnings(lively) == ""
+    assert hint in list_warnings(lively, **scale)
+    assert list_warnings(lively) == ""
 
 
 def test_a_scale_that_no_unit_has_is_said_without_one(lively):
     """The factor 2.9 is no unit. With wheel speeds in rpm the car would hardly move, and
     lose figures."""
-    said = warnings(lively, yaw_rate=2.9)
+    said = list_warnings(lively, yaw_rate=2.9)
     assert "no unit that is often mixed up explains it" in said and "rpm" not in said and "factor" not in said
 
 
@@ -508,7 +516,7 @@ def cars(tmp_path_factory):
     return {road: make_logs(road, minutes=1.5, cars=2, seed=5) for road in ("highway", "mountain")}
 
 
-def notes_of(car, folder, **columns) -> list[str]:
+def list_notes(car, folder, **columns) -> list[str]:
     v = car.vehicle
     log = pd.DataFrame(car.log)
     for axle in ("front", "rear"):  # four wheels
@@ -537,14 +545,14 @@ def test_right_logs_of_cars_that_nobody_made_here_get_no_note(road, cars, tmp_pa
     """At 130 km/h an understeering car has a third of the yaw rate of its steering
     angle."""
     for car in cars[road]:
-        assert notes_of(car, tmp_path) == []
+        assert list_notes(car, tmp_path) == []
 
 
 def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
     """The factor is only 1.05 .. 1.15. The wheels of an axle and the yaw rate show it."""
     for car in cars["mountain"]:
         radius = car.vehicle["wheel_radius_front"]
-        found = notes_of(car, tmp_path, wheel_speed=lambda x, radius=radius: 3.6 * radius * x)
+        found = list_notes(car, tmp_path, wheel_speed=lambda x, radius=radius: 3.6 * radius * x)
         if abs(np.log(3.6 * radius)) > 0.08:
             assert len(found) == 1 and "the wheel speeds are in km/h" in found[0], found
             assert f"factor {3.6 * radius:.3g}" in found[0]
@@ -561,7 +569,7 @@ def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
 )
 def test_units_of_such_cars(columns, hint, cars, tmp_path):
     for car in cars["mountain"]:
-        found = notes_of(car, tmp_path, **columns)
+        found = list_notes(car, tmp_path, **columns)
         assert len(found) == 1 and hint in found[0], found
 
 
@@ -570,7 +578,7 @@ def test_swapped_axes_are_named(cars, tmp_path):
     swapped = dict(car.log)
     swapped["accel_x"], swapped["accel_y"] = swapped["accel_y"], swapped["accel_x"]
     car = type(car)(car.car, swapped, car.reference, car.truth)
-    assert any("accel_x and accel_y are swapped" in n for n in notes_of(car, tmp_path))
+    assert any("accel_x and accel_y are swapped" in n for n in list_notes(car, tmp_path))
 
 
 def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively, drive, tmp_path):

@@ -1,4 +1,4 @@
-"""The filter on straight roads, where the slip is as small as what wheel radii are off by."""
+"""The filter on straight roads, where slip is as small as the wheel radii's error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import tse
-from tests.cars.along import config_of, line_of
+from tests.cars.along import fit_line, make_start_config
 from tse._tables import Reason
 from tse.car.vehicle import SHAPE, make_vehicle
 from tse.channels.log import read_frame
@@ -42,7 +42,7 @@ def test_slip_without_force_is_no_stiffness(seed: int) -> None:
 
 @pytest.mark.parametrize("rear", [-0.03, -0.02, 0.02, 0.03])
 def test_the_stiffness_along_of_other_wheels_is_never_valid(rear: float) -> None:
-    """Radii 2 % and more off the settings: up to 100 % wrong, and reported as what does not fit."""
+    """With radii off by 2 % and more, the stiffness is up to 100 % wrong, never valid."""
     valid = estimate(3, rear)["cx_front_valid"][SETTLED:]
     assert not (valid == 0).any()
     assert (valid == DOES_NOT_FIT).mean() > 0.9
@@ -63,13 +63,15 @@ def test_a_calibration_is_not_misled_by_the_noise_of_accel_x(stiffness: float) -
     mean, sd = estimate_longitudinal(config, {}, [log], known)
     off = mean + np.log(config.longitudinal_stiffness_front / stiffness)
     assert abs(off) < 0.1 and abs(off) < 1.96 * sd
-    assert line_of(log, known) > 1.1 * stiffness
+    assert fit_line(log, known) > 1.1 * stiffness
 
 
 @pytest.mark.parametrize("driven", ["front", "rear"])
 def test_tyres_that_do_not_bend_are_not_taken_for_stiffer_ones(driven: str) -> None:
-    """Linear tyres, up to 3 m/s2, brakes on both axles and no switch: within 5 %. A curve that
-    counts as certain makes front tyres 10 % too stiff."""
+    """Linear tyres up to 3 m/s2, brakes on both axles and no switch: error within 5 %.
+
+    A curve that counts as certain makes the front tyres 10 % too stiff.
+    """
     rng, dt, mass = np.random.default_rng(1), 0.01, 1500.0
     car = {
         "mass": mass,
@@ -103,6 +105,6 @@ def test_tyres_that_do_not_bend_are_not_taken_for_stiffer_ones(driven: str) -> N
     log["accel_x"] += np.gradient(speed, time) + 0.05
     known = make_vehicle(dict(car), Path("car.toml"))
     made = read_frame(pd.DataFrame(log))
-    config = config_of(known, made)
+    config = make_start_config(known, made)
     mean, _ = estimate_longitudinal(config, {}, [made], known)
     assert abs(mean + np.log(getattr(config, f"longitudinal_stiffness_{driven}") / stiffness[driven])) < 0.05

@@ -289,13 +289,13 @@ def test_the_qualifier_of_a_message_is_that_of_all_its_signals(trip, tmp_path):
 # ---- Units and names
 
 
-def table_of(trip, **columns):
+def make_recording(trip, **columns):
     """Return the recording of a CSV, with some columns replaced."""
     return Recording(Path("log.csv"), "CSV", {n: Channel(n, trip.time.to_numpy(), np.asarray(x, float), u)
                                               for n, (x, u) in columns.items()})  # fmt: skip
 
 
-def motion(trip):
+def make_motion(trip):
     return {
         "steer": (trip.steer_angle * DEG * RATIO, "deg"),
         "ay": (trip.accel_y, "m/s2"),
@@ -308,7 +308,9 @@ def motion(trip):
     ("unit", "warned"), [("km^h", True), ("kmph", False), ("Kmh", False), ("kmH?", True)]
 )
 def test_an_unknown_unit_is_questioned_and_no_reason_to_drop(unit, warned, trip):
-    found = propose(table_of(trip, **motion(trip), **{f"wheel_{c}": (3.6 * trip[c], unit) for c in CORNERS}))
+    found = propose(
+        make_recording(trip, **make_motion(trip), **{f"wheel_{c}": (3.6 * trip[c], unit) for c in CORNERS})
+    )
     assert found.missing == [] and found["yaw_rate"].name == ("omega",)
     assert found["wheel_speed_front"].name == ("wheel_fl", "wheel_fr")
     assert (found["wheel_speed_front"].unit == "km/h") == warned
@@ -353,7 +355,7 @@ def test_a_gear_is_no_angle_and_a_speed_of_the_receiver_no_acceleration(trip):
     gear = 3 + np.round(2 * np.sin(0.3 * time))
     speed = trip[list(CORNERS)].mean(axis=1)
     found = propose(
-        table_of(
+        make_recording(
             trip,
             **{
                 "Gear Position (Gear)": (gear, ""),
@@ -370,12 +372,12 @@ def test_a_gear_is_no_angle_and_a_speed_of_the_receiver_no_acceleration(trip):
 
 
 def test_for_what_is_not_found_the_nearest_are_named_with_the_reason(trip):
-    columns = motion(trip) | {f"wheel_{c}": (3.6 * trip[c], "km/h") for c in CORNERS}
+    columns = make_motion(trip) | {f"wheel_{c}": (3.6 * trip[c], "km/h") for c in CORNERS}
     rng = np.random.default_rng(5)
     noise = rng.normal(size=len(trip))
     columns |= {"ay": (np.full(len(trip), 0.3), "m/s2"), "omega z": (noise, "V"), "steer": (noise, "bar")}
     del columns["omega"]
-    found = propose(table_of(trip, **columns))
+    found = propose(make_recording(trip, **columns))
     said = {c: " / ".join(x) for c, x in found.nearest.items()}
     assert "ay: is 0.3 all the time" in said["accel_y"]
     assert "omega z: its unit V is not that of a rate" in said["yaw_rate"]

@@ -44,7 +44,7 @@ def read(tmp_path, text):
     return read_vehicle(path)
 
 
-def class_of(name):
+def get_class_constant(name):
     """Return a constant of src/tables/uncalibrated.toml."""
     table = read_toml(Path(__file__).resolve().parents[2] / "src" / "tables" / "uncalibrated.toml")
     return {**table["setting"], **table["class"]}[name]["value"]
@@ -53,10 +53,14 @@ def class_of(name):
 def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
     car = read(tmp_path, BARE)
     front, rear = 1600 * 9.81 * 1.5 / 2.5, 1600 * 9.81 * 1.0 / 2.5
-    assert car.values["cornering_stiffness_front"] == pytest.approx(class_of("cornering_front") * front)
-    assert car.values["cornering_stiffness_rear"] == pytest.approx(class_of("cornering_rear") * rear)
+    assert car.values["cornering_stiffness_front"] == pytest.approx(
+        get_class_constant("cornering_front") * front
+    )
+    assert car.values["cornering_stiffness_rear"] == pytest.approx(
+        get_class_constant("cornering_rear") * rear
+    )
     for axle, load in (("front", front), ("rear", rear)):
-        slip = class_of("longitudinal") * load
+        slip = get_class_constant("longitudinal") * load
         assert car.values[f"longitudinal_stiffness_{axle}"] == pytest.approx(slip)
     assert car.values["yaw_inertia"] == pytest.approx(1600 * 1.0 * 1.5)
     assert sum("rule" in line for line in car.filled) == 6
@@ -73,7 +77,7 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
         "accel_y_sd",
         "model_sd",
     ):
-        assert bare[name] == class_of(name), name
+        assert bare[name] == get_class_constant(name), name
     assert bare["driven_axle"] == 1
     told = BARE + "[sensors]\naccel_y_sd = 0.5\n[effects.body_roll]\ngain = 0.004\n"
     said = make_filter_values(read(tmp_path, 'driven_axle = "rear"\n' + told))
@@ -113,14 +117,14 @@ def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     found = f"[calibration]\nnames = {names}\nmean = [0.0, 0.0, 1.25]\ncovariance = {covariance}\n"
     car = make_filter_values(read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0.03\n" + found))
     assert car["initial_cy_front_sd"] == pytest.approx(0.02)
-    assert car["initial_cy_rear_sd"] == class_of("initial_cy_rear_sd")  # no worse than the class
-    assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < class_of("grip_sd")
+    assert car["initial_cy_rear_sd"] == get_class_constant("initial_cy_rear_sd")  # no worse than the class
+    assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < get_class_constant("grip_sd")
     stated = "[sensors]\nvelocity_latency = 0.1\nvelocity_lever_x = -1.2\nyaw_rate_sd = 0.05\n"
     car = make_filter_values(read(tmp_path, BARE + stated + found))
     assert car["velocity_lever_x"] == -1.2 and car["velocity_latency"] == 0.1  # not part of a calibration
-    assert car["accel_x_bias_sd"] == class_of("accel_x_bias_sd")  # missing in the file
+    assert car["accel_x_bias_sd"] == get_class_constant("accel_x_bias_sd")  # missing in the file
     # the filter finds it; the file has the residual of the search
-    assert car["yaw_rate_sd"] == class_of("yaw_rate_sd")
+    assert car["yaw_rate_sd"] == get_class_constant("yaw_rate_sd")
 
 
 def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
@@ -128,7 +132,9 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
     prior."""
     friction = next(u for u in UNKNOWNS if u.name == "tyre_saturation_inverse_friction")
     # relative
-    assert friction.mean == 1 / class_of("grip") and friction.sd / friction.mean == class_of("grip_sd")
+    assert friction.mean == 1 / get_class_constant(
+        "grip"
+    ) and friction.sd / friction.mean == get_class_constant("grip_sd")
     found = (
         '[calibration]\nnames = ["tyre_saturation_inverse_friction"]\nmean = [1.25]\ncovariance = [[0.04]]\n'
     )
@@ -144,8 +150,8 @@ def test_a_calibration_bends_tyres_as_the_filter_does(tmp_path):
         read(tmp_path, BARE + '[calibration]\nnames = ["cy_front"]\nmean = [0.0]\ncovariance = [[0.0004]]\n')
     )
     assert [plain[k] for k in ("tyre_saturation_shape", "grip")] == [
-        class_of("tyre_saturation_shape"),
-        class_of("grip"),
+        get_class_constant("tyre_saturation_shape"),
+        get_class_constant("grip"),
     ]
 
 
@@ -210,7 +216,7 @@ def test_a_table_that_nobody_knows_is_a_notice_for_it_may_be_another_programs(tm
     ]
 
 
-def log_of(**channels):
+def make_log(**channels):
     n = len(next(iter(channels.values())))
     data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in list_columns()[1:]})
     return CheckedLog(Path("x.csv"), np.arange(n) * 0.01, data, pd.DataFrame(), np.arange(n) + 2, 0.01)
@@ -252,13 +258,13 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
     base = 0.1 * rng.standard_normal(n)
     fill_sensors(
         quiet,
-        log_of(
+        make_log(
             wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base, accel_y=base, yaw_rate=0.01 * base
         ),
     )
     fill_sensors(
         rough,
-        log_of(
+        make_log(
             wheel_speed_front=wheel,
             wheel_speed_rear=wheel,
             accel_x=base + slow,
@@ -287,7 +293,7 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
         (dict.fromkeys(wheels, roll), 0, 1e-4),
     ):
         car = read(tmp_path, BARE)
-        fill_sensors(car, log_of(**channels))
+        fill_sensors(car, make_log(**channels))
         assert low <= car.values["wheel_noise_sd"] <= high
         assert any(line.startswith("wheel_noise_sd = ") and "axle: " in line for line in car.filled)
 
@@ -298,7 +304,7 @@ def test_stated_noise_is_left_alone(tmp_path):
         BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n",
     )
     before = dict(car.values)
-    fill_sensors(car, log_of(accel_x=np.zeros(500)))
+    fill_sensors(car, make_log(accel_x=np.zeros(500)))
     assert car.values == before
 
 

@@ -1,4 +1,4 @@
-"""What happened on a drive, told from made-up tables: changes, spells, stretches, and what is said of them."""
+"""The account of a drive from made-up tables: changes, spells, stretches, sentences."""
 
 import json
 
@@ -23,10 +23,14 @@ NOMINAL = {"cx_front": 1.6e5, "cy_front": 1.2e5, "cy_rear": 1.4e5}
 CALM = [(0.0, 60.0, None)]
 
 
-def table_of(
+def make_table(
     told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np.ones(len(t), bool)
 ) -> pd.DataFrame:
-    """A drive whose estimates tell: from, to, (time of the change, kind, probability, ratio) or None for no change yet."""
+    """Return the table of a drive.
+
+    Each entry: from, to, (time of the change, kind, probability, ratio), or None before a
+    change.
+    """
     time = np.arange(round(seconds / step)) * step
     n = len(time)
     level = np.ones(n)
@@ -66,19 +70,19 @@ ROAD = [(0, 36.1, None), (36.1, 60, (36.03, 1, 0.97, 0.7))]
 
 
 def test_a_table_without_the_columns_has_no_events_and_is_one_stretch():
-    table = table_of(CALM)[["time", "status", *(f"{s}{p}" for s in STIFFNESS for p in
+    table = make_table(CALM)[["time", "status", *(f"{s}{p}" for s in STIFFNESS for p in
                             ("", "_sd", "_spread", "_valid", "_spread_seen", "_reason"))]]  # fmt: skip
     assert changes(table) == [] and spells(table) == [] and words([], []) == []
     (stretch,) = stretches(table, [])
     assert stretch.rows == slice(0, 6000) and (stretch.start, stretch.end) == (0.0, pytest.approx(59.99))
     (finding,) = findings(table, Config.exact(), [])
     assert finding.title == "" and finding.lines()[1].startswith("Front cornering stiffness: 120 kN/rad")
-    empty = table_of(CALM).iloc[:0]
+    empty = make_table(CALM).iloc[:0]
     assert changes(empty) == [] and spells(empty) == [] and stretches(empty, []) == []
 
 
 def test_a_change_has_time_kind_probability_and_what_it_did():
-    (change,) = changes(table_of(ROAD))
+    (change,) = changes(make_table(ROAD))
     assert (
         change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
     )
@@ -101,7 +105,7 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     ],
 )
 def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, touched):
-    (change,) = changes(table_of([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
+    (change,) = changes(make_table([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
     assert change.what == what and len(change.ratio) == touched and bool(change.effect) == bool(touched)
 
 
@@ -111,7 +115,7 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
         (10.3, 11, (10.2, 1, 0.95, 0.75)),
         (11, 60, (10.1, 1, 0.99, 0.7)),
     ]
-    (change,) = changes(table_of(told))
+    (change,) = changes(make_table(told))
     assert (
         change.time == pytest.approx(10.1)
         and change.kind == 1
@@ -124,34 +128,49 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
     [
         (CALM, []),
         # rows tell only the last: earlier ones are remembered
-        ([(0, 10.1, None), (10.1, 30.2, (10, 1, 0.95, 0.5)), (30.2, 45, (30, 1, 0.9, 2)), (45, 60, (44.8, 3, 1.0, 0.9))],
-         [(10, 1, 0.95), (30, 1, 0.9), (44.8, 3, 1.0)]),
+        (
+            [
+                (0, 10.1, None),
+                (10.1, 30.2, (10, 1, 0.95, 0.5)),
+                (30.2, 45, (30, 1, 0.9, 2)),
+                (45, 60, (44.8, 3, 1.0, 0.9)),
+            ],
+            [(10, 1, 0.95), (30, 1, 0.9), (44.8, 3, 1.0)],
+        ),
         # a refused row in between is no new change
         ([(10.1, 30, (10, 1, 0.9, 0.7)), (30.01, 60, (10, 1, 0.95, 0.7))], [(10, 1, 0.95)]),
         # what became likely stays reported; what is not likely is none
-        ([(20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))],
-         [(20.0, 1, 0.99), (39.7, 3, 0.97)]),
+        (
+            [
+                (20, 39.9, (20.0, 1, 0.99, 0.5)),
+                (39.9, 40, (20.0, 1, 0.6, 0.5)),
+                (40, 60, (39.7, 3, 0.97, 0.8)),
+            ],
+            [(20.0, 1, 0.99), (39.7, 3, 0.97)],
+        ),
         ([(36.1, 60, (36.03, 1, 0.85, 0.7))], []),
         # and so is what did nothing
-        *(([(36.1, 60, (36.03, 1, 0.99, ratio))], [(36.03, 1, 0.99)] * said)
-          for ratio, said in ((1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1))),
+        *(
+            ([(36.1, 60, (36.03, 1, 0.99, ratio))], [(36.03, 1, 0.99)] * said)
+            for ratio, said in ((1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1))
+        ),
     ],
-)  # fmt: skip
+)
 def test_changes_are_told_once_each(told, expected):
-    assert [(c.time, c.kind, c.probability) for c in changes(table_of(told))] == [
+    assert [(c.time, c.kind, c.probability) for c in changes(make_table(told))] == [
         pytest.approx(e) for e in expected
     ]
 
 
 def test_single_precision_tells_the_same():
-    table = table_of([(3000.1, 3600, (3000.03, 1, 0.97, 0.7))], seconds=3600, step=0.1)
+    table = make_table([(3000.1, 3600, (3000.03, 1, 0.97, 0.7))], seconds=3600, step=0.1)
     small = table.astype({c: np.float32 for c in table.select_dtypes("float64") if c != "time"})
     (change,) = changes(small)
     assert change.time == pytest.approx(3000.03, abs=2e-3) and change.label.endswith("97 %")
 
 
 def test_spells_have_their_channel_and_short_gaps_are_bridged():
-    table = table_of(CALM)
+    table = make_table(CALM)
     at = table["time"].to_numpy()
 
     def during(a, b):
@@ -165,15 +184,18 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
     table.loc[during(55, 56), "p_sliding"] = 0.3
     found = spells(table)
     assert [(s.what, s.channel, round(s.start, 2), round(s.end, 2)) for s in found] == [
-        ("sliding", "", 5, 6.99), ("fault", "yaw_rate", 19.5, 21.99), ("fault", "accel_x", 22, 22.99), ("sliding", "", 40, 40.99),
+        ("sliding", "", 5, 6.99),
+        ("fault", "yaw_rate", 19.5, 21.99),
+        ("fault", "accel_x", 22, 22.99),
+        ("sliding", "", 40, 40.99),
         ("sliding", "", 50, 51.99),
-    ]  # fmt: skip
+    ]
     assert found[1].label == "yaw_rate at fault 19.50 .. 21.99 s, 90 %"
     assert words([], found)[0] == "sliding 3 times, 5.0 s in all, first at 5.00 s"
 
 
 def pieces(*times: float, seconds: float = 60.0) -> list[tuple[float, float, int, int]]:
-    table = table_of(CALM, seconds)
+    table = make_table(CALM, seconds)
     found = [Change(t, 1, 0.9, {}) for t in times]
     return [(round(s.start, 1), round(s.end, 1), s.rows.start, s.rows.stop) for s in stretches(table, found)]
 
@@ -189,7 +211,7 @@ def test_stretches_lie_between_changes_and_short_ones_join_a_neighbour():
 
 
 def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
-    table = table_of(ROAD, valid=lambda t: (t < 30) | (t > 48))
+    table = make_table(ROAD, valid=lambda t: (t < 30) | (t > 48))
     found = changes(table)
     one, two = findings(table, Config.exact(), found)
     assert one.title == "From 0.0 .. 36.0 s"
@@ -208,7 +230,7 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
 
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
-    table = table_of(ROAD, valid=lambda t: t < 30)
+    table = make_table(ROAD, valid=lambda t: t < 30)
     _, two = findings(table, Config.exact(), changes(table))
     title, *lines = two.lines()
     assert title == "From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"
@@ -223,7 +245,7 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(table_of(ROAD), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(make_table(ROAD), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     lines = done.out.splitlines()
@@ -232,16 +254,16 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert lines[at + 2].startswith("  Front cornering stiffness: 120 kN/rad ± 2 (95 %)")
     assert lines[at + 4] == "From 36.0 .. 60.0 s:" and "84 kN/rad ± 2 (95 %)" in lines[at + 6]
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
-    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(table_of(every_5_s, 200), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(make_table(every_5_s, 200), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
 
 def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path, monkeypatch):
-    """Whatever happened: the answer first, the newest of the rest, and how much more there is."""
+    """The answer comes first, then the newest events, then the number of the others."""
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.7 + 0.2 * (i % 2))) for i in range(1, 40)]
     for told, seconds in ((CALM, 60), (ROAD, 60), (every_5_s, 200)):
-        table = table_of(told, seconds)
+        table = make_table(told, seconds)
         table["noise_accel_x"] = 3.0  # a note
         monkeypatch.setattr(single, "estimate_to", lambda *_, table=table, **__: Estimates(table, False))
         done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
@@ -255,8 +277,22 @@ def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path
     assert "more notes: --verbose" in done.out
 
 
-CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front = 0.33\nwheel_radius_rear = 0.33\n"
-CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
+CAR = """\
+mass = 1900
+lf = 1.25
+lr = 1.5
+yaw_inertia = 3000
+wheel_radius_front = 0.33
+wheel_radius_rear = 0.33
+"""
+CALIBRATED = """\
+[uncertainty]
+model_sd = 0.03
+mass_sd = 0.01
+relaxation_sd = 0.1
+wheel_delay_sd = 0.002
+steer_ratio_sd = 0.01
+"""
 
 
 @pytest.mark.parametrize(
@@ -285,16 +321,19 @@ def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_pat
     assert times == [pytest.approx(40.0, abs=1.0)] if level < 1 else times == []
 
 
-# ---- The smoothed stiffness of a stretch: against batch least squares of a random walk, on made-up tables, on drives with truth.
+# ---- The smoothed stiffness of a stretch: against batch least squares of a random walk,
+# on made-up tables, on drives with truth.
 
 
 UNKNOWN = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
 
 
-def random_walk(rng, walk, noise, prior=0.3):
-    """Draw a random walk, measure it (noise: variance of each row, inf: none), and estimate it with a Kalman filter.
+def estimate_random_walk(rng, walk, noise, prior=0.3):
+    """Draw a random walk, measure it, and estimate it with a Kalman filter.
 
-    Returned: z, and mean and variance after each row."""
+    `noise`: variance of each row, inf: no measurement. Return z, and mean and variance
+    after each row.
+    """
     true = np.cumsum(np.concatenate([[rng.normal(0, prior)], rng.normal(0, np.sqrt(walk))]))
     read = np.isfinite(noise)
     z = np.where(read, true + rng.normal(size=len(true)) * np.sqrt(np.where(read, noise, 0)), 0.0)
@@ -308,8 +347,8 @@ def random_walk(rng, walk, noise, prior=0.3):
     return z, np.array(mean), np.array(var)
 
 
-def least_squares(z, walk, noise, prior=0.3):
-    """All rows at once: prior, steps and measurements as one linear problem. Returned: means, variances."""
+def solve_least_squares(z, walk, noise, prior=0.3):
+    """Solve prior, steps and measurements as one problem; return means and variances."""
     n = len(z)
     step = np.diff(np.eye(n), axis=0)
     weight = np.concatenate([[1 / prior**2], 1 / walk, 1 / noise])
@@ -329,8 +368,8 @@ def test_it_is_batch_least_squares_of_the_random_walk(seed):
         0.2,
         np.inf,
     )  # the filter has opened the state here, and nobody says so but its variance
-    z, mean, var = random_walk(rng, opened, noise)
-    expected, expected_var = least_squares(z, opened, noise)
+    z, mean, var = estimate_random_walk(rng, opened, noise)
+    expected, expected_var = solve_least_squares(z, opened, noise)
     found, found_var = backward(mean, var, walk)
     np.testing.assert_allclose(found, expected, atol=1e-10)
     np.testing.assert_allclose(found_var, expected_var, atol=1e-12)
@@ -343,14 +382,14 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
         {"steady_walk": 0.05, **{setting: NOMINAL[key] for key, setting in SETTING.items()}}
     )
     walk, noise = np.full(n - 1, config.steady_walk**2 * step), np.full(n, 0.04)
-    z, mean, var = random_walk(np.random.default_rng(7), walk, noise)
+    z, mean, var = estimate_random_walk(np.random.default_rng(7), walk, noise)
     table = pd.DataFrame({"time": (np.arange(n) + 0.5) * step, "status": np.zeros(n, int)})
     told = {"one": np.zeros(3), "other": np.zeros(3)}
     for a, key in enumerate(STIFFNESS):
         table[key] = NOMINAL[key] * np.exp(mean)
         table[f"{key}_sd"] = table[key] * np.sqrt(var + part**2)
         told["one"][a], told["other"][a] = (np.exp(mean[-1]) * part * x for x in (0.6, 0.8))
-    expected, expected_var = least_squares(z, walk, noise)
+    expected, expected_var = solve_least_squares(z, walk, noise)
     for key, found in fixed(table, config, told).items():
         assert found == pytest.approx(part**2)
         value, sd = smooth(table, key, config, found)
@@ -366,8 +405,8 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
 
 
 def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_it():
-    """The filter is drawn to the other road for half a second before it believes in the change."""
-    table = table_of(ROAD, valid=lambda t: t < 55)
+    """The filter moves towards the new road half a second before it detects it."""
+    table = make_table(ROAD, valid=lambda t: t < 55)
     doubt = table["time"].between(35.5, 36.02)
     for key in STIFFNESS:
         table.loc[doubt, key] *= np.linspace(1, 0.75, doubt.sum())
@@ -388,9 +427,9 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
     assert rows[1]["smoothed_low"] < 1.2e5 < rows[1]["smoothed_high"] and rows[0]["change"] is None
 
 
-def drawn_along(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.DataFrame:
-    """A road of 0.7; the filter moves towards it before it believes in the change."""
-    table = table_of(ROAD)
+def make_moving_table(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.DataFrame:
+    """Return the table of a road of 0.7; the filter moves there before it detects it."""
+    table = make_table(ROAD)
     before = table["time"].between(since, 36.09)
     for key in keys:
         table.loc[before, key] *= np.linspace(1, to, before.sum())
@@ -400,7 +439,7 @@ def drawn_along(since: float, keys, to: float = 0.9, sd: float = 0.01) -> pd.Dat
 
 @pytest.mark.parametrize("keys", [STIFFNESS, ("cx_front",)], ids=["all", "one"])
 def test_a_change_began_where_the_estimates_began_to_move(keys):
-    table = drawn_along(33.0, keys)
+    table = make_moving_table(33.0, keys)
     found = changes(table)
     assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(
         36.03
@@ -418,10 +457,10 @@ def test_a_change_began_where_the_estimates_began_to_move(keys):
 
 
 def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
-    assert [c.time for c in changes(drawn_along(1.0, STIFFNESS, 0.95))] == [
+    assert [c.time for c in changes(make_moving_table(1.0, STIFFNESS, 0.95))] == [
         pytest.approx(36.03)
     ]  # 0.5 % of the way in a second
-    table = drawn_along(33.0, STIFFNESS)
+    table = make_moving_table(33.0, STIFFNESS)
     for key in STIFFNESS:  # as far as it was uncertain
         table[f"{key}_sd"] = table[key] * np.interp(table["time"], [33, 36.09], [0.08, 0.01])
     assert [c.time for c in changes(table)] == [pytest.approx(36.03)]
@@ -429,7 +468,7 @@ def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
 
 def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
     told = [(30.1, 33, (30.03, 1, 0.97, 0.8)), (33, 60, (33.0, 1, 0.97, 0.4))]
-    table = table_of(told)
+    table = make_table(told)
     moving = table["time"].between(28, 32.99)
     for key in STIFFNESS:
         table.loc[moving, key] = NOMINAL[key] * np.linspace(1, 0.6, moving.sum())
@@ -439,11 +478,16 @@ def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
 
 @pytest.mark.parametrize(
     ("sd", "rows", "reason"),
-    [(0.01, "valid", "valid"), (0.2, "valid", "uncertain"), (0.2, "parameters uncertain", "parameters uncertain"),
-     (0.2, "held", "held"), (0.01, "not excited", "not excited")],
-)  # fmt: skip
+    [
+        (0.01, "valid", "valid"),
+        (0.2, "valid", "uncertain"),
+        (0.2, "parameters uncertain", "parameters uncertain"),
+        (0.2, "held", "held"),
+        (0.01, "not excited", "not excited"),
+    ],
+)
 def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason):
-    table = table_of([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
+    table = make_table([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
     for key in STIFFNESS:
         table[f"{key}_sd"], table[f"{key}_reason"] = sd * table[key], rows
     (found,) = findings(table, Config.exact(), [])
@@ -452,12 +496,12 @@ def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason
 
 
 def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_nothing():
-    table = table_of(ROAD)
+    table = make_table(ROAD)
     (found,) = findings(table, Config.exact(), changes(table), ["a sign"])
     assert all(v.smoothed_reason == "contradicted" and np.isnan(v.smoothed) for v in found.verdicts)
     (found,) = findings(table.assign(status=-1), Config.exact(), [])
     assert all(v.smoothed_reason == "" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(table_of([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
+    (found,) = findings(make_table([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
     assert all(
         v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts
     )  # particles forget
@@ -533,7 +577,8 @@ def signal():
 def test_it_is_that_of_scipy(signal, penalty):
     time, y = signal
     between = np.linspace(time[0], time[-1], 3001)
-    # scipy solves a system whose condition grows with the penalty: 1e-8 at a penalty of 1 s3
+    # scipy solves a system whose condition grows with the penalty: 1e-8 at a penalty of 1
+    # s3
     assert solve_smoothing_spline(time, y, penalty)(between) == pytest.approx(
         make_smoothing_spline(time, y, lam=penalty)(between), abs=1e-8
     )

@@ -50,7 +50,7 @@ WITH = {
 
 
 @functools.cache
-def simulated() -> tuple[np.ndarray, np.ndarray]:
+def simulate_drive() -> tuple[np.ndarray, np.ndarray]:
     """Return what a driver does and what the car logs: sweeps, braking until wheels lock,
     a wet road.
     """
@@ -72,11 +72,11 @@ def simulated() -> tuple[np.ndarray, np.ndarray]:
 
 
 @functools.cache
-def rows(name: str) -> np.ndarray:
+def get_rows(name: str) -> np.ndarray:
     """Return the rows of the drive for a filter: for the default one with velocity,
     pedals and a road.
     """
-    driver, log = simulated()
+    driver, log = simulate_drive()
     made = NativeFilter(Config.exact()).inputs(ROWS)
     for channel in library().channels:
         made[channel.name] = log[channel.name]
@@ -107,7 +107,7 @@ def estimate(settings: Mapping[str, float], name: str) -> np.ndarray:
     """Return the outputs of the drive in two parts, the second one with what the first
     has taught.
     """
-    config, log = Config(settings).complete(), rows(name)
+    config, log = Config(settings).complete(), get_rows(name)
     first, second = NativeFilter(config), NativeFilter(config)
     out = first.outputs(ROWS)
     first.step_into(log, out, 0, HALF)
@@ -123,39 +123,39 @@ def estimate_of(settings: tuple[tuple[str, float], ...], name: str) -> bytes:
     return estimate(dict(settings), name).tobytes()
 
 
-def key(settings: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+def make_key(settings: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
     return tuple(sorted(settings.items()))
 
 
-def base(name: str) -> dict[str, float]:
+def make_base(name: str) -> dict[str, float]:
     """Return the settings of an ordinary car with a known mass, for a filter."""
     form = {} if name == "default" else Config.settings_of(FORMS[name])
     return {"mass": 1900.0} | form | PARTICLES[name]
 
 
-def parameter_of(setting: str) -> EffectParameter | None:
+def find_parameter(setting: str) -> EffectParameter | None:
     """Return the parameter of an effect that a setting is."""
     found = (p for e in library().effects.values() for p in e.parameters if p.setting == setting)
     return next(found, None)
 
 
-def company(setting: str) -> dict[str, float]:
+def find_company(setting: str) -> dict[str, float]:
     """Return settings with which another one has an effect: strengths beside a shape, and
     nothing in its place.
     """
     found = dict(WITH.get(setting, {}))
-    if (p := parameter_of(setting)) and not p.strength:
+    if (p := find_parameter(setting)) and not p.strength:
         found |= {s.setting: s.typical[1] for s in library().effects[p.effect].strengths}
     if other := library().settings[setting].replaced_by:
         found[other] = 0
     return found
 
 
-def values(setting: str, now: float) -> list[float]:
+def list_values(setting: str, now: float) -> list[float]:
     """Return values to try: the typical size of a parameter of an effect, else the ends
     of the range.
     """
-    field, p = Config().fields[setting], parameter_of(setting)
+    field, p = Config().fields[setting], find_parameter(setting)
     ends = p.typical if p else (field.low, field.high)
     if p and p.typical[0] == p.typical[1]:
         ends = (p.low, p.high)
@@ -164,27 +164,27 @@ def values(setting: str, now: float) -> list[float]:
     return [int(x) if field.is_integer else x for x in ends if x != now]
 
 
-def moves(setting: str, name: str) -> bool | None:
+def does_move(setting: str, name: str) -> bool | None:
     """Return whether a setting moves any output of a filter; None: every value that was
     tried is refused.
     """
-    around = base(name) | company(setting)
+    around = make_base(name) | find_company(setting)
     now, moved = getattr(Config(around).complete(), setting), None
-    for value in values(setting, now):
+    for value in list_values(setting, now):
         try:
-            out = estimate_of(key(around | {setting: value}), name)
+            out = estimate_of(make_key(around | {setting: value}), name)
         except SettingError:
             continue
-        moved = bool(moved) or out != estimate_of(key(around), name)
+        moved = bool(moved) or out != estimate_of(make_key(around), name)
     return moved
 
 
 @functools.cache
-def moved_by(setting: str) -> dict[str, bool | None]:
-    return {name: moves(setting, name) for name in FORMS}
+def find_moved(setting: str) -> dict[str, bool | None]:
+    return {name: does_move(setting, name) for name in FORMS}
 
 
-def says(filter_: str, name: str) -> bool:
+def has_filter(filter_: str, name: str) -> bool:
     """Return whether a column `filter` says that a filter uses the setting."""
     return filter_ in ("both", name)
 
@@ -197,32 +197,32 @@ PARAMETERS = [p.setting for e in library().effects.values() for p in e.parameter
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_a_setting_moves_the_estimate_of_the_filters_of_its_column(setting):
     use = library().settings[setting]
-    for name, moved in moved_by(setting).items():
+    for name, moved in find_moved(setting).items():
         if moved is None:
             assert use.table == "formula"  # a program that ends with no value is refused
         else:
-            assert moved == says(use.filter, name), (setting, name, use)
+            assert moved == has_filter(use.filter, name), (setting, name, use)
 
 
 @pytest.mark.parametrize("setting", [s for s in SETTINGS if library().settings[s].replaced_by])
 def test_a_setting_that_is_replaced_moves_nothing(setting):
     use = library().settings[setting]
     name = "paper" if use.filter == "paper" else "default"
-    around = base(name) | company(setting)
-    around[use.replaced_by] = getattr(Config(base(name)).complete(), use.replaced_by)
+    around = make_base(name) | find_company(setting)
+    around[use.replaced_by] = getattr(Config(make_base(name)).complete(), use.replaced_by)
     assert around[use.replaced_by] != 0
-    for value in values(setting, getattr(Config(around), setting)):
-        assert estimate_of(key(around | {setting: value}), name) == estimate_of(key(around), name)
+    for value in list_values(setting, getattr(Config(around), setting)):
+        assert estimate_of(make_key(around | {setting: value}), name) == estimate_of(make_key(around), name)
 
 
 @pytest.mark.parametrize("setting", [s for s in SETTINGS if library().settings[s].table != "formula"])
 def test_a_run_refuses_or_notes_a_setting_without_effect(setting):
-    p = parameter_of(setting)
-    for name, moved in moved_by(setting).items():
+    p = find_parameter(setting)
+    for name, moved in find_moved(setting).items():
         if p and not p.strength and not moved:
             continue  # a shape: its effect has the note
-        around = base(name) | company(setting)
-        asked = values(setting, getattr(Config(around).complete(), setting))[-1]
+        around = make_base(name) | find_company(setting)
+        asked = list_values(setting, getattr(Config(around).complete(), setting))[-1]
         config = Config(around | {setting: asked})
         stated = {setting: getattr(config, setting)}
         if setting not in config.changed():
@@ -238,7 +238,7 @@ def test_a_run_refuses_or_notes_a_setting_without_effect(setting):
 # ---- vehicle files: the notes of a run
 
 
-def file_of(folder: Path, stated: Mapping[str, float]) -> Path:
+def write_vehicle(folder: Path, stated: Mapping[str, float]) -> Path:
     """Write a vehicle file that states settings of effects."""
     lines = [CAR]
     for effect in library().effects.values():
@@ -253,17 +253,17 @@ def file_of(folder: Path, stated: Mapping[str, float]) -> Path:
 
 @pytest.mark.parametrize("setting", PARAMETERS)
 def test_a_parameter_of_a_vehicle_file_moves_the_estimate_or_there_is_a_note(setting, tmp_path):
-    p = parameter_of(setting)
+    p = find_parameter(setting)
     effect = library().effects[p.effect]
     around = {s.setting: s.typical[1] for s in effect.strengths if not p.strength}
     for name, form in FORMS.items():
         moved, noted = False, False
-        plain, notes_without = make_config(read_vehicle(file_of(tmp_path, around)), None, form=form)
+        plain, notes_without = make_config(read_vehicle(write_vehicle(tmp_path, around)), None, form=form)
         for value in (p.low, *p.typical, p.high) if p.typical[0] == p.typical[1] else p.typical:
             config, notes = make_config(
-                read_vehicle(file_of(tmp_path, around | {setting: value})), None, form=form
+                read_vehicle(write_vehicle(tmp_path, around | {setting: value})), None, form=form
             )
-            out = [estimate_of(key(c.as_dict() | PARTICLES[name]), name) for c in (config, plain)]
+            out = [estimate_of(make_key(c.as_dict() | PARTICLES[name]), name) for c in (config, plain)]
             moved |= out[0] != out[1]
             noted |= any(re.search(rf"effects\.{p.effect}(\.{p.name})?(?![.\w])", n) for n in notes)
         assert moved != noted, (setting, name, notes, notes_without)
@@ -272,7 +272,7 @@ def test_a_parameter_of_a_vehicle_file_moves_the_estimate_or_there_is_a_note(set
 # ---- pages
 
 
-def section(effect: str) -> str:
+def read_section(effect: str) -> str:
     """Return the section of an effect of docs/pages/gap/effects.md."""
     text = (PAGES / "gap" / "effects.md").read_text(encoding="utf-8")
     found = re.search(rf"^## {effect}: .*?(?=^## |\Z)", text, flags=re.M | re.S)
@@ -282,8 +282,8 @@ def section(effect: str) -> str:
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_the_page_says_of_an_effect_what_the_estimate_does(effect):
-    moved = {n: any(moved_by(p.setting)[n] for p in library().effects[effect].parameters) for n in FORMS}
-    text = section(effect)
+    moved = {n: any(find_moved(p.setting)[n] for p in library().effects[effect].parameters) for n in FORMS}
+    text = read_section(effect)
     assert ("Estimate: both filters use it" in text) == (moved["default"] and moved["paper"])
     assert ("Estimate: the default filter uses it" in text) == (moved["default"] and not moved["paper"])
     assert ("Estimate: no filter uses it" in text) == (not moved["default"] and not moved["paper"])
@@ -295,7 +295,7 @@ def test_the_page_of_settings_says_whose_they_are(setting):
     row = re.search(rf'^\| <span id="{setting}"></span>.*$', text, flags=re.M)
     assert row, setting
     stated, meaning = (cell.strip() for cell in row[0].strip("|").split(" | ")[-2:])
-    moved = {name for name, m in moved_by(setting).items() if m}
+    moved = {name for name, m in find_moved(setting).items() if m}
     assert stated == {0: "none", 1: "".join(moved), 2: "both"}[len(moved)]
     if found := re.search("; (default|paper's) filter$", meaning):
         assert moved == {found[1].removesuffix("'s")}

@@ -1,18 +1,23 @@
 #!/usr/bin/env python3
-"""Write the golden estimates anew, golden_double.csv, golden_float.csv, golden_fixed.csv, from drive.csv and the core as it is now.
+"""Write the golden estimates anew from drive.csv and the present core.
 
-python3 tests/replay/update.py            says what moved, and by how much
-python3 tests/replay/update.py --drive    also records a new drive with the simulator (rarely wanted)
+    python3 tests/replay/update.py            prints what moved, and by how much
+    python3 tests/replay/update.py --drive    also records a new drive with the simulator
 
-Needs a C compiler only ($CC, else cc). drive.csv is a recorded drive of 30 s at 10 ms from the simulator: standstill,
-acceleration with torque steps, two lane changes, braking to a stop, a little backwards; with lost channels, lost inputs, lost
-rows and one reading out of range. The golden files hold what the filter made of it: a hash of every bit of every output for
-each form (default, robust, paper, the default of a car that nobody has calibrated) and resampling scheme, and every 25th row of
-the default in digits.
+The files are golden_double.csv, golden_float.csv and golden_fixed.csv. Only a C compiler
+is needed ($CC, else cc). A new drive is rarely wanted.
 
-tests/unit/estimator/test_replay.c compares. The hash must be the same for every compiler, optimisation level, vector width and
-sanitizer; the digits say what moved and where. A change that is meant to move the estimates updates the golden files and says
-in its commit message why and by how much.
+drive.csv is a recorded drive of 30 s at 10 ms from the simulator: standstill,
+acceleration with torque steps, two lane changes, braking to a stop, a little backwards.
+It has lost channels, lost inputs, lost rows and one reading out of range. The golden
+files hold the filter's output. They have a hash of every bit of every output for each
+form (default, robust, paper, the default of an uncalibrated car) and resampling scheme,
+and every 25th row of the default in digits.
+
+tests/unit/estimator/test_replay.c compares. The hash must be the same for every compiler,
+optimisation level, vector width and sanitizer. The digits show what moved and where. A
+change that is meant to move the estimates updates the golden files, and its commit
+message states why and by how much.
 """
 
 import argparse
@@ -27,7 +32,7 @@ ROOT = HERE.parents[1]
 FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall -Wextra"
 
 
-def compiled(real, folder):
+def compile_program(real, folder):
     program = Path(folder) / f"update_{real}"
     sources = [HERE / "update.c", *sorted((ROOT / "src").rglob("*.c"))]
     command = [*shlex.split(os.environ.get("CC", "cc")), *FLAGS.split(), f"-DTSE_REAL_{real.upper()}=1"]
@@ -36,23 +41,23 @@ def compiled(real, folder):
     return program
 
 
-def output_of(*command):
+def get_output(*command):
     return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True).stdout
 
 
-def table(text):
+def read_table(text):
     lines = [line.split(",") for line in text.splitlines() if line and not line.startswith("#")]
     return lines[0][1:], [[float(x) for x in line[1:]] for line in lines[1:]]
 
 
-def report(name, before, after):
+def report_changes(name, before, after):
     if before == after:
         print(f"{name}: unchanged")
         return
     print(f"{name}: changed")
     if not before:
         return
-    (names, old), (new_names, new) = table(before), table(after)
+    (names, old), (new_names, new) = read_table(before), read_table(after)
     if names != new_names or len(old) != len(new):
         print("  other columns or rows")
         return
@@ -69,15 +74,15 @@ def main():
     parser.add_argument("--drive", action="store_true", help="record a new drive.csv first")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        programs = {real: compiled(real, folder) for real in ("double", "float", "fixed")}
+        programs = {real: compile_program(real, folder) for real in ("double", "float", "fixed")}
         if args.drive:
-            (HERE / "drive.csv").write_text(output_of(programs["double"], "drive"))
+            (HERE / "drive.csv").write_text(get_output(programs["double"], "drive"))
         for real, program in programs.items():
             path = HERE / f"golden_{real}.csv"
             before = path.read_text() if path.exists() else ""
-            after = output_of(program, "golden", HERE / "drive.csv")
+            after = get_output(program, "golden", HERE / "drive.csv")
             path.write_text(after)
-            report(path.name, before, after)
+            report_changes(path.name, before, after)
 
 
 if __name__ == "__main__":

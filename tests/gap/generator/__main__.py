@@ -1,4 +1,7 @@
-"""Write cases: python -m tests.gap.generator --effect body_roll --seed 3 --out DIR, from the root of the repository."""
+"""Write cases; run it from the root of the repository.
+
+python -m tests.gap.generator --effect body_roll --seed 3 --out DIR
+"""
 
 import argparse
 from pathlib import Path
@@ -8,7 +11,7 @@ from .effects import EFFECTS
 from .manoeuvres import HOLD_OUT, MANOEUVRES
 
 
-def _table() -> str:
+def make_table() -> str:
     rows = ["| id | parameter | typical | form here, and what the parameter means |", "|---|---|---|---|"]
     for e in EFFECTS.values():
         sign = "+-" if e.signed else ""
@@ -18,8 +21,8 @@ def _table() -> str:
 
 
 def main() -> None:
-    """Command line."""
-    p = argparse.ArgumentParser(prog="python -m tests.gap.generator", description=__doc__)
+    """Run the command line."""
+    p = argparse.ArgumentParser(prog="python -m tests.gap.generator", description=__doc__.split("\n")[0])
     p.add_argument(
         "--effect", action="append", default=[], choices=EFFECTS, help="may be repeated; none: a clean car"
     )
@@ -37,7 +40,7 @@ def main() -> None:
     p.add_argument("--out", type=Path)
     a = p.parse_args()
     if a.list or a.table:
-        print("\n".join(s.name for s in study()) if a.list else _table())
+        print("\n".join(s.name for s in study()) if a.list else make_table())
         return
     if a.out is None:
         p.error("--out is missing")

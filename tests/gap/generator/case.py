@@ -1,4 +1,4 @@
-"""Cases: a car with something hidden in it, its logs, the vehicle file as its engineer knows it, and the truth."""
+"""A case: a car with a hidden effect, its logs, its vehicle file and the truth."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .car import GRAVITY, NOMINAL, SENSORS, drawn_car, understeer
-from .effects import CATALOGUE, OUTSIDE, curved_ratio, hide, warmth
+from .car import GRAVITY, NOMINAL, SENSORS, compute_understeer, draw_car
+from .effects import CATALOGUE, OUTSIDE, compute_curved_ratio, compute_warmth, hide
 from .manoeuvres import CORE, HOLD_OUT, SETTLE, SIXTH, Program, drive_program
-from .model import LENGTHS, STEP, Drive, profile, simulate
-from .sensors import COLUMNS, backlash, delayed, log_of, second_order
+from .model import LENGTHS, STEP, Drive, draw_profile, simulate
+from .sensors import COLUMNS, apply_backlash, delay_signal, filter_second_order, make_log
 
 BATCH = 72  # logs simulated at once: more cost memory, fewer cost time
 Wish = float | dict[str, float]
@@ -46,14 +46,18 @@ class Case:
     def truth(self) -> dict:
         """What is hidden."""
         return {
-            "name": self.spec.name, "seed": self.spec.seed, "size": self.spec.size,
-            "effects": [e for e in self.effects if not e["outside"]], "outside": [e for e in self.effects if e["outside"]],
-            "vehicle": {k: self.car[k] for k in NOMINAL}, "biases": self.biases,
+            "name": self.spec.name,
+            "seed": self.spec.seed,
+            "size": self.spec.size,
+            "effects": [e for e in self.effects if not e["outside"]],
+            "outside": [e for e in self.effects if e["outside"]],
+            "vehicle": {k: self.car[k] for k in NOMINAL},
+            "biases": self.biases,
             "changed": {k: v for k, v in self.car.items() if k not in NOMINAL},
-        }  # fmt: skip
+        }
 
     def vehicle_toml(self) -> str:
-        """Return the vehicle file: nominal values and the kinematics of small angles, nothing of what is hidden."""
+        """Return the vehicle file: nominal values, small angles, no hidden effects."""
         lines = [
             'name = "gap study car"',
             'driven_axle = "front"',
@@ -64,7 +68,10 @@ class Case:
         return "\n".join([*lines, "", "[effects.exact_kinematics]", "share = 0.0", ""])
 
     def write(self, folder: Path | str, optional: bool = False) -> Path:
-        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json. `optional`: with speed and torques."""
+        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json.
+
+        `optional`: with speed and torques.
+        """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         columns = COLUMNS if optional else COLUMNS[:7]
@@ -78,34 +85,36 @@ class Case:
         return folder
 
 
-def _stream(seed: int, what: str) -> np.random.Generator:
-    """Random numbers that depend on the seed and on what they are for, not on what else is drawn."""
+def make_stream(seed: int, what: str) -> np.random.Generator:
+    """Return random numbers of the seed and the purpose, whatever else is drawn."""
     return np.random.default_rng([seed, *what.encode()])
 
 
-def _careful(car: dict[str, float]) -> float:
-    """How far a driver who feels the car keeps from its limit, as a share of the usual steering angle.
+def compute_careful_share(car: dict[str, float]) -> float:
+    """Return the share of the usual steering angle that a careful driver uses.
 
-    Of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Of oversteer: at 26 m/s no more than 1.25 times the usual gain."""
+    Limit of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Limit of oversteer: at 26 m/s no
+    more than 1.25 times the usual gain.
+    """
     turn = (NOMINAL["lf"] + NOMINAL["lr"]) / 26.0**2
-    angle = max(0.0, turn + understeer(car)) / (
-        turn + understeer(NOMINAL)
+    angle = max(0.0, turn + compute_understeer(car)) / (
+        turn + compute_understeer(NOMINAL)
     )  # for the same turn, over the usual one
     return min(1.0, 0.7 * car["mu"] * GRAVITY / 5.6, max(0.4, 1.25 * angle))
 
 
-def _steering(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
-    """Angle of the road wheels for that of the steering wheel over its nominal ratio."""
-    x = backlash(wheel, car["play"]) if car["play"] > 0 else wheel
+def compute_road_wheel_angle(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
+    """Return the road wheels' angle for the steering wheel's over its nominal ratio."""
+    x = apply_backlash(wheel, car["play"]) if car["play"] > 0 else wheel
     if car["steer_lag"] > 0:
-        x = second_order(x, 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"])
+        x = filter_second_order(x, 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"])
     if car["steer_delay"] > 0:
-        x = delayed(x, car["steer_delay"])
-    return curved_ratio(car, x) + car["steer_offset"]
+        x = delay_signal(x, car["steer_delay"])
+    return compute_curved_ratio(car, x) + car["steer_offset"]
 
 
 def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) -> Drive:
-    """A program driven with a car, on a road and in gusts drawn by `rng`."""
+    """Return a program driven with a car, on a road and in gusts drawn by `rng`."""
     n = len(program.steer)
     time = np.arange(n) * STEP - SETTLE
     gust = np.zeros(n)
@@ -116,20 +125,23 @@ def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) 
         gust += strength * np.sin(np.pi * np.clip((time - start) / length, 0, 1)) ** 2
         start += length + rng.uniform(0.5, 4.0)
     road = {
-        "grade": profile(rng, car["grade"], 0.0, LENGTHS["grade"]),
-        "bank": profile(rng, car["bank_wander"], car["bank"], LENGTHS["bank"]),
+        "grade": draw_profile(rng, car["grade"], 0.0, LENGTHS["grade"]),
+        "bank": draw_profile(rng, car["bank_wander"], car["bank"], LENGTHS["bank"]),
     }
     place = np.cumsum(program.speed) * STEP
     patch_at = place[np.searchsorted(time, rng.uniform(0.25, 0.75) * time[-1])]
     shake = 3.0 * rng.standard_normal(n) if car["resonance"] > 0 else np.zeros(n)
     return Drive(
-        car, _steering(car, program.steer), program.speed, program.accel, program.coast, road,
-        car["gust"] * gust, shake, warmth(time, time[-1]), float(patch_at),
+        car, compute_road_wheel_angle(car, program.steer), program.speed, program.accel, program.coast, road,
+        car["gust"] * gust, shake, compute_warmth(time, time[-1]), float(patch_at),
     )  # fmt: skip
 
 
 def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
-    """Simulate cases, many logs at once, and yield them in order; the result does not depend on the batch."""
+    """Simulate cases, many logs at once, and yield them in order.
+
+    The result does not depend on the batch.
+    """
     waiting: list[tuple[Case, list]] = []
     for spec in specs:
         case, jobs = _prepare(spec)
@@ -146,22 +158,28 @@ def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
 def make_case(
     effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more
 ) -> Case:
-    """One case. `effects`: id -> size (1: typical) or {"value": parameter}; `more`: other fields of Spec."""
+    """Simulate one case.
+
+    `effects`: id -> size (1: typical) or {"value": parameter}. `more`: other fields of
+    Spec.
+    """
     return next(make_cases([Spec("+".join(effects) or "clean", effects, seed, size, manoeuvres, **more)]))
 
 
 def _prepare(spec: Spec) -> tuple[Case, list]:
-    car = drawn_car(_stream(spec.seed, "car"))
+    car = draw_car(make_stream(spec.seed, "car"))
     truth = hide(
-        car, spec.effects, _stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size
+        car, spec.effects, make_stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size
     )
     names = spec.manoeuvres or (*CORE, SIXTH[spec.seed % len(SIXTH)])
     jobs = []
     for kind, chosen in (("log", names), ("hold_out", spec.hold_out)):
         for name in chosen:
-            program = drive_program(name, _stream(spec.seed, f"{kind} {name}"), spec.duration, _careful(car))
+            program = drive_program(
+                name, make_stream(spec.seed, f"{kind} {name}"), spec.duration, compute_careful_share(car)
+            )
             jobs.append(
-                (kind, name, program, drive_of(car, program, _stream(spec.seed, f"{kind} {name} road")))
+                (kind, name, program, drive_of(car, program, make_stream(spec.seed, f"{kind} {name} road")))
             )
     return Case(spec, car, truth), jobs
 
@@ -173,8 +191,8 @@ def _finish(waiting: list[tuple[Case, list]]) -> Iterator[Case]:
     motion, i = simulate(drives), 0
     for case, jobs in waiting:
         for kind, name, program, _ in jobs:
-            noise = _stream(case.spec.seed, f"{kind} {name} noise")
-            log, bias = log_of(case.car, motion, i, program, noise, case.spec.noise)
+            noise = make_stream(case.spec.seed, f"{kind} {name} noise")
+            log, bias = make_log(case.car, motion, i, program, noise, case.spec.noise)
             (case.logs if kind == "log" else case.hold_out)[name] = log
             case.biases[f"{kind}_{name}"] = bias
             i += 1
@@ -187,15 +205,23 @@ def _finish(waiting: list[tuple[Case, list]]) -> Iterator[Case]:
 SEEDS = (1, 2, 3)
 CLEAN_SEEDS = tuple(range(101, 121))
 PAIRS = (
-    ("body_roll", "tyre_saturation"), ("body_roll", "steering_ratio"), ("tyre_saturation", "relaxation"),
-    ("grade", "pitch_leak"), ("bank", "steering_lag"), ("lateral_load_transfer", "longitudinal_load_transfer"),
-    ("gyro_scale", "imu_lever_arm"), ("wheel_radius", "combined_slip"), ("crosswind", "body_roll"),
-    ("imu_misalignment", "yaw_inertia"), ("steering_offset", "relaxation"), ("longitudinal_load_transfer", "imu_scale_ay"),
-)  # fmt: skip
+    ("body_roll", "tyre_saturation"),
+    ("body_roll", "steering_ratio"),
+    ("tyre_saturation", "relaxation"),
+    ("grade", "pitch_leak"),
+    ("bank", "steering_lag"),
+    ("lateral_load_transfer", "longitudinal_load_transfer"),
+    ("gyro_scale", "imu_lever_arm"),
+    ("wheel_radius", "combined_slip"),
+    ("crosswind", "body_roll"),
+    ("imu_misalignment", "yaw_inertia"),
+    ("steering_offset", "relaxation"),
+    ("longitudinal_load_transfer", "imu_scale_ay"),
+)
 
 
 def study() -> list[Spec]:
-    """All cases. Names are unique: effect or clean, size, seed."""
+    """Return all cases; their unique names have effect or clean, size and seed."""
     specs = [Spec(f"clean-{seed}", {}, seed) for seed in CLEAN_SEEDS]
     for size, label in ((1.0, "1x"), (0.5, "0.5x"), (2.0, "2x")):
         for key in CATALOGUE:

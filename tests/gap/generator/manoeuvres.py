@@ -1,6 +1,7 @@
-"""What the driver does: steering angle, wanted speed and acceleration at every step, drawn by seed.
+"""Draw the driver's steering angle, target speed and acceleration of each step.
 
-Steering is open loop and computed from the nominal car, so that a manoeuvre is the same whatever is hidden in the car.
+Steering is open loop and computed from the nominal car, so that a manoeuvre does not
+depend on the hidden effects.
 """
 
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .car import NOMINAL, understeer
+from .car import NOMINAL, compute_understeer
 from .model import STEP
 
 SETTLE = 2.0  # s driven straight before the log begins
@@ -25,7 +26,10 @@ class Program:
 
 
 class Track:
-    """A program in the making; time 0 is the start of the log, `grip` scales lateral acceleration where it could slide."""
+    """A program being built; time 0 is the start of the log.
+
+    `grip` scales the lateral acceleration where the car could slide.
+    """
 
     def __init__(self, rng: np.random.Generator, duration: float, grip: float) -> None:
         self.rng, self.duration, self.grip = rng, duration, grip
@@ -34,23 +38,23 @@ class Track:
         self.v0 = 20.0
 
     def ramp(self, start: float, length: float) -> np.ndarray:
-        """0 before `start`, 1 after `start + length`, smooth between."""
+        """Return 0 before `start`, 1 after `start + length`, smooth between."""
         return 0.5 - 0.5 * np.cos(np.pi * np.clip((self.t - start) / length, 0, 1))
 
     def pulse(self, start: float, end: float, rise: float) -> np.ndarray:
         return self.ramp(start, rise) - self.ramp(end - rise, rise)
 
     def angle(self, ay: float, v: float | None = None) -> float:
-        """Steady road-wheel angle of the nominal car for a lateral acceleration."""
+        """Return the nominal car's steady road-wheel angle for a lateral acceleration."""
         v = self.v0 if v is None else v
-        return self.grip * ay * ((NOMINAL["lf"] + NOMINAL["lr"]) / v**2 + understeer(NOMINAL))
+        return self.grip * ay * ((NOMINAL["lf"] + NOMINAL["lr"]) / v**2 + compute_understeer(NOMINAL))
 
     def program(self) -> Program:
         speed = self.v0 + np.cumsum(self.accel) * STEP
         return Program(self.steer, speed, self.accel, self.coast)
 
 
-def _sine_sweep(k: Track) -> None:
+def steer_sine_sweep(k: Track) -> None:
     k.v0 = k.rng.uniform(19, 26)
     end = k.duration - 1.0
     t = np.clip(k.t - 1.0, 0, end - 1.0)
@@ -60,7 +64,7 @@ def _sine_sweep(k: Track) -> None:
     k.steer += k.angle(k.rng.uniform(2.8, 3.4)) * np.sin(phase) * k.pulse(1.0, end, 0.5)
 
 
-def _steps(low: float, high: float) -> Callable[[Track], None]:
+def make_steps(low: float, high: float) -> Callable[[Track], None]:
     def steps(k: Track) -> None:
         k.v0 = k.rng.uniform(low, high)
         side = k.rng.choice([-1.0, 1.0])
@@ -74,7 +78,7 @@ def _steps(low: float, high: float) -> Callable[[Track], None]:
     return steps
 
 
-def _slalom(k: Track) -> None:
+def steer_slalom(k: Track) -> None:
     k.v0 = k.rng.uniform(14, 20)
     f = k.rng.uniform(0.4, 0.65)
     k.steer += (
@@ -82,7 +86,7 @@ def _slalom(k: Track) -> None:
     )
 
 
-def _double_lane_change(k: Track) -> None:
+def change_lanes(k: Track) -> None:
     k.v0 = k.rng.uniform(17, 24)
     for start in np.arange(1.5, k.duration - 6.0, 8.5):
         a = k.angle(k.rng.uniform(3.6, 4.8))
@@ -114,7 +118,7 @@ def _brake_throttle(k: Track) -> None:
     _wander(k, 0.002, 1.5)
 
 
-def _urban(k: Track) -> None:
+def drive_in_town(k: Track) -> None:
     k.v0 = k.rng.uniform(5.5, 7.0)
     side = k.rng.choice([-1.0, 1.0])
     for i, start in enumerate(np.arange(1.0, k.duration - 4.5, 4.8)):
@@ -130,7 +134,7 @@ def _urban(k: Track) -> None:
         )
 
 
-def _highway(k: Track) -> None:
+def drive_on_highway(k: Track) -> None:
     k.v0 = k.rng.uniform(29, 34)
     _wander(k, 0.002, 0.8)
     for start in np.arange(2.0, k.duration - 6.0, 9.0):
@@ -145,22 +149,22 @@ def _coast_down(k: Track) -> None:
 
 
 def _wander(k: Track, size: float, fastest: float) -> None:
-    """Small steering corrections: five sines below `fastest` Hz."""
+    """Add small steering corrections: five sines below `fastest` Hz."""
     for _ in range(5):
         f, phase = k.rng.uniform(0.1, fastest), k.rng.uniform(0, 2 * np.pi)
         k.steer += size / np.sqrt(2.5) * np.sin(2 * np.pi * f * k.t + phase) * k.ramp(0.5, 1.0)
 
 
 MANOEUVRES: dict[str, Callable[[Track], None]] = {
-    "sine_sweep": _sine_sweep,
-    "steps_slow": _steps(12, 15),
-    "steps_fast": _steps(24, 29),
-    "slalom": _slalom,
-    "double_lane_change": _double_lane_change,
+    "sine_sweep": steer_sine_sweep,
+    "steps_slow": make_steps(12, 15),
+    "steps_fast": make_steps(24, 29),
+    "slalom": steer_slalom,
+    "double_lane_change": change_lanes,
     "brake_in_turn": _brake_in_turn,
     "brake_throttle": _brake_throttle,
-    "urban": _urban,
-    "highway": _highway,
+    "urban": drive_in_town,
+    "highway": drive_on_highway,
     "coast_down": _coast_down,
 }
 CORE = (
@@ -175,7 +179,7 @@ HOLD_OUT = ("slalom", "double_lane_change")
 
 
 def drive_program(name: str, rng: np.random.Generator, duration: float = 30.0, grip: float = 1.0) -> Program:
-    """The program of a manoeuvre; `grip` below 1: the driver keeps away from the limit."""
+    """Draw a manoeuvre; with `grip` below 1 the driver keeps away from the limit."""
     track = Track(rng, duration, grip)
     MANOEUVRES[name](track)
     return track.program()

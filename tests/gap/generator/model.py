@@ -1,8 +1,10 @@
-"""Equations of motion of a car on four wheels, many cars at once: arrays are (states or wheels, cars).
+"""Equations of motion of a car on four wheels; arrays are (states or wheels, cars).
 
-Axes of ISO 8855; wheels in the order front left, front right, rear left, rear right. The body's roll and pitch are second-order
-modes u, normalised: in a steady turn u_roll is the lateral and u_pitch the longitudinal specific force; angles are gains times u.
-With `exact` = 0 the kinematics are those of small angles, 1: trigonometric, with the wheels' own velocities and steering angles.
+Axes are those of ISO 8855. Wheels are in the order front left, front right, rear left,
+rear right. The body's roll and pitch are normalised second-order modes u: in a steady
+turn u_roll is the lateral and u_pitch the longitudinal specific force. Angles are gains
+times u. With `exact` = 0 the kinematics are those of small angles. With 1 they are
+trigonometric, with the wheels' own velocities and steering angles.
 """
 
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from .car import GRAVITY, NOMINAL, RIGID, understeer
+from .car import GRAVITY, NOMINAL, RIGID, compute_understeer
 
 STEP = 0.001  # s
 DRIVE_LAG, BRAKE_LAG, RACK_LAG = 0.08, 0.04, 0.01  # s
@@ -49,38 +51,47 @@ TRAIL_B, TRAIL_C = 8.0, 1.1  # of the pneumatic trail
 DEGRESSIVE = 0.5  # static load over the load at which cornering stiffness is largest
 
 
-def magic_formula(
+def compute_magic_formula(
     slip: np.ndarray, stiffness: np.ndarray, peak: np.ndarray, c: float, e: np.ndarray
 ) -> np.ndarray:
-    """Force at a slip; `stiffness` is its slope at zero, `peak` its largest value."""
+    """Return the force at a slip; `stiffness`: its slope at zero, `peak`: its maximum."""
     x = stiffness / (c * peak) * slip
     return peak * np.sin(c * np.arctan(x - e * (x - np.arctan(x))))
 
 
-def load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
-    """Cornering stiffness over that at static load; `load` relative to static: sin(2 atan(Fz/Fz_max)), normalised."""
+def compute_load_factor(load: np.ndarray, ratio: float = DEGRESSIVE) -> np.ndarray:
+    """Return the cornering stiffness relative to that at static load.
+
+    `load` is relative to static. The law: sin(2 atan(Fz/Fz_max)), normalised.
+    """
     return load * (1 + ratio**2) / (1 + (ratio * load) ** 2)
 
 
-def side_force_weight(slip: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """What longitudinal slip leaves of the side force."""
+def compute_side_force_weight(slip: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the share of the side force that remains at a longitudinal slip."""
     return np.cos(COMBINED_C * np.arctan(b * slip))
 
 
-def trail_weight(slip_angle: np.ndarray) -> np.ndarray:
-    """Pneumatic trail over that at zero slip angle."""
+def compute_trail_weight(slip_angle: np.ndarray) -> np.ndarray:
+    """Return the pneumatic trail over that at zero slip angle."""
     return np.cos(TRAIL_C * np.arctan(TRAIL_B * slip_angle))
 
 
-# ---- slope of the road over distance: sums of sines with random phases, hence smooth and without a period in a log
+# ---- slope of the road over distance: sums of sines with random phases, hence smooth and
+# without a period in a log
 
 
 WAVES = 6
 LENGTHS = {"grade": (120.0, 900.0), "bank": (80.0, 500.0)}  # m, wave lengths
 
 
-def profile(rng: np.random.Generator, rms: float, mean: float, lengths: tuple[float, float]) -> np.ndarray:
-    """Rows amplitude, wave number, phase of one profile; the constant is a wave without a wave number."""
+def draw_profile(
+    rng: np.random.Generator, rms: float, mean: float, lengths: tuple[float, float]
+) -> np.ndarray:
+    """Return rows of amplitude, wave number and phase of one profile.
+
+    The constant is a wave of wave number 0.
+    """
     amplitude = rng.uniform(0.5, 1.5, WAVES)
     amplitude *= rms * np.sqrt(2) / np.sqrt((amplitude**2).sum())
     number = 2 * np.pi / np.exp(rng.uniform(*np.log(lengths), WAVES))
@@ -88,8 +99,8 @@ def profile(rng: np.random.Generator, rms: float, mean: float, lengths: tuple[fl
     return np.array([[*amplitude, mean], [*number, 0.0], [*phase, 0.5 * np.pi]])
 
 
-def slope(waves: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Angle of slope at distance s, rad. `waves`: (3, waves, cars)."""
+def compute_slope(waves: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Return the angle of the slope at distance s, rad. `waves`: (3, waves, cars)."""
     return (waves[0] * np.sin(waves[1] * s + waves[2])).sum(0)
 
 
@@ -114,13 +125,13 @@ class Drive:
 
 @dataclass
 class Motion:
-    """What the cars did. `fast` is (steps, OUTPUTS, cars), `slow` (samples, SLOW, cars)."""
+    """Motion of cars: `fast` is (steps, OUTPUTS, cars), `slow` (samples, SLOW, cars)."""
 
     fast: np.ndarray
     slow: np.ndarray
 
 
-def _parameters(drives: list[Drive]) -> SimpleNamespace:
+def stack_parameters(drives: list[Drive]) -> SimpleNamespace:
     cars = [d.car for d in drives]
     p = SimpleNamespace(**{k: np.array([c[k] for c in cars]) for k in cars[0]})
     p.wheelbase = p.lf + p.lr
@@ -132,7 +143,8 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     p.sigma_y = np.array([p.sigma_front] * 2 + [p.sigma_rear] * 2)
     p.conicity = 0.5 * np.array([p.conicity_front] * 2 + [p.conicity_rear] * 2)
     p.static = 0.5 * p.mass * GRAVITY / p.wheelbase * np.array([p.lr, p.lr, p.lf, p.lf])
-    # per m/s2 of u: the inner wheels are unloaded, the outer loaded; when accelerating the front is unloaded
+    # per m/s2 of u: a turn moves load from the inner to the outer wheels, a positive
+    # acceleration moves load from the front to the rear
     share = np.array([p.roll_front / p.track_front, (1 - p.roll_front) / p.track_rear])
     p.load_roll = p.mass * p.h_lateral * np.array([-share[0], share[0], -share[1], share[1]])
     p.load_pitch = 0.5 * p.mass * p.h_longitudinal / p.wheelbase * np.array([-1.0, -1, 1, 1])[:, None]
@@ -144,22 +156,32 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
     p.brake_share = 0.5 * np.array([p.brake_front] * 2 + [1 - p.brake_front] * 2)
     p.driver_mass = NOMINAL["mass"]
     p.patch_at = np.array([d.patch_at for d in drives])
-    p.driver_understeer = understeer(NOMINAL)
+    p.driver_understeer = compute_understeer(NOMINAL)
     p.grade_profile, p.bank_profile = (np.stack([d.road[k] for d in drives], -1) for k in ("grade", "bank"))
     # what no car of this batch has need not be computed
     p.has = SimpleNamespace(
-        road=bool(p.grade_profile[0].any() or p.bank_profile[0].any()), mu=bool((p.mu < RIGID).any()),
-        air=bool(np.any([p.drag, p.wind_x, p.wind_y])), exact=bool(p.exact.any()), load=bool(p.load_sensitive.any()),
-        combined=bool(p.combined.any()), sigma_y=bool(p.sigma_y.any()), sigma_x=bool(p.sigma_x.any()),
-        trail=bool(p.trail.any()), patch=bool(p.patch.any()), rolling=bool(p.rolling.any()), drift=bool(p.drift.any()),
-        steering=bool(np.any([p.ratio_v, p.active, p.compliance])), conicity=bool(p.conicity.any()),
-        gust=bool(p.gust.any()), resonance=bool(p.resonance.any()),
-    )  # fmt: skip
+        road=bool(p.grade_profile[0].any() or p.bank_profile[0].any()),
+        mu=bool((p.mu < RIGID).any()),
+        air=bool(np.any([p.drag, p.wind_x, p.wind_y])),
+        exact=bool(p.exact.any()),
+        load=bool(p.load_sensitive.any()),
+        combined=bool(p.combined.any()),
+        sigma_y=bool(p.sigma_y.any()),
+        sigma_x=bool(p.sigma_x.any()),
+        trail=bool(p.trail.any()),
+        patch=bool(p.patch.any()),
+        rolling=bool(p.rolling.any()),
+        drift=bool(p.drift.any()),
+        steering=bool(np.any([p.ratio_v, p.active, p.compliance])),
+        conicity=bool(p.conicity.any()),
+        gust=bool(p.gust.any()),
+        resonance=bool(p.resonance.any()),
+    )
     return p
 
 
-def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Slip angle, longitudinal slip, speed along the wheel, and the wheel's cos and sin."""
+def compute_slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return slip angle, longitudinal slip, speed, cos and sin of the wheel."""
     wheel = np.empty_like(v.omega)
     wheel[:2] = steer
     wheel[2:] = p.rear_roll_steer * v.roll
@@ -179,8 +201,13 @@ def _slips(p: SimpleNamespace, v: SimpleNamespace, steer: np.ndarray) -> tuple[n
     return angle, (rolling - along) / np.maximum(np.abs(along), np.abs(rolling)), along, cos, sin
 
 
-def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """Derivative of the states, and specific force x, y and yaw acceleration. `u`: signals of Drive at this time."""
+def compute_rates(
+    p: SimpleNamespace, state: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Return the states' derivative, the specific force x, y and the yaw acceleration.
+
+    `u`: signals of Drive at this time.
+    """
     steer0, speed, accel, coast, gust, shake, warmth = u
     v = SimpleNamespace(**dict(zip(SINGLE, state, strict=False)))
     v.omega, bent_y, bent_x = state[14:18], state[18:22], state[22:26]
@@ -190,13 +217,13 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     if has.steering:
         steer = steer0 * (1 + p.ratio_v * (v.vx - 20.0) / 20.0) - v.rack
         steer = steer - p.active * (v.r - v.vx * steer0 / (p.wheelbase + p.driver_understeer * v.vx**2))
-    angle, slip, along, cos, sin = _slips(p, v, steer)
+    angle, slip, along, cos, sin = compute_slips(p, v, steer)
 
     load, cx, cy = p.static, p.cx, p.cy
     if has.load:
         load = np.maximum(p.static + p.load_roll * v.roll + p.load_pitch * v.pitch, 1.0)
         relative = load / p.static
-        cy = cy * (1 + p.load_sensitive * (load_factor(relative) - 1))
+        cy = cy * (1 + p.load_sensitive * (compute_load_factor(relative) - 1))
         cx = cx * (1 + p.load_sensitive * (relative - 1))
     if has.drift:
         level = 1 + p.drift * warmth
@@ -209,21 +236,22 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     felt_y = np.where(p.sigma_y > 0, bent_y, angle) if has.sigma_y else angle
     felt_x = np.where(p.sigma_x > 0, bent_x, slip) if has.sigma_x else slip
     if has.mu:
-        fy = magic_formula(felt_y, cy, p.mu * load, LATERAL_C, p.shape_y)
-        fx = magic_formula(felt_x, cx, p.mu * load, LONGITUDINAL_C, p.shape_x)
+        fy = compute_magic_formula(felt_y, cy, p.mu * load, LATERAL_C, p.shape_y)
+        fx = compute_magic_formula(felt_x, cx, p.mu * load, LONGITUDINAL_C, p.shape_x)
     else:
         fy, fx = cy * felt_y, cx * felt_x
     if has.combined:
-        fy = fy * side_force_weight(felt_x, p.combined)
+        fy = fy * compute_side_force_weight(felt_x, p.combined)
     if has.conicity:
         fy = fy + p.conicity * load / p.static
-    # Rolling resistance shifts the wheel load forward: a force on the car that does not turn the wheel.
+    # Rolling resistance shifts the wheel load forward: a force on the car without a
+    # torque on the wheel.
     contact = fx - p.rolling * load * (1 + 0.3 * (v.vx / 40.0) ** 2) if has.rolling else fx
 
     body_x, body_y = contact * cos - fy * sin, fy * cos + contact * sin
     moment = (p.x * body_y - p.y * body_x).sum(0)
     if has.trail:
-        moment = moment - (p.trail * trail_weight(felt_y) * fy).sum(0)
+        moment = moment - (p.trail * compute_trail_weight(felt_y) * fy).sum(0)
     force_x, force_y = body_x.sum(0), body_y.sum(0)
     if has.gust:
         force_y, moment = force_y + gust, moment + p.wind_arm * gust
@@ -238,7 +266,8 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         force_x, force_y = force_x - p.drag * flow * head, force_y + push
         moment = moment + p.wind_arm * push
 
-    # The body hangs over its roll and pitch axes: the centre of gravity accelerates by f_axis - coupling u''.
+    # The body hangs over its roll and pitch axes: the centre of gravity accelerates by
+    # f_axis - coupling u''.
     def body(
         f: np.ndarray, x: np.ndarray, dx: np.ndarray, w: np.ndarray, z: np.ndarray, coupling: np.ndarray
     ):
@@ -251,8 +280,8 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     axis_y, ddroll = body(fy_cg, v.roll, v.droll, p.w_roll, p.z_roll, p.roll_coupling)
     yaw_acc = moment / p.body_inertia
     if has.road:
-        axis_x = axis_x - GRAVITY * np.sin(slope(p.grade_profile, v.s))
-        axis_y = axis_y - GRAVITY * np.sin(slope(p.bank_profile, v.s))
+        axis_x = axis_x - GRAVITY * np.sin(compute_slope(p.grade_profile, v.s))
+        axis_y = axis_y - GRAVITY * np.sin(compute_slope(p.bank_profile, v.s))
 
     wanted = p.driver_mass * (accel + SPEED_GAIN * (speed - v.vx)) * p.radius[0]
     wanted = np.where(coast > 0.5, ENGINE_DRAG, wanted)
@@ -281,8 +310,11 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
 
 
 def simulate(drives: list[Drive], every: int = 10) -> Motion:
-    """Drive all cars at once: RK4, signals linear within a step. `every`: steps from sample to sample."""
-    p = _parameters(drives)
+    """Drive all cars at once: RK4, signals linear within a step.
+
+    `every`: steps from sample to sample.
+    """
+    p = stack_parameters(drives)
     names = ("steer", "speed", "accel", "coast", "gust", "shake", "warmth")
     u = np.stack([np.stack([getattr(d, k) for d in drives], -1) for k in names], 1)  # (steps, signals, cars)
     steps, cars = len(u), len(drives)
@@ -292,20 +324,23 @@ def simulate(drives: list[Drive], every: int = 10) -> Motion:
     fast = np.empty((steps, len(OUTPUTS), cars))
     slow = np.empty(((steps - 1) // every + 1, len(SLOW), cars))
     for i in range(steps):
-        k1, (fx, fy, yaw_acc) = _rates(p, state, u[i])
+        k1, (fx, fy, yaw_acc) = compute_rates(p, state, u[i])
         fast[i] = fx, fy, yaw_acc, state[2], state[5], state[7]
         if i % every == 0:
             drive, brake = state[9], state[10]
             slow[i // every] = (
-                *state[:5], 0.5 * (state[14] + state[15]), 0.5 * (state[16] + state[17]),
-                drive * p.drive_front - brake * p.brake_front, drive * (1 - p.drive_front) - brake * (1 - p.brake_front),
+                *state[:5],
+                0.5 * (state[14] + state[15]),
+                0.5 * (state[16] + state[17]),
+                drive * p.drive_front - brake * p.brake_front,
+                drive * (1 - p.drive_front) - brake * (1 - p.brake_front),
                 u[i, 0] - state[11],
-            )  # fmt: skip
+            )
         if i + 1 == steps:
             break
         middle = 0.5 * (u[i] + u[i + 1])
-        k2, _ = _rates(p, state + 0.5 * STEP * k1, middle)
-        k3, _ = _rates(p, state + 0.5 * STEP * k2, middle)
-        k4, _ = _rates(p, state + STEP * k3, u[i + 1])
+        k2, _ = compute_rates(p, state + 0.5 * STEP * k1, middle)
+        k3, _ = compute_rates(p, state + 0.5 * STEP * k2, middle)
+        k4, _ = compute_rates(p, state + STEP * k3, u[i + 1])
         state = state + STEP / 6 * (k1 + 2 * (k2 + k3) + k4)
     return Motion(fast, slow)
