@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from scripts.dev.fixed import library
+from scripts.dev.fixed import build_library
 from tests.cars import ROADS
 from tests.cars.study import driven, estimated, parser_of_kept, score, shares
 from tse.library.core import STIFFNESS, Library
@@ -62,7 +62,7 @@ def main(arguments: list[str]) -> int:
     """Write the table."""
     parser = parser_of_kept(__doc__, "cars-formats.md")
     given = parser.parse_args(arguments)
-    builds = {real: library(real) for real in REALS}
+    builds = {real: build_library(real) for real in REALS}
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
     runs = pd.DataFrame(
         [row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)]
