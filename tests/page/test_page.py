@@ -43,8 +43,8 @@ def built():
         if not shutil.which(program):
             pytest.skip(f"{program} is not installed: it controls the browser of this test")
     try:
-        page.compilers()
-        page.modules()
+        page.find_compilers()
+        page.install_modules()
     except page.Failed as error:
         pytest.skip(f"the page cannot be built here: {str(error)[:200]}")
     page.build(page.PAGE)
@@ -53,7 +53,7 @@ def built():
 
 def test_the_page_that_git_holds_is_of_these_sources():
     """No compiler is needed to see it. After a change of the library or of docs/page: scripts/dev/page.py --ship."""
-    assert page.shipped_digest() == page.digest(), "scripts/dev/page.py --ship"
+    assert page.read_shipped_digest() == page.compute_digest(), "scripts/dev/page.py --ship"
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +233,7 @@ def seen(built, browser, logs, cars, checks, tmp_path_factory):
     command = [
         "node",
         str(Path(__file__).parent / "browse.mjs"),
-        str(page.modules()),
+        str(page.install_modules()),
         browser,
         str(built),
         str(SHOTS),
@@ -526,7 +526,7 @@ def test_pictures_are_left_for_people_to_look_at(seen):
 
 def test_without_npm_the_page_is_built_and_says_what_it_lacks(tmp_path):
     try:
-        page.compilers()
+        page.find_compilers()
     except page.Failed as error:
         pytest.skip(str(error))
     said = page.build(tmp_path / "try.html", npm=False)
