@@ -1,8 +1,7 @@
-"""Files that a change touches.
+"""Add an effect, a threshold and an output in the files that CONTRIBUTING names.
 
-A new effect, threshold and output are put into a copy of the sources, in the files that
-CONTRIBUTING names and no other. scripts/dev/tables.py writes the rest, and the library that
-is built of it has them.
+The change is made in a copy of the sources. scripts/dev/tables.py writes the other files,
+and the library built from them has the new parts.
 """
 
 import re
@@ -250,9 +249,8 @@ def test_its_row_says_which_filters_use_it(copy, hook):
     without, with_it = said(copy, ESTIMATE.replace("NAME", name))
     row = read_toml(copy / "src" / "tables" / "effects.toml")[name]
     assert row["filter"] == ("none" if float(without) == float(with_it) else "both")
-    listed = (
-        (copy / "src" / "EQUATIONS.md").read_text().split("Not applied: ")[1].partition("Simulator and")[0]
-    )
+    ledger = " ".join((copy / "src" / "EQUATIONS.md").read_text().split())
+    listed = ledger.split("Not applied: ")[1].partition("Simulator and")[0]
     assert (f"`{name}`" in listed) == (row["filter"] == "none")
 
 

@@ -174,7 +174,7 @@ def make_fmu_name(group: str, name: str) -> str:
 
 
 def list_settings() -> Iterator[str]:
-    """Yield a list of settings for each table; parameters of effects have their own list."""
+    """Yield a list of settings for each table, without parameters of effects."""
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
             f"{'WHOLE' if r['whole'] else 'REAL'}({quote(make_fmu_name(group, n))}, {n}, "
@@ -354,7 +354,8 @@ def list_effect_parameters() -> Iterator[str]:
         f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {format_c(r['default'])}, "
         f"{format_c(r['exact'])}, {format_c(r['least'])}, "
         f"{format_c(r['most'])}, {quote(r['unit'])}, {quote(r['text'])}, "
-        f"{roles[r['role']]}, {r['sign']}, {', '.join(format_c(x) for x in (*r['typical'], r['negligible']))})"
+        f"{roles[r['role']]}, {r['sign']}, "
+        f"{', '.join(format_c(x) for x in (*r['typical'], r['negligible']))})"
         for n, r in read_settings("effects").items()
     ]
     yield from format_macro("EFFECT_PARAMETERS(ROW, REAL)", rows)
