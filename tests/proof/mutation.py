@@ -330,9 +330,7 @@ class Bench:
             self.seconds[name] = time.monotonic() - began
 
     def archive(self, out: Path, objects: list[Path]) -> None:
-        """Write a library, so that a test that includes a source does not link its
-        object.
-        """
+        """Write a library: a test that includes a source must not link its object."""
         subprocess.run(["ar", "rcsD", str(out), *map(str, objects)], check=True)
 
     def run(self, name: str, library: Path, test: Path) -> str:
