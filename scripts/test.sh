@@ -19,7 +19,8 @@ for word in "$@"; do
 done
 every=(dev release avx2 float fixed small clang-dev clang-release clang-float clang-fixed)
 if [ "${#presets[@]}" -eq 0 ]; then
-  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); else presets=(dev float fixed small clang-release); fi
+  presets=(dev float fixed small clang-release)
+  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); fi
 fi
 scripts/setup.sh clients logs || exit 1
 
@@ -45,7 +46,8 @@ skip() { row skipped "$1" "" "$2"; printf '\n=== %s\nskipped: %s\n' "$1" "$2"; }
 preset() {                           # configure, build and test one preset
   local cache="build/$1/CMakeCache.txt"
   if [ -f "$cache" ] && { ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$PWD" "$cache" \
-      || { [ -n "${CMAKE_GENERATOR:-}" ] && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
+      || { [ -n "${CMAKE_GENERATOR:-}" ] \
+        && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
     rm -rf "build/$1"                # of another checkout or generator
   fi
   cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" \

@@ -9,7 +9,7 @@ scripts/dev/release.sh calls this script after it has installed the tools.
     scripts/dev/release.sh 0.2.0 --twice
         two releases in two folders, compared byte by byte
 
-The same commit and the same tools (scripts/dev/lock-release.txt) give the same bytes: the
+The same commit and the same tools (scripts/lock-release.txt) give the same bytes: the
 sources are an export of the commit in a folder of its own, archives carry the time of the
 commit and no owner, and zig compiles every library.
 """
