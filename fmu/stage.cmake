@@ -1,5 +1,6 @@
-# fmu/stage.cmake - lays out everything of an FMU but its binaries; called by fmu/CMakeLists.txt. Lists are separated by |.
-# The GUID is made of all that an importer can see: modelDescription.xml, which tells variables, ranges, starts and version.
+# Lay out the files of an FMU except its binaries; called by fmu/CMakeLists.txt. Lists are
+# separated by |. The GUID is a hash of all that an importer can see:
+# modelDescription.xml, with variables, ranges, start values and version.
 foreach(list IN ITEMS sources files public_headers parts)
   string(REPLACE "|" ";" ${list} "${${list}}")
 endforeach()
@@ -28,7 +29,7 @@ foreach(part IN LISTS parts)                             # @name@ stands for all
   get_filename_component(name "${part}" NAME_WE)
   string(REPLACE "@${name}@" "${text}" page "${page}")
 endforeach()
-# <!--2-->...<!--/2--> is for the page of FMI 2.0 only, and so is 3; @fmi@ is the version's number.
+# <!--2-->...<!--/2--> is for the page of FMI 2.0 only, likewise 3; @fmi@ is the version.
 math(EXPR other "5 - ${fmi}")
 set(suffix "")
 set(real Real)
@@ -74,7 +75,8 @@ foreach(file IN LISTS files)                             # the core in the folde
   file(COPY "${file}" DESTINATION "${stage}/sources/${folder}")
 endforeach()
 
-# A saved state is understood by what was made of the same sources only, whatever the description says.
+# A saved state can be read only by a binary of the same sources, whatever the
+# description.
 file(GLOB_RECURSE all RELATIVE "${stage}/sources" "${stage}/sources/*.c" "${stage}/sources/*.h")
 list(SORT all)
 set(hashes "")

@@ -1,6 +1,9 @@
-# cmake -DSOURCE=test_x.c -DRUNNER=FILE -P runner.cmake: write the program that runs the tests of SOURCE, every `static void test_...(void)`
-# in their order, under the same #if; before them its `suiteSetUp()`, as Unity calls it; all of them again while its `again()` says so.
-# A SOURCE with a main() of its own is that program.
+# Write the program that runs the tests of SOURCE, every `static void test_...(void)`:
+#
+#   cmake -DSOURCE=test_x.c -DRUNNER=FILE -P runner.cmake
+#
+# The tests run in their order, under the same #if, after `suiteSetUp()`, as Unity calls
+# it. They run again while `again()` returns true.
 file(READ "${SOURCE}" text)
 set(tests "#include \"${SOURCE}\"\n")
 if(NOT text MATCHES "\nint main\\(void\\)")
