@@ -1,5 +1,6 @@
-# The sources of others that tests and FMUs need, and whether they are at hand or can be fetched. The library needs none of them: a plain
-# configure of it works without a network and Python. Where there is no C++ compiler, the tests that need one are left out.
+# Sources of third parties that tests and FMUs need, and whether they are present or can
+# be fetched. The library needs none of them: a plain configure works without a network
+# and Python. Without a C++ compiler, the tests that need one are left out.
 set(tse_unity_repository https://github.com/ThrowTheSwitch/Unity.git)
 set(tse_fmi2_repository https://github.com/modelica/fmi-standard.git)
 set(tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, which scripts/setup.sh puts into .venv/share/unity")
@@ -37,7 +38,8 @@ function(tse_obtainable name result)
   endif()
 endfunction()
 
-# Asked once, of who has not said himself whether he wants tests: can they be built here?   Returned: in `result`
+# Can tests be built here? Evaluated once, if the user has not set the option.   Returned:
+# in `result`
 function(tse_tests_can_be_built result)
   find_package(Python3 3.10 QUIET COMPONENTS Interpreter)
   tse_obtainable(unity unity)

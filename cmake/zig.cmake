@@ -1,6 +1,11 @@
-# CMake toolchain: the C compiler of the Python package ziglang, which carries the C libraries of many systems.
-#   cmake -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake -DTSE_ZIG=<the program zig> -DTSE_ZIG_TARGET=x86_64-windows-gnu ...
-# Targets as zig names them: <processor>-<linux|windows|macos>[.version]-<abi>[.version]. scripts/dev/release.py has a list.
+# CMake toolchain: the C compiler of the Python package ziglang, which contains the C
+# libraries of many systems.
+#
+#   cmake -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake -DTSE_ZIG=<the program zig>
+#         -DTSE_ZIG_TARGET=x86_64-windows-gnu ...
+#
+# Targets of zig: <processor>-<linux|windows|macos>[.version]-<abi>[.version].
+# scripts/dev/release.py has a list.
 if(NOT TSE_ZIG OR NOT TSE_ZIG_TARGET)
   message(FATAL_ERROR "cmake/zig.cmake needs TSE_ZIG, the program, and TSE_ZIG_TARGET, as zig names its targets")
 endif()

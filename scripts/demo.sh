@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Simulate a drive, estimate its tyre stiffness, draw the result; the same from an MF4 with four wheels and latencies: demo-output/.
+# Simulate a drive, estimate its tyre stiffness and draw the result. Repeat it from an MF4
+# with four wheels and latencies. Output: demo-output/.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 scripts/setup.sh mf4

@@ -1,30 +1,40 @@
 #!/usr/bin/env bash
-# Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
-# Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
-#   scripts/setup.sh [EXTRA ...]      and these extras of pyproject.toml: clients (more programs that import FMUs, for the
-#                                     tests), platforms (a compiler for FMUs of all platforms), logs (MF4, buses, ROS, MAT 7.3),
-#                                     openpilot (its logs, too), release (tools of scripts/dev/release.sh); left out where they
-#                                     do not install.
-#                                     machines: says which compilers and emulators of other machines are missing, and installs
-#                                     them where apt-get and root are there (scripts/dev/platforms.py, scripts/dev/budgets.py);
-#                                     docs: what builds the site (scripts/dev/docs.sh), for its tests, too
-#                                     proof: what measures and proves (scripts/dev/proof.sh): packages of
-#                                     the system, installed where that may be done, else named
+# Install what the other scripts need, inside this checkout: the Python environment .venv
+# with the command `tselab`, Unity for the C tests, the FMI headers, and the shared
+# library that tselab calls. Fast if nothing has changed; needs no root.
+#
+#   scripts/setup.sh [EXTRA ...]
+#     clients     more programs that import FMUs, for the tests
+#     platforms   a compiler for FMUs of all platforms
+#     logs        MF4, buses, ROS, MAT 7.3
+#     openpilot   the logs of openpilot
+#     docs        tools of the site (scripts/dev/docs.sh), also for its tests
+#     release     tools of scripts/dev/release.sh
+#     machines    compilers and emulators of other machines (scripts/dev/platforms.py,
+#                 scripts/dev/budgets.py)
+#     proof       tools of scripts/dev/proof.sh
+#
+# Extras of pyproject.toml that cannot be installed are skipped. machines and proof are
+# packages of the system: they are installed with apt-get as root, else named.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$@" >&2; exit 1; }
-# The package of this checkout, by its path; without a library of its own: that is built below, and again whenever sources change.
-this_checkout() {
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --config-settings wheel.cmake=false \
-    --editable "$@" || return 1
-  # a plain path, without the finder that stands beside it: that would win over PYTHONPATH, and so over the package that a test has
-  # installed, and over another checkout
-  sed -i.bak '/^import /d' .venv/lib/python*/site-packages/_editable*_tse.pth && rm -f .venv/lib/python*/site-packages/_editable*_tse.pth.bak
+# Install the package of this checkout by its path, without a library. The library is
+# built below, and again if sources change.
+install_checkout() {
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation \
+    --config-settings wheel.cmake=false --editable "$@" || return 1
+  # Keep the plain path and remove the finder. It would take precedence over PYTHONPATH,
+  # and so over a package installed by a test and over another checkout.
+  sed -i.bak '/^import /d' .venv/lib/python*/site-packages/_editable*_tse.pth \
+    && rm -f .venv/lib/python*/site-packages/_editable*_tse.pth.bak
 }
-sha256() { "$python" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' "$1"; }
+hash_file() {
+  "$python" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' "$1"
+}
 
 # ---- a C compiler, CMake 3.21, Python 3.10
 
@@ -35,22 +45,27 @@ done
 [ -n "$compiler" ] || fail "no C compiler found (looked for cc, gcc, clang)." \
   "Install one, for example the package gcc, or name yours in CC."
 
-command -v cmake >/dev/null || fail "cmake not found: version 3.21 or later is needed, for example from the package cmake."
+command -v cmake >/dev/null \
+  || fail "cmake not found: version 3.21 or later is needed, for example from the package cmake."
 cmake_version=$(cmake --version | sed -n '1s/[^0-9]*\([0-9]*\.[0-9]*\).*/\1/p')
-[ "${cmake_version%%.*}" -gt 3 ] || { [ "${cmake_version%%.*}" -eq 3 ] && [ "${cmake_version#*.}" -ge 21 ]; } \
+[ "${cmake_version%%.*}" -gt 3 ] \
+  || { [ "${cmake_version%%.*}" -eq 3 ] && [ "${cmake_version#*.}" -ge 21 ]; } \
   || fail "cmake $cmake_version is too old: version 3.21 or later is needed."
 
 python=
 for p in ${PYTHON:+"$PYTHON"} python3 python3.14 python3.13 python3.12 python3.11 python3.10 python; do
   if "$p" -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null; then python=$p; break; fi
 done
-[ -n "$python" ] || fail "no Python 3.10 or later found ($(python3 --version 2>/dev/null || echo "there is no python3"))." \
+[ -n "$python" ] \
+  || fail "no Python 3.10 or later found ($(python3 --version 2>/dev/null || echo "there is no python3"))." \
   "Install one, or name yours in PYTHON."
 
 # ---- .venv with tselab
 
-# What the environment was made from. The path counts: an environment that was copied or moved still points to the old place.
-wanted="$root $("$python" -c 'import sys; print(sys.version)') $(sha256 pyproject.toml) $(sha256 scripts/lock.txt)"
+# Inputs of the environment. The path is one of them: a copied or moved environment still
+# points to the old place.
+wanted="$root $("$python" -c 'import sys; print(sys.version)')"
+wanted+=" $(hash_file pyproject.toml) $(hash_file scripts/lock.txt)"
 if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tselab ]; then
   say "Python environment .venv"
   rm -rf .venv
@@ -60,10 +75,12 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
     "$python" -m virtualenv -q .venv
   else
     fail "$("$python" --version) cannot make virtual environments: its module ensurepip is missing." \
-      "Install it (Debian and Ubuntu: the package python3-venv) or the Python package virtualenv, or name another Python in PYTHON."
+      "Install it (Debian and Ubuntu: the package python3-venv) or the Python package virtualenv," \
+      "or name another Python in PYTHON."
   fi
   say "Python packages (about a minute)"
-  # what scripts/lock.txt names, to the hash; the newest only where another Python or machine has no such files, and never in CI
+  # Packages of scripts/lock.txt by hash. The newest versions only if this Python or
+  # machine has no such files, and never in CI.
   locked=0
   scripts/dev/locked.sh .venv/bin/python scripts/lock.txt 2>.venv/tse-lock.log || locked=$?
   if [ $locked -eq 3 ] && [ -z "${CI:-}" ]; then
@@ -71,13 +88,14 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
     .venv/bin/python -m pip install --quiet --disable-pip-version-check "scikit-build-core>=0.11" \
       || fail "pip could not install scikit-build-core."
   elif [ $locked -ne 0 ]; then
-    fail "$(cat .venv/tse-lock.log)" "Nothing of scripts/lock.txt was installed without its hash; run scripts/setup.sh again."
+    fail "$(cat .venv/tse-lock.log)" \
+      "Nothing of scripts/lock.txt was installed without its hash; run scripts/setup.sh again."
   fi
-  this_checkout ".[dev]" || fail "pip could not install the packages that pyproject.toml names."
+  install_checkout ".[dev]" || fail "pip could not install the packages that pyproject.toml names."
   printf '%s' "$wanted" >.venv/tse-setup
 fi
 
-# ---- Unity 2.7.0, unmodified in the sources of the Python package pytest-unity, pinned by their sha256
+# ---- Unity 2.7.0 of the source package pytest-unity, pinned by sha256
 
 unity=.venv/share/unity
 if ! [ -f $unity/src/unity.c ]; then
@@ -86,27 +104,31 @@ if ! [ -f $unity/src/unity.c ]; then
   scratch=$(mktemp -d .venv/share/unity.XXXXXX)
   trap 'rm -rf "$root/$scratch"' EXIT
   archive=pytest_unity-0.1.0.tar.gz
-  echo "pytest-unity==0.1.0 --hash=sha256:cd3ceb4aeb4f7866f935957f91874999d8ae13ff014684464ade0b7071e28298" >"$scratch/pin.txt"
-  .venv/bin/python -m pip download --quiet --disable-pip-version-check --require-hashes --no-deps --no-binary pytest-unity \
-    --dest "$scratch" --requirement "$scratch/pin.txt" || fail "pip could not download pytest-unity 0.1.0, or its sha256 differs."
+  hash=cd3ceb4aeb4f7866f935957f91874999d8ae13ff014684464ade0b7071e28298
+  echo "pytest-unity==0.1.0 --hash=sha256:$hash" >"$scratch/pin.txt"
+  .venv/bin/python -m pip download --quiet --disable-pip-version-check --require-hashes --no-deps \
+    --no-binary pytest-unity --dest "$scratch" --requirement "$scratch/pin.txt" \
+    || fail "pip could not download pytest-unity 0.1.0, or its sha256 differs."
   tar -xzf "$scratch/$archive" -C "$scratch"
   mv "$scratch/${archive%.tar.gz}/vendor/unity" $unity
   rm -rf "$scratch"
 fi
 
-# ---- FMI 2.0.1 and 3.0.2 headers, unmodified in the Python package fmu-manipulation-toolbox, pinned by their sha256
+# ---- FMI 2.0.1 and 3.0.2 headers of fmu-manipulation-toolbox, pinned by sha256
 
-fmi_headers() {                                   # fmi_headers VERSION NAME:SHA256 ...   to .venv/share/fmiVERSION/headers
+# copy_fmi_headers VERSION NAME:SHA256 ...   to .venv/share/fmiVERSION/headers
+copy_fmi_headers() {
   local folder=.venv/share/fmi$1/headers package pinned header
   shift
   for pinned in "$@"; do [ -f "$folder/${pinned%%:*}" ] || break; done
   [ -f "$folder/${pinned%%:*}" ] && return 0
   scratch=$(mktemp -d .venv/share/fmi.XXXXXX)
   trap 'rm -rf "$root/$scratch"' EXIT
-  package=$(.venv/bin/python -c 'import importlib.util as u; print(u.find_spec("fmu_manipulation_toolbox").submodule_search_locations[0])')
+  package=$(.venv/bin/python -c 'import importlib.util as u
+print(u.find_spec("fmu_manipulation_toolbox").submodule_search_locations[0])')
   for pinned in "$@"; do
     header=$package/resources/fmi/${pinned%%:*}
-    [ -f "$header" ] && [ "$(sha256 "$header")" = "${pinned##*:}" ] \
+    [ -f "$header" ] && [ "$(hash_file "$header")" = "${pinned##*:}" ] \
       || fail "${pinned%%:*} is not in the Python package fmu-manipulation-toolbox, or its sha256 differs."
     cp "$header" "$scratch/"
   done
@@ -115,19 +137,21 @@ fmi_headers() {                                   # fmi_headers VERSION NAME:SHA
   mv "$scratch" "$folder"
   chmod 755 "$folder"
 }
-fmi_headers 2 fmi2FunctionTypes.h:756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456 \
+copy_fmi_headers 2 fmi2FunctionTypes.h:756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456 \
   fmi2Functions.h:5315e320046c976b3977bc14eb7e2cb58711fa296e4bdf88ddd2c9c82e2a9958 \
   fmi2TypesPlatform.h:50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287
-fmi_headers 3 fmi3FunctionTypes.h:d247d1c5fbf58e32379f1d38e7f73990709e0501fc4a9b3901ce3f9638503a0f \
+copy_fmi_headers 3 fmi3FunctionTypes.h:d247d1c5fbf58e32379f1d38e7f73990709e0501fc4a9b3901ce3f9638503a0f \
   fmi3Functions.h:038358fb0209c3547fe8c6f03b80582960c93ce0a7d342b0d9348c8ce6137784 \
   fmi3PlatformTypes.h:1aa81efddeb84b0d9425f9226969525bd034cb63848c086b6696655179500616
 
 # ---- extras
 
-proof_tools() {                                   # clang 19 (MC/DC), cppcheck (MISRA), frama-c
+install_proof_tools() {                                   # clang 19 (MC/DC), cppcheck (MISRA), frama-c
   local packages=() version clang=
   for version in 19 20 21 22; do
-    if command -v "clang-$version" >/dev/null && command -v "llvm-profdata-$version" >/dev/null; then clang=$version; fi
+    if command -v "clang-$version" >/dev/null && command -v "llvm-profdata-$version" >/dev/null; then
+      clang=$version
+    fi
   done
   [ -n "$clang" ] || packages+=(clang-19 llvm-19 libclang-rt-19-dev)
   command -v cppcheck >/dev/null || packages+=(cppcheck)
@@ -136,42 +160,48 @@ proof_tools() {                                   # clang 19 (MC/DC), cppcheck (
   if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
     say "packages of the system: ${packages[*]}"
     for package in "${packages[@]}"; do           # one by one: a system may have some of them only
-      apt-get install -y --no-install-recommends "$package" >.venv/tse-extra.log 2>&1 || say "left out: $package (apt-get update first?)"
+      apt-get install -y --no-install-recommends "$package" >.venv/tse-extra.log 2>&1 \
+        || say "left out: $package (apt-get update first?)"
     done
   else
-    say "not installed, what needs them is skipped: ${packages[*]}"
+    say "not installed, their tests are skipped: ${packages[*]}"
   fi
 }
 
-machines() {                                      # command:package of Debian and Ubuntu; a test that misses one is skipped
+# command:package of Debian and Ubuntu; tests without their command are skipped
+install_machines() {
   local missing=() packages=() pair
-  for pair in clang:clang wasm-ld:lld tcc:tcc node:nodejs qemu-aarch64:qemu-user qemu-system-arm:qemu-system-arm \
-      arm-none-eabi-gcc:gcc-arm-none-eabi i686-linux-gnu-gcc:gcc-i686-linux-gnu aarch64-linux-gnu-gcc:gcc-aarch64-linux-gnu \
-      arm-linux-gnueabihf-gcc:gcc-arm-linux-gnueabihf riscv64-linux-gnu-gcc:gcc-riscv64-linux-gnu s390x-linux-gnu-gcc:gcc-s390x-linux-gnu \
-      powerpc64-linux-gnu-gcc:gcc-powerpc64-linux-gnu mips-linux-gnu-gcc:gcc-mips-linux-gnu sparc64-linux-gnu-gcc:gcc-sparc64-linux-gnu; do
+  for pair in clang:clang wasm-ld:lld tcc:tcc node:nodejs qemu-aarch64:qemu-user \
+      qemu-system-arm:qemu-system-arm \
+      arm-none-eabi-gcc:gcc-arm-none-eabi i686-linux-gnu-gcc:gcc-i686-linux-gnu \
+      aarch64-linux-gnu-gcc:gcc-aarch64-linux-gnu arm-linux-gnueabihf-gcc:gcc-arm-linux-gnueabihf \
+      riscv64-linux-gnu-gcc:gcc-riscv64-linux-gnu s390x-linux-gnu-gcc:gcc-s390x-linux-gnu \
+      powerpc64-linux-gnu-gcc:gcc-powerpc64-linux-gnu mips-linux-gnu-gcc:gcc-mips-linux-gnu \
+      sparc64-linux-gnu-gcc:gcc-sparc64-linux-gnu; do
     command -v "${pair%%:*}" >/dev/null || { missing+=("${pair%%:*}"); packages+=("${pair#*:}"); }
   done
-  # the C library is a package of its own, which comes with the compiler where recommended packages do
+  # The C library is a recommended package of the compiler: name it.
   case " ${packages[*]} " in *" gcc-arm-none-eabi "*) packages+=(libnewlib-arm-none-eabi) ;; esac
   [ "${#missing[@]}" -gt 0 ] || return 0
   if command -v apt-get >/dev/null && [ "$(id -u)" -eq 0 ]; then
     say "compilers and emulators: ${missing[*]}"
-    { DEBIAN_FRONTEND=noninteractive apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${packages[@]}"; } \
+    { DEBIAN_FRONTEND=noninteractive apt-get update -qq \
+      && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${packages[@]}"; } \
       >"$root/.venv/tse-extra.log" 2>&1 && return 0
   fi
   say "left out, their tests are skipped: ${missing[*]}; packages of Debian and Ubuntu: ${packages[*]}"
 }
 
 for extra in "$@"; do
-  if [ "$extra" = proof ]; then proof_tools; continue; fi
-  if [ "$extra" = machines ]; then machines; continue; fi
+  if [ "$extra" = proof ]; then install_proof_tools; continue; fi
+  if [ "$extra" = machines ]; then install_machines; continue; fi
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
-  if [ "$extra" = release ]; then                 # as a release is to be made again by others
-    scripts/dev/locked.sh .venv/bin/python scripts/dev/lock-release.txt 2>.venv/tse-lock.log \
-      || fail "$(cat .venv/tse-lock.log)" "A release is made of what scripts/dev/lock-release.txt names, to the hash."
+  if [ "$extra" = release ]; then                 # locked, so that others can repeat a release
+    scripts/dev/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
+      || fail "$(cat .venv/tse-lock.log)" "A release needs the packages of scripts/lock-release.txt by hash."
   fi
-  if this_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
+  if install_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"
   else
     say "left out, pip could not install them: $(tail -n 1 .venv/tse-extra.log)"
@@ -180,13 +210,14 @@ done
 
 # ---- the library that tselab calls
 
-if [ "$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' build/lab/CMakeCache.txt 2>/dev/null)" != "$root" ]; then
+made_in=$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' build/lab/CMakeCache.txt 2>/dev/null || true)
+if [ "$made_in" != "$root" ]; then
   rm -rf build/lab                                # none yet, or of another checkout
 fi
 if ! [ -f build/lab/CMakeCache.txt ] && [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then
   export CMAKE_GENERATOR=Ninja
 fi
-quietly() {                                       # say what a command printed only when it failed
+quietly() {                                       # print the output of a command only if it fails
   local text
   text=$("$@" 2>&1) || { printf '%s\n' "$text" >&2; return 1; }
 }
@@ -197,7 +228,8 @@ mkdir -p scripts/tse/library/lib
 for suffix in so dylib; do
   built=build/lab/src/libtse.$suffix
   if [ -e $built ] && ! cmp -s $built scripts/tse/library/lib/libtse.$suffix; then
-    cp -L $built scripts/tse/library/lib/libtse.$suffix.new          # replaced at once: a running tselab keeps the old one
+    # replaced at once: a running tselab keeps the old one
+    cp -L $built scripts/tse/library/lib/libtse.$suffix.new
     mv -f scripts/tse/library/lib/libtse.$suffix.new scripts/tse/library/lib/libtse.$suffix
   fi
 done

@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# Tests: lint, format, the C library in its presets, the Python package. Ends with a table; fails when anything failed.
-# A test whose tool is missing is skipped, with the tool's name.
-#   scripts/test.sh                   all but what takes long, under 15 minutes on two cores
-#   scripts/test.sh --all             as CI does: every preset, and the tests of tests/conftest.py's HEAVY
-#   scripts/test.sh PRESET ...        only these CMake presets, then the Python tests
+# Run lint, format check, the C library in its presets, and the Python package. Ends with
+# a table; fails if a step fails. A test whose tool is missing is skipped, with the tool's
+# name.
+#
+#   scripts/test.sh              all but long tests, under 15 minutes on two cores
+#   scripts/test.sh --all        as in CI: every preset, and HEAVY of tests/conftest.py
+#   scripts/test.sh PRESET ...   only these CMake presets, then the Python tests
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 heavy=()
@@ -17,7 +19,8 @@ for word in "$@"; do
 done
 every=(dev release avx2 float fixed small clang-dev clang-release clang-float clang-fixed)
 if [ "${#presets[@]}" -eq 0 ]; then
-  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); else presets=(dev float fixed small clang-release); fi
+  presets=(dev float fixed small clang-release)
+  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); fi
 fi
 scripts/setup.sh clients logs || exit 1
 
@@ -43,10 +46,12 @@ skip() { row skipped "$1" "" "$2"; printf '\n=== %s\nskipped: %s\n' "$1" "$2"; }
 preset() {                           # configure, build and test one preset
   local cache="build/$1/CMakeCache.txt"
   if [ -f "$cache" ] && { ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$PWD" "$cache" \
-      || { [ -n "${CMAKE_GENERATOR:-}" ] && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
+      || { [ -n "${CMAKE_GENERATOR:-}" ] \
+        && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
     rm -rf "build/$1"                # of another checkout or generator
   fi
-  cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" "-DFETCHCONTENT_SOURCE_DIR_FMI2=$PWD/.venv/share/fmi2" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
+  cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" \
+    "-DFETCHCONTENT_SOURCE_DIR_FMI2=$PWD/.venv/share/fmi2" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
     >"/tmp/tse-configure.$$" 2>&1 || { cat "/tmp/tse-configure.$$"; rm -f "/tmp/tse-configure.$$"; return 1; }
   rm -f "/tmp/tse-configure.$$"
   cmake --build --preset "$1" --parallel "$jobs" && ctest --preset "$1" --parallel "$jobs"
@@ -54,10 +59,12 @@ preset() {                           # configure, build and test one preset
 
 ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
 mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
-python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
-  # a process that crashes is not started again: pytest-xdist would run the test that crashes again and again
+python_tests() {                     # in several processes, grouped by tests/conftest.py
+  # do not restart a process that crashes: pytest-xdist would repeat the crashing test for
+  # ever
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
-    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 -r sfE tests
+    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder \
+    --max-worker-restart 0 --durations 25 -r sfE tests
 }
 
 step ruff ruff
@@ -65,15 +72,20 @@ step format scripts/dev/format.sh --check
 step mypy mypy
 for name in "${presets[@]}"; do
   case $name in
-    clang-*) command -v clang >/dev/null && command -v clang++ >/dev/null || { skip "$name" "clang and clang++ are not installed"; continue; } ;;
-    avx2) grep -qs '^flags.* avx2 .*' /proc/cpuinfo || { skip "$name" "this processor has no AVX2"; continue; } ;;
+    clang-*)
+      command -v clang >/dev/null && command -v clang++ >/dev/null \
+        || { skip "$name" "clang and clang++ are not installed"; continue; } ;;
+    avx2)
+      grep -qs '^flags.* avx2 .*' /proc/cpuinfo || { skip "$name" "this processor has no AVX2"; continue; } ;;
   esac
   step "$name" preset "$name"
 done
-[ -n "${CXX:-}" ] || command -v c++ >/dev/null || skip "C++" "no C++ compiler is installed; the sources were compiled as C"
-command -v pkg-config >/dev/null || command -v pkgconf >/dev/null || skip "pkg-config" "not installed; the other consumer builds ran"
+[ -n "${CXX:-}" ] || command -v c++ >/dev/null \
+  || skip "C++" "no C++ compiler is installed; the sources were compiled as C"
+command -v pkg-config >/dev/null || command -v pkgconf >/dev/null \
+  || skip "pkg-config" "not installed; the other consumer builds ran"
 step pytest python_tests
-[ "${#heavy[@]}" -gt 0 ] || skip "what takes long" "scripts/test.sh --all runs it, as CI does"
+[ "${#heavy[@]}" -gt 0 ] || skip "long tests" "scripts/test.sh --all runs it, as CI does"
 
 printf '\n=== summary\n'
 printf '%s\n' "${table[@]}"

@@ -1,11 +1,13 @@
-"""What the static library refers to: no heap, no stdio, no mutable globals, of libm only its format's sqrt.
+"""Check the references of the static library: no heap, no stdio, no mutable globals.
 
-    python3 check_symbols.py --nm NM [--objdump OBJDUMP] --real double|float|fixed libtse.a
+    check_symbols.py --nm NM [--objdump OBJDUMP] --real double|float|fixed libtse.a
 
-Undefined symbols are compared with a list of what is allowed, so whatever is new shows up. On x86-64 the
-instructions are looked at too: a float library must not compute in double, a fixed-point one not in floating
-point at all (elsewhere the compiler's helper functions, such as __aeabi_dmul, show up as symbols), and none may
-multiply and add in one instruction, which rounds once: gcc 12 makes some, in spite of -ffp-contract=off.
+Of libm it may use the sqrt of its number format only. Undefined symbols are compared with
+a list of allowed ones, so new ones show up. On x86-64 the instructions are checked, too.
+A float library must not compute in double, a fixed-point one not in floating point.
+Elsewhere the helper functions of the compiler, such as __aeabi_dmul, show up as symbols.
+No function may multiply and add in one instruction, which rounds once: gcc 12 creates
+some in spite of -ffp-contract=off.
 """
 
 import argparse
@@ -13,11 +15,12 @@ import re
 import subprocess
 import sys
 
-# The compiler may call the first five on its own (clang takes bcmp for a memcmp that asks for equality only, where the system has
-# it); some distributions switch on stack protection.
+# The compiler may call the first five without being asked: clang replaces a memcmp for
+# equality by bcmp if the system has it. Some distributions switch on stack protection.
 ALLOWED = {"memcpy", "memmove", "memset", "memcmp", "bcmp", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
 LIBM = {"double": {"sqrt"}, "float": {"sqrtf"}, "fixed": set()}
-# How nm and objdump introduce an object file: 'a.c.o:', 'libtse.a[a.c.o]:', 'libtse.a(a.c.o):'
+# How nm and objdump introduce an object file: 'a.c.o:', 'libtse.a[a.c.o]:',
+# 'libtse.a(a.c.o):'
 MEMBER = re.compile(r"([^\s/()\[\]]+\.o(?:bj)?)[)\]]?:(?:$|\s+file format)")
 READ_ONLY = (".text", ".rodata", ".data.rel.ro", "__TEXT")
 ARITHMETIC = "add|sub|mul|div|sqrt|min|max|fn?m\\w+|u?comi|cmp\\w*"
@@ -26,14 +29,14 @@ FUSED = re.compile(r"\bvfn?m(add|sub)\w+\b")
 FLOATING = re.compile(rf"\bv?(({ARITHMETIC})(ss|sd|ps|pd)|cvt\w+)\b")
 
 
-def run(*command):
+def run_command(*command):
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
 
-def symbols(nm, library):
-    """Rows (object file, name, class, section)."""
+def read_symbols(nm, library):
+    """Yield (object file, name, class, section) of each symbol."""
     where = ""
-    for line in run(nm, "--format=sysv", library).splitlines():
+    for line in run_command(nm, "--format=sysv", library).splitlines():
         if m := MEMBER.search(line):
             where = m.group(1)
         cells = [c.strip() for c in line.split("|")]
@@ -41,7 +44,8 @@ def symbols(nm, library):
             yield where, cells[0], cells[2], cells[6]
 
 
-def wrong_symbols(rows, real):
+def find_wrong_symbols(rows, real):
+    """Yield a message for each symbol that is not allowed."""
     rows = list(rows)
     defined = {name for _, name, kind, _ in rows if kind not in "UwN"}
     for where, name, kind, section in rows:
@@ -53,11 +57,12 @@ def wrong_symbols(rows, real):
             yield f"{where}: mutable object {name} in {section or 'common'}"
 
 
-def wrong_instructions(objdump, library, real):
+def find_wrong_instructions(objdump, library, real):
+    """Yield a message for each function with an instruction that is not allowed."""
     another = {"float": DOUBLE, "fixed": FLOATING}.get(real)
     where = function = ""
     seen = set()
-    for line in run(objdump, "-d", "--no-show-raw-insn", library).splitlines():
+    for line in run_command(objdump, "-d", "--no-show-raw-insn", library).splitlines():
         if m := MEMBER.search(line):
             where = m.group(1)
         elif m := re.match(r"[0-9a-f]+ <(.+)>:", line):
@@ -73,6 +78,7 @@ def wrong_instructions(objdump, library, real):
 
 
 def main():
+    """Check the library; exit with the messages."""
     parser = argparse.ArgumentParser()
     parser.add_argument("library")
     parser.add_argument("--nm", required=True)
@@ -80,13 +86,13 @@ def main():
     parser.add_argument("--real", choices=list(LIBM), required=True)
     a = parser.parse_args()
 
-    rows = list(symbols(a.nm, a.library))
+    rows = list(read_symbols(a.nm, a.library))
     if not any(name.startswith("tse_") for _, name, _, _ in rows):
         sys.exit(f"no tse_ symbol found in the output of {a.nm}")
-    wrong = list(wrong_symbols(rows, a.real))
+    wrong = list(find_wrong_symbols(rows, a.real))
     looked = ""
-    if a.objdump and "x86-64" in run(a.objdump, "-f", a.library):
-        wrong += wrong_instructions(a.objdump, a.library, a.real)
+    if a.objdump and "x86-64" in run_command(a.objdump, "-f", a.library):
+        wrong += find_wrong_instructions(a.objdump, a.library, a.real)
         looked = " and its instructions"
     defined = {name for _, name, kind, _ in rows if kind != "U"}
     outside = sorted({name for _, name, kind, _ in rows if kind == "U"} - defined)

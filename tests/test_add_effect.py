@@ -1,8 +1,7 @@
-"""Files that a change touches.
+"""Add an effect, a threshold and an output in the files that CONTRIBUTING names.
 
-A new effect, threshold and output are put into a copy of the sources, in the files that
-CONTRIBUTING names and no other. scripts/dev/tables.py writes the rest, and the library that
-is built of it has them.
+The change is made in a copy of the sources. scripts/dev/tables.py writes the other files,
+and the library built from them has the new parts.
 """
 
 import re
@@ -123,14 +122,14 @@ ACTS = {
 }
 
 
-def edit(path: Path, old: str, new: str) -> None:
+def edit_file(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert text.count(old) == 1, f"{path.name}: {old}"
     path.write_text(text.replace(old, new))
 
 
-def written(folder: Path) -> list[str]:
-    """Files that scripts/dev/tables.py changes."""
+def list_written(folder: Path) -> list[str]:
+    """Run scripts/dev/tables.py; return the files that it changes."""
 
     def there() -> dict[Path, str]:
         return {p: p.read_text() for p in folder.rglob("*.[ch]")}
@@ -140,8 +139,8 @@ def written(folder: Path) -> list[str]:
     return sorted(p.relative_to(folder).as_posix() for p, text in there().items() if before[p] != text)
 
 
-def said(folder: Path, program: str) -> list[str]:
-    """What a program says with the library of these sources."""
+def run_program(folder: Path, program: str) -> list[str]:
+    """Compile a program with these sources; return the words of its output."""
     (folder / "main.c").write_text(HEAD + program)
     sources = [p.relative_to(folder).as_posix() for p in sorted((folder / "src").rglob("*.c"))]
     options = ["-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]
@@ -150,33 +149,33 @@ def said(folder: Path, program: str) -> list[str]:
 
 
 def test_an_effect_is_a_row_and_its_function_word_for_word_as_contributing_says(copy):
-    """Its test is the third file that a person writes."""
+    """A test of the effect is the third file that a person writes."""
     text = (ROOT / "CONTRIBUTING.md").read_text().partition("## Add an effect")[2].partition("\n## ")[0]
     blocks = re.findall(r"```(?:toml|c)\n(.*?)```", text, re.S)
     row, function = (re.sub("^   ", "", block, flags=re.M) for block in blocks)
     with (copy / "src" / "tables" / "effects.toml").open("a") as file:
         file.write("\n" + row)
-    edit(
+    edit_file(
         copy / "src" / "model" / "catalogue.h",
         "// clang-format off: table ",
         function + "\n// clang-format off: table ",
     )
-    assert "src/model/catalogue.h" in written(copy)
-    name, without, with_it = said(copy, EFFECT)
+    assert "src/model/catalogue.h" in list_written(copy)
+    name, without, with_it = run_program(copy, EFFECT)
     assert name == "brake_pull"
     assert float(without) == 0
     assert abs(float(with_it)) > 0.001
 
 
 def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
-    edit(copy / "src" / "tables" / "constants.toml", '["process noise"]\n',
+    edit_file(copy / "src" / "tables" / "constants.toml", '["process noise"]\n',
          '["process noise"]\nNEWS = { value = 0.25, unit = "1", why = "a share", test = "-" }\n')  # fmt: skip
-    edit(
+    edit_file(
         copy / "src" / "filter" / "output.c",
         "out->log_evidence = ",
         "out->n_eff = NEWS;\n  out->log_evidence = ",
     )
-    assert written(copy) == ["src/tables/constants.h"]
+    assert list_written(copy) == ["src/tables/constants.h"]
     subprocess.run(
         ["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
         cwd=copy,
@@ -186,19 +185,19 @@ def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
 
 def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
     table = copy / "src" / "tables" / "output.toml"
-    edit(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
-    edit(
+    edit_file(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
+    edit_file(
         table,
         "fault_factor = { unit",
         'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nfault_factor = { unit',
     )
-    edit(
+    edit_file(
         copy / "src" / "filter" / "output.c",
         "out->log_evidence = ",
         "out->speed_of_news = out->vel_x + out->vel_x;\n  out->log_evidence = ",
     )
-    assert "include/tse/output.h" in written(copy)
-    unit, x, half = said(copy, ROW)
+    assert "include/tse/output.h" in list_written(copy)
+    unit, x, half = run_program(copy, ROW)
     assert unit == "m/s" and float(x) == 2 * float(half) > 0
 
 
@@ -209,14 +208,14 @@ UNITY = ROOT / ".venv" / "share" / "unity" / "src"
 HOOKS = ("CONSTANT", "INPUT", "SLIP", "STIFFNESS", "GRIP", "BODY", "SENSOR")
 
 
-def new_effect(folder, *arguments):
+def run_new_effect(folder, *arguments):
     command = [sys.executable, "scripts/dev/new_effect.py", *map(str, arguments)]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True)
 
 
 def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
     for hook in HOOKS:
-        done = new_effect(copy, f"try_{hook.lower()}", "--hook", hook)
+        done = run_new_effect(copy, f"try_{hook.lower()}", "--hook", hook)
         assert done.returncode == 0, done.stderr
     flags = [
         "-std=c99",
@@ -248,22 +247,21 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
 @pytest.mark.parametrize("hook", ACTS)
 def test_its_row_says_which_filters_use_it(copy, hook):
     name = f"try_{hook.lower()}"
-    assert new_effect(copy, name, "--hook", hook).returncode == 0
+    assert run_new_effect(copy, name, "--hook", hook).returncode == 0
     laws = copy / "src" / "model" / ("effects_constant.h" if hook == "CONSTANT" else "catalogue.h")
     before, mark, law = laws.read_text().partition(f"/* {name}: ")
     stub, acts = ACTS[hook]
     assert stub in law
     laws.write_text(before + mark + law.replace(stub, acts.replace("NAME", name), 1))
-    without, with_it = said(copy, ESTIMATE.replace("NAME", name))
+    without, with_it = run_program(copy, ESTIMATE.replace("NAME", name))
     row = read_toml(copy / "src" / "tables" / "effects.toml")[name]
     assert row["filter"] == ("none" if float(without) == float(with_it) else "both")
-    listed = (
-        (copy / "src" / "EQUATIONS.md").read_text().split("Not applied: ")[1].partition("Simulator and")[0]
-    )
+    ledger = " ".join((copy / "src" / "EQUATIONS.md").read_text().split())
+    listed = ledger.split("Not applied: ")[1].partition("Simulator and")[0]
     assert (f"`{name}`" in listed) == (row["filter"] == "none")
 
 
-def its_test(copy: Path) -> str:
+def run_its_test(copy: Path) -> str:
     """Return the output of the test that new_effect.py has written for brake_pull."""
     sources = [str(p.relative_to(copy)) for p in sorted((copy / "src").rglob("*.c"))]
     test = copy / "tests/unit/model/test_effect_brake_pull.c"
@@ -281,7 +279,7 @@ def its_test(copy: Path) -> str:
 
 @pytest.mark.skipif(not UNITY.is_dir(), reason="Unity is not there: scripts/setup.sh")
 def test_its_test_fails_in_one_place_which_says_what_to_write_and_finds_a_jump_at_0(copy):
-    done = new_effect(
+    done = run_new_effect(
         copy,
         "brake_pull",
         "--hook",
@@ -299,14 +297,14 @@ def test_its_test_fails_in_one_place_which_says_what_to_write_and_finds_a_jump_a
         0.05,
     )
     assert done.returncode == 0 and "test_effect_brake_pull.c" in done.stdout
-    output = its_test(copy)
+    output = run_its_test(copy)
     assert "2 Tests 1 Failures" in output and "write the formula of brake_pull" in output
     row = re.search(r"^\| brake_pull .*$", (copy / "src" / "EQUATIONS.md").read_text(), re.M)[0]
     assert "`brake_pull_body`" in row and "`test_brake_pull_does_what_its_equation_says`" in row
     laws = copy / "src" / "model" / "catalogue.h"
     before, mark, law = laws.read_text().partition("/* brake_pull: ")
     laws.write_text(before + mark + law.replace("(void)pt;", "pt->force.y += TSE_R(1);", 1))
-    output = its_test(copy)
+    output = run_its_test(copy)
     assert "2 Tests 2 Failures" in output and "test_brake_pull_vanishes_with_its_strength:FAIL" in output
 
 
@@ -325,6 +323,6 @@ def test_its_test_fails_in_one_place_which_says_what_to_write_and_finds_a_jump_a
 )
 def test_what_makes_no_sense_writes_nothing(copy, arguments, said):
     before = {p: p.read_bytes() for p in copy.rglob("*") if p.is_file()}
-    done = new_effect(copy, *arguments)
+    done = run_new_effect(copy, *arguments)
     assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr
     assert {p: p.read_bytes() for p in copy.rglob("*") if p.is_file()} == before

@@ -1,5 +1,9 @@
-"""Builds that are not as ours: options of a compiler that change results are an error where the preprocessor can see them, else
-found by tse_self_test(). Nothing is installed without its hash because something failed (scripts/dev/locked.sh)."""
+"""Builds with other options than ours.
+
+Options of a compiler that change results are an error where the preprocessor can see
+them, and tse_self_test() finds the others. scripts/dev/locked.sh installs no package
+without its hash because something failed.
+"""
 
 import hashlib
 import os
@@ -42,12 +46,25 @@ def is_clang(compiler):
     return "clang" in said
 
 
-def build(compiler, folder, real, options):
-    """How a drop-in build goes: the sources and somebody's options.   Returned: what compiler and program said."""
+def build_and_run(compiler, folder, real, options):
+    """Compile the sources with some options and run the self test.
+
+    Returns the outputs of the program (None if it does not compile) and of the compiler.
+    """
     (folder / "main.c").write_text(PROGRAM)
     program = folder / "program"
-    command = [compiler, *options, f"-DTSE_REAL_{real}=1", f"-I{ROOT / 'include'}", f"-I{ROOT / 'src'}", folder / "main.c",
-               ROOT / "src" / "host" / "self_test.c", "-o", program, "-lm"]  # fmt: skip
+    command = [
+        compiler,
+        *options,
+        f"-DTSE_REAL_{real}=1",
+        f"-I{ROOT / 'include'}",
+        f"-I{ROOT / 'src'}",
+        folder / "main.c",
+        ROOT / "src" / "host" / "self_test.c",
+        "-o",
+        program,
+        "-lm",
+    ]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     if done.returncode:
         return None, done.stderr
@@ -60,7 +77,7 @@ def build(compiler, folder, real, options):
     "options", ["-std=c99 -O0", "-std=c99 -O3", "-std=gnu99 -O3 -ffp-contract=off", "-O2 -fno-trapping-math"]
 )
 def test_ordinary_options_pass(compiler, options, real, tmp_path):
-    said, errors = build(compiler, tmp_path, real, [*options.split(), "-Wall", "-Wextra", "-Werror"])
+    said, errors = build_and_run(compiler, tmp_path, real, [*options.split(), "-Wall", "-Wextra", "-Werror"])
     assert said == "0 \n", errors
 
 
@@ -68,26 +85,27 @@ def test_ordinary_options_pass(compiler, options, real, tmp_path):
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("options", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
 def test_fast_math_does_not_compile(compiler, options, real, tmp_path):
-    said, errors = build(compiler, tmp_path, real, ["-std=c99", "-O2", *options.split()])
+    said, errors = build_and_run(compiler, tmp_path, real, ["-std=c99", "-O2", *options.split()])
     assert said is None and "change results: compile without" in errors
 
 
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if is_clang(c)])
 def test_a_reciprocal_that_quotients_share_is_found(compiler, real, tmp_path):
-    """clang says nothing of it to the preprocessor; with it the bits differ."""
-    said, _ = build(compiler, tmp_path, real, ["-std=c99", "-O2", "-freciprocal-math"])
+    """clang defines no macro for this option, and the bits differ."""
+    said, _ = build_and_run(compiler, tmp_path, real, ["-std=c99", "-O2", "-freciprocal-math"])
     assert said.startswith("-12 quotients")
 
 
 @pytest.mark.parametrize("option", ["-funsafe-math-optimizations", "-freciprocal-math", "-fno-signed-zeros"])
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if not is_clang(c)])
 def test_parts_of_fast_math_do_not_compile_where_the_compiler_says_so(compiler, option, tmp_path):
-    said, errors = build(compiler, tmp_path, "DOUBLE", ["-std=c99", "-O2", option])
+    said, errors = build_and_run(compiler, tmp_path, "DOUBLE", ["-std=c99", "-O2", option])
     assert said is None and "change results: compile without" in errors
 
 
-# what the machines say on which sums have other widths: -1 gcc's -mfpmath=both, 1 s390x, 2 x87, 16 and 32 of half precision
+# FLT_EVAL_METHOD of machines whose sums have another width: -1 gcc's -mfpmath=both, 1
+# s390x, 2 x87, 16 and 32 half precision.
 @pytest.mark.parametrize(
     ("method", "refused"),
     [
@@ -104,7 +122,7 @@ def test_parts_of_fast_math_do_not_compile_where_the_compiler_says_so(compiler, 
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if not is_clang(c)])
 def test_sums_that_are_wider_than_their_numbers_do_not_compile(compiler, real, method, refused, tmp_path):
-    said, errors = build(
+    said, errors = build_and_run(
         compiler, tmp_path, real, ["-std=c99", "-U__FLT_EVAL_METHOD__", f"-D__FLT_EVAL_METHOD__={method}"]
     )
     if real in refused:
@@ -117,7 +135,7 @@ def test_sums_that_are_wider_than_their_numbers_do_not_compile(compiler, real, m
 @pytest.mark.parametrize("option", ["-mfpmath=387", "-mfpmath=both"])
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if not is_clang(c)])
 def test_x87_does_not_compile(compiler, option, tmp_path):
-    said, errors = build(compiler, tmp_path, "DOUBLE", ["-std=c99", option])
+    said, errors = build_and_run(compiler, tmp_path, "DOUBLE", ["-std=c99", option])
     assert said is None and "as x87 makes them" in errors
 
 
@@ -125,9 +143,9 @@ def test_x87_does_not_compile(compiler, option, tmp_path):
 @pytest.mark.parametrize("real", REALS)
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_contraction_is_found_where_it_is_not_prevented(compiler, real, tmp_path):
-    """gcc fuses in its GNU dialect, and says so nowhere. To clang the sources say that it must not."""
+    """gcc fuses in its GNU dialect without a macro; the sources forbid it to clang."""
     fuse = ["-ffp-contract=on"] if is_clang(compiler) else []
-    said, errors = build(compiler, tmp_path, real, ["-std=gnu99", "-O2", "-mfma", *fuse])
+    said, errors = build_and_run(compiler, tmp_path, real, ["-std=gnu99", "-O2", "-mfma", *fuse])
     if is_clang(compiler):
         assert said == "0 \n", errors
     else:
@@ -139,8 +157,8 @@ def test_contraction_is_found_where_it_is_not_prevented(compiler, real, tmp_path
 @pytest.mark.skipif(not X86, reason="options of x86")
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_sums_in_another_order_are_found(compiler, tmp_path):
-    """clang gives it no name."""
-    said, errors = build(
+    """clang defines no macro for this option."""
+    said, errors = build_and_run(
         compiler, tmp_path, "DOUBLE", ["-O2", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math"]
     )
     if is_clang(compiler):
@@ -153,7 +171,8 @@ LOCKED = ROOT / "scripts" / "dev" / "locked.sh"
 NO_FILES = 3
 
 
-def code(python: object, lock: Path) -> int:
+def run_locked(python: object, lock: Path) -> int:
+    """Return the exit code of scripts/dev/locked.sh."""
     return subprocess.run([LOCKED, str(python), lock], capture_output=True, text=True, timeout=120).returncode
 
 
@@ -168,7 +187,7 @@ def code(python: object, lock: Path) -> int:
         ),
         ("WARNING: Retrying after connection broken\\nERROR: No matching distribution found for numpy==9", 1),
         ("ERROR: HTTP error 503 while getting a.whl", 1),
-        ("something that nobody has thought of", 1),
+        ("an unknown error", 1),
     ],
 )
 def test_only_files_that_do_not_exist_for_this_python_are_replaced(
@@ -178,11 +197,11 @@ def test_only_files_that_do_not_exist_for_this_python_are_replaced(
     python.write_text(f"#!/bin/sh\nprintf '{says}\\n' >&2\nexit 1\n")
     python.chmod(0o755)
     lock.touch()
-    assert code(python, lock) == wanted
+    assert run_locked(python, lock) == wanted
 
 
 def test_pip_itself_and_a_hash_that_differs(tmp_path: Path) -> None:
-    """A package that is made here; without a registry."""
+    """A package made here, without a registry."""
     wheel = tmp_path / "empty_of_tse-1-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
         archive.writestr(
@@ -197,24 +216,25 @@ def test_pip_itself_and_a_hash_that_differs(tmp_path: Path) -> None:
     python, lock = tmp_path / "env" / "bin" / "python", tmp_path / "lock.txt"
     for digest, wanted in (("0" * 64, 1), (right, 0)):
         lock.write_text(f"--no-index\n--find-links {tmp_path}\nempty-of-tse==1 --hash=sha256:{digest}\n")
-        assert code(python, lock) == wanted
+        assert run_locked(python, lock) == wanted
     assert subprocess.run([python, "-m", "pip", "show", "empty-of-tse"], capture_output=True).returncode == 0
 
 
 def test_setup_goes_on_without_hashes_in_that_case_alone() -> None:
-    """Only behind locked.sh's answer, and not in CI."""
+    """Only after this exit code of locked.sh, and not in CI."""
     text = (ROOT / "scripts" / "setup.sh").read_text(encoding="utf-8")
     assert text.count("but the newest versions") == 1 and '[ $locked -eq 3 ] && [ -z "${CI:-}" ]' in text
     assert "--requirement scripts/lock" not in text
 
 
-# ---- Workflow files of the forge: actions are pinned by commit, what they run is there, and the linter has nothing to say.
+# ---- workflows of the forge: actions pinned by commit, existing scripts, no lint
 
 
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 
 
-def steps(workflow: Path) -> list[dict[str, object]]:
+def read_steps(workflow: Path) -> list[dict[str, object]]:
+    """Return the steps of a workflow."""
     return [
         s
         for job in yaml.safe_load(workflow.read_text(encoding="utf-8"))["jobs"].values()
@@ -237,7 +257,7 @@ def test_actions_are_pinned_and_scripts_are_there(workflow: Path) -> None:
 
 
 def test_what_is_run_here_is_run_there() -> None:
-    runs = {w.stem: " ".join(str(s.get("run", "")) for s in steps(w)) for w in WORKFLOWS}
+    runs = {w.stem: " ".join(str(s.get("run", "")) for s in read_steps(w)) for w in WORKFLOWS}
     assert set(runs) == {"ci", "nightly"}
     assert ".ci/run" in runs["ci"] and "ctest" in runs["ci"] and "pip wheel" in runs["ci"]
     assert all(f"scripts/dev/{s}" in runs["nightly"] for s in ("fuzz.sh", "soak.sh", "proof.sh mutation"))

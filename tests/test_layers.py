@@ -1,7 +1,10 @@
-"""Layers: no file of src/ includes one that stands later in src/CMakeLists.txt, or one of a folder
-that its own must not know. fmu/glue knows nothing of tyres. The rooms of tse stand on each other in one
-order. No Python module needs itself by a detour, commands stand on what they call, and imports stand at
-the head."""
+"""Layers of the C sources and of the Python packages.
+
+No file of src/ includes one that stands later in src/CMakeLists.txt, or one of a folder
+that its own must not use. fmu/glue has no model of tyres. The rooms of tse import in one
+order. No Python module imports itself through others, commands import the public API
+only, and imports stand at the head.
+"""
 
 import ast
 import re
@@ -11,8 +14,8 @@ SRC = Path(__file__).resolve().parents[1] / "src"
 LIST = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.M)
 ORDER = re.sub(r"#.*", "", LIST).split()
-EVERYWHERE = "tables"  # folder of what scripts/dev/tables.py writes, which any file may include
-KNOWS = {  # which folders' files those of a folder may include; in order
+EVERYWHERE = "tables"  # any file may include these files of scripts/dev/tables.py
+KNOWS = {  # folder: folders that its files may include, in order
     "tables": {"tables"},
     "number": {"number"},
     "model": {"number", "model"},
@@ -21,8 +24,8 @@ KNOWS = {  # which folders' files those of a folder may include; in order
     "paper": {"number", "model", "estimator", "paper"},
     "host": {"number", "model", "estimator", "filter", "host"},
 }
-DOOR = "estimator/filter.c"  # which opens to the form that is set: it alone of its folder knows both filters
-WRITTEN = {"tse_formula.h"}  # by tselab, for a build that has a formula of the user compiled in
+DOOR = "estimator/filter.c"  # calls the filter that is set: the only file that includes both
+WRITTEN = {"tse_formula.h"}  # by tselab, for a build with a formula of the user
 GLUE = SRC.parent / "fmu" / "glue"
 OF_THE_GLUE = {"fmi2Functions.h", "fmi3Functions.h", "fmu_guid.h", "fmu_model.h", "glue.h", "model.h"}
 OF_THE_GLUE |= {"tse/convert.h", "tse/version.h"}
@@ -31,7 +34,8 @@ NAME = re.compile(
 )  # but version, numbers
 
 
-def folder(path):
+def find_folder(path):
+    """Return the folder of a file."""
     return path.partition("/")[0]
 
 
@@ -39,23 +43,23 @@ def test_no_file_includes_one_of_a_folder_that_its_own_must_not_know():
     wrong = []
     for name in ORDER:
         for included in set(INCLUDE.findall((SRC / name).read_text())) - WRITTEN:
-            if not included.startswith(("tse/", f"{EVERYWHERE}/")) and folder(included) not in (
-                KNOWS["filter"] | KNOWS["paper"] if name == DOOR else KNOWS[folder(name)]
+            if not included.startswith(("tse/", f"{EVERYWHERE}/")) and find_folder(included) not in (
+                KNOWS["filter"] | KNOWS["paper"] if name == DOOR else KNOWS[find_folder(name)]
             ):
-                wrong.append(f"{name} includes {included}, which {folder(name)} must not know")
+                wrong.append(f"{name} includes {included}, which {find_folder(name)} must not know")
     assert not wrong, "\n".join(wrong)
 
 
 def test_files_are_included_by_their_path_in_src():
-    """A path relative to the file's own folder would pass the other tests unseen."""
+    """A path relative to the folder of the file would escape the other tests."""
     for name in ORDER:
         own = [x for x in INCLUDE.findall((SRC / name).read_text()) if not x.startswith("tse/")]
         assert set(own) - WRITTEN <= set(ORDER), f"{name} includes {set(own) - set(ORDER)}"
 
 
 def test_the_folders_stand_in_order():
-    """But for the door, which stands behind the filters that it opens to."""
-    places = [list(KNOWS).index(folder(name)) for name in ORDER if name != DOOR]
+    """The door is an exception: it stands behind the filters that it calls."""
+    places = [list(KNOWS).index(find_folder(name)) for name in ORDER if name != DOOR]
     assert places == sorted(places)
 
 
@@ -84,16 +88,32 @@ def test_the_glue_of_the_fmus_knows_no_model():
 # ---- modules of tse and tselab
 
 SCRIPTS = SRC.parent / "scripts"
-FLOORS = [  # rooms of tse, each of which imports from those before it alone
-    "library", "log", "car", "roads", "readers", "channels", "estimation", "report", "simulation", "identify", "calibration",
-    "gaps", "gaps.infer", "gaps.run", "runs", "streaming", "",
-]  # fmt: skip
+FLOORS = [  # rooms of tse; each imports from earlier ones only
+    "library",
+    "log",
+    "car",
+    "roads",
+    "readers",
+    "channels",
+    "estimation",
+    "report",
+    "simulation",
+    "identify",
+    "calibration",
+    "gaps",
+    "gaps.infer",
+    "gaps.run",
+    "runs",
+    "streaming",
+    "",
+]
 COMMANDS = re.compile(r"tselab\.(?!montecarlo|fmu_)\w+")  # options in, messages out
 PUBLIC = {"tse", "tse.errors", "tse.files", "tse.tables"}  # modules that the command may import
-# The studies drive simulator, filter and rivals row by row. They are part of the package, not of the command
-# layer: `pip install` brings `tselab paper` and `tselab montecarlo`, which need no checkout.
+# The studies run simulator, filter and rivals row by row. They are part of the package,
+# not of the command layer: `pip install` brings `tselab paper` and `tselab montecarlo`,
+# which need no checkout.
 STUDIES = "tselab.montecarlo"
-LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
+LATE = {  # imports within functions of modules that few users need, to save a second
     ("tse._estimate", "tse.report.report"),
     ("tse._simulate", "tse.report.report"),
     ("tse.errors", "tse.library.core"),  # numpy, which --help of the command does without
@@ -107,8 +127,8 @@ LATE = {  # what is imported in functions, and is no package that may be missing
 }
 
 
-def modules():
-    """Name -> tree of every module."""
+def read_modules():
+    """Return the syntax tree of each module by name."""
     paths = [p for package in ("tse", "tselab") for p in (SCRIPTS / package).rglob("*.py")]
     dotted = {
         ".".join(p.relative_to(SCRIPTS).with_suffix("").parts).removesuffix(".__init__"): p for p in paths
@@ -116,8 +136,11 @@ def modules():
     return {name: ast.parse(p.read_text(encoding="utf-8")) for name, p in dotted.items()}
 
 
-def imports(trees):
-    """Who imports whom, and whether in a function; what is for types only does not count."""
+def find_imports(trees):
+    """Return importer, imported module, and whether a function imports it.
+
+    Imports for types only are left out.
+    """
 
     def names(node):
         if isinstance(node, ast.Import):
@@ -139,12 +162,12 @@ def imports(trees):
     return {found for name, tree in trees.items() for found in walk(name, tree, False)}
 
 
-TREES = modules()
-ARROWS = imports(TREES)
+TREES = read_modules()
+ARROWS = find_imports(TREES)
 
 
-def reached(start, known):
-    """Modules that one needs, also by others."""
+def find_reached(start, known):
+    """Return all modules that a module imports, directly or indirectly."""
     seen, todo = set(), [start]
     while todo:
         for other in known.get(todo.pop(), ()):
@@ -159,10 +182,10 @@ def test_no_module_needs_itself_by_a_detour():
     for name, other, _ in ARROWS:
         known.setdefault(name, set()).add(other)
     assert len(TREES) > 100 and len(ARROWS) > 500
-    assert not {name for name in TREES if name in reached(name, known)}
+    assert not {name for name in TREES if name in find_reached(name, known)}
 
 
-def room_of(name):
+def find_room(name):
     """Return the room of a module of tse; "" is the public API."""
     package = name if SCRIPTS.joinpath(*name.split(".")).is_dir() else name.rpartition(".")[0]
     return package.removeprefix("tse").removeprefix(".")
@@ -170,14 +193,14 @@ def room_of(name):
 
 def test_rooms_stand_in_order_and_none_imports_from_a_later_one():
     tse = [name for name in TREES if name == "tse" or name.startswith("tse.")]
-    assert {room_of(name) for name in tse} == set(FLOORS)
+    assert {find_room(name) for name in tse} == set(FLOORS)
     public = {"tse.errors"}
     wrong = {
         (name, other)
         for name, other, _ in ARROWS
         if name in tse
         and other in tse
-        and FLOORS.index(room_of(name)) < FLOORS.index(room_of(other))
+        and FLOORS.index(find_room(name)) < FLOORS.index(find_room(other))
         and other not in public
     }
     assert not wrong, "\n".join(f"{name} imports {other}" for name, other in sorted(wrong))
@@ -189,7 +212,7 @@ def test_tse_does_not_know_the_command_nor_what_is_called_one():
 
 
 def test_commands_import_the_public_api_alone():
-    """Also for types: what a command needs, tse offers to everybody."""
+    """Types as well: tse offers to all users what a command needs."""
     wrong = set()
     for name, tree in TREES.items():
         if name.partition(".")[0] != "tselab" or name.startswith(STUDIES):

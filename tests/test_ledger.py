@@ -1,5 +1,8 @@
-"""src/EQUATIONS.md: every function and every test that it names exists, every equation of the paper has a row, every deviation its
-place. src/paper/algorithm1.c has every line of Algorithm 1 once, and names the equations that the ledger names."""
+"""src/EQUATIONS.md: its functions and tests exist, and it is complete.
+
+Every equation of the paper has a row, every deviation its place. src/paper/algorithm1.c
+has every line of Algorithm 1 once, and names the equations that the ledger names.
+"""
 
 import re
 import sys
@@ -19,8 +22,8 @@ TEST = re.compile(r"`(test_\w+)`")
 NUMBERS = [*range(1, 10), *range(16, 20), 22, 23, *range(25, 28)]
 
 
-def rows():
-    """The rows of the tables that have the columns number or name, equation, function, test."""
+def read_rows():
+    """Return the rows of the tables with number or name, equation, function and test."""
     found, inside = [], False
     for line in LEDGER.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
@@ -34,7 +37,7 @@ def rows():
     return found
 
 
-@pytest.mark.parametrize("row", rows(), ids=lambda row: row[0])
+@pytest.mark.parametrize("row", read_rows(), ids=lambda row: row[0])
 def test_each_row_names_a_function_that_exists_and_a_test_that_runs(row):
     functions, tests = FUNCTION.findall(row[2]), TEST.findall(row[3])
     assert functions and tests
@@ -51,7 +54,7 @@ def test_each_row_names_a_function_that_exists_and_a_test_that_runs(row):
 
 
 def test_every_equation_of_the_paper_has_a_row():
-    names = {row[0] for row in rows()}
+    names = {row[0] for row in read_rows()}
     assert {f"({n})" for n in NUMBERS} | {"Algorithm 1"} <= names
 
 
@@ -60,8 +63,8 @@ LOOPS = {1, 2, 5, 13, 19, 20}  # lines of Algorithm 1 that are "for" and "end"
 PAPER = ROOT / "src" / "paper"
 
 
-def table_after(text, head):
-    """Cells of the rows of the first table with this head."""
+def read_table(text, head):
+    """Return the cells of the first table with this head."""
     lines = iter(text.splitlines())
     for line in lines:
         if [cell.strip() for cell in line.strip("|").split("|")] == head:
@@ -75,8 +78,8 @@ def table_after(text, head):
     return found
 
 
-def spans(text):
-    """Numbers of "3, 6" or "8 .. 10"."""
+def parse_numbers(text):
+    """Return the numbers of "3, 6" or "8 .. 10"."""
     found = []
     for part in text.split(","):
         first, _, last = (x.strip(" ()") for x in part.partition(".."))
@@ -85,8 +88,8 @@ def spans(text):
 
 
 DEVIATIONS = [
-    *table_after(LEDGER, ["paper", "here", "why", "where"]),
-    *table_after(LEDGER, ["row", "here", "where"]),
+    *read_table(LEDGER, ["paper", "here", "why", "where"]),
+    *read_table(LEDGER, ["row", "here", "where"]),
 ]
 
 
@@ -101,12 +104,12 @@ def test_every_line_of_algorithm_1_stands_in_the_code_once():
     calls = re.findall(
         r"^ .*?(\w+)\(.*/\* ([0-9 .,]+?) +(?:\(.*?)?\*/", (PAPER / "algorithm1.c").read_text(), re.M
     )
-    lines = [n for _, text in calls for n in spans(text)]
+    lines = [n for _, text in calls for n in parse_numbers(text)]
     assert sorted(lines) == sorted(set(range(1, 21)) - LOOPS)
 
 
 def test_the_code_of_algorithm_1_and_the_ledger_name_the_same_functions():
-    ledger = {row[0]: row[2] for row in rows()}
+    ledger = {row[0]: row[2] for row in read_rows()}
     text = (PAPER / "algorithm1.c").read_text()
     named = re.findall(r"^ .*?(\w+)\(p, f.*/\* .*?(\(.*\)) *\*/", text, re.M)
     assert len(named) >= 8
@@ -120,7 +123,7 @@ def test_every_equation_is_in_the_code_or_derived():
 
 
 def test_what_keeps_the_filter_from_diverging_is_off_in_the_defaults():
-    """So that form 1 is the print: a setting that says "(the paper)" has the value that it says it of as its default."""
+    """Defaults of the paper's filter are the printed values, marked "(the paper)"."""
     rows = tomllib.loads((ROOT / "src" / "tables" / "filter.toml").read_text())
     said = (
         (n, r["default"], re.search(r"(?:; |rows: )([\d.]+):? [^;]*\(the paper\)", r["text"]))

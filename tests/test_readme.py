@@ -1,4 +1,4 @@
-"""README states what scripts/results holds, and its programs run on the log that it simulates."""
+"""README states the numbers of scripts/results, and its programs run on its log."""
 
 import re
 import shutil
@@ -21,8 +21,8 @@ README = (ROOT / "README.md").read_text()
 RESULTS = ROOT / "scripts" / "results"
 
 
-def cells(name: str, row: str) -> list[str]:
-    """The first row of a table of scripts/results that begins so."""
+def read_cells(name: str, row: str) -> list[str]:
+    """Return the first row of a table of scripts/results that begins so."""
     return [
         c.strip()
         for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")
@@ -31,50 +31,53 @@ def cells(name: str, row: str) -> list[str]:
 
 def test_its_numbers_are_those_of_scripts_results():
     facts = README.split("## How good it is")[1].split("## Next step")[0]
-    runs, _, _, *rms = cells("accuracy.md", "accuracy: square waves, start at 70 % |")
+    runs, _, _, *rms = read_cells("accuracy.md", "accuracy: square waves, start at 70 % |")
     assert f"RMS error {', '.join(x.split()[0] for x in rms[:3])} %, {runs} runs" in facts
     error, valid, off = (
-        [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:3]
+        [x.strip() for x in c.split("/")][1:] for c in read_cells("cars-fresh.md", "all | calibrated |")[:3]
     )
     assert (
         "{}, {} % off; usable {}, {} % of the rows; of these {}, {} % over".format(*error, *valid, *off)
         in facts
     )
     error, valid, off = (
-        [x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3]
+        [x.strip() for x in c.split("/")][1:] for c in read_cells("own.md", "all | on the log itself |")[:3]
     )
     assert "{}, {} % off; usable {}, {} %; of these {}, {} % over".format(*error, *valid, *off) in facts
-    valid, off = (c.partition("/")[0].strip() for c in cells("cars-fresh.md", "all | calibrated |")[1:3])
+    valid, off = (c.partition("/")[0].strip() for c in read_cells("cars-fresh.md", "all | calibrated |")[1:3])
     assert f"along, calibrated | usable {valid} %; of these {off} % over 10 % off" in facts
-    half, tenth = (c.split("/")[1].strip() for c in cells("cars-events.md", "ice |")[4].split(";")[:2])
+    half, tenth = (c.split("/")[1].strip() for c in read_cells("cars-events.md", "ice |")[4].split(";")[:2])
     assert f"usable rows over 20 % off for {half} s, in one drive of ten {float(tenth):.0f} s" in facts
     delay, longest = re.match(
-        r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
+        r"([\d.]+) \(([\d.]+)\)", read_cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
     ).groups()
     assert f"detected after {delay} s (longest {longest})" in facts
-    time, memory = cells("bench.md", "default |")[0], cells("bench.md", "`tse_filter`: the default form |")[0]
+    time, memory = (
+        read_cells("bench.md", "default |")[0],
+        read_cells("bench.md", "`tse_filter`: the default form |")[0],
+    )
     us, kilobytes = int(time.split()[0]) / 1000, int(memory.split()[0].replace(",", "")) / 1000
     assert f"a PC in double {us:.0f} us, {kilobytes:.0f} kB" in facts
-    *_, front, valid = cells("real.md", "stanford_250lm_a | the log itself |")[:5]
+    *_, front, valid = read_cells("real.md", "stanford_250lm_a | the log itself |")[:5]
     assert (
-        f"{front} kN/rad, usable in {valid} % of its bends; by a regression with its sideslip measured: 82 (78 .. 92)"
-        in facts
+        f"{front} kN/rad, usable in {valid} % of its bends; by a regression with its "
+        "sideslip measured: 82 (78 .. 92)" in facts
     )
     assert "front 82 [78 92]" in (RESULTS / "real.md").read_text()
-    whole = cells("real.md", "genesis_cpg_fast | the log itself |")[3]
+    whole = read_cells("real.md", "genesis_cpg_fast | the log itself |")[3]
     assert f"{whole} kN/rad: not usable, and it says so" in facts
-    assert cells("real.md", "genesis_cpg_fast | the log itself |")[4] == "0"
-    quiet = cells("real.md", "rav4_comma2k19 | as in the file |")[3]
+    assert read_cells("real.md", "genesis_cpg_fast | the log itself |")[4] == "0"
+    quiet = read_cells("real.md", "rav4_comma2k19 | as in the file |")[3]
     assert (
         f"{quiet} kN/rad: not usable, and it says so" in facts and f"gives {quiet} kN/rad in front" in README
     )
-    cost = cells("budgets.md", "Cortex-M4F, float |")
+    cost = read_cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].strip("*").replace(",", "")) for i in (0, 3, 5))
     assert (
         f"Cortex-M4F in float {row:,} instructions, {flash / 1000:.0f} kB flash, {ram / 1000:.1f} kB RAM"
         in facts
     )
-    state = int(cells("bench.md", "`tse_filter`: the default form |")[1].split()[0].replace(",", ""))
+    state = int(read_cells("bench.md", "`tse_filter`: the default form |")[1].split()[0].replace(",", ""))
     assert f"(the state of the default build: {state / 1000:.1f} kB)" in facts
     lines = (RESULTS / "gap-loop.md").read_text().split("| hidden |")[1].split("\n\n")[0].splitlines()
     loop = lines[2:]
@@ -84,8 +87,8 @@ def test_its_numbers_are_those_of_scripts_results():
     )
 
 
-def compiled(source: str, folder: Path) -> Path:
-    """A program of scripts/examples, built as README says."""
+def compile_program(source: str, folder: Path) -> Path:
+    """Compile a program of scripts/examples with the options of README."""
     cc = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     assert cc, "a C compiler is needed"
     how = re.search(
@@ -109,7 +112,7 @@ def compiled(source: str, folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """The log of README's second command."""
+    """Return the log of README's second command."""
     from tselab.cli import cli
 
     words = re.search(r"^\.venv/bin/tselab (simulate .*?--out) log\.csv", README, re.M)[1].split()
@@ -123,7 +126,11 @@ def log(tmp_path_factory):
 
 def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_path):
     done = subprocess.run(
-        [compiled("first.c", tmp_path)], input=log.read_text(), capture_output=True, text=True, check=True
+        [compile_program("first.c", tmp_path)],
+        input=log.read_text(),
+        capture_output=True,
+        text=True,
+        check=True,
     )
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
@@ -147,14 +154,22 @@ def test_its_c_program_refuses_a_bad_cell_with_its_row(cells, says, log, tmp_pat
         row[i] = text
     lines[100] = ",".join(row)
     done = subprocess.run(
-        [compiled("first.c", tmp_path)], input="\n".join(lines), capture_output=True, text=True, check=False
+        [compile_program("first.c", tmp_path)],
+        input="\n".join(lines),
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 1 and done.stdout == "" and done.stderr.startswith(says), done.stderr
 
 
 @pytest.mark.parametrize("layout", ["tse", ".", "include"])
 def test_one_include_serves_in_all_layouts_and_so_does_the_header_of_a_car(layout, tmp_path):
-    """Two files in a folder tse, the same flat, and the headers of the repository: car.h alone or behind the library's header."""
+    """Two files in a folder tse, two files beside the program, and the headers of the
+    repository.
+
+    car.h is included alone or behind the header of the library.
+    """
     from tselab.cli import cli
 
     car = tmp_path / "car.toml"
@@ -209,7 +224,7 @@ def test_its_python_program_prints_what_stands_below_it(log, monkeypatch, capsys
     "flags", [[], ["-DTSE_REAL_FLOAT"], ["-DTSE_REAL_FIXED"]], ids=["double", "float", "fixed"]
 )
 def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, tmp_path, flags):
-    """To the bit in double; float and fixed point compile without a warning and come near."""
+    """The bits are equal in double; float and fixed point come near without a warning."""
     from tselab.cli import cli
 
     car, header = tmp_path / "car.toml", tmp_path / "car.h"
@@ -237,7 +252,8 @@ def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, 
         "    u.accel_x = rows[i][3]; u.accel_y = rows[i][4]; u.yaw_rate = rows[i][5];\n"
         "    if (tse_step(&p, &f, &u, &y) < 0) return 2;\n  }\n"
         "  const double one = (double)TSE_R(1.0);\n"
-        '  printf("%.17g %.17g\\n", (double)y.stiffness[TSE_CY_FRONT] / one, (double)y.stiffness_sd[TSE_CY_FRONT] / one);\n}\n'
+        '  printf("%.17g %.17g\\n", (double)y.stiffness[TSE_CY_FRONT] / one,\n'
+        "         (double)y.stiffness_sd[TSE_CY_FRONT] / one);\n}\n"
     )
     cc = ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off", *flags]
     subprocess.run([*cc, "-I.", "-o", "it", "it.c", "tse/tse.c", "-lm"], cwd=tmp_path, check=True)
@@ -252,10 +268,10 @@ def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, 
 
 
 def test_its_c_program_does_not_call_usable_what_is_not(log, tmp_path):
-    """The first rows are the start, in which nothing is valid."""
+    """The first rows are the start, in which no estimate is valid."""
     rows = "".join(log.read_text().splitlines(True)[:100])
     done = subprocess.run(
-        [compiled("first.c", tmp_path)], input=rows, capture_output=True, text=True, check=True
+        [compile_program("first.c", tmp_path)], input=rows, capture_output=True, text=True, check=True
     )
     assert done.stdout.endswith("(95 %), do not use: too little seen since the start\n")
 
@@ -264,15 +280,15 @@ def test_its_c_program_does_not_end_well_at_a_cell_that_it_cannot_read(log, tmp_
     rows = log.read_text().splitlines(True)[:100]
     rows[50] = rows[50].replace(",", ",,", 1)
     done = subprocess.run(
-        [compiled("first.c", tmp_path)], input="".join(rows), capture_output=True, text=True
+        [compile_program("first.c", tmp_path)], input="".join(rows), capture_output=True, text=True
     )
     assert done.returncode == 1 and not done.stdout
 
 
 def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
-    program = compiled("csv.c", tmp_path)
+    program = compile_program("csv.c", tmp_path)
     log, truth = tse.simulate("double-lane-change", duration=40)
-    log.loc[100:110, "accel_y"] = np.nan  # empty cells are missing, and the header is no row
+    log.loc[100:110, "accel_y"] = np.nan  # empty cells are missing values; the header does not count as a row
     log = log.drop(index=range(500, 505))  # nor is the step always the same
     rows = log.to_csv(index=False)
     done = subprocess.run([program], input=rows, capture_output=True, text=True, check=True)
@@ -284,8 +300,8 @@ def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
     assert (nothing.returncode, nothing.stdout, nothing.stderr) == (2, "", "no row was used\n")
 
 
-# ---- CITATION.cff is of this version, and what the format wants is there (Citation File Format 1.2.0, required keys and
-# types).
+# ---- CITATION.cff states this version and has the required keys
+# (Citation File Format 1.2.0).
 
 
 REFERENCE_TYPES = {
@@ -306,7 +322,7 @@ def said():
     return yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
 
 
-def people(of):
+def check_people(of):
     for who in of["authors"]:
         assert ("name" in who) != ({"family-names", "given-names"} <= set(who)), who
 
@@ -315,11 +331,11 @@ def test_it_has_what_the_format_requires(said):
     assert said["cff-version"] == "1.2.0" and said["type"] in ("software", "dataset")
     assert all(isinstance(said[key], str) and said[key] for key in ("message", "title", "version", "license"))
     assert isinstance(said["date-released"], date)
-    people(said)
+    check_people(said)
     for reference in said["references"]:
         assert reference["type"] in REFERENCE_TYPES and reference["title"]
         assert isinstance(reference["year"], int)
-        people(reference)
+        check_people(reference)
 
 
 def test_it_is_of_this_version_and_the_changelogs_day(said):
@@ -333,6 +349,6 @@ def test_it_is_of_this_version_and_the_changelogs_day(said):
 
 
 def test_its_prose_and_commands_fit_a_terminal():
-    """Tables, pictures and the program in C aside."""
+    """Tables, pictures and the program in C are exceptions."""
     text = re.sub(r"```c\n.*?```", "", README, flags=re.S)
     assert [line for line in text.splitlines() if len(line) > 90 and not line.startswith(("|", "!["))] == []

@@ -1,4 +1,6 @@
-"""Headers that are written from src/tables are committed as they would be written; numbers of the filter have two homes."""
+"""Committed headers equal those written from src/tables; constants of the filter are
+there.
+"""
 
 import re
 import subprocess
@@ -20,7 +22,7 @@ def test_headers_are_what_the_tables_say():
 
 
 def test_a_number_of_the_default_filter_is_in_the_table_or_a_limit():
-    """What is tuned is where scripts/dev/sweep.py finds it."""
+    """scripts/dev/sweep.py finds each tuned number there."""
     found = [
         f"{path.name}: {name}"
         for path in sorted((ROOT / "src" / "filter").glob("*.[ch]"))
@@ -31,28 +33,30 @@ def test_a_number_of_the_default_filter_is_in_the_table_or_a_limit():
 
 
 def test_the_default_filter_has_at_most_26_constants():
-    """Each repairs something or shapes something: before a new one, one goes."""
+    """Each constant repairs or shapes something. Remove one before you add one."""
     rows = re.findall(
         r"^\w+ *= \{ value = ", (ROOT / "src" / "tables" / "constants.toml").read_text(encoding="utf-8"), re.M
     )
     assert 20 < len(rows) <= 26
 
 
-# ---- A name of src/ is that of one function: what a debugger, a search and a reader find is the same. Alternatives that the
-# preprocessor chooses between stand in one file. And it is short: what a function does is read on one screen.
+# ---- A name of src/ belongs to a single function, so that a debugger, a search and a
+# reader find the same. Alternatives of the preprocessor stand in one file. A function
+# fits a screen.
 
 
 SRC = Path(__file__).resolve().parents[1] / "src"
 HEAD = r"^(?!typedef\b|enum\b|extern\b)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)(?:\s*/\*[^\n]*\*/)?"
-BODY = r"(?:\s*\{.*\}[^\n]*|\s*\{[^\n]*\n(?:[^}\n][^\n]*\n|\n)*\})"  # in one line, or to the first brace in column 0
+# A body in one line, or up to the first brace in column 0.
+BODY = r"(?:\s*\{.*\}[^\n]*|\s*\{[^\n]*\n(?:[^}\n][^\n]*\n|\n)*\})"
 FUNCTION = re.compile(HEAD + BODY, re.M)
 FORMATS = {"number/fixed.c", "number/real_ops.h"}  # the same operations for each number format
 TABLE = re.compile(r" *// clang-format off: table .*?// clang-format on: end of table\n", re.S)
 MAX_LINES = 60  # of a function: a screen of lines of at most 110 columns
 
 
-def functions():
-    """(file, name, lines of the body) of every function that is defined."""
+def find_functions():
+    """Yield (file, name, lines of the body) of every function that is defined."""
     for path in sorted(SRC.rglob("*.[ch]")):
         for found in FUNCTION.finditer(path.read_text()):
             body = TABLE.sub(
@@ -62,7 +66,7 @@ def functions():
 
 
 def test_every_function_is_seen():
-    """Every brace in column 0 that ends a function belongs to one that was found."""
+    """Each brace in column 0 that ends a function belongs to a function found."""
     for path in sorted(SRC.rglob("*.[ch]")):
         text = path.read_text()
         found = [x for x in FUNCTION.finditer(text) if x[0].endswith("\n}")]
@@ -71,14 +75,14 @@ def test_every_function_is_seen():
 
 def test_no_two_files_define_functions_of_one_name():
     files = defaultdict(set)
-    for file, name, _ in functions():
+    for file, name, _ in find_functions():
         files[name].add(file)
     twice = {name: sorted(where) for name, where in files.items() if len(where) > 1 and where != FORMATS}
     assert not twice
 
 
 def test_no_two_files_define_a_type_or_a_macro_of_one_name():
-    """A macro that its file undefines is no name of another's. A build has one of a number format's."""
+    """Macros that their file undefines may repeat, and those of number formats."""
     files = defaultdict(set)
     for path in sorted(SRC.rglob("*.[ch]")):
         text = path.read_text()
@@ -91,7 +95,7 @@ def test_no_two_files_define_a_type_or_a_macro_of_one_name():
 
 
 def test_a_macro_of_a_public_header_is_a_constant():
-    """But for a number of each format, and the name that a public function has in it."""
+    """Exceptions: a number of each format, and the name of a public function in it."""
     public = (SRC.parent / "include" / "tse").glob("*.h")
     with_arguments = {
         x for path in public for x in re.findall(r"^# *define +(\w+)\(", path.read_text(), re.M)
@@ -100,4 +104,4 @@ def test_a_macro_of_a_public_header_is_a_constant():
 
 
 def test_no_function_is_longer_than_a_screen():
-    assert not [x for x in functions() if x[2] > MAX_LINES]
+    assert not [x for x in find_functions() if x[2] > MAX_LINES]

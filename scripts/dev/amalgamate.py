@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
-"""tse as two files, tse.h and tse.c; in which builds: scripts/dropin/README.md.
+"""Write tse as two files, tse.h and tse.c. scripts/dropin/README.md names the builds.
 
-    python3 scripts/dev/amalgamate.py --out FOLDER                              tse.h, tse.c, LICENSE, NOTICE
-    python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects    what both files have as default
+    python3 scripts/dev/amalgamate.py --out FOLDER
+        write tse.h, tse.c, LICENSE, NOTICE
+    python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects
+        write these options into both files as defaults
 
-The files and the order in which they stand are those of src/CMakeLists.txt. What another file of the library calls, and no user,
-becomes static: only the public API is visible. The options of
-CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS,
-TSE_NO_PARTICLES, TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
-The same sources and options give the same bytes. Needs Python only.
+src/CMakeLists.txt lists the files and their order. Functions that only other files of the
+library call become static: the public API alone is visible. The options of CMakeLists.txt
+are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS,
+TSE_NO_EFFECTS, TSE_NO_PARTICLES, TSE_FORMULA. TSE_NO_DESCRIBE is a macro of the two
+files: a linker cannot drop unused texts from a single object file. The same sources and
+options give the same bytes. Needs Python only.
 """
 
 from __future__ import annotations
@@ -39,15 +42,15 @@ TOKEN = re.compile(
 
 
 class Wrong(Exception):
-    """What the sources have and this script does not know."""
+    """The sources have a form that this script cannot read."""
 
 
-# ---- what the build says of the sources
+# ---- sources, as listed by the build
 
 
 @dataclass
 class Sources:
-    """src/CMakeLists.txt: files in order of dependency, and which of them a build without effects leaves out."""
+    """Files of src/CMakeLists.txt in order of dependency, and those of the effects."""
 
     files: list[str]
     with_effects: set[str]
@@ -60,11 +63,13 @@ class Sources:
         left_out = re.search(r"set_source_files_properties\(([^)]*) PROPERTIES HEADER_FILE_ONLY ON\)", cmake)
         version = re.search(r'TSE_VERSION "([^"]+)"', (ROOT / "include/tse/version.h").read_text())
         if not (listed and left_out and version):
-            raise Wrong("src/CMakeLists.txt or include/tse/version.h: not of the form that is read here")
+            raise Wrong(
+                "src/CMakeLists.txt or include/tse/version.h: the form is not the one that this script reads"
+            )
         return Sources(re.sub(r"#.*", "", listed[1]).split(), set(left_out[1].split()), version[1])
 
 
-# ---- C, as far as it has to be understood
+# ---- a minimal reader of C
 
 
 @dataclass
@@ -74,14 +79,18 @@ class Token:
     at: int
 
 
-def tokens(text: str) -> Iterator[Token]:
+def read_tokens(text: str) -> Iterator[Token]:
     for m in TOKEN.finditer(text):
         yield Token(str(m.lastgroup), m[0], m.start())
 
 
 @dataclass
 class Declaration:
-    """At file scope. names: what it makes known; function: its name, when it is one; shared: a variable that is not static."""
+    """A declaration at file scope.
+
+    `names`: all names that it declares; `function`: its name, if it declares a function;
+    `shared`: True for a variable that is not static.
+    """
 
     at: int
     static: bool
@@ -90,11 +99,11 @@ class Declaration:
     names: list[str] = field(default_factory=list)
 
 
-def declarations(text: str) -> Iterator[Declaration]:
+def find_declarations(text: str) -> Iterator[Declaration]:
     row: list[Token] = []
     depth = 0
     body = False
-    for t in tokens(text):
+    for t in read_tokens(text):
         if t.kind in ("space", "directive"):
             continue
         if t.text == "{" and depth == 0:
@@ -102,13 +111,13 @@ def declarations(text: str) -> Iterator[Declaration]:
         row.append(t)
         depth += (t.text in "([{") - (t.text in ")]}") if t.kind == "mark" else 0
         if depth == 0 and (t.text == ";" or (t.text == "}" and body)):
-            yield declared(row)
+            yield parse_declaration(row)
             row, body = [], False
     if row:
         raise Wrong(f"no end of the declaration at '{' '.join(t.text for t in row[:8])}'")
 
 
-def declared(row: list[Token]) -> Declaration:
+def parse_declaration(row: list[Token]) -> Declaration:
     words = [t.text for t in row if t.text != "__extension__"]
     static = words[0] in ("static", "TSE_INLINE")
     d = Declaration(row[0].at, static)
@@ -130,8 +139,11 @@ def declared(row: list[Token]) -> Declaration:
     return d
 
 
-def defined_macros(text: str) -> list[str]:
-    """Names that are still macros at the end of this text, as far as it says so; in the order of their definition."""
+def find_macros(text: str) -> list[str]:
+    """Return the names that are macros at the end of a text, in order of definition.
+
+    Conditions of the preprocessor are not evaluated.
+    """
     left: dict[str, None] = {}
     for what, name in re.findall(r"^[ \t]*#[ \t]*(define|undef)[ \t]+(\w+)", text, re.M):
         if what == "define":
@@ -141,11 +153,11 @@ def defined_macros(text: str) -> list[str]:
     return list(left)
 
 
-def renamed(text: str, names: dict[str, str]) -> str:
-    """text with other names for some identifiers; members of structs keep theirs."""
+def rename_words(text: str, names: dict[str, str]) -> str:
+    """Replace some identifiers of a text; members of structs keep their names."""
     out: list[str] = []
     before = ""
-    for t in tokens(text):
+    for t in read_tokens(text):
         if t.kind == "directive":
             out.append(re.sub(r"(?<![\w.>\"])[A-Za-z_]\w*", lambda m: names.get(m[0], m[0]), t.text))
             continue
@@ -155,10 +167,13 @@ def renamed(text: str, names: dict[str, str]) -> str:
     return "".join(out)
 
 
-def made_static(text: str, public: set[str]) -> str:
-    """Functions that are not public, declared and defined, and variables become static. The file that defines a variable
-    stands before those that use it: its declaration goes, which C++ would take for a second definition."""
-    found = list(declarations(text))
+def make_static(text: str, public: set[str]) -> str:
+    """Make variables and functions that are not public static.
+
+    The file that defines a variable precedes those that use it, so its `extern`
+    declaration is removed. C++ would read it as a second definition.
+    """
+    found = list(find_declarations(text))
     places = [d.at for d in found if d.shared or (d.function and not d.static and d.function not in public)]
     for at in reversed(places):
         if text.startswith("extern ", at):
@@ -179,34 +194,37 @@ class Amalgamation:
 
     # -- tse.h
 
-    def public_header(self, name: str) -> str:
-        """A header of include/tse with what it includes, once; its own guard stays, for programs that include tse/tse.h, too."""
+    def copy_public_header(self, name: str) -> str:
+        """Return a header of include/tse with the headers that it includes, each once.
+
+        The headers keep their guards, for programs that include tse/tse.h as well.
+        """
         if name in self.header_done:
             return ""
         self.header_done.add(name)
         text = FORMATTER.sub("", (ROOT / "include" / name).read_text())
 
         def put(m: re.Match[str]) -> str:
-            if not m[1].startswith("tse/"):  # a test's own number type, which takes the place of tse_real
+            if not m[1].startswith("tse/"):  # number type of a test, in place of tse_real
                 return '#error "TSE_REAL_STRONG is for the tests of the library\'s own sources"\n'
-            return self.public_header(m[1])
+            return self.copy_public_header(m[1])
 
         return f"\n{INCLUDE.sub(put, text)}"
 
-    def header(self) -> str:
+    def make_header(self) -> str:
         only_with_effects = {f"tse/{Path(x).stem}.h" for x in self.sources.with_effects}
         there = sorted(f"tse/{p.name}" for p in (ROOT / "include/tse").glob("*.h"))
-        text = self.public_header("tse/tse.h")
+        text = self.copy_public_header("tse/tse.h")
         for name in there:
             if name not in only_with_effects:
-                text += self.public_header(name)
+                text += self.copy_public_header(name)
         text += "\n#if !defined(TSE_NO_EFFECTS)\n"
-        text += "".join(self.public_header(name) for name in there if name in only_with_effects)
+        text += "".join(self.copy_public_header(name) for name in there if name in only_with_effects)
         text += "\n#endif /* TSE_NO_EFFECTS */\n"
-        return self.about("tse.h", HOW_TO_USE) + self.chosen() + text
+        return self.format_head("tse.h", HOW_TO_USE) + self.define_defaults() + text
 
-    def chosen(self) -> str:
-        """What --real and its like make the default; a macro of the user's has precedence."""
+    def define_defaults(self) -> str:
+        """Return the defaults of --real and similar options. Macros of the user win."""
         lines = []
         if "real" in self.defaults:
             formats = " && ".join(f"!defined(TSE_REAL_{x.upper()})" for x in FORMATS)
@@ -220,30 +238,34 @@ class Amalgamation:
 
     # -- tse.c
 
-    def source(self) -> str:
-        headers = [without_c_plus_plus(p) for p in (ROOT / "include/tse").glob("*.h")]
-        public = {d.function for text in headers for d in declarations(text) if d.function}
-        parts = self.parts()
-        new_names = clashes(parts)
+    def make_source(self) -> str:
+        headers = [remove_c_plus_plus(p) for p in (ROOT / "include/tse").glob("*.h")]
+        public = {d.function for text in headers for d in find_declarations(text) if d.function}
+        parts = self.read_parts()
+        new_names = resolve_clashes(parts)
         text = ""
         for name, whole in parts.items():
-            own = made_static(renamed(whole, new_names[name]), public)
-            whole = self.part(name, own)
+            own = make_static(rename_words(whole, new_names[name]), public)
+            whole = self.format_part(name, own)
             if name.endswith(".c"):
-                whole += "".join(f"#undef {macro}\n" for macro in defined_macros(own))
+                whole += "".join(f"#undef {macro}\n" for macro in find_macros(own))
             if name in self.sources.with_effects:
                 whole = f"\n#if !defined(TSE_NO_EFFECTS)\n{whole}\n#endif /* TSE_NO_EFFECTS */\n"
             if re.fullmatch(r"paper/.*\.c", name):
                 whole = f"\n#if !defined(TSE_NO_PARTICLES)\n{whole}\n#endif /* TSE_NO_PARTICLES */\n"
-            if name == "host/describe.c":  # in one file with the rest no linker can drop its texts
+            if name == "host/describe.c":  # a linker cannot drop its texts from a single file
                 whole = f"\n#if !defined(TSE_NO_DESCRIBE)\n{whole}\n#endif /* TSE_NO_DESCRIBE */\n"
             text += whole
-        return self.about("tse.c", "") + PROLOGUE + text
+        return self.format_head("tse.c", "") + PROLOGUE + text
 
-    def parts(self) -> dict[str, str]:
-        """The files of src in their order. What has no guard is part of the file that includes it: what it needs stands above that
-        place only. A static function needs neither extern "C" nor a name that tells the number format."""
-        texts = {name: without_c_plus_plus(ROOT / "src" / name) for name in self.sources.files}
+    def read_parts(self) -> dict[str, str]:
+        """Return the files of src in their order.
+
+        A header without a guard becomes part of the file that includes it, because its
+        prerequisites stand above that place only. Static functions need neither extern
+        "C" nor a name with the number format.
+        """
+        texts = {name: remove_c_plus_plus(ROOT / "src" / name) for name in self.sources.files}
         fragments = {
             name: text for name, text in texts.items() if name.endswith(".h") and "#ifndef" not in text
         }
@@ -257,41 +279,44 @@ class Amalgamation:
             if name not in fragments
         }
 
-    def part(self, name: str, text: str) -> str:
-        """One file. Headers stand above it in any case."""
+    def format_part(self, name: str, text: str) -> str:
+        """Return a file without its includes: the headers stand above it."""
 
         def put(m: re.Match[str]) -> str:
-            return m[0] if m[1] == "tse_formula.h" else ""  # which the user has tselab write
+            return m[0] if m[1] == "tse_formula.h" else ""  # written by tselab for the user
 
         return f"\n/* ======== {name} */\n\n{INCLUDE.sub(put, text)}"
 
-    def about(self, name: str, more: str) -> str:
+    def format_head(self, name: str, more: str) -> str:
         return ABOUT.format(name=name, version=self.sources.version) + more + " */\n"
 
 
-def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Of each file: names that two files have for different things, and what they become in it: factor of host/simulate.c is
-    simulate_factor. Another file means the one that it includes, over however many headers."""
+def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
+    """Find names that two files use for different things; return new names by file.
+
+    For example, `factor` of host/simulate.c becomes `simulate_factor`. A file refers to
+    the names of the headers that it includes, directly or indirectly.
+    """
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
         own = {
             x
-            for d in declarations(text)
+            for d in find_declarations(text)
             for x in d.names
             if d.static or not (d.function or d.shared) or name.endswith(".h")
         }
-        for x in own | (set(defined_macros(text)) if name.endswith(".h") else set()):
+        for x in own | (set(find_macros(text)) if name.endswith(".h") else set()):
             owners.setdefault(x, set()).add(name)
     included = {name: [x for x in INCLUDE.findall(text) if x in parts] for name, text in parts.items()}
     seen: dict[str, set[str]] = {}
-    for name in parts:  # a file includes only what stands before it
+    for name in parts:  # files include earlier files only
         seen[name] = {name}.union(*(seen[x] for x in included[name]))
     new: dict[str, dict[str, str]] = {name: {} for name in parts}
     for x, of in sorted(owners.items()):
         for name in parts if len(of) > 1 else ():
             meant = sorted(of & seen[name])
             if len(meant) > 1:
-                raise Wrong(f"{name}: {x} is of {' and '.join(meant)}")
+                raise Wrong(f"{name}: {x} is defined in {' and '.join(meant)}")
             for path in map(Path, meant):
                 folders = {Path(n).parent for n in parts if Path(n).stem == path.stem}
                 new[name][x] = (
@@ -300,31 +325,38 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
     return new
 
 
-def without_c_plus_plus(path: Path) -> str:
-    """Static functions need no extern "C", and public ones have it from tse.h."""
+def remove_c_plus_plus(path: Path) -> str:
+    """Return a file without extern "C", which tse.h has for the public functions."""
     return FORMATTER.sub("", C_PLUS_PLUS.sub("", path.read_text()))
 
 
 ABOUT = """\
-/* {name} - tse {version}, a tyre-stiffness estimator, in two files: tse.h and tse.c. Written by scripts/dev/amalgamate.py, not by hand.
+/* {name} - tse {version}, a tyre-stiffness estimator, in two files: tse.h and tse.c.
+ * Written by scripts/dev/amalgamate.py, not by hand.
  *
- * Copyright the tse authors. Licensed under the Apache License, Version 2.0: see LICENSE and NOTICE, which belong to these files.
+ * Copyright the tse authors. Licensed under the Apache License, Version 2.0: see LICENSE
+ * and NOTICE, which belong to these files.
  * SPDX-License-Identifier: Apache-2.0
 """
 
 HOW_TO_USE = """\
  *
- * Compile tse.c as C99 along with your program, with optimisation, and link sqrt (-lm). Options are macros; tse.c and whoever
- * includes tse.h need the same ones, because they change the layout of the structs:
- *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_FIXED   number format; names of another format do not link
- *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32   capacities; RAM grows with each
- *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
- *   TSE_NO_VELOCITY                                           without measured velocities, 1.9 kB of RAM in float
- *   TSE_NO_PARTICLES                                          without the paper's form, 12 kB of flash
- *   TSE_SMALL                                                 with both of these: lateral motion alone, 14 states for 23
- *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
- *   TSE_FORMULA                                               tse.c includes tse_formula.h, which `tselab formula` writes
- * Not with -ffast-math: what is missing is NaN.
+ * Compile tse.c as C99 along with your program, with optimisation, and link sqrt (-lm).
+ * Options are macros. Define the same ones for tse.c and for each file that includes
+ * tse.h, because they change the layout of the structs:
+ *   TSE_REAL_DOUBLE     number format (default)
+ *   TSE_REAL_FLOAT      number format; names of another format do not link
+ *   TSE_REAL_FIXED      number format, without floating point
+ *   TSE_MAX_PARTICLES   capacity, default 512; RAM grows with it
+ *   TSE_LATENCY_ROWS    capacity, default 32; RAM grows with it
+ *   TSE_NO_EFFECTS      no effects beyond the plain model, no simulator, no replay
+ *   TSE_NO_VELOCITY     no measured velocities: saves 1.9 kB of RAM in float
+ *   TSE_NO_PARTICLES    no filter of the paper: saves 12 kB of flash
+ *   TSE_SMALL           lateral motion alone, 14 states instead of 23; without velocities
+ *                       and particles
+ *   TSE_NO_DESCRIBE     no tse_describe() (names, units, texts): saves 36 kB of flash
+ *   TSE_FORMULA         tse.c includes tse_formula.h, which `tselab formula` writes
+ * Do not use -ffast-math: missing values are NaN.
 """
 
 PROLOGUE = """
@@ -335,11 +367,12 @@ PROLOGUE = """
 #include "tse.h"
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "compile tse.c without -ffast-math and -ffinite-math-only: a missing channel is NaN, and sums have one order"
+#error "compile tse.c without -ffast-math and -ffinite-math-only: a missing channel is NaN"
 #endif
 
-/* a*b + c rounds twice on every machine, whatever the flags: the same bits with and without a fused multiply-add. gcc fuses unless
- * it is given a standard (-std=c99), clang where both stand in one expression. */
+/* a*b + c rounds twice on every machine, whatever the flags: the same bits with and without
+ * a fused multiply-add. gcc fuses unless it is given a standard (-std=c99), clang where both
+ * stand in one expression. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__) && !defined(__STRICT_ANSI__)
@@ -356,10 +389,10 @@ PROLOGUE = """
 # ---- files
 
 
-def make(out: Path, defaults: dict[str, str]) -> None:
-    """Write tse.h and tse.c into the folder `out`, which is made where it is missing. What else is in it stays."""
+def write_files(out: Path, defaults: dict[str, str]) -> None:
+    """Write tse.h and tse.c into the folder `out`; other files in it stay."""
     amalgamation = Amalgamation(defaults)
-    texts = {"tse.h": amalgamation.header(), "tse.c": amalgamation.source()}
+    texts = {"tse.h": amalgamation.make_header(), "tse.c": amalgamation.make_source()}
     texts |= {name: (ROOT / name).read_text(encoding="utf-8") for name in ("LICENSE", "NOTICE")}
     out.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
@@ -367,6 +400,7 @@ def make(out: Path, defaults: dict[str, str]) -> None:
 
 
 def main() -> int:
+    """Read the options and write the files."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -388,7 +422,7 @@ def main() -> int:
     if a.no_effects:
         defaults["TSE_NO_EFFECTS"] = "1"
     try:
-        make(a.out, defaults)
+        write_files(a.out, defaults)
     except Wrong as wrong:
         print(f"amalgamate.py: {wrong}", file=sys.stderr)
         return 1

@@ -1,8 +1,13 @@
 #!/usr/bin/env bash
-# Run both commands of README as a new user does: on a bare Debian 12 with a C compiler, CMake and Python, and nothing
-# else. A step that installs too little fails here, and nowhere on a machine that has everything.
-#   scripts/dev/bare.sh [COMMAND ...]     these commands in place of scripts/demo.sh and scripts/test.sh
-# The system is made in a folder by mmdebstrap and entered by chroot, so root is needed. What is committed is tested.
+# Run both commands of README as a new user does: on a bare Debian 12 with a C compiler,
+# CMake and Python only. A step that installs too little fails here, but passes on a
+# developer's machine.
+#
+#   scripts/dev/bare.sh [COMMAND ...]
+#       run these commands instead of scripts/demo.sh and scripts/test.sh
+#
+# mmdebstrap makes the system in a folder, and chroot enters it, so root is needed. The
+# last commit is tested.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 release=bookworm
@@ -11,23 +16,27 @@ packages=ca-certificates,gcc,libc6-dev,make,cmake,python3,python3-venv
 fail() { printf 'bare: %s\n' "$@" >&2; exit 1; }
 [ "$(id -u)" -eq 0 ] || fail "root is needed: chroot is entered"
 for tool in mmdebstrap unshare chroot git; do
-  command -v "$tool" >/dev/null || fail "$tool is missing (Debian and Ubuntu: packages mmdebstrap, util-linux, coreutils, git)"
+  command -v "$tool" >/dev/null \
+    || fail "$tool is missing (Debian and Ubuntu: packages mmdebstrap, util-linux, coreutils, git)"
 done
 
 root=$(mktemp -d)
 trap 'rm -rf --one-file-system "$root"' EXIT
 chmod 755 "$root"
 echo "bare: Debian $release with ${packages//,/, }"
-mmdebstrap --quiet --variant=minbase --include="$packages" "$release" "$root" || fail "mmdebstrap could not make the system"
+mmdebstrap --quiet --variant=minbase --include="$packages" "$release" "$root" \
+  || fail "mmdebstrap could not make the system"
 mkdir "$root/tse"
-git archive HEAD | tar -x -C "$root/tse"       # as a new user who has unpacked an archive: git is not installed there
+# as a new user who has unpacked an archive: the system has no git
+git archive HEAD | tar -x -C "$root/tse"
 
-# How this machine reaches its package registries, and nothing else of it.
+# Copy the access to package registries, and nothing else of this machine.
 for file in /etc/resolv.conf /etc/hosts /etc/pip.conf /etc/ssl/certs/ca-certificates.crt; do
   if [ -f "$file" ]; then cp -L "$file" "$root$file"; fi
 done
 network=()
-for name in http_proxy https_proxy no_proxy HTTP_PROXY HTTPS_PROXY NO_PROXY PIP_INDEX_URL PIP_CERT SSL_CERT_FILE; do
+for name in http_proxy https_proxy no_proxy HTTP_PROXY HTTPS_PROXY NO_PROXY \
+    PIP_INDEX_URL PIP_CERT SSL_CERT_FILE; do
   if [ -n "${!name:-}" ]; then network+=("$name=${!name}"); fi
 done
 

@@ -1,7 +1,9 @@
 #!/usr/bin/env bash
-# Time per particle and step: double and float, baseline and AVX2, 64 .. 4096 particles; and time of a row with the settings as
-# they come, beside that of a plain extended Kalman filter (tests/bench/ekf.c). A benchmark, not a test: compare figures within
-# one run only. Prints two Markdown tables.
+# Measure the time per particle and step: double and float, baseline and AVX2, 64 .. 4096
+# particles. Measure the time of a row with the default settings, and of a plain extended
+# Kalman filter (tests/bench/ekf.c). This is a benchmark, not a test: compare figures
+# within one run only. Prints two Markdown tables.
+#
 #   scripts/dev/bench.sh rows    only the second
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -12,8 +14,8 @@ columns=() ratios=()
 for v in "${variants[@]}"; do
   real=${v%%:*} flag=${v#*:}
   dir=build/bench-$real$flag
-  cmake -S . -B "$dir" -DTSE_REAL="$real" -DTSE_MAX_PARTICLES=4096 -DCMAKE_BUILD_TYPE=Release "-DCMAKE_C_FLAGS=$flag" \
-    -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF -DTSE_BUILD_BENCH=ON >/dev/null
+  cmake -S . -B "$dir" -DTSE_REAL="$real" -DTSE_MAX_PARTICLES=4096 -DCMAKE_BUILD_TYPE=Release \
+    "-DCMAKE_C_FLAGS=$flag" -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF -DTSE_BUILD_BENCH=ON >/dev/null
   cmake --build "$dir" --target bench >/dev/null
   ratios+=("$("$dir/tests/bench/bench" ratio)")
   [ "${1:-}" = rows ] && continue
@@ -36,7 +38,8 @@ if [ "${1:-}" = rows ]; then
   exit
 fi
 printf '| particles |%s\n|---:|%s\n' "$header" "$rule"
-paste -d' ' "${columns[@]}" | awk '{ line = "| " $1 " |"; for (i = 2; i <= NF; i += 2) line = line " " $i " ns |"; print line }'
+paste -d' ' "${columns[@]}" \
+  | awk '{ line = "| " $1 " |"; for (i = 2; i <= NF; i += 2) line = line " " $i " ns |"; print line }'
 rm -f "${columns[@]}"
 printf '\n'
 rows

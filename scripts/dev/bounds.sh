@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
-# Are the lower bounds of pyproject.toml true? Installs the lowest versions it allows into build/bounds and runs the tests of the API,
-# of `tselab estimate` and of the examples with them. Needs the program uv, and what scripts/setup.sh has made. A few minutes.
+# Test the lower bounds of pyproject.toml. Install the lowest versions that it allows into
+# build/bounds; run the tests of the API, of `tselab estimate` and of the examples. Needs
+# the program uv and scripts/setup.sh. Takes a few minutes.
+#
 #   scripts/dev/bounds.sh [PYTHON]       default: the Python of .venv
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -8,7 +10,8 @@ command -v uv >/dev/null || { echo "bounds: the program uv is needed (Python pac
 python=${1:-$(.venv/bin/python -c 'import sys; print(sys.executable)')}
 rm -rf build/bounds
 uv venv --quiet --python "$python" build/bounds
-uv pip compile --quiet --resolution lowest-direct --python build/bounds/bin/python --no-header --no-annotate --extra lab pyproject.toml >build/bounds/lowest.txt
+uv pip compile --quiet --resolution lowest-direct --python build/bounds/bin/python \
+  --no-header --no-annotate --extra lab pyproject.toml >build/bounds/lowest.txt
 uv pip install --quiet --python build/bounds/bin/python -r build/bounds/lowest.txt pytest pytest-xdist
 cat build/bounds/lowest.txt
 PYTHONPATH=$PWD/scripts build/bounds/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \

@@ -1,12 +1,17 @@
 #!/usr/bin/env python3
-"""What a row costs on microcontrollers: instructions, flash, RAM and stack, against the limits of tests/budgets.toml.
+"""Measure the cost of a row on microcontrollers: instructions, flash, RAM and stack.
 
-    python3 scripts/dev/budgets.py                     all; writes scripts/results/budgets.md; fails where a limit is passed
-    python3 scripts/dev/budgets.py --short             the targets that are marked so: in the tests
-    python3 scripts/dev/budgets.py --profile FROM TO   instructions by function over these rows of the drive, of the first target
+    python3 scripts/dev/budgets.py
+        measure all targets; write scripts/results/budgets.md; fail if a limit is exceeded
+    python3 scripts/dev/budgets.py --short
+        measure the targets marked `short`, as the tests do
+    python3 scripts/dev/budgets.py --profile FROM TO
+        print the instructions by function over these rows of the drive, first target
 
-Instructions are those that qemu executes: with -icount shift=6 each takes 64 ns of the machine's time, which SysTick counts; a loop
-of a known length checks it in every run. So they are the same in each run and on each host. They are no clock cycles.
+tests/budgets.toml has the limits. The counts are the instructions that qemu executes:
+with -icount shift=6 each takes 64 ns of the machine's time, which SysTick counts. A loop
+of known length checks the count in every run. The counts are the same in every run and on
+every host. They are not clock cycles.
 """
 
 import argparse
@@ -29,38 +34,49 @@ else:
 
 LIMITS = m.ROOT / "tests" / "budgets.toml"
 RESULTS = m.ROOT / "scripts" / "results" / "budgets.md"
-OPTIONS = ("-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_VELOCITY", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16",
-           "-DTSE_LATENCY_ROWS=8")  # fmt: skip
+OPTIONS = (
+    "-DTSE_NO_EFFECTS",
+    "-DTSE_NO_PARTICLES",
+    "-DTSE_NO_VELOCITY",
+    "-DTSE_NO_DESCRIBE",
+    "-DTSE_MAX_PARTICLES=16",
+    "-DTSE_LATENCY_ROWS=8",
+)
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
-CALIBRATION = 200_000  # instructions of the loop, and some to come and go
-EXTERNAL = 64  # bytes of stack of a function of libc or libgcc, of which the compiler does not say: memcpy, sqrt take less
+CALIBRATION = 200_000  # instructions of the loop; a few more enter and leave it
+# Bytes of stack of a function of libc or libgcc, unknown to the compiler: memcpy and sqrt
+# take less.
+EXTERNAL = 64
 
 
 @dataclass
 class Measured:
+    """Cost of one target, and its limits."""
+
     name: str
     limits: dict[str, dict[str, float]]
     skipped: str = ""
-    unfit: str = ""  # why the machine cannot hold the program
+    unfit: str = ""  # reason if the program does not fit into the machine
     values: dict[str, float] = field(default_factory=dict)
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)  # rows, mean, longest
     stacks: dict[str, int] = field(default_factory=dict)
 
-    def passed(self) -> list[str]:
-        """The limits that are passed, in words."""
+    def list_exceeded(self) -> list[str]:
+        """Return a sentence for each limit that is exceeded."""
         if self.unfit and any("limit" in x for x in self.limits.values()):
             return [f"{self.name}: {self.unfit}"]
         over = [
             q for q in QUANTITIES if self.values.get(q, 0) > self.limits.get(q, {}).get("limit", math.inf)
         ]
         return [
-            f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}"
+            f"{self.name}: {q} {format_value(self.values[q])}, "
+            f"the limit is {format_value(self.limits[q]['limit'])}"
             for q in over
         ]
 
 
-def shown(x: float) -> str:
+def format_value(x: float) -> str:
     return f"{x:.2f}" if x < 100 else f"{x:,.0f}"
 
 
@@ -68,38 +84,41 @@ def shown(x: float) -> str:
 
 
 def measure(work: m.Work, target: dict[str, Any]) -> Measured:
+    """Build, run and measure the programs of a target."""
     out = Measured(target["name"], {q: target[q] for q in QUANTITIES if q in target})
-    machine = next(x for x in m.machines() if x.name == target["machine"])
-    if why := machine.missing():
+    machine = next(x for x in m.list_machines() if x.name == target["machine"])
+    if why := machine.find_missing():
         out.skipped = why
         return out
     defines = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
     flags = [*defines, *OPTIONS, "-fcallgraph-info=su"]
     folder = f"budgets-{target['name']}"
     try:
-        fast = at_level(machine, target.get("level", "-O3"))
-        program = m.build(
+        fast = set_level(machine, target.get("level", "-O3"))
+        program = m.build_program(
             work, fast, target["real"], "budgets.c", folder, *flags, stack=target.get("least_stack", 3072)
         )
-        text = m.run(machine, program, *COUNTED)
-        small = at_level(machine, "-Os")
+        text = m.run_program(machine, program, *COUNTED)
+        small = set_level(machine, "-Os")
         flash = {}
         for name, options in (
             ("text", OPTIONS),
             ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"]),
         ):
             if name == "all_forms" and "TSE_SMALL" in target.get("define", {}):
-                continue  # it has no particles
+                continue  # TSE_SMALL has no particles
             options = [*options, *defines]
-            flash[name] = flash_of(
-                m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024)
+            flash[name] = measure_flash(
+                m.build_program(
+                    work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024
+                )
             )
     except m.Failed as error:
-        if why := m.does_not_fit(str(error)):
+        if why := m.explain_misfit(str(error)):
             out.unfit = why
             return out
         raise SystemExit(f"{target['name']}: {error}") from error
-    calibration = number(text, "calibration")
+    calibration = read_number(text, "calibration")
     if not 0 <= calibration - CALIBRATION < 10:
         raise SystemExit(
             f"{target['name']}: a loop of {CALIBRATION} instructions is counted as {calibration}"
@@ -109,35 +128,41 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
     ):
         out.tallies[name] = int(rows), int(mean), int(longest)
     mean, longest = out.tallies["drive"][1], max(x[2] for x in out.tallies.values())
-    out.stacks = {"written": number(text, "bytes stack_step"), "prepare": number(text, "bytes stack_prepare")}
-    out.stacks["deepest path"] = deepest(program.parent, "tse_step")
+    out.stacks = {
+        "written": read_number(text, "bytes stack_step"),
+        "prepare": read_number(text, "bytes stack_prepare"),
+    }
+    out.stacks["deepest path"] = find_deepest_stack(program.parent, "tse_step")
     out.values = {
         "mean": mean,
         "longest": longest,
         "ratio": longest / mean,
         **flash,
-        "ram": number(text, "bytes filter") + number(text, "bytes params"),
+        "ram": read_number(text, "bytes filter") + read_number(text, "bytes params"),
         "stack": max(out.stacks["written"], out.stacks["deepest path"]),
     }
     return out
 
 
-def at_level(machine: m.Machine, level: str) -> m.Machine:
+def set_level(machine: m.Machine, level: str) -> m.Machine:
     return replace(machine, flags=tuple(level if f in ("-O2", "-Os") else f for f in machine.flags))
 
 
-def number(text: str, name: str) -> int:
+def read_number(text: str, name: str) -> int:
     return int(re.search(rf"^{name} (\d+)$", text, re.M)[1])
 
 
-def flash_of(program: Path) -> int:
-    said = m.call(["arm-none-eabi-size", "-A", str(program)])
+def measure_flash(program: Path) -> int:
+    said = m.run_command(["arm-none-eabi-size", "-A", str(program)])
     return sum(int(size) for size in re.findall(r"^\.(?:text|data|ARM\.exidx)\s+(\d+)", said, re.M))
 
 
-def deepest(folder: Path, name: str) -> int:
-    """Bytes of stack on the deepest path from a function, as gcc writes frames and calls to .ci files. There is no recursion,
-    and no call by pointer."""
+def find_deepest_stack(folder: Path, name: str) -> int:
+    """Return the bytes of stack on the deepest path of calls from a function.
+
+    gcc writes frames and calls to .ci files. The library has no recursion and no calls by
+    pointer.
+    """
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = collections.defaultdict(set)
     for path in folder.glob("*.ci"):
@@ -163,29 +188,33 @@ def deepest(folder: Path, name: str) -> int:
 
 @dataclass
 class Flash:
-    """What the library takes where some of its options are left out: bytes of a Cortex-M4F in float at -Os; 0: no compiler."""
+    """Flash of the library with some options left out: bytes on a Cortex-M4F, float, -Os.
+
+    The size is 0 if the compiler is not installed.
+    """
 
     row: dict[str, Any]
     size: int = 0
 
-    def passed(self) -> list[str]:
+    def list_exceeded(self) -> list[str]:
         over = self.size > self.row["limit"]
         return (
             [f"flash {self.row['name']}: {self.size:,}, the limit is {self.row['limit']:,}"] if over else []
         )
 
 
-def flash_by_option(work: m.Work, row: dict[str, Any]) -> Flash:
-    machine = next(x for x in m.machines() if x.name == "Cortex-M4F")
-    if machine.missing():
+def measure_option(work: m.Work, row: dict[str, Any]) -> Flash:
+    """Return the flash of the library for a row of options."""
+    machine = next(x for x in m.list_machines() if x.name == "Cortex-M4F")
+    if machine.find_missing():
         return Flash(row)
     flags = ["-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", *(f"-D{x}" for x in row.get("define", []))]
     return Flash(
         row,
-        flash_of(
-            m.build(
+        measure_flash(
+            m.build_program(
                 work,
-                at_level(machine, "-Os"),
+                set_level(machine, "-Os"),
                 "float",
                 "smallest.c",
                 f"flash-{row['name']}",
@@ -199,19 +228,22 @@ def flash_by_option(work: m.Work, row: dict[str, Any]) -> Flash:
 # ---- where instructions go
 
 
-def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
-    machine = next(x for x in m.machines() if x.name == target["machine"])
+def print_profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
+    """Print the functions that execute the most instructions."""
+    machine = next(x for x in m.list_machines() if x.name == target["machine"])
     flags = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
-    fast = at_level(machine, target.get("level", "-O3"))
-    program = m.build(work, fast, target["real"], "budgets.c", "profile", *OPTIONS, *flags)
+    fast = set_level(machine, target.get("level", "-O3"))
+    program = m.build_program(work, fast, target["real"], "budgets.c", "profile", *OPTIONS, *flags)
     plugin, out = work.folder / "profile.so", work.folder / "profile.txt"
-    m.call(["cc", "-O2", "-shared", "-fPIC", str(m.HERE / "profile.c"), "-o", str(plugin)])
-    symbols = [line.split() for line in m.call(["arm-none-eabi-nm", "-n", str(program)]).splitlines()]
+    m.run_command(["cc", "-O2", "-shared", "-fPIC", str(m.HERE / "profile.c"), "-o", str(plugin)])
+    symbols = [line.split() for line in m.run_command(["arm-none-eabi-nm", "-n", str(program)]).splitlines()]
     functions = [
         (int(x[0], 16) & ~1, x[2]) for x in symbols if len(x) == 3 and x[1] in "tTwW" and x[2][0] != "$"
     ]
     mark = next(at for at, name in functions if re.fullmatch(r"tse_step(_\w+)?", name))
-    m.run(machine, program, *COUNTED, "-plugin", f"{plugin},mark={mark},from={from_},to={to},out={out}")
+    m.run_program(
+        machine, program, *COUNTED, "-plugin", f"{plugin},mark={mark},from={from_},to={to},out={out}"
+    )
     count: collections.Counter[str] = collections.Counter()
     starts = [at for at, _ in functions]
     for line in out.read_text().splitlines():
@@ -219,7 +251,8 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
         count[functions[bisect.bisect(starts, at) - 1][1]] += instructions * times
     rows = to - from_
     print(
-        f"{target['name']}, rows {from_} .. {to - 1} of the drive: {sum(count.values()) / rows:,.0f} instructions a row"
+        f"{target['name']}, rows {from_} .. {to - 1} of the drive: "
+        f"{sum(count.values()) / rows:,.0f} instructions a row"
     )
     for name, of in count.most_common(30):
         print(f"{name:32s} {of / rows:10,.0f} {100 * of / sum(count.values()):5.1f} %")
@@ -230,21 +263,26 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
 HEAD = """\
 <!-- Written by `python3 scripts/dev/budgets.py`. -->
 
-Cost of the default form, {compiler}: instructions of a row (-O3, as CMakeLists.txt does, where a row says no other; mean
-over the recorded drive as an ordinary car, longest of that and of rows which no drive has), flash at -Os without effects and
-without, or with, the form with particles, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
+Cost of the default filter, {compiler}: instructions of a row (-O3, as in CMakeLists.txt,
+unless a row states another level; mean over the recorded drive as an ordinary car,
+longest of that and of artificial rows), flash at -Os without effects, with and without the
+particle filter, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
 
 """
 KINDS = """\
-Instructions by kind of row, mean / longest: the drive; 0.1 s to a row at 2.2 m/s and 9 m/s; 2.2 m/s at 10 ms; channels that lie;
-pauses of 0.11 s and 100 s; channels missing at random; the drive with steering and accel_x logged late."""
+Instructions by kind of row, mean / longest: the drive; rows of 0.1 s at 2.2 m/s and 9 m/s;
+2.2 m/s at 10 ms; channels with wrong values; pauses of 0.11 s and 100 s; channels missing
+at random; the drive with steering and accel_x logged late."""
 FLASH = """\
 Flash of a Cortex-M4F in float at -Os by what is left out: settings, step,
 learnt state, with what they need of libc."""
-STACKS = "Stack below `tse_step`: written on these rows, and along the deepest path of calls; of `tse_prepare`: written."
+STACKS = """\
+Stack below `tse_step`: written on these rows, and along the deepest path of calls; of
+`tse_prepare`: written."""
 
 
-def table(measured: list[Measured], flash: list[Flash]) -> str:
+def format_table(measured: list[Measured], flash: list[Flash]) -> str:
+    """Return the tables of all targets."""
     lines = [
         "| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |",
         f"|---|{7 * '---:|'}",
@@ -255,11 +293,13 @@ def table(measured: list[Measured], flash: list[Flash]) -> str:
             limit = x.limits.get(q, {})
             goal = limit.get("goal")
             if q not in x.values:
-                cells.append(f"- (goal {shown(goal)})" if goal else "-")
+                cells.append(f"- (goal {format_value(goal)})" if goal else "-")
                 continue
             bold = "**" if goal and x.values[q] > goal else ""
-            said = ", ".join(f"{name} {shown(limit[name])}" for name in ("goal", "limit") if name in limit)
-            cells.append(f"{bold}{shown(x.values[q])}{bold}{f' ({said})' if said else ''}")
+            said = ", ".join(
+                f"{name} {format_value(limit[name])}" for name in ("goal", "limit") if name in limit
+            )
+            cells.append(f"{bold}{format_value(x.values[q])}{bold}{f' ({said})' if said else ''}")
         lines.append(f"| {x.name} | {' | '.join(cells)} |")
     if skipped := [f"{x.name}: {x.skipped}" for x in measured if x.skipped]:
         lines += ["", f"Not measured: {'; '.join(skipped)}."]
@@ -278,7 +318,8 @@ def table(measured: list[Measured], flash: list[Flash]) -> str:
     for x in measured:
         if x.stacks:
             lines.append(
-                f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |"
+                f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} "
+                f"| {x.stacks['prepare']:,} |"
             )
     lines += ["", FLASH, "", "| | flash [B] |", "|---|---:|"]
     for x in flash:
@@ -289,6 +330,7 @@ def table(measured: list[Measured], flash: list[Flash]) -> str:
 
 
 def main() -> int:
+    """Measure, write the table and check the limits."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--short", action="store_true", help="the targets that the tests measure; no table is written"
@@ -310,18 +352,18 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
         if args.profile:
-            profile(work, targets[0], *args.profile)
+            print_profile(work, targets[0], *args.profile)
             return 0
         measured = [measure(work, t) for t in targets]
-        flash = [flash_by_option(work, row) for row in limits["flash"] if not args.short and not args.only]
-    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.version_of(('arm-none-eabi-gcc',))}") + table(
+        flash = [measure_option(work, row) for row in limits["flash"] if not args.short and not args.only]
+    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.read_version(('arm-none-eabi-gcc',))}") + format_table(
         measured, flash
     )
     print(text)
     if not args.short and not args.only:
         RESULTS.write_text(text)
         print(f"written: {RESULTS.relative_to(m.ROOT)}")
-    passed = [line for x in [*measured, *flash] for line in x.passed()]
+    passed = [line for x in [*measured, *flash] for line in x.list_exceeded()]
     for line in passed:
         print(f"FAILED: {line}")
     return 1 if passed else 0

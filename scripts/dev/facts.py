@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
-"""Measure what README and the pages state, and write the tables to scripts/results.
+"""Measure the numbers that README and the pages state; write tables to scripts/results.
 
-    .venv/bin/python scripts/dev/facts.py                    all but the studies: about a minute and a half
-    .venv/bin/python scripts/dev/facts.py --fmu              only what the FMUs compute and what their variables are: some seconds
-    .venv/bin/python scripts/dev/facts.py --study NAME ...   a Monte-Carlo study, or all: it goes on where it was interrupted
+    .venv/bin/python scripts/dev/facts.py
+        all but the studies: about 90 s
+    .venv/bin/python scripts/dev/facts.py --fmu
+        only outputs and variables of the FMUs: a few seconds
+    .venv/bin/python scripts/dev/facts.py --study NAME ...
+        Monte-Carlo studies, all if none is named; an interrupted study is resumed
 
-What validators and other clients say of the FMUs: tests/fmu/importers.py.
-
-That README's numbers are those of scripts/results: tests/test_readme.py. Pages take the tables in by `python -m docsite.fill`.
+tests/fmu/importers.py records the verdicts of validators and other importers on the FMUs.
+tests/test_readme.py compares README with scripts/results. `python -m docsite.fill` copies
+the tables into the pages.
 """
 
 import argparse
@@ -22,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
-STUDIES = {  # table: runs of each case, study, and where not all of it is run, the cases
+STUDIES = {  # table: runs of each case, study, cases (default: all)
     "accuracy": (24, "accuracy"),
     "stress": (24, "stress"),
     "peers": (20, "peers"),
@@ -33,7 +36,8 @@ STUDIES = {  # table: runs of each case, study, and where not all of it is run, 
 }
 PICTURES = ("paper",)
 
-# Of the variables of each FMU: what the table for readers lists one by one. Of the others it names the groups.
+# Variables of each FMU that the table for readers lists one by one. The others are listed
+# by group.
 MAIN = {
     "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
     r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",
@@ -41,18 +45,21 @@ MAIN = {
 }
 
 
-def output(*command: str | Path) -> str:
+def run_command(*command: str | Path) -> str:
+    """Run a command in the repository; return its output."""
     return subprocess.run(
         [str(c) for c in command], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout
 
 
-def sizes() -> str:
-    """Bytes that a caller provides, from tests/sizes.c compiled per format and capacity."""
+def measure_sizes() -> str:
+    """Return the bytes that a caller provides, by format and capacity (tests/sizes.c)."""
     found: dict[int, dict[str, int]] = {}
     for preset, real in zip(("release", "float", "fixed"), FORMATS, strict=True):
-        output("cmake", "--preset", preset, f"-DFETCHCONTENT_SOURCE_DIR_UNITY={ROOT / '.venv/share/unity'}")
-        text = output("cmake", "--build", "--preset", preset, "--target", "sizes")
+        run_command(
+            "cmake", "--preset", preset, f"-DFETCHCONTENT_SOURCE_DIR_UNITY={ROOT / '.venv/share/unity'}"
+        )
+        text = run_command("cmake", "--build", "--preset", preset, "--target", "sizes")
         for capacity, size, large in re.findall(
             r"(\d+) particles: tse_filter +(\d+), tse_filter_paper +(\d+)", text
         ):
@@ -65,8 +72,11 @@ def sizes() -> str:
     return "\n".join(lines) + "\n"
 
 
-def fmu_variables(model: str, folder: Path) -> str:
-    """The main variables of an FMU as modelDescription.xml has them. What the three stiffnesses share word for word is one row."""
+def list_fmu_variables(model: str, folder: Path) -> str:
+    """Return the main variables of an FMU as modelDescription.xml has them.
+
+    Variables with the same text, such as those of the three stiffnesses, share a row.
+    """
     rows: dict[tuple[str, str, str], list[ET.Element]] = {}
     others: dict[tuple[str, str], list[str]] = {}
     description = ET.parse(folder / model / "modelDescription.xml").getroot()
@@ -91,40 +101,47 @@ def fmu_variables(model: str, folder: Path) -> str:
     return "\n".join(lines)
 
 
-def fmus() -> None:
+def describe_fmus() -> None:
+    """Build the FMUs; write the tables of their outputs and variables."""
     print("FMUs ...", flush=True)
-    output("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
-    output("cmake", "--build", "--preset", "fmu")
+    run_command("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
+    run_command("cmake", "--build", "--preset", "fmu")
     (RESULTS / "fmu_variables.md").write_text(
-        "\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n"
+        "\n\n".join(list_fmu_variables(model, FMUS) for model in MAIN) + "\n"
     )
-    (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "tests" / "fmu" / "pictures.py"))
+    (RESULTS / "fmu.md").write_text(run_command(sys.executable, ROOT / "tests" / "fmu" / "pictures.py"))
 
 
-def study(name: str) -> None:
-    """Run what is not yet in build/studies; copy the table, and the picture that a page shows."""
+def run_study(name: str) -> None:
+    """Run the missing runs of a study in build/studies; copy its table and picture."""
     runs, base, *cases = STUDIES[name]
     print(f"{name}: {runs} runs of each case", flush=True)
     out = ROOT / "build" / "studies" / name
     only = ["--cases", cases[0]] if cases else []
-    output(ROOT / ".venv/bin/tselab", "montecarlo", "--study", base, "--runs", str(runs), "--out", out, *only)
+    run_command(
+        ROOT / ".venv/bin/tselab", "montecarlo", "--study", base, "--runs", str(runs), "--out", out, *only
+    )
     for end in ("md", "png") if name in PICTURES else ("md",):
         shutil.copy(out / f"{base}.{end}", RESULTS / f"{name}.{end}")
 
 
 def measure() -> None:
+    """Write all results but those of studies."""
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
     print("sizes, time ...", flush=True)
-    (RESULTS / "bench.md").write_text(sizes() + "\n" + output(ROOT / "scripts" / "dev" / "bench.sh"))
+    (RESULTS / "bench.md").write_text(
+        measure_sizes() + "\n" + run_command(ROOT / "scripts" / "dev" / "bench.sh")
+    )
     print("picture ...", flush=True)
-    output(tselab, "demo", "--out", ROOT / "demo-output")
+    run_command(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
     (RESULTS / "gap.png").write_bytes((ROOT / "demo-output" / "gap" / "gap.png").read_bytes())
-    fmus()
+    describe_fmus()
 
 
 def main() -> int:
+    """Run the requested part."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -133,9 +150,9 @@ def main() -> int:
     options = parser.parse_args()
     if options.study is not None:
         for name in options.study or STUDIES:
-            study(name)
+            run_study(name)
     else:
-        fmus() if options.fmu else measure()
+        describe_fmus() if options.fmu else measure()
     return 0
 
 

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""The fixed-point build beside double, on the same drives: writes scripts/results/fixed.md.
+"""Compare the fixed-point build with double on the same drives; write
+scripts/results/fixed.md.
 
     .venv/bin/python scripts/dev/fixed.py [--runs R]
 
-Every drive is simulated once, in double; both builds read the same log. Libraries are made in build/fixed (cmake, a C compiler).
-Six minutes for 20 runs on one free core, nearly all of it the form with particles. What counts, and when a run has
-diverged, is as in every study (tselab montecarlo).
+Each drive is simulated once, in double, and both builds read the same log. The libraries
+are built in build/fixed (cmake, a C compiler). 20 runs take six minutes on one free core,
+mostly for the particle filter. Scores and the criterion of divergence are those of tselab
+montecarlo.
 """
 
 import argparse
@@ -26,21 +28,29 @@ from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
-# Seeds of the filter with which a drive is read. Estimates by particles scatter with theirs: in double RMS over the same 20 drives
-# is 3.35 .. 4.10 % of cx_front and 0.76 .. 0.92 % of cy_rear by seeds 11, 12, 13 and that of the drive; other products are like
-# another seed.
+# Seeds of the filter for each drive. Estimates of a particle filter scatter with its
+# seed: in double, the RMS over the same 20 drives is 3.35 .. 4.10 % of cx_front and 0.76
+# .. 0.92 % of cy_rear for seeds 11, 12, 13 and the seed of the drive. Another way of
+# rounding products scatters them as another seed does.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
-LIMIT = {"rms": 5.0, "valid": 3.0}  # % of double's, points: what fixed point may cost
+LIMIT = {"rms": 5.0, "valid": 3.0}  # allowed loss: % of the RMS in double, percentage points
 
 
 SMALL = ("-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF")
 
 
-def library(real: str, small: bool = False) -> Library:
-    """A shared library of this tree, made where it is missing or older than its sources."""
+def build_library(real: str, small: bool = False) -> Library:
+    """Build a shared library of this tree, unless it is up to date; return it."""
     folder = ROOT / "build" / ("fixed-small" if small else "fixed") / real
-    options = ["-DCMAKE_BUILD_TYPE=Release", f"-DTSE_REAL={real}", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=512",
-               "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", *(SMALL if small else ())]  # fmt: skip
+    options = [
+        "-DCMAKE_BUILD_TYPE=Release",
+        f"-DTSE_REAL={real}",
+        "-DBUILD_SHARED_LIBS=ON",
+        "-DTSE_MAX_PARTICLES=512",
+        "-DTSE_BUILD_TESTS=OFF",
+        "-DTSE_BUILD_FMU=OFF",
+        *(SMALL if small else ()),
+    ]
     for command in (
         ["cmake", "-S", ROOT, "-B", folder, *options],
         ["cmake", "--build", folder, "--config", "Release"],
@@ -49,7 +59,8 @@ def library(real: str, small: bool = False) -> Library:
     return Library(next(f for f in folder.rglob("*tse.*") if f.suffix in (".so", ".dylib", ".dll")))
 
 
-def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
+def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
+    """Return the settings of a filter for a simulated car."""
     config = Config.exact({**START, **about}, lib=lib)
     if form != "default":
         config.fill(f"tse_config_{form}")
@@ -58,38 +69,41 @@ def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
     return config
 
 
-def simulated(case: Case, seed: int) -> Drive:
+def simulate_drive(case: Case, seed: int) -> Drive:
+    """Simulate a drive of a case."""
     return drive(case, seed, lambda about: Config.exact({**START, **about}), {})
 
 
-def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
-    """One row a case, form, build and seed. runs: of each form."""
+def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
+    """Return a row for each case, form, build and seed. `runs`: number for each form."""
     rows = []
     for form, cases in FORMS.items():
         for case in cases:
             for seed in range(1, runs[form] + 1):
-                d = simulated(case, seed)
+                d = simulate_drive(case, seed)
                 known = scores.knowable(d, case)
                 for build, lib in builds.items():
                     for filter_seed in FILTER_SEEDS[form]:
-                        config = settings(lib, form, d.about)
+                        config = make_config(lib, form, d.about)
                         config.set("seed", filter_seed)
                         estimate = NativeFilter(config).estimate_rows(d.rows)
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}
                         row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
-                        rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))
+                        rows.append(
+                            row | scores.score(d, case, known, estimate) | compute_validity(d, estimate)
+                        )
                 print(f"{form} {case.name} {seed}", file=sys.stderr, flush=True)
     return pd.DataFrame(rows)
 
 
-def validity(d: Drive, estimate: np.ndarray) -> dict[str, float]:
-    """Share of rows after 5 s that are called valid, of each stiffness [%]."""
+def compute_validity(d: Drive, estimate: np.ndarray) -> dict[str, float]:
+    """Return the share of valid rows after 5 s for each stiffness, %."""
     later = d.time >= scores.VALID_AFTER - 1e-9
     return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}
 
 
-def compared(runs: pd.DataFrame) -> list[str]:
-    """Lines of a table: fixed against double."""
+def compare_builds(runs: pd.DataFrame) -> list[str]:
+    """Return the rows of the table: fixed against double."""
     lines = []
     for (case, form), part in runs.groupby(["case", "form"], sort=False):
         a, b = (part[part.build == name] for name in ("double", "fixed"))
@@ -114,6 +128,7 @@ def compared(runs: pd.DataFrame) -> list[str]:
 
 
 def main() -> int:
+    """Run the study and write the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -122,29 +137,49 @@ def main() -> int:
         "--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long"
     )
     options = parser.parse_args()
-    builds = {"double": library("double"), "fixed": library("fixed")}
-    found = study(builds, {"default": options.runs, "paper": options.paper_runs})
-    text = page(found, builds["fixed"], options.runs, options.paper_runs)
+    builds = {"double": build_library("double"), "fixed": build_library("fixed")}
+    found = run_study(builds, {"default": options.runs, "paper": options.paper_runs})
+    text = format_page(found, builds["fixed"], options.runs, options.paper_runs)
     OUT.write_text(text, encoding="utf-8")
     print(text)
     return 0
 
 
-def page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
-    columns = ["case", "form", "drives", "RMS %, double", "RMS %, fixed", "worst change of RMS", "valid %, double",
-               "valid %, fixed", "points", "diverged, double / fixed", "rows out of range", "within limits"]  # fmt: skip
+def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
+    """Return the page with its table."""
+    columns = [
+        "case",
+        "form",
+        "drives",
+        "RMS %, double",
+        "RMS %, fixed",
+        "worst change of RMS",
+        "valid %, double",
+        "valid %, fixed",
+        "points",
+        "diverged, double / fixed",
+        "rows out of range",
+        "within limits",
+    ]
     head = ["| " + " | ".join(columns) + " |", "|---|---|---:|---|---|---:|---|---|---:|---|---:|---|"]
     text = [
         "# Fixed point beside double",
         "",
-        f"Written by `.venv/bin/python scripts/dev/fixed.py --runs {many} --paper-runs {few}`: seeds 1, 2, ... of each case, every "
-        "drive simulated once (in double) and read by both builds; by the form with particles with four seeds of its own each. "
+        f"Written by `.venv/bin/python scripts/dev/fixed.py --runs {many} --paper-runs {few}`: "
+        "seeds 1, 2, ... of each case, every drive simulated once (in double) and read by both "
+        "builds; by the form with particles with four seeds of its own each. "
         "RMS of the relative errors of cx_front, cy_front, cy_rear over "
-        "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest difference of these shares. Limits: RMS at "
-        f"most {LIMIT['rms']:g} % above double's, validity within {LIMIT['valid']:g} points, no more divergences.",
+        "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest "
+        "difference of these shares. Limits: RMS at "
+        f"most {LIMIT['rms']:g} % above double's, validity within {LIMIT['valid']:g} points, "
+        "no more divergences.",
         "",
-        f"## fixed: {fixed.fraction_bits} bits behind the point", "", *head, *compared(runs), "",
-    ]  # fmt: skip
+        f"## fixed: {fixed.fraction_bits} bits behind the point",
+        "",
+        *head,
+        *compare_builds(runs),
+        "",
+    ]
     return "\n".join(text)
 
 

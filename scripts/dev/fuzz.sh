@@ -1,22 +1,28 @@
 #!/usr/bin/env bash
-# Looks for inputs that break something: the C targets of tests/fuzz with libFuzzer, address and undefined-behaviour sanitizers, in
-# double, float and fixed point, and the readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which
-# is then in build/fuzz/found/TARGET.
-#   scripts/dev/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise] [--table FILE]
-#     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; float_step, fixed_step ...; reader_log, reader_vehicle ...;
-#                   default: all
-#     --runs N      inputs of each target, for instance 1000000; with --seconds whichever comes first; default: --seconds 3, about
-#                   a minute in all
-#     --seed N      of libFuzzer's choices, so that --runs does the same again; default: another each time
-#     --minimise    then keeps in tests/fuzz/inputs.hex only inputs that reach what no smaller one does, at most 40 of a target
-#     --table FILE  writes what was run there too, in Markdown: scripts/results/fuzz.md
-# Without clang and its libFuzzer the C targets are skipped; exit code 77 when nothing could run.
+# Search for inputs that break the C targets of tests/fuzz or the readers of files.
+#
+# libFuzzer runs the C targets with address and undefined-behaviour sanitizers in double,
+# float and fixed point; tests/fuzz/readers.py runs the readers. Prints a table. Fails if
+# an input is found; build/fuzz/found/TARGET keeps it.
+#
+#   scripts/dev/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise]
+#                       [--table FILE]
+#     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...;
+#                   float_step, fixed_step ...; reader_log, reader_vehicle ...; default: all
+#     --runs N      inputs of each target, for instance 1000000; with --seconds whichever
+#                   ends first; default: --seconds 3, a minute in all
+#     --seed N      seed of libFuzzer, which makes --runs repeatable; default: random
+#     --minimise    keep in tests/fuzz/inputs.hex only inputs that reach code which smaller
+#                   ones do not, at most 40 of a target
+#     --table FILE  write the table to a file, in Markdown: scripts/results/fuzz.md
+#
+# Without clang and its libFuzzer the C targets are skipped. Exit code 77: no target ran.
 set -uo pipefail
 asked="$*"
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
-longest=600                                   # bytes of an input: some 160 rows
-kept=40                                       # inputs of a corpus in the repository: all targets together some 100 kB
+max_bytes=600                                 # of an input: about 160 rows
+kept=40                                       # inputs of a corpus: 100 kB for all targets
 readers=(log vehicle filter formula learnt runs)
 core_targets=(step settings learnt replay state)
 c_targets=("${core_targets[@]}" fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle
@@ -41,7 +47,8 @@ done
 [ -n "$runs$seconds" ] || seconds=3
 [ ${#chosen[@]} -gt 0 ] || chosen=("${c_targets[@]}" "${readers[@]/#/reader_}")
 for name in "${chosen[@]}"; do
-  [[ " ${c_targets[*]} ${readers[*]/#/reader_} " == *" $name "* ]] || { echo "fuzz: no target $name" >&2; exit 2; }
+  [[ " ${c_targets[*]} ${readers[*]/#/reader_} " == *" $name "* ]] \
+    || { echo "fuzz: no target $name" >&2; exit 2; }
 done
 
 table=() lines=() failed=0 ran=0
@@ -52,7 +59,8 @@ row() {                                       # row TARGET INPUTS RATE REACHED C
 declare -A built=()
 
 build() {                                     # once of each preset, when its first target is asked for
-  if ! echo 'int LLVMFuzzerTestOneInput(const char *d, long n); int LLVMFuzzerTestOneInput(const char *d, long n) { return n > 0 && !d; }' \
+  local head='int LLVMFuzzerTestOneInput(const char *d, long n)'
+  if ! echo "$head; $head { return n > 0 && !d; }" \
       | clang -fsanitize=fuzzer,address,undefined -x c - -o /dev/null 2>/dev/null; then
     built[$1]=no
     return
@@ -61,7 +69,9 @@ build() {                                     # once of each preset, when its fi
   [ -d .venv/share/fmi2 ] && options+=("-DFETCHCONTENT_SOURCE_DIR_FMI2=$PWD/.venv/share/fmi2")
   if [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then export CMAKE_GENERATOR=Ninja; fi
   mkdir -p "build/$1"
-  if { cmake --preset "$1" "${options[@]}" && cmake --build --preset "$1"; } >"build/$1/build.log" 2>&1; then built[$1]=yes; else
+  if { cmake --preset "$1" "${options[@]}" && cmake --build --preset "$1"; } >"build/$1/build.log" 2>&1; then
+    built[$1]=yes
+  else
     tail -n 20 "build/$1/build.log" >&2
     built[$1]=failed
   fi
@@ -69,18 +79,21 @@ build() {                                     # once of each preset, when its fi
 
 fuzz() {                                      # fuzz NAME PRESET TARGET: one C target
   local name=$1 preset=$2 target=$3 limits=()
-  local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name given=build/fuzz/given/$target log=build/fuzz/$name.log
+  local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name
+  local given=build/fuzz/given/$target log=build/fuzz/$name.log
   local program=build/$preset/tests/fuzz/fuzz_$target
   mkdir -p "$found" "$grown"
   [ -n "$runs" ] && limits+=("-runs=$runs")
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
-  # what it learns from comparisons are addresses, too, and its choice of inputs is by time, else: neither is the same again
+  # Values of comparisons contain addresses, and libFuzzer chooses inputs by time: switch
+  # off both, because neither repeats.
   [ -n "$seed" ] && limits+=("-seed=$seed" -use_cmp=0 -entropic=0)
   rm -rf "$given"
   python3 tests/fuzz/inputs.py unpack "$target" "$given"
-  if "$program" "${limits[@]}" -max_len=$longest -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
+  if "$program" "${limits[@]}" -max_len=$max_bytes -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
       "-artifact_prefix=$found/" "$grown" "$given" >"$log" 2>&1; then
-    row "$name" "$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")" "$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")" \
+    row "$name" "$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")" \
+      "$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")" \
       "$(sed -n 's/.*DONE *cov: \([0-9]*\).*/\1/p' "$log")" "$(ls "$grown" | wc -l)" "nothing found"
   else
     grep -E 'fuzz:|ERROR|runtime error' "$log" | head -n 3
@@ -93,8 +106,13 @@ fuzz() {                                      # fuzz NAME PRESET TARGET: one C t
     rm -rf "$small" "$chosen"
     mkdir -p "$small" "$chosen"
     "$program" -merge=1 -max_len=200 "$small" "$grown" "$given" >/dev/null 2>&1
-    # those that libFuzzer took first reach the most
-    ls -S -r "$small" | awk -v kept=$kept '{ name[NR] = $0 } END { for (i = 1; i <= kept && i <= NR; i++) print name[int((i - 1) * NR / (NR < kept ? NR : kept)) + 1] }' \
+    # inputs that libFuzzer took first reach the most
+    ls -S -r "$small" | awk -v kept=$kept '
+        { name[NR] = $0 }
+        END {
+          n = NR < kept ? NR : kept
+          for (i = 1; i <= n; i++) print name[int((i - 1) * NR / n) + 1]
+        }' \
       | while read -r file; do cp "$small/$file" "$chosen/"; done
     python3 tests/fuzz/inputs.py pack "$target" "$chosen"
   fi
@@ -106,7 +124,8 @@ read_files() {                                # one reader
   [ -n "$seconds" ] && limits+=(--seconds "$seconds")
   [ -n "$seed" ] && limits+=(--seed "$seed")
   mkdir -p build/fuzz
-  if PYTHONPATH=$PWD/scripts .venv/bin/python tests/fuzz/readers.py "${name#reader_}" "${limits[@]}" >"$log" 2>&1; then
+  if PYTHONPATH=$PWD/scripts .venv/bin/python tests/fuzz/readers.py "${name#reader_}" "${limits[@]}" \
+      >"$log" 2>&1; then
     done_=$(sed -n 's/.*"inputs": \([0-9]*\).*/\1/p' "$log")
     took=$(sed -n 's/.*"seconds": \([0-9]*\).*/\1/p' "$log")
     row "$name" "$done_" "$((done_ / (took > 0 ? took : 1)))" "-" "-" "nothing found"
@@ -136,10 +155,11 @@ printf '%-22s %10s %10s %10s %8s\n' target inputs inputs/s edges corpus
 printf '%s\n' "${table[@]}"
 if [ -n "$page" ]; then
   {
-    printf '`scripts/dev/fuzz.sh %s`: each target until its inputs or its seconds are over, whichever comes first. An input is up to %d bytes,\n' "$asked" "$longest"
-    printf 'which are a drive of up to 160 rows, a sequence of calls, or a file; a C target runs with the sanitizers for addresses and undefined\n'
-    printf 'behaviour. Inputs a second, of a shared machine. Edges: places in the program that libFuzzer saw reached; corpus: inputs that each\n'
-    printf 'reach something of their own; the readers of files are in Python, where neither is counted.\n\n'
+    printf '`scripts/dev/fuzz.sh %s`: each target until its inputs or its seconds end.\n' "$asked"
+    printf 'An input has up to %d bytes: a drive of up to 160 rows, a sequence of calls, or a\n' "$max_bytes"
+    printf 'file. C targets run with the sanitizers for addresses and undefined behaviour. Inputs a\n'
+    printf 'second: on a shared machine. Edges: places of the program that libFuzzer reached; corpus:\n'
+    printf 'inputs that each reach new ones. Neither is counted for the readers, which are in Python.\n\n'
     printf '| target | inputs | inputs/s | edges | corpus | found |\n|---|---:|---:|---:|---:|---|\n'
     printf '%s\n' "${lines[@]}"
   } >"$page"

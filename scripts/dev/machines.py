@@ -1,8 +1,11 @@
-"""The machines that the filter is replayed and measured on: how a program of tests/embedded is built for each and run. Used by
-scripts/dev/platforms.py (the same bits) and scripts/dev/budgets.py (instructions, code, memory).
+"""Build and run programs of tests/embedded for each machine.
 
-A program is tse.c of scripts/dev/amalgamate.py, one main, one port, and the recorded drive as a table. Microcontrollers are emulated by
-qemu-system-arm, other processors by qemu-user; what is not installed is left out, with the reason.
+scripts/dev/platforms.py compares their bits, scripts/dev/budgets.py measures
+instructions, code and memory.
+
+A program consists of tse.c of scripts/dev/amalgamate.py, a main file, a port, and the
+recorded drive as a table. qemu-system-arm emulates microcontrollers, qemu-user other
+processors. Machines whose tools are not installed are skipped, with the reason.
 """
 
 import csv
@@ -22,35 +25,39 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = ROOT / "tests" / "embedded"
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 
-# As CMakeLists.txt compiles the library; tcc and the like know none of it, and need none.
+# Flags of CMakeLists.txt for the library. Simple compilers such as tcc do not know them.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-LONGEST = 600  # s of processor time: what takes longer has got stuck (the slowest, double in software on an M3: one minute)
+# Time of the processor, s. A program that takes longer hangs: the slowest one, double in
+# software on an M3, takes one minute.
+MAX_SECONDS = 600
 
 
-def formats() -> list[str]:
-    """The number formats, as CMakeLists.txt has them."""
+def read_formats() -> list[str]:
+    """Return the number formats of CMakeLists.txt."""
     row = re.search(
         r"set_property\(CACHE TSE_REAL PROPERTY STRINGS ([\w ]+)\)", (ROOT / "CMakeLists.txt").read_text()
     )
     if not row:
-        raise SystemExit("CMakeLists.txt: which number formats there are is not where this script looks")
+        raise SystemExit("CMakeLists.txt: no list of number formats at TSE_REAL")
     return row[1].split()
 
 
-def golden_file(real: str) -> Path:
+def find_golden_file(real: str) -> Path:
+    """Return the file with the golden estimates of a number format."""
     return ROOT / "tests" / "replay" / f"golden_{real}.csv"
 
 
-def golden(real: str) -> dict[str, str]:
-    """Hash by form and way of resampling, as tests/replay/update.py wrote them."""
+def read_golden(real: str) -> dict[str, str]:
+    """Return the hashes of tests/replay/update.py by filter and way of resampling."""
     return {
-        name: hash_ for hash_, name in re.findall(r"^# hash (\w+) (.+)$", golden_file(real).read_text(), re.M)
+        name: hash_
+        for hash_, name in re.findall(r"^# hash (\w+) (.+)$", find_golden_file(real).read_text(), re.M)
     }
 
 
 @dataclass(frozen=True)
 class Board:
-    """A microcontroller that qemu emulates: where its memories are, and its clock, which SysTick counts."""
+    """A microcontroller that qemu emulates: its memories and the tick of SysTick."""
 
     machine: str
     flash: int
@@ -70,7 +77,10 @@ M33 = Board("mps2-an505", 0x10000000, 4 * MB, 0x38000000, 2 * MB, 200)  # 20 MHz
 
 @dataclass(frozen=True)
 class Machine:
-    """One compiler for one machine. run: what a program is started with; only: formats that are asked of it."""
+    """A compiler and a machine.
+
+    `run`: command that runs a program; `only`: the number formats to run (default: all).
+    """
 
     name: str
     cc: tuple[str, ...]
@@ -78,17 +88,16 @@ class Machine:
     run: tuple[str, ...] = ()
     board: Board | None = None
     only: tuple[str, ...] = ()
-    leaves: tuple[str, ...] = ()  # formats that are not asked of it
+    leaves: tuple[str, ...] = ()  # number formats to skip
     port: str = "host.c"
     link: tuple[str, ...] = ("-lm",)
-    refused: bool = False  # it is an error to compile with these flags, and has to be one
+    refused: bool = False  # True if these flags must not compile
     known: tuple[str, ...] = FLAGS
-    short: tuple[
-        str, ...
-    ] = ()  # formats for which the short run takes it, too: different in byte order, width, compiler
+    # Number formats of the short run: those whose byte order, width or compiler differs.
+    short: tuple[str, ...] = ()
 
-    def missing(self) -> str:
-        """Why it cannot be had here; empty: it can."""
+    def find_missing(self) -> str:
+        """Return the reason why the machine is not available, or ""."""
         for program in (self.cc[0], *self.run[:1]):
             if not shutil.which(program):
                 return f"{program} is not installed"
@@ -104,21 +113,24 @@ class Machine:
             else ""
         )
 
-    def version(self) -> str:
-        return version_of(self.cc)
+    def read_version(self) -> str:
+        """Return the version of the compiler."""
+        return read_version(self.cc)
 
-    def compiler(self) -> str:
+    def name_compiler(self) -> str:
+        """Return the name of the compiler."""
         return "zig cc" if "ziglang" in self.cc else self.cc[0]
 
-    def emulator(self) -> str:
+    def name_emulator(self) -> str:
+        """Return name, version and board of the emulator."""
         if not self.run:
             return "-"
         board = f" {self.board.machine}" if self.board else ""
-        return f"{self.run[0]} {version_of(self.run[:1])}{board}"
+        return f"{self.run[0]} {read_version(self.run[:1])}{board}"
 
 
 @cache
-def version_of(command: tuple[str, ...]) -> str:
+def read_version(command: tuple[str, ...]) -> str:
     ask = "-v" if command[0] == "tcc" else "version" if "ziglang" in command else "--version"
     said = subprocess.run(
         [*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False
@@ -127,9 +139,10 @@ def version_of(command: tuple[str, ...]) -> str:
     return number[0] if number else "?"
 
 
-def cortex(
+def make_cortex(
     name: str, board: Board, cpu: str, *fpu: str, level: str = "-O2", short: tuple[str, ...] = ()
 ) -> Machine:
+    """Return an emulated microcontroller with gcc."""
     qemu = ("qemu-system-arm", "-M", board.machine, "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native")  # fmt: skip
     flags = (
@@ -141,9 +154,8 @@ def cortex(
         level,
     )
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
-    leaves = (
-        ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
-    )  # by software, which is the M3's
+    # Without a unit for double, double is computed in software, as on the M3.
+    leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
     return Machine(
         name,
         ("arm-none-eabi-gcc",),
@@ -157,7 +169,7 @@ def cortex(
     )
 
 
-def user(
+def make_qemu_user(
     name: str,
     triple: str,
     qemu: str,
@@ -166,18 +178,21 @@ def user(
     refused: bool = False,
     short: tuple[str, ...] = (),
 ) -> Machine:
+    """Return a processor emulated by qemu-user with gcc."""
     compiler, link = (f"{triple}-gcc",), ("-lm", "-static")
     return Machine(
         name, compiler, ("-O2", *flags), (qemu,), only=only, link=link, refused=refused, short=short
     )
 
 
-def zig(name: str, target: str, qemu: str, *flags: str) -> Machine:
+def make_zig(name: str, target: str, qemu: str, *flags: str) -> Machine:
+    """Return a processor emulated by qemu-user with the compiler of zig."""
     cc = (sys.executable, "-m", "ziglang", "cc", "-target", target)
     return Machine(name, cc, ("-O2", *flags), (qemu,), link=("-lm", "-static"))
 
 
-def machines() -> list[Machine]:
+def list_machines() -> list[Machine]:
+    """Return all machines, installed or not."""
     native = [
         Machine("x86-64", (cc,), flags)
         for cc in ("gcc", "clang")
@@ -188,36 +203,65 @@ def machines() -> list[Machine]:
     return [
         *native,
         Machine("x86-64, denormals flushed", ("gcc",), ("-O2", "-DFLUSH_DENORMALS")),
-        Machine("x86-64", ("tcc",), (), known=(), leaves=("fixed",)),  # it has no constants of reals with a condition
-        user("i686, SSE2", "i686-linux-gnu", "qemu-i386", "-msse2", "-mfpmath=sse"),
-        user("i686, x87", "i686-linux-gnu", "qemu-i386", "-mno-sse", only=("double", "float"), refused=True),
-        user("aarch64", "aarch64-linux-gnu", "qemu-aarch64", short=("double",)),
-        user("armhf", "arm-linux-gnueabihf", "qemu-arm"),
-        user("riscv64", "riscv64-linux-gnu", "qemu-riscv64"),
-        user("s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", "-fexcess-precision=fast", short=("float",)),
-        user("s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", only=("float",), refused=True, short=("float",)),
-        user("ppc64, big-endian", "powerpc64-linux-gnu", "qemu-ppc64"),
-        zig("ppc64le", "powerpc64le-linux-musl", "qemu-ppc64le"),
-        user("mips, big-endian", "mips-linux-gnu", "qemu-mips"),
-        user("sparc64, big-endian", "sparc64-linux-gnu", "qemu-sparc64"),
-        cortex("Cortex-M0", M0, "cortex-m0", level="-Os", short=("fixed",)),
-        cortex("Cortex-M0's code on an M3", M3, "cortex-m0"),
-        cortex("Cortex-M3", M3, "cortex-m3"),
-        cortex("Cortex-M4F", M4, "cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", short=("float",)),
-        cortex("Cortex-M7", M7, "cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
-        cortex("Cortex-M33", M33, "cortex-m33", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard"),
-        Machine("WebAssembly", ("clang", "--target=wasm32"), wasm, ("node", str(HERE / "wasm.js")), port="wasm.c", link=wasm_link,
-                short=("double",)),
-        Machine("WebAssembly", (sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding"), wasm,
-                ("node", str(HERE / "wasm.js")), port="wasm.c", link=(*wasm_link, "-Wl,--export-memory")),
-    ]  # fmt: skip
+        # tcc does not fold conditions in real constants, which fixed point needs.
+        Machine("x86-64", ("tcc",), (), known=(), leaves=("fixed",)),
+        make_qemu_user("i686, SSE2", "i686-linux-gnu", "qemu-i386", "-msse2", "-mfpmath=sse"),
+        make_qemu_user(
+            "i686, x87", "i686-linux-gnu", "qemu-i386", "-mno-sse", only=("double", "float"), refused=True
+        ),
+        make_qemu_user("aarch64", "aarch64-linux-gnu", "qemu-aarch64", short=("double",)),
+        make_qemu_user("armhf", "arm-linux-gnueabihf", "qemu-arm"),
+        make_qemu_user("riscv64", "riscv64-linux-gnu", "qemu-riscv64"),
+        make_qemu_user(
+            "s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", "-fexcess-precision=fast", short=("float",)
+        ),
+        make_qemu_user(
+            "s390x, big-endian",
+            "s390x-linux-gnu",
+            "qemu-s390x",
+            only=("float",),
+            refused=True,
+            short=("float",),
+        ),
+        make_qemu_user("ppc64, big-endian", "powerpc64-linux-gnu", "qemu-ppc64"),
+        make_zig("ppc64le", "powerpc64le-linux-musl", "qemu-ppc64le"),
+        make_qemu_user("mips, big-endian", "mips-linux-gnu", "qemu-mips"),
+        make_qemu_user("sparc64, big-endian", "sparc64-linux-gnu", "qemu-sparc64"),
+        make_cortex("Cortex-M0", M0, "cortex-m0", level="-Os", short=("fixed",)),
+        make_cortex("Cortex-M0's code on an M3", M3, "cortex-m0"),
+        make_cortex("Cortex-M3", M3, "cortex-m3"),
+        make_cortex("Cortex-M4F", M4, "cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", short=("float",)),
+        make_cortex("Cortex-M7", M7, "cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
+        make_cortex("Cortex-M33", M33, "cortex-m33", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard"),
+        Machine(
+            "WebAssembly",
+            ("clang", "--target=wasm32"),
+            wasm,
+            ("node", str(HERE / "wasm.js")),
+            port="wasm.c",
+            link=wasm_link,
+            short=("double",),
+        ),
+        Machine(
+            "WebAssembly",
+            (sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding"),
+            wasm,
+            ("node", str(HERE / "wasm.js")),
+            port="wasm.c",
+            link=(*wasm_link, "-Wl,--export-memory"),
+        ),
+    ]
 
 
 # ---- building
 
 
-def rows() -> str:
-    """The recorded drive as rows.h: numbers as written, so that the compiler makes of each the nearest one there is."""
+def write_rows() -> str:
+    """Return the recorded drive as text of rows.h.
+
+    Numbers are copied as written, so the compiler converts each to the nearest value of
+    its format.
+    """
     out = []
     with DRIVE.open() as file:
         for line in csv.reader(x for x in file if x[0].isdigit()):
@@ -226,9 +270,12 @@ def rows() -> str:
     return "\n".join(out) + "\n"
 
 
-def frames() -> str:
-    """The recorded drive as frames.h: what a CAN bus brings in each period of 10 ms (scripts/dropin/can/control_loop.h). A row that
-    was lost brings nothing."""
+def write_frames() -> str:
+    """Return the recorded drive as text of frames.h: the CAN frames of each period of 10
+    ms.
+
+    scripts/dropin/can/control_loop.h has the format. A lost row has no frames.
+    """
     out, period, count = [], 0, 0
     scales = (
         (0x0C1, (1, 100_000)),
@@ -240,7 +287,7 @@ def frames() -> str:
         for row in csv.reader(x for x in file if x[0].isdigit()):
             period += round(100 * float(row[0]))
             if not any(row[1:]):
-                raise SystemExit(f"{DRIVE}: a row without any channel would be no frame")
+                raise SystemExit(f"{DRIVE}: a row without any channel has no frame")
             for id_, *numbers in scales:
                 if not any(row[at] for at, _ in numbers):
                     continue
@@ -259,52 +306,55 @@ def frames() -> str:
 
 @dataclass
 class Work:
-    """A folder with what all builds share."""
+    """A folder with the files that all builds share."""
 
     folder: Path
     made: set[str] = field(default_factory=set)
 
-    def sources(self) -> Path:
+    def write_sources(self) -> Path:
+        """Write the sources once; return their folder."""
         folder = self.folder / "sources"
         if "sources" not in self.made:
             folder.mkdir(parents=True, exist_ok=True)
             command = [sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(folder)]
             subprocess.run(command, check=True, capture_output=True)
-            (folder / "rows.h").write_text(rows())
-            (folder / "frames.h").write_text(frames())
+            (folder / "rows.h").write_text(write_rows())
+            (folder / "frames.h").write_text(write_frames())
             self.made.add("sources")
         return folder
 
 
 class Failed(Exception):
-    """A command that ended badly; its text."""
+    """A command failed; the text is its output."""
 
 
-def does_not_fit(text: str) -> str:
-    """What the linker said, when a program is larger than a board's memories; empty: something else was wrong."""
+def explain_misfit(text: str) -> str:
+    """Return the reason if a program is larger than the memories of a board, else ""."""
     overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
     if overflow:
         return f"{int(overflow[2]):,} B more than its {overflow[1]}"
     return "too little of its RAM is left for the stack" if "no room for the stack" in text else ""
 
 
-def limited() -> None:
-    """Of the processor's time, because on a busy machine everything takes long."""
-    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))
+def limit_time() -> None:
+    """Limit the time of the processor. A busy machine makes elapsed time long."""
+    resource.setrlimit(resource.RLIMIT_CPU, (MAX_SECONDS, MAX_SECONDS))
 
 
-def call(command: list[str]) -> str:
+def run_command(command: list[str]) -> str:
+    """Run a command within MAX_SECONDS; return its output."""
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limited
+        command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limit_time
     )
     if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-        raise Failed(f"it was ended after {LONGEST} s of processor time, or by somebody")
+        raise Failed(f"stopped after {MAX_SECONDS} s of processor time, or by a signal")
     if done.returncode:
         raise Failed((done.stdout + done.stderr).strip() or f"ended with {done.returncode}")
     return done.stdout + done.stderr
 
 
-def layout(board: Board, folder: Path, stack: int) -> Path:
+def write_layout(board: Board, folder: Path, stack: int) -> Path:
+    """Write the linker script of a board."""
     text = (HERE / "cortex_m.ld").read_text()
     sizes = {
         "FLASH": board.flash,
@@ -320,7 +370,7 @@ def layout(board: Board, folder: Path, stack: int) -> Path:
     return path
 
 
-def build(
+def build_program(
     work: Work,
     machine: Machine,
     real: str,
@@ -330,8 +380,11 @@ def build(
     stack: int = 2048,
     beside: Iterable[Path] = (),
 ) -> Path:
-    """Compile and link one program.   more: further flags, such as -DTSE_NO_EFFECTS; beside: more files of it"""
-    sources = work.sources()
+    """Compile and link a program; return its path.
+
+    `more`: further flags, such as -DTSE_NO_EFFECTS; `beside`: further source files.
+    """
+    sources = work.write_sources()
     folder = work.folder / re.sub(r"[^\w]+", "-", f"{name}-{real}")
     folder.mkdir(parents=True, exist_ok=True)
     program = folder / (f"{Path(main).stem}.wasm" if machine.port == "wasm.c" else f"{Path(main).stem}.elf")
@@ -349,12 +402,13 @@ def build(
     link = list(machine.link)
     if machine.board:
         command.append(f"-DNS_OF_TICK={machine.board.tick}u")
-        link += [f"-T{layout(machine.board, folder, stack)}"]
-    call([*command, *files, "-o", str(program), *link])
+        link += [f"-T{write_layout(machine.board, folder, stack)}"]
+    run_command([*command, *files, "-o", str(program), *link])
     return program
 
 
-def run(machine: Machine, program: Path, *options: str) -> str:
+def run_program(machine: Machine, program: Path, *options: str) -> str:
+    """Run a program on its machine; return its output."""
     if machine.board:
-        return call([*machine.run, *options, "-kernel", str(program)])
-    return call([*machine.run, str(program)])
+        return run_command([*machine.run, *options, "-kernel", str(program)])
+    return run_command([*machine.run, str(program)])

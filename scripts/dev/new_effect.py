@@ -96,7 +96,7 @@ static void test_{id}_does_what_its_equation_says(void)
 """
 
 
-def laws_of(hook: str) -> str:
+def find_laws(hook: str) -> str:
     """Return the file in src/model with the functions of a hook."""
     return "effects_constant.h" if hook == "CONSTANT" else "catalogue.h"
 
@@ -125,7 +125,7 @@ def check_asked(asked: argparse.Namespace, rows: str) -> None:
         )
 
 
-def row_of(asked: argparse.Namespace, entry: str) -> str:
+def write_row(asked: argparse.Namespace, entry: str) -> str:
     """Return the section of effects.toml."""
     small, large = asked.typical
     sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
@@ -136,7 +136,7 @@ title = "{asked.name.replace("_", " ")}"
 entry = "{entry}"
 channels = "accel_y, yaw_rate"
 alike = ""
-filter = "{filter_of(asked.hook)}"
+filter = "{find_filter(asked.hook)}"
 occurrence = "SOME_CARS"
 parameter.{asked.parameter} = {{ role = "STRENGTH", default = 0.0, least = {asked.low!r}, \
 most = {asked.high!r}, unit = "{asked.unit}", typical = [{small!r}, {large!r}], \
@@ -145,7 +145,7 @@ text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positi
 """
 
 
-def filter_of(hook: str) -> str:
+def find_filter(hook: str) -> str:
     """Return the column `filter` of an effect without an equation in src/model/car.c.
 
     A CONSTANT effect changes the settings, which both filters read.
@@ -153,7 +153,7 @@ def filter_of(hook: str) -> str:
     return "both" if hook == "CONSTANT" else "none"
 
 
-def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
+def write_skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
     """Return the text of every file that is new or changes, by its path.
 
     Raises
@@ -168,7 +168,7 @@ def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
         part.format(id=asked.name, at=f"{asked.name}_{asked.parameter}") for part in HOOKS[asked.hook]
     )
     small, large = asked.typical
-    laws = root / "src" / "model" / laws_of(asked.hook)
+    laws = root / "src" / "model" / find_laws(asked.hook)
     law = (
         f"/* {asked.name}: the equation, with units. "
         f"Typical {asked.parameter} {small:g} .. {large:g} {asked.unit}. */\n"
@@ -178,12 +178,12 @@ def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
     function, test = signature.split("(")[0].split()[-1], f"test_{asked.name}_does_what_its_equation_says"
     line = f"| {asked.name} | write it | `{function}` in src/model/{laws.name} | `{test}` |\n"
     text = equations.read_text(encoding="utf-8")
-    if filter_of(asked.hook) == "none":
+    if find_filter(asked.hook) == "none":
         text = text.replace("Not applied: ", f"Not applied: `{asked.name}`, ", 1)
     last = list(re.finditer(r"^\| .* in src/model/(?:catalogue|effects_constant)\.h.*\n", text, re.M))
     at = last[-1].end() if last else len(text)
     return {
-        table: rows + row_of(asked, entry),
+        table: rows + write_row(asked, entry),
         laws: before + law + mark + after,
         root / "tests" / "unit" / "model" / f"test_effect_{asked.name}.c": TEST.format(
             id=asked.name, parameter=asked.parameter, tiny=1e-6 * small, large=large, laws=laws.name
@@ -208,7 +208,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--typical", type=float, help="typical sizes on cars", **sizes)
     asked = parser.parse_args(arguments)
     try:
-        files = skeleton(asked)
+        files = write_skeleton(asked)
         for path in files:
             if path.exists() and path.name.startswith("test_"):
                 raise Refused(f"{path.relative_to(ROOT)} is there already")
@@ -219,7 +219,7 @@ def main(arguments: list[str] | None = None) -> int:
         path.write_text(text, encoding="utf-8")
     subprocess.run([sys.executable, ROOT / "scripts" / "dev" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
-    print(f"""  1. the equation and the formula, in src/model/{laws_of(asked.hook)}
+    print(f"""  1. the equation and the formula, in src/model/{find_laws(asked.hook)}
   2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
      (each of them names it, too), how often cars have it
   3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with

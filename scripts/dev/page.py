@@ -1,16 +1,23 @@
 #!/usr/bin/env python3
-"""The page that estimates and drives in a browser: one file with everything in it, build/site/try.html.
+"""Build the page that estimates and drives in a browser: a single file,
+build/site/try.html.
 
-    .venv/bin/python scripts/dev/page.py                 build it
-    .venv/bin/python scripts/dev/page.py --out FILE      somewhere else
-    .venv/bin/python scripts/dev/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
-    .venv/bin/python scripts/dev/page.py --ship          the one that git holds, docs/try.html, for who has no compiler
-    .venv/bin/python scripts/dev/page.py --check         fail where that one is of other sources than these
+    .venv/bin/python scripts/dev/page.py
+        build it
+    .venv/bin/python scripts/dev/page.py --out FILE
+        build it into another file
+    .venv/bin/python scripts/dev/page.py --without-npm
+        build it as on a machine without npm: it reads CSV only, and says so
+    .venv/bin/python scripts/dev/page.py --ship
+        build the page that git holds, docs/try.html, for users without a compiler
+    .venv/bin/python scripts/dev/page.py --check
+        fail if docs/try.html was built from other sources
 
-The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
-the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when it
-opens. What it takes of npm (docs/page/package.json: a reader of Parquet, one of TOML) is fetched to the hash by `npm ci`, and its
-licences stand in the page. The same sources and compiler give the same bytes.
+clang and wasm-ld compile the library to WebAssembly, or zig if they are missing
+(scripts/setup.sh platforms). Names, units and rules come from tselab; settings, ranges
+and structs come from the library when the page opens. `npm ci` fetches a reader of
+Parquet and one of TOML by hash (docs/page/package.json); the page contains their
+licences. The same sources and compiler give the same bytes.
 """
 
 import argparse
@@ -27,7 +34,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "docs" / "page"
-SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # what the page of `tselab live` has, too
+SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # files of the page of `tselab live`
 BUILD = ROOT / "build" / "page"
 PAGE = ROOT / "build" / "site" / "try.html"
 SHIPPED = ROOT / "docs" / "try.html"
@@ -41,39 +48,52 @@ SCRIPTS = (
     "log.js",
     "drive.js",
     "start.js",
-)  # in order
+)  # in the order of the page
 FLAGS = (
-    "-std=c99", "-O2", "-nostdlib", "-ffp-contract=off", "-mbulk-memory", "-Wall", "-Wextra", "-Werror", "-DTSE_REAL_DOUBLE",
+    "-std=c99",
+    "-O2",
+    "-nostdlib",
+    "-ffp-contract=off",
+    "-mbulk-memory",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-DTSE_REAL_DOUBLE",
     "-DTSE_NO_PARTICLES",
-)  # fmt: skip
+)
 LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")  # bytes; the filter needs 5 kB
-DRIVE, SECONDS, ROAD, SEED = (
-    "double-lane-change",
-    60.0,
-    (30.0, 0.7),
-    1,
-)  # the built-in example: half of it on a wetter road
+# The built-in example: half of it on a wetter road.
+DRIVE = "double-lane-change"
+SECONDS = 60.0
+ROAD = (30.0, 0.7)
+SEED = 1
 
 
-MOST_CHECKED = (
-    1 << 17
-)  # rows in which the page looks whether channels agree, 22 minutes at 100 Hz: it stands still meanwhile
+# Rows of the check for contradicting channels, 22 minutes at 100 Hz. The page does not
+# respond during the check.
+MAX_CHECKED_ROWS = 1 << 17
 
 
 class Failed(Exception):
-    """What could not be built, in a sentence."""
+    """The page cannot be built; the text is the reason."""
 
 
-def call(command: list[str], **more: Any) -> str:
-    """A program's output.   Failed: it ended badly"""
+def run_command(command: list[str], **more: Any) -> str:
+    """Run a command; return its output.
+
+    Raises
+    ------
+    Failed
+        The exit code is not 0.
+    """
     done = subprocess.run(command, capture_output=True, text=True, check=False, **more)
     if done.returncode:
         raise Failed(f"{Path(command[0]).name} failed:\n{(done.stderr + done.stdout).strip()[-2000:]}")
     return done.stdout
 
 
-def compilers() -> list[list[str]]:
-    """What compiles C to WebAssembly here, with the options its linker needs."""
+def find_compilers() -> list[list[str]]:
+    """Return the commands that compile C to WebAssembly, with options of the linker."""
     found = []
     if shutil.which("clang") and shutil.which("wasm-ld"):
         found.append(["clang", "--target=wasm32"])
@@ -88,28 +108,30 @@ def compilers() -> list[list[str]]:
     )
 
 
-def library_sources() -> Path:
+def write_library() -> Path:
     """Write the library as two files. Return their folder."""
     BUILD.mkdir(parents=True, exist_ok=True)
-    call([sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(BUILD / "src")])
+    run_command(
+        [sys.executable, str(ROOT / "scripts" / "dev" / "amalgamate.py"), "--out", str(BUILD / "src")]
+    )
     return BUILD / "src"
 
 
-def digest() -> str:
-    """Return a number of all that the page is made of, but for the compiler and what npm brings."""
+def compute_digest() -> str:
+    """Return a hash of the sources of the page, without compiler and packages of npm."""
     files = [
-        *sorted(library_sources().iterdir()),
+        *sorted(write_library().iterdir()),
         *(SOURCES / name for name in ("page.c", "page.html", "vendor.js", "package-lock.json")),
     ]
     files += [(SHARED if name == "draw.js" else SOURCES) / name for name in SCRIPTS] + [SHARED / "page.css"]
-    made = hashlib.sha256(json.dumps([FLAGS, LINK, known(), example()]).encode())
+    made = hashlib.sha256(json.dumps([FLAGS, LINK, collect_names(), make_example()]).encode())
     for file in files:
         made.update(file.read_bytes())
     return made.hexdigest()[:16]
 
 
-def shipped_digest() -> str:
-    """Return the same number of the page that git holds; "": there is none."""
+def read_shipped_digest() -> str:
+    """Return the hash stated in the page that git holds, or "" without such a page."""
     found = (
         re.search(r'<meta name="sources" content="(\w+)">', SHIPPED.read_text(encoding="utf-8"))
         if SHIPPED.is_file()
@@ -118,15 +140,15 @@ def shipped_digest() -> str:
     return found[1] if found else ""
 
 
-def wasm(cc: list[str] | None = None) -> bytes:
-    """The library as WebAssembly."""
-    library_sources()
+def compile_wasm(cc: list[str] | None = None) -> bytes:
+    """Return the library as WebAssembly."""
+    write_library()
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
-    cc = cc or compilers()[0]
-    libc = ROOT / "tests" / "embedded" / "wasm"  # what a compiler calls of a C library
+    cc = cc or find_compilers()[0]
+    libc = ROOT / "tests" / "embedded" / "wasm"  # functions of a C library that compilers call
     of = [
         repr((cc, FLAGS, LINK)).encode(),
-        call([*cc, "--version"]).encode(),
+        run_command([*cc, "--version"]).encode(),
         (SOURCES / "page.c").read_bytes(),
     ]
     of += [(libc / "string.h").read_bytes()]
@@ -135,33 +157,51 @@ def wasm(cc: list[str] | None = None) -> bytes:
     if out.exists() and mark.exists() and mark.read_text() == wanted:
         return out.read_bytes()
     places = [f"-I{BUILD / 'src'}", f"-I{ROOT / 'include'}", f"-I{libc}"]
-    call([*cc, *FLAGS, *places, str(BUILD / "src" / "tse.c"), str(SOURCES / "page.c"), "-o", str(out), *LINK])
+    run_command(
+        [*cc, *FLAGS, *places, str(BUILD / "src" / "tse.c"), str(SOURCES / "page.c"), "-o", str(out), *LINK]
+    )
     mark.write_text(wanted)
     return out.read_bytes()
 
 
-def of_npm() -> tuple[str, str]:
-    """What the page takes of npm as one script, and the licences of it. Failed: npm is not there, or cannot fetch."""
+def bundle_npm() -> tuple[str, str]:
+    """Return the packages of npm as a script, and their licences.
+
+    Raises
+    ------
+    Failed
+        npm is not installed, or cannot fetch the packages.
+    """
     for program in ("node", "npm"):
         if not shutil.which(program):
             raise Failed(f"{program} is not installed")
-    modules()
+    install_modules()
     folder = BUILD / "npm"
     shutil.copy(SOURCES / "vendor.js", folder / "vendor.js")
-    call(
-        [str(folder / "node_modules" / ".bin" / "esbuild"), "vendor.js", "--bundle", "--minify", "--format=iife", "--target=es2022",
-         "--global-name=vendor", "--legal-comments=none", "--outfile=bundle.js", "--metafile=bundle.json"],
+    run_command(
+        [
+            str(folder / "node_modules" / ".bin" / "esbuild"),
+            "vendor.js",
+            "--bundle",
+            "--minify",
+            "--format=iife",
+            "--target=es2022",
+            "--global-name=vendor",
+            "--legal-comments=none",
+            "--outfile=bundle.js",
+            "--metafile=bundle.json",
+        ],
         cwd=folder,
-    )  # fmt: skip
+    )
     inputs = json.loads((folder / "bundle.json").read_text())["inputs"]
     names = sorted({found[1] for x in inputs if (found := re.match(r"node_modules/((?:@[^/]+/)?[^/]+)/", x))})
     return (folder / "bundle.js").read_text(), "\n".join(
-        licence(folder / "node_modules" / name) for name in names
+        read_licence(folder / "node_modules" / name) for name in names
     )
 
 
-def modules() -> Path:
-    """node_modules as docs/page/package-lock.json has them, which the page's test uses, too."""
+def install_modules() -> Path:
+    """Install node_modules by docs/page/package-lock.json."""
     folder, files = BUILD / "npm", [SOURCES / "package.json", SOURCES / "package-lock.json"]
     wanted = hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
     mark = folder / "installed"
@@ -169,24 +209,30 @@ def modules() -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         for file in files:
             shutil.copy(file, folder)
-        call(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder)
+        run_command(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder)
         mark.write_text(wanted)
     return folder / "node_modules"
 
 
-def licence(package: Path) -> str:
-    """Name, version and text of the licence of a package; none: it must not be in the page."""
+def read_licence(package: Path) -> str:
+    """Return name, version and text of the licence of a package.
+
+    Raises
+    ------
+    Failed
+        The package has no licence, so the page must not contain it.
+    """
     about = json.loads((package / "package.json").read_text())
     text = next(
         (f.read_text() for f in sorted(package.iterdir()) if f.name.lower().startswith("licen")), None
     )
     if text is None:
-        raise Failed(f"{package.name}: no text of its licence is in its package")
+        raise Failed(f"{package.name}: its package holds no text of a licence")
     return f"{about['name']} {about['version']} ({about['license']})\n\n{text.strip()}\n"
 
 
-def example() -> dict[str, Any]:
-    """What the driver of the built-in example does; the page's own simulator makes the log of it."""
+def make_example() -> dict[str, Any]:
+    """Return the driver's inputs of the built-in example; the page simulates the log."""
     import numpy as np
 
     from tse.library.core import Config
@@ -210,8 +256,8 @@ def example() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def known() -> dict[str, Any]:
-    """What tselab knows of names, units and rules."""
+def collect_names() -> dict[str, Any]:
+    """Return names, units and rules of tselab."""
     from tse.car import config, vehicle
     from tse.channels import agree, physics, scales, vocabulary
     from tse.estimation import estimate, verdict
@@ -224,37 +270,67 @@ def known() -> dict[str, Any]:
         found = {spelling: units.unit_factor(spelling, si) for spelling in units.SPELLINGS if spelling}
         factors[si] = {spelling: value for spelling, value in found.items() if value is not None}
     return {
-        "spelt": units.SPELLINGS, "factors": factors, "atEnd": _AT_END,
-        "roles": vocabulary.ROLE_WORDS, "not": vocabulary.NOT_ROLE_WORDS, "places": vocabulary.PLACE_WORDS,
-        "names": verdict.NAMES, "wheel": vocabulary.WHEEL_WORDS.pattern, "noWheel": vocabulary.NO_WHEEL_WORDS.pattern,
+        "spelt": units.SPELLINGS,
+        "factors": factors,
+        "atEnd": _AT_END,
+        "roles": vocabulary.ROLE_WORDS,
+        "not": vocabulary.NOT_ROLE_WORDS,
+        "places": vocabulary.PLACE_WORDS,
+        "names": verdict.NAMES,
+        "wheel": vocabulary.WHEEL_WORDS.pattern,
+        "noWheel": vocabulary.NO_WHEEL_WORDS.pattern,
         "rules": {
-            "required": vehicle.REQUIRED, "descriptive": [*vehicle.DESCRIPTIVE, *vehicle.HINT_ONLY],
-            "gapInSamples": config.GAP_IN_SAMPLES, "speedGain": simulate.SPEED_GAIN, "brakeFront": simulate.BRAKE_FRONT,
-            "holdTorque": simulate.HOLD_TORQUE, "rolling": config.ROLLING, "many": config.MANY, "sameRatio": config.SAME_RATIO,
+            "required": vehicle.REQUIRED,
+            "descriptive": [*vehicle.DESCRIPTIVE, *vehicle.HINT_ONLY],
+            "gapInSamples": config.GAP_IN_SAMPLES,
+            "speedGain": simulate.SPEED_GAIN,
+            "brakeFront": simulate.BRAKE_FRONT,
+            "holdTorque": simulate.HOLD_TORQUE,
+            "rolling": config.ROLLING,
+            "many": config.MANY,
+            "sameRatio": config.SAME_RATIO,
             "oneSpeed": config.ONE_SPEED,
         },
         "double": estimate.DOUBLE,
         "check": {
-            "causes": agree.CAUSES, "wheelCauses": agree.WHEEL_CAUSES, "figures": agree.FIGURES, "sd": agree.FIGURE_SD,
-            "unknownTrack": agree.UNKNOWN_TRACK, "unknownTrackSd": agree.UNKNOWN_TRACK_SD, "price": agree.CAUSE_PRICE,
-            "wrongSign": agree.SIGN_PRICE, "vanished": agree.LOST_FIGURE_PRICE, "enough": agree.MIN_FIT,
-            "slack": agree.FIT_SLACK, "odd": agree.FREE_FACTOR_PRICE,
-            "well": agree.EXPLAINED, "far": agree.MAX_UNEXPLAINED, "handling": agree.MAX_HANDLING,
-            "usualRatio": agree.USUAL_STEERING_RATIO, "unsaid": scales.OTHER_UNIT_COST,
-            "turned": agree.MIN_IMU_TURN, "aside": agree.SIDE_LEVER, "asideShare": agree.MIN_SIDE_SHARE,
-            "rate": physics.COMPARISON_RATE, "smooth": physics.MEAN_TIME, "moving": physics.MOVING_SPEED,
-            "fewest": physics.MIN_ROWS, "mostRows": MOST_CHECKED,
-            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.MIN_TURN_SHARE,
+            "causes": agree.CAUSES,
+            "wheelCauses": agree.WHEEL_CAUSES,
+            "figures": agree.FIGURES,
+            "sd": agree.FIGURE_SD,
+            "unknownTrack": agree.UNKNOWN_TRACK,
+            "unknownTrackSd": agree.UNKNOWN_TRACK_SD,
+            "price": agree.CAUSE_PRICE,
+            "wrongSign": agree.SIGN_PRICE,
+            "vanished": agree.LOST_FIGURE_PRICE,
+            "enough": agree.MIN_FIT,
+            "slack": agree.FIT_SLACK,
+            "odd": agree.FREE_FACTOR_PRICE,
+            "well": agree.EXPLAINED,
+            "far": agree.MAX_UNEXPLAINED,
+            "handling": agree.MAX_HANDLING,
+            "usualRatio": agree.USUAL_STEERING_RATIO,
+            "unsaid": scales.OTHER_UNIT_COST,
+            "turned": agree.MIN_IMU_TURN,
+            "aside": agree.SIDE_LEVER,
+            "asideShare": agree.MIN_SIDE_SHARE,
+            "rate": physics.COMPARISON_RATE,
+            "smooth": physics.MEAN_TIME,
+            "moving": physics.MOVING_SPEED,
+            "fewest": physics.MIN_ROWS,
+            "mostRows": MAX_CHECKED_ROWS,
+            "understeer": physics.UNDERSTEER,
+            "understeerSd": physics.UNDERSTEER_SD,
+            "turnShown": rows.MIN_TURN_SHARE,
         },
-    }  # fmt: skip
+    }
 
 
 def build(out: Path, npm: bool = True) -> list[str]:
-    """Write the page.   Returned: what is to be said of it"""
+    """Write the page; return messages for the user."""
     said, bundle, notices = [], "const vendor = { parquet: null, tomlReader: null };\n", ""
     if npm:
         try:
-            bundle, notices = of_npm()
+            bundle, notices = bundle_npm()
         except Failed as error:
             npm = False
             said.append(f"without Parquet and vehicle files: {error}")
@@ -263,9 +339,9 @@ def build(out: Path, npm: bool = True) -> list[str]:
     facts = {
         "parquet": npm,
         "toml": npm,
-        **known(),
-        "example": example(),
-        "wasm": base64.b64encode(wasm()).decode(),
+        **collect_names(),
+        "example": make_example(),
+        "wasm": base64.b64encode(compile_wasm()).decode(),
     }
     scripts = "".join(
         f"\n{((SHARED if name == 'draw.js' else SOURCES) / name).read_text()}" for name in SCRIPTS
@@ -275,7 +351,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     )
     script = f'{bundle}"use strict";\n(() => {{\n{head}{scripts}}})();\n'
     if "</script" in script or "<!--" in script or "-->" in notices:
-        raise Failed("a script holds what ends it in HTML")
+        raise Failed("a script contains a text that ends it in HTML")
     text = (SOURCES / "page.html").read_text()
     own = (
         f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n"
@@ -284,7 +360,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     )
     for mark, value in (
         ("<!-- @notices@ -->", f"<!--\n{own}{notices}-->" if notices else ""),
-        ("<!-- @sources@ -->", f'<meta name="sources" content="{digest()}">'),
+        ("<!-- @sources@ -->", f'<meta name="sources" content="{compute_digest()}">'),
         ("/* @style@ */", (SHARED / "page.css").read_text()),
         ("/* @script@ */", script),
     ):
@@ -298,6 +374,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
 
 
 def main() -> int:
+    """Build, ship or check the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -308,10 +385,10 @@ def main() -> int:
     options = parser.parse_args()
     try:
         if options.check:
-            if shipped_digest() == digest():
+            if read_shipped_digest() == compute_digest():
                 return 0
             raise Failed(
-                f"{SHIPPED.relative_to(ROOT)} is of other sources than these: scripts/dev/page.py --ship"
+                f"{SHIPPED.relative_to(ROOT)} was built from other sources: scripts/dev/page.py --ship"
             )
         if options.ship:
             if options.without_npm or not shutil.which("npm"):

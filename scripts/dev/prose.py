@@ -1,9 +1,12 @@
 """Wrap the prose of Markdown files at 90 columns: paragraphs and list items.
 
-    .venv/bin/python scripts/dev/prose.py            in place
-    .venv/bin/python scripts/dev/prose.py --check    change nothing; fail and name the files that would change
+    .venv/bin/python scripts/dev/prose.py
+        change the files
+    .venv/bin/python scripts/dev/prose.py --check
+        change nothing; fail and name the files that would change
 
-Tables, headings, code, HTML, front matter and what scripts/docsite/fill.py writes stay as they are.
+Tables, headings, code, HTML, front matter and text written by scripts/docsite/fill.py
+stay.
 """
 
 import re
@@ -17,8 +20,8 @@ WIDTH = 90
 LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # written by studies
 ITEM = re.compile(r"(\s*)([-*+]|\d+[.)])(\s+)(?=\S)")
 ATOM = re.compile(r"`[^`]*`|!?\[[^\]]*\]\([^)\s]*\)|\$[^$]+\$|\S")
-MARKUP = re.compile(r"[-+*>#|=~]|\d+[.)]|!!!|\?\?\?|:::")  # would mean something else at the head of a line
-WHOLE = re.compile(r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)")  # lines that are no prose
+MARKUP = re.compile(r"[-+*>#|=~]|\d+[.)]|!!!|\?\?\?|:::")  # has another meaning at the head of a line
+WHOLE = re.compile(r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)")  # lines without prose
 
 
 def split_words(text: str) -> list[str]:
@@ -49,7 +52,7 @@ def wrap(text: str, first: str, rest: str) -> list[str]:
 
 
 def find_end(line: str, is_first: bool) -> str:
-    """Return how a part that stays as it is ends, if one starts with this line; else an empty text."""
+    """Return the last line of a part that stays and starts here, or ""."""
     stripped = line.strip()
     if stripped.startswith(("```", "~~~")):
         return stripped[:3]
@@ -61,7 +64,7 @@ def find_end(line: str, is_first: bool) -> str:
 
 
 def read_blocks(lines: list[str]) -> Iterator[tuple[bool, list[str]]]:
-    """Yield (is it prose, lines): one paragraph, one list item, or one line that stays as it is."""
+    """Yield (is_prose, lines) of a paragraph, a list item, or a line that stays."""
     end = ""
     block: list[str] = []
     for i, line in enumerate(lines):
@@ -108,7 +111,7 @@ def find_pages() -> list[Path]:
 
 
 def main() -> int:
-    """Wrap, or check."""
+    """Wrap the pages, or check them."""
     wrong = []
     for page in find_pages():
         before = page.read_text(encoding="utf-8")

@@ -1,11 +1,17 @@
-"""Everything that a release holds, in one folder, of the last commit: called by scripts/dev/release.sh, which brings the tools.
+"""Make all files of a release of the last commit in a folder.
 
-    scripts/dev/release.sh 0.2.0                                          all of it, in release/0.2.0
-    scripts/dev/release.sh 0.2.0 --only wheels --platforms win_amd64      a part
-    scripts/dev/release.sh 0.2.0 --twice                                  two times, in two folders, and byte by byte the same
+scripts/dev/release.sh calls this script after it has installed the tools.
 
-The same commit and the same tools (scripts/dev/lock-release.txt) give the same bytes: all is built from an export of the commit, in a
-folder of its own, archives carry the commit's time and no owner, and every library is compiled by the same compiler, zig's.
+    scripts/dev/release.sh 0.2.0
+        all parts, in release/0.2.0
+    scripts/dev/release.sh 0.2.0 --only wheels --platforms win_amd64
+        some parts
+    scripts/dev/release.sh 0.2.0 --twice
+        two releases in two folders, compared byte by byte
+
+The same commit and the same tools (scripts/lock-release.txt) give the same bytes: the
+sources are an export of the commit in a folder of its own, archives carry the time of the
+commit and no owner, and zig compiles every library.
 """
 
 import argparse
@@ -35,12 +41,12 @@ SUMS = "SHA256SUMS"
 
 
 class Failed(Exception):
-    """In words for who called."""
+    """The release cannot be made; the text is the reason."""
 
 
 @dataclass
 class Release:
-    """A release while it is made."""
+    """A release in progress."""
 
     version: str
     commit: str
@@ -50,7 +56,7 @@ class Release:
     tags: Sequence[str]
 
     def run(self, *command: str | Path, cwd: Path | None = None, **environment: str) -> str:
-        """A command in the export, with its time; what it prints."""
+        """Run a command in the export with the time of the commit; return its output."""
         cache = str(ROOT / "build" / "zig-cache")  # C libraries of other systems take a minute each
         env = {
             k: v
@@ -63,16 +69,22 @@ class Release:
             "ZIG_LOCAL_CACHE_DIR": cache,
             "TZ": "UTC",
         }
-        done = subprocess.run([str(c) for c in command], cwd=cwd or self.source, env=env | environment, capture_output=True,
-                              text=True, errors="replace")  # fmt: skip
+        done = subprocess.run(
+            [str(c) for c in command],
+            cwd=cwd or self.source,
+            env=env | environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+        )
         if done.returncode:
             raise Failed(
                 f"{' '.join(str(c) for c in command[:6])} says\n{(done.stdout + done.stderr)[-3000:]}"
             )
         return done.stdout
 
-    def archive(self, name: str, folder: Path, top: str) -> None:
-        """A .tar.gz with the same bytes for the same content."""
+    def pack_folder(self, name: str, folder: Path, top: str) -> None:
+        """Write a .tar.gz with the same bytes for the same content."""
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar:
             for path in sorted(p for p in folder.rglob("*") if p.is_file()):
@@ -88,18 +100,18 @@ class Release:
 # ---- parts
 
 
-def source(r: Release) -> None:
-    """All of the commit: with CMake the C package, the FMUs, and the tests."""
-    r.archive(f"tse-{r.version}-source.tar.gz", r.source, f"tse-{r.version}-source")
+def pack_source(r: Release) -> None:
+    """Pack the whole commit: the C package with CMake, the FMUs, and the tests."""
+    r.pack_folder(f"tse-{r.version}-source.tar.gz", r.source, f"tse-{r.version}-source")
 
 
-def sdist(r: Release) -> None:
-    """Source package of Python: what pip compiles where no wheel fits."""
+def build_sdist(r: Release) -> None:
+    """Build the source package of Python, which pip compiles where no wheel fits."""
     r.run(sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", r.out, r.source)
 
 
-def wheels(r: Release) -> None:
-    """Wheels: a library of each system, compiled by zig."""
+def build_wheels(r: Release) -> None:
+    """Build the wheels: a library for each system, compiled by zig."""
     import ziglang
 
     zig = Path(ziglang.__file__).parent / "zig"
@@ -119,15 +131,15 @@ def wheels(r: Release) -> None:
         shutil.move(wheel, r.out / wheel.name)
 
 
-def fmus(r: Release) -> None:
-    """FMUs with binaries of all platforms, and the system that connects them (SSP)."""
-    with_headers(r)
+def build_fmus(r: Release) -> None:
+    """Build the FMUs with binaries of all platforms, and the SSP that connects them."""
+    link_headers(r)
     r.run(sys.executable, "-m", "tselab", "fmu", "build", "--all-platforms", "--out", r.out,
           PYTHONPATH=str(r.source / "scripts"))  # fmt: skip
 
 
-def with_headers(r: Release) -> None:
-    """What scripts/setup.sh has fetched for this checkout, for its export."""
+def link_headers(r: Release) -> None:
+    """Link the files that scripts/setup.sh has fetched into the export."""
     (r.source / "build").mkdir(exist_ok=True)
     for name in (".venv", "build/zig-cache"):
         (ROOT / name).mkdir(parents=True, exist_ok=True)
@@ -135,17 +147,17 @@ def with_headers(r: Release) -> None:
             (r.source / name).symlink_to(ROOT / name)
 
 
-def amalgamation(r: Release) -> None:
-    """The library as tse.h and tse.c."""
+def pack_amalgamation(r: Release) -> None:
+    """Pack the library as tse.h and tse.c."""
     script = r.source / "scripts" / "dev" / "amalgamate.py"
     folder = r.source.parent / "amalgamation"
     r.run(sys.executable, script, "--out", folder / "tse")
-    r.archive(f"tse-{r.version}-amalgamation.tar.gz", folder, f"tse-{r.version}")
+    r.pack_folder(f"tse-{r.version}-amalgamation.tar.gz", folder, f"tse-{r.version}")
 
 
-def site(r: Release) -> None:
-    """The site, for reading offline, with the page that runs in a browser."""
-    with_headers(r)
+def build_site(r: Release) -> None:
+    """Build the site for reading offline, with the page that runs in a browser."""
+    link_headers(r)
     r.run("cmake", "--preset", "lab")
     r.run("cmake", "--build", "--preset", "lab")
     (r.source / "scripts" / "tse" / "library" / "lib").mkdir(exist_ok=True)
@@ -153,31 +165,39 @@ def site(r: Release) -> None:
         if made.suffix in (".so", ".dylib"):
             shutil.copy(made.resolve(), r.source / "scripts" / "tse" / "library" / "lib" / made.name)
     r.run("bash", r.source / "scripts" / "dev" / "docs.sh", TSE_DOCS_PYTHON=sys.executable)
-    r.archive(f"tse-{r.version}-site.tar.gz", r.source / "build" / "site", f"tse-{r.version}-site")
+    r.pack_folder(f"tse-{r.version}-site.tar.gz", r.source / "build" / "site", f"tse-{r.version}-site")
 
 
-def sbom(r: Release) -> None:
-    """What is in it, and what it needs: CycloneDX."""
-    from sbom import bom, validated
+def write_sbom(r: Release) -> None:
+    """Write the bill of materials: files and required packages (CycloneDX)."""
+    from sbom import format_json, make_bom
 
-    files = {p.name: sha256(p) for p in sorted(r.out.iterdir())}
-    text = validated(bom(r.source, r.version, r.epoch, files))
+    files = {p.name: hash_file(p) for p in sorted(r.out.iterdir())}
+    text = format_json(make_bom(r.source, r.version, r.epoch, files))
     (r.out / f"tse-{r.version}.cdx.json").write_text(text, encoding="utf-8")
 
 
 PARTS: dict[str, Callable[[Release], None]] = {
-    "source": source, "sdist": sdist, "wheels": wheels, "fmus": fmus, "amalgamation": amalgamation, "site": site, "sbom": sbom,
-}  # fmt: skip
+    "source": pack_source,
+    "sdist": build_sdist,
+    "wheels": build_wheels,
+    "fmus": build_fmus,
+    "amalgamation": pack_amalgamation,
+    "site": build_site,
+    "sbom": write_sbom,
+}
 
 
 # ---- all of it
 
 
-def sha256(path: Path) -> str:
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def git(*arguments: str) -> str:
+def run_git(*arguments: str) -> str:
+    """Run git in the repository; return its output."""
     try:
         done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
     except FileNotFoundError:
@@ -188,7 +208,7 @@ def git(*arguments: str) -> str:
 
 
 def check_version(folder: Path, version: str) -> None:
-    """What is released is what its sources say."""
+    """Raise Failed if a source states another version."""
     there = {
         "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
         "scripts/tse/library/__init__.py": r'__version__ = "(.+?)"',
@@ -201,49 +221,50 @@ def check_version(folder: Path, version: str) -> None:
             raise Failed(f"{name} says version {found[1] if found else '?'}, not {version}")
 
 
-def make(
+def make_release(
     version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]
 ) -> Release:
-    """One release, of the last commit, in a folder that is made anew."""
-    commit = git("rev-parse", "HEAD")
+    """Make a release of the last commit in a new folder."""
+    commit = run_git("rev-parse", "HEAD")
     (ROOT / "build").mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(
         prefix="release-", dir=ROOT / "build"
-    ) as work:  # another path each time: it must not matter
+    ) as work:  # a new path each time: the bytes must not depend on it
         export = Path(work) / "tse"
         export.mkdir()
         subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
         check_version(export, version)
-        empty(out)
+        empty_folder(out)
         release = Release(
-            version, commit, int(git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags
+            version, commit, int(run_git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags
         )
         for part in parts:
             say(part)
             PARTS[part](release)
     files = sorted(p for p in out.iterdir() if p.name != SUMS)
-    (out / SUMS).write_text("".join(f"{sha256(p)}  {p.name}\n" for p in files), encoding="utf-8")
+    (out / SUMS).write_text("".join(f"{hash_file(p)}  {p.name}\n" for p in files), encoding="utf-8")
     return release
 
 
-def empty(out: Path) -> None:
-    """A folder without files: a new one, or one that held a release."""
+def empty_folder(out: Path) -> None:
+    """Create a folder, or empty one that holds a release."""
     if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
         raise Failed(
-            f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder"
+            f"{out} holds files, but no release ({SUMS} is missing): remove it, or name another folder"
         )
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
 
 
-def differing(first: Path, second: Path) -> list[str]:
-    """Names of the files that two folders do not have alike."""
+def find_differing(first: Path, second: Path) -> list[str]:
+    """Return the names of the files that differ between two folders."""
     names = {p.name for p in first.iterdir()} | {p.name for p in second.iterdir()}
     missing = {n for n in names if not ((first / n).is_file() and (second / n).is_file())}
-    return sorted(missing | {n for n in names - missing if sha256(first / n) != sha256(second / n)})
+    return sorted(missing | {n for n in names - missing if hash_file(first / n) != hash_file(second / n)})
 
 
 def main() -> int:
+    """Make the release."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("version", nargs="?")
     parser.add_argument("--out", type=Path, help="folder, made anew; default: release/VERSION")
@@ -259,7 +280,9 @@ def main() -> int:
     unknown = [x for x in parts if x not in PARTS] + [x for x in tags if x not in WHEELS]
     if not args.version or unknown:
         parser.error(
-            f"not known: {', '.join(unknown)}; --list names what is" if unknown else "VERSION is missing"
+            f"not known: {', '.join(unknown)}; --list names the known ones"
+            if unknown
+            else "VERSION is missing"
         )
     out = args.out or ROOT / "release" / args.version
 
@@ -267,17 +290,17 @@ def main() -> int:
         print(f"release: {text}", flush=True)
 
     try:
-        release = make(args.version, out, parts, tags, say)
+        release = make_release(args.version, out, parts, tags, say)
         if args.twice:
             other = out.with_name(f"{out.name}-again")
-            make(args.version, other, parts, tags, say)
-            if differs := differing(out, other):
+            make_release(args.version, other, parts, tags, say)
+            if differs := find_differing(out, other):
                 raise Failed(f"made twice, not the same bytes: {', '.join(differs)}")
             say("made twice, the same bytes")
     except Failed as error:
         print(f"release: {error}", file=sys.stderr)
         return 1
-    if git("status", "--porcelain"):
+    if run_git("status", "--porcelain"):
         say("left out: changes that are not committed")
     print((out / SUMS).read_text(), end="")
     say(f"{out}, of commit {release.commit[:12]}")

@@ -1,6 +1,10 @@
 #!/usr/bin/env bash
-# Everything that a release holds, in one folder: scripts/dev/release.sh VERSION [--out FOLDER] [--only PART,PART] [--platforms TAG,TAG]
-# Of the last commit. The same commit gives the same bytes; --twice makes it two times and compares. Parts and platforms: --list.
+# Make all files of a release of the last commit in a folder.
+#
+#   scripts/dev/release.sh VERSION [--out FOLDER] [--only PART,PART] [--platforms TAG,TAG]
+#
+# The same commit gives the same bytes; --twice makes the release two times and compares.
+# --list names parts and platforms.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 scripts/setup.sh release docs

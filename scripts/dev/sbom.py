@@ -1,7 +1,9 @@
-"""Software bill of materials of a release: CycloneDX 1.6, as JSON. Called by scripts/dev/release.py.
+"""Make the software bill of materials of a release: CycloneDX 1.6, as JSON.
 
-What the release is made of: its files with their hashes, third-party sources in them, and the Python packages that tse needs when
-it runs, in the versions of scripts/lock.txt, with who needs whom. The C library needs the C standard library alone.
+scripts/dev/release.py calls this module. The bill lists the files of the release with
+their hashes, sources of third parties in them, and the Python packages that tse requires
+at run time: the versions of scripts/lock.txt with their dependencies. The C library
+requires the C standard library only.
 """
 
 import re
@@ -24,12 +26,15 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # of our serial numbers
+SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # name space of the serial numbers
 IN_FMUS = ("FMI 2.0.1 headers", "2.0.1", "BSD-2-Clause")  # in sources/ of every FMU
 
 
-def pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
-    """Package -> its version, the newest where Pythons differ, and who asks for it."""
+def read_pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
+    """Return version and dependents of each package.
+
+    The version is the newest where Pythons differ.
+    """
     found: dict[str, tuple[str, set[str]]] = {}
     name = ""
     for line in lock.read_text(encoding="utf-8").splitlines():
@@ -41,9 +46,9 @@ def pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
     return found
 
 
-def needed(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
-    """Of these the ones that are needed when tse runs: the packages that it names, and theirs."""
-    all_of_them = pins(lock)
+def find_required(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
+    """Return the pins of the packages in `direct` and of all their dependencies."""
+    all_of_them = read_pins(lock)
     names, before = set(direct) & set(all_of_them), set()
     while names != before:
         before = set(names)
@@ -51,16 +56,24 @@ def needed(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
     return {n: all_of_them[n] for n in sorted(names)}
 
 
-def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
-    """Of the checkout in `folder`; `files`: those of the release, with their SHA-256."""
+def make_bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
+    """Return the bill of the checkout in `folder`.
+
+    `files`: SHA-256 of the files of the release, by name.
+    """
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     names = [*project["dependencies"], *project["optional-dependencies"]["lab"]]
     direct = [re.match(r"[A-Za-z0-9._-]+", d)[0].lower() for d in names]
     made = Bom()
     tse = Component(
-        name="tse", version=version, type=ComponentType.LIBRARY, bom_ref=f"tse@{version}", description=project["description"],
-        licenses=[DisjunctiveLicense(id=project["license"])], purl=PackageURL("pypi", name="tse", version=version),
-    )  # fmt: skip
+        name="tse",
+        version=version,
+        type=ComponentType.LIBRARY,
+        bom_ref=f"tse@{version}",
+        description=project["description"],
+        licenses=[DisjunctiveLicense(id=project["license"])],
+        purl=PackageURL("pypi", name="tse", version=version),
+    )
     made.metadata.component = tse
     made.metadata.timestamp = datetime.fromtimestamp(epoch, timezone.utc)
     for name, digest in sorted(files.items()):
@@ -73,7 +86,7 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
                         licenses=[DisjunctiveLicense(id=licence)])  # fmt: skip
     made.components.add(headers)
     made.register_dependency(headers)
-    packages = needed(folder / "scripts" / "lock.txt", direct)
+    packages = find_required(folder / "scripts" / "lock.txt", direct)
     components = {
         n: Component(
             name=n,
@@ -98,8 +111,14 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     return made
 
 
-def validated(made: Bom) -> str:
-    """As JSON that fulfils its schema."""
+def format_json(made: Bom) -> str:
+    """Return the bill as JSON.
+
+    Raises
+    ------
+    ValueError
+        The text does not fulfil the schema of CycloneDX.
+    """
     text = JsonV1Dot6(made).output_as_string(indent=1) + "\n"
     if error := JsonStrictValidator(SchemaVersion.V1_6).validate_str(text):
         raise ValueError(f"the bill of materials does not fulfil its schema: {error}")

@@ -1,12 +1,15 @@
 #!/usr/bin/env bash
-# Millions of rows of simulated drives, with all that happens to cars and sensors, through the default filter (tests/fuzz/soak.c):
-# estimates that are no number, states that are refused, recoveries where nothing was lost, stiffness that is off by more than its
-# interval on average where nothing happens, or rows come late. Fails when there is one.
-#   scripts/dev/soak.sh [ROWS]        default 10,000,000: about two minutes of one core; writes scripts/results/soak.md
+# Run millions of rows of simulated drives with events through the default filter
+# (tests/fuzz/soak.c). Fail on estimates that are not finite, refused states, recoveries
+# without a cause, and mean errors above the interval in drives without an event or with
+# late rows.
+#
+#   scripts/dev/soak.sh [ROWS]
+#       default 10,000,000: two minutes of one core; writes scripts/results/soak.md
 #   scripts/dev/soak.sh --drives [ROWS [FIRST_DRIVE]]
-#                                 long random drives of any settings (tests/fuzz/drives.c) in double, float, fixed point and the
-#                                 small build: numbers out of range, states that are refused. Default 10,000,000 rows of each:
-#                                 20 minutes of one core
+#       long random drives with any settings (tests/fuzz/drives.c) in double, float, fixed
+#       point and the small build: numbers out of range, refused states. Default
+#       10,000,000 rows of each: 20 minutes of one core
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
@@ -17,8 +20,8 @@ if [ "${1:-}" = --drives ]; then
     options=()
     [ "$build" != small ] || { real=fixed; options=(-DTSE_SMALL=ON -DTSE_PARTICLES=OFF -DTSE_VELOCITY=OFF); }
     dir=build/drives-$build
-    cmake -S . -B "$dir" -DCMAKE_BUILD_TYPE=Release "-DTSE_REAL=$real" -DTSE_MAX_PARTICLES=64 -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF \
-      -DTSE_BUILD_FUZZ=ON ${options[@]+"${options[@]}"} >/dev/null
+    cmake -S . -B "$dir" -DCMAKE_BUILD_TYPE=Release "-DTSE_REAL=$real" -DTSE_MAX_PARTICLES=64 \
+      -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF -DTSE_BUILD_FUZZ=ON ${options[@]+"${options[@]}"} >/dev/null
     cmake --build "$dir" --target drives >/dev/null
     printf '%s: ' "$build"
     "$dir/tests/fuzz/drives" "${2:-10000000}" "${3:-1}" || code=$?
@@ -28,7 +31,8 @@ fi
 
 rows=${1:-10000000}
 dir=build/soak
-cmake -S . -B $dir -DCMAKE_BUILD_TYPE=Release -DTSE_MAX_PARTICLES=64 -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF -DTSE_BUILD_FUZZ=ON >/dev/null
+cmake -S . -B $dir -DCMAKE_BUILD_TYPE=Release -DTSE_MAX_PARTICLES=64 -DTSE_BUILD_TESTS=OFF \
+  -DTSE_BUILD_FMU=OFF -DTSE_BUILD_FUZZ=ON >/dev/null
 cmake --build $dir --target soak >/dev/null
 table=$(mktemp)
 trap 'rm -f "$table"' EXIT
@@ -36,9 +40,10 @@ code=0
 $dir/tests/fuzz/soak "$rows" >"$table" || code=$?
 cat "$table"
 {
-  printf '`scripts/dev/soak.sh %s`: drives of a minute each, one event in each, the default settings in double; cars with 0.6 .. 1.2 of the\n' "$rows"
-  printf 'nominal stiffness, 8 .. 40 m/s. False: a recovery (status 7) more than 5 s from the start and not within 15 s of the event.\n'
-  printf 'Errors are those of valid cornering stiffness beside the simulator'"'"'s, where it is constant, from the start of the event on.\n\n'
+  printf '`scripts/dev/soak.sh %s`: drives of a minute each, one event in each, default settings\n' "$rows"
+  printf 'in double; cars with 0.6 .. 1.2 of the nominal stiffness, 8 .. 40 m/s. False: a recovery\n'
+  printf '(status 7) more than 5 s after the start and not within 15 s of the event. Errors are those\n'
+  printf 'of valid cornering stiffness against the constant true one, from the start of the event on.\n\n'
   cat "$table"
 } >scripts/results/soak.md
 exit $code

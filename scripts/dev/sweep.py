@@ -1,11 +1,16 @@
 #!/usr/bin/env python3
-"""What the result of a study changes by when a constant of src/tables/constants.toml is halved or doubled.
+"""Measure how much results of a study change if a constant of the filter is halved or
+doubled.
 
-    .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N] [NAME ...]      all; table: scripts/results/constants.md
+    .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N] [NAME ...]
+        by default all constants of src/tables/constants.toml;
+        table: scripts/results/constants.md
 
-Every constant is compiled into a library of its own, by a changed copy of tables/constants.h, which runs on the drives of the
-library in use. A result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.
-DIR: what `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR` have left.
+Each value is compiled into a library of its own with a changed copy of
+tables/constants.h. This library and the one in use run on the same drives. A result
+counts as changed if the 95 % interval of the ratio of the RMS errors, run by run, does
+not contain 1. DIR: output of `tests.cars.study --keep DIR` and `tests.cars.events
+--calibrated DIR`.
 """
 
 import argparse
@@ -41,27 +46,33 @@ ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour",
 FACTORS = (0.5, 2.0)
 
 
-def rows() -> list[tuple[str, float, str, str, str]]:
-    """Name, value, unit, why and test of every constant."""
+def read_constants() -> list[tuple[str, float, str, str, str]]:
+    """Return name, value, unit, reason and test of each constant."""
     sections = tables.read("constants").values()
     return [
         (n, r["value"], r["unit"], r["why"], r["test"]) for section in sections for n, r in section.items()
     ]
 
 
-def build(name: str, factor: float) -> Library:
-    """The library with one constant scaled."""
+def build_library(name: str, factor: float) -> Library:
+    """Return the library with one constant scaled."""
     folder = ROOT / "build" / "sweep"
     folder.mkdir(parents=True, exist_ok=True)
-    value = next(r[1] for r in rows() if r[0] == name)
+    value = next(r[1] for r in read_constants() if r[0] == name)
     header = (ROOT / "src" / "tables" / "constants.h").read_text(encoding="utf-8")
     changed = header.replace(f" {name} TSE_R({value!r})", f" {name} TSE_R({value * factor!r})")
     assert changed != header, name
-    first = folder / "constants.h"  # has the same guard: that of src/tables is then passed over
+    first = folder / "constants.h"  # its guard hides the file of src/tables
     first.write_text(changed, encoding="utf-8")
     flags = f"-include {first}"
-    options = ["-DCMAKE_BUILD_TYPE=Release", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=4096", "-DTSE_BUILD_TESTS=OFF",
-               "-DTSE_BUILD_FMU=OFF", f"-DCMAKE_C_FLAGS={flags}"]  # fmt: skip
+    options = [
+        "-DCMAKE_BUILD_TYPE=Release",
+        "-DBUILD_SHARED_LIBS=ON",
+        "-DTSE_MAX_PARTICLES=4096",
+        "-DTSE_BUILD_TESTS=OFF",
+        "-DTSE_BUILD_FMU=OFF",
+        f"-DCMAKE_C_FLAGS={flags}",
+    ]
     for command in (
         ["cmake", "-S", ROOT, "-B", folder, *options],
         ["cmake", "--build", folder, "--parallel", "2"],
@@ -73,8 +84,11 @@ def build(name: str, factor: float) -> Library:
     return Library(kept)
 
 
-def rms(case: Case, d: Drive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
-    """RMS error of the three stiffnesses in the case's windows [%], and the share of rows whose 95 % interval holds [%]."""
+def compute_rms(case: Case, d: Drive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return RMS error and coverage of the three stiffnesses in the windows of a case.
+
+    The error is in %; coverage is the share of rows within the 95 % interval, %.
+    """
     settings = {**START, **d.about}
     config = Config.exact(settings, lib=lib)
     out = estimators.run("tse", d, config)
@@ -84,8 +98,11 @@ def rms(case: Case, d: Drive, lib: Library | None) -> tuple[np.ndarray, np.ndarr
     return 100 * np.sqrt((error**2).mean(0)), 100 * (np.abs(error) < 1.96 * sd).mean(0)
 
 
-def compare(base: np.ndarray, now: np.ndarray) -> str:
-    """Ratio of the pooled RMS of the worst stiffness, with a mark where it differs from 1: bootstrap over the runs."""
+def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
+    """Return the ratio of the pooled RMS errors, with a mark if it differs from 1.
+
+    The interval of the ratio is a bootstrap over the runs.
+    """
     a, b = np.sqrt((base**2).mean(1)), np.sqrt((now**2).mean(1))
     rng = np.random.default_rng(1)
     picks = rng.integers(len(a), size=(2000, len(a)))
@@ -96,7 +113,7 @@ def compare(base: np.ndarray, now: np.ndarray) -> str:
 
 
 class Cars:
-    """Calibrated cars of an earlier study: drives on which nothing happens, and drives with an event."""
+    """Calibrated cars of an earlier study, on drives without and with an event."""
 
     def __init__(self, folder: Path):
         self.calm, self.events = [], []
@@ -109,7 +126,7 @@ class Cars:
         for job in events.drive(folder, len(list(folder.glob("car*"))), 0, 0.0):
             self.events.append(job)
 
-    def scores(self, lib: Library | None) -> str:
+    def format_scores(self, lib: Library | None) -> str:
         """Return ON_CARS as cells of a table."""
         runs = [
             study.score(*study.estimate_log(path, log, lib=lib), log, truth) for path, log, truth in self.calm
@@ -131,7 +148,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--cars", type=Path, required=True, help="kept cars, calibrated")
     args = parser.parse_args()
-    table = {r[0]: r for r in rows()}
+    table = {r[0]: r for r in read_constants()}
     if unknown := [n for n in args.names if n not in table]:
         print(
             f"sweep: no constant is named {', '.join(unknown)}; see src/tables/constants.toml",
@@ -147,30 +164,32 @@ def main() -> int:
         ]
         for c in cases
     ]
-    base = [np.array([rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
+    base = [np.array([compute_rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
     cars = Cars(args.cars)
     columns = [*(c.name for c in cases), *ON_CARS]
     head = f"""# What halving and doubling a constant does
 
-Simulated cases: ratio of the RMS error (three stiffnesses pooled) to that with the value as it is, {args.runs} runs of each on the
-same drives; `*`: the 95 % interval of the ratio (bootstrap over runs) does not hold 1. Calibrated cars with 14 degrees of
-freedom, {len(cars.calm)} drives on which nothing happens and {len(cars.events)} with an event: of the valid rows, share more than
-10 % off; false changes; seconds of the minute after an event in which a cornering stiffness is valid and more than 20 % off,
-mean. Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`."""
+Simulated cases: ratio of the RMS error (three stiffnesses pooled) to that with the value
+as it is, {args.runs} runs of each on the same drives; `*`: the 95 % interval of the ratio
+(bootstrap over runs) does not contain 1. Calibrated cars with 14 degrees of freedom,
+{len(cars.calm)} drives without and {len(cars.events)} with an event: share of the valid rows
+that are more than 10 % off; false changes; mean time in the minute after an event for which
+a cornering stiffness is valid and more than 20 % off, s.
+Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`."""
     lines = [
         head,
         "",
         "| constant | value | unit | by | " + " | ".join(columns) + " |",
         "|---|---:|---|---:|" + "---:|" * len(columns),
     ]
-    lines.append("| as it is | | | 1 | " + "1 | " * len(cases) + cars.scores(None) + " |")
+    lines.append("| as it is | | | 1 | " + "1 | " * len(cases) + cars.format_scores(None) + " |")
     for name in tqdm(names, desc="sweep", file=sys.stderr, leave=False):
         for factor in FACTORS:
-            lib = build(name, factor)
+            lib = build_library(name, factor)
             cells = []
             for c, ds, b in zip(cases, drives, base, strict=True):
-                cells.append(compare(b, np.array([rms(c, d, lib)[0] for d in ds])))
-            cells.append(cars.scores(lib))
+                cells.append(compare_rms(b, np.array([compute_rms(c, d, lib)[0] for d in ds])))
+            cells.append(cars.format_scores(lib))
             lines.append(
                 f"| {name} | {table[name][1]} | {table[name][2]} | {factor:g} | " + " | ".join(cells) + " |"
             )

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Write what C sources and headers have of the tables in src/tables/*.toml: structs,
-enumerations, rows.
+"""Write the parts of C sources and headers that come from src/tables/*.toml.
 
-scripts/dev/tables.py            write
-scripts/dev/tables.py --check    change nothing; fails, and names the files, where something would be
+    scripts/dev/tables.py
+        write structs, enumerations and rows
+    scripts/dev/tables.py --check
+        change nothing; fail and name the files that would change
 
-A file says where: between `// clang-format off: table NAME` and `// clang-format on: end of table`
-stands what REGIONS has of that name.
+A part stands between `// clang-format off: table NAME` and `// clang-format on: end of
+table`. REGIONS has its content by name.
 """
 
 import argparse
@@ -60,16 +61,16 @@ Row = dict[str, Any]
 
 def read(name: str) -> Row:
     """Return a table as it is in its file."""
-    table = tomllib.loads((ROOT / "src" / "tables" / f"{file_of(name)}.toml").read_text(encoding="utf-8"))
+    table = tomllib.loads((ROOT / "src" / "tables" / f"{find_file(name)}.toml").read_text(encoding="utf-8"))
     return table[name] if name in SECTIONS else table
 
 
-def file_of(name: str) -> str:
+def find_file(name: str) -> str:
     """Return the file of src/tables that has a table, less its end."""
     return SECTIONS.get(name, name)
 
 
-def settings(name: str) -> dict[str, Row]:
+def read_settings(name: str) -> dict[str, Row]:
     """Return the settings of a table by their names: defaults, ranges, units, texts.
 
     default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car
@@ -101,148 +102,167 @@ def settings(name: str) -> dict[str, Row]:
     }
 
 
-def config() -> dict[str, Row]:
+def read_config() -> dict[str, Row]:
     """Return all settings of tse_config, in its order."""
-    return {n: row for table in CONFIG for n, row in settings(table).items()}
+    return {n: row for table in CONFIG for n, row in read_settings(table).items()}
 
 
-def c(x: float | int | str) -> str:
+def format_c(x: float | int | str) -> str:
     """Return a number, or an expression, as C has it."""
     return x if isinstance(x, str) else repr(x)
 
 
-def start(row: Row, of: str = "default") -> str:
-    """Return the default, which is the most where a build allows no more. of: exact: of a
-    car that is known exactly.
+def format_start(row: Row, of: str = "default") -> str:
+    """Return the default, limited to `most` if a build may lower that.
+
+    `of`: "default", or "exact" for a car that is known exactly.
     """
-    default, most = c(row[of]), c(row["most"])
+    default, most = format_c(row[of]), format_c(row["most"])
     return f"{default} < {most} ? {default} : {most}" if isinstance(row["most"], str) else default
 
 
-def short(x: float | int | str) -> str:
+def format_short(x: float | int | str) -> str:
     """Return a number for people."""
     return x if isinstance(x, str) else f"{x:.10g}"
 
 
-def text(x: str) -> str:
+def quote(x: str) -> str:
+    """Return a string of C."""
     return json.dumps(x, ensure_ascii=False)
 
 
-def packed(parts: Iterable[str]) -> list[str]:
-    """Return parts one behind the other, in lines of 106 columns."""
+def pack_lines(parts: Iterable[str]) -> list[str]:
+    """Fill lines of 106 columns with parts."""
     return textwrap.wrap(
         " ".join(p.replace(" ", "\0") for p in parts), 106, break_long_words=False, break_on_hyphens=False
     )
 
 
-def member(kind: str, name: str, about: str, width: int) -> str:
-    """Return a member with what one has to know of it on the same line."""
+def format_member(kind: str, name: str, about: str, width: int) -> str:
+    """Return a member of a struct with its comment on the same line."""
     return f"{f'{kind} {name};':<{width}} /* {about} */"
 
 
-def about(row: Row) -> str:
-    """Return what one has to know of a setting, for its comment."""
+def describe_setting(row: Row) -> str:
+    """Return the comment on a setting: unit, default, range, text."""
     unit = "" if row.get("whole") else f"[{row['unit']}] "
-    numbers = f"{short(row['default'])}, {short(row['least'])} .. {short(row['most'])}"
+    numbers = f"{format_short(row['default'])}, {format_short(row['least'])} .. {format_short(row['most'])}"
     return f"{unit}{numbers}; {row['text']}"
 
 
-def struct(rows: dict[str, Row], real: str) -> list[str]:
+def list_members(rows: dict[str, Row], real: str) -> list[str]:
+    """Return the members of a struct of settings."""
     return [
-        member("int32_t" if r.get("whole") else real, n, about(r), 45 if real == "tse_setting" else 28)
+        format_member(
+            "int32_t" if r.get("whole") else real, n, describe_setting(r), 45 if real == "tse_setting" else 28
+        )
         for n, r in rows.items()
     ]
 
 
-def field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
+def format_field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
     """Return a row of tse_describe()."""
     return (
-        f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, "
-        f"{text(says)} }},"
+        f"{{ {quote(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {quote(unit)}, "
+        f"{quote(says)} }},"
     )
 
 
-def fmu_name(group: str, name: str) -> str:
+def make_fmu_name(group: str, name: str) -> str:
     """Return the name of a setting among the parameters of an FMU."""
     return f"{ {'formula': 'effects', 'sim': 'simulation'}.get(group, group) }.{name}"
 
 
-def settings_lists() -> Iterator[str]:
-    """Yield a list of settings for each of their tables; that of the effects is made of
-    their parameters.
-    """
+def list_settings() -> Iterator[str]:
+    """Yield a list of settings for each table, without parameters of effects."""
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
-            f"{'WHOLE' if r['whole'] else 'REAL'}({text(fmu_name(group, n))}, {n}, {start(r)}, "
-            f"{start(r, 'exact')}, "
-            f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
-            for n, r in settings(group).items()
+            f"{'WHOLE' if r['whole'] else 'REAL'}({quote(make_fmu_name(group, n))}, {n}, "
+            f"{format_start(r)}, {format_start(r, 'exact')}, "
+            f"{format_c(r['least'])}, {format_c(r['most'])}, {quote(r['unit'])}, {quote(r['text'])})"
+            for n, r in read_settings(group).items()
         ]
-        yield from listed(f"SETTINGS_{group.upper()}(REAL, WHOLE)", rows)
+        yield from format_macro(f"SETTINGS_{group.upper()}(REAL, WHOLE)", rows)
 
 
 # ---- a log row
 
 
-def channels() -> list[Row]:
+def read_channels() -> list[Row]:
+    """Return the channels of a row."""
     return list(read("input")["channel"])
 
 
-def optional() -> list[Row]:
+def read_optional() -> list[Row]:
+    """Return the optional channels of a row."""
     table = read("input")
     return [*table["velocity"], *table["pedal"], *table["road"]]
 
 
-def input_members(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
+def list_inputs(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
+    """Return the members of tse_input."""
     return [
-        member("tse_real", r["name"], f"[{r['unit']}] {short(r['least'])} .. {short(r['most'])}, "
-               f"{outside[r.get('kind', '')]}; {r['text']}", 28)
+        format_member(
+            "tse_real",
+            r["name"],
+            f"[{r['unit']}] {format_short(r['least'])} .. {format_short(r['most'])}, "
+            f"{outside[r.get('kind', '')]}; {r['text']}",
+            28,
+        )
         for r in rows
-    ]  # fmt: skip
+    ]
 
 
 # ---- outputs, status
 
 
-def outputs() -> dict[str, Row]:
+def read_outputs() -> dict[str, Row]:
+    """Return the columns of the estimates by name."""
     return {
         n: {"member": n, "kind": "real", "unit": "", **row} for n, row in read("output")["column"].items()
     }
 
 
-def output_members() -> list[str]:
+def list_output_members() -> list[str]:
+    """Return the members of tse_output."""
     rows = read("output")["member"]
     kinds = {n: "tse_real" if "unit" in r else "int32_t" for n, r in rows.items()}
     return [
-        member(kinds[n], n + (f"[{r['count']}]" if "count" in r else ""),
-               (f"[{r['unit']}] " if "unit" in r else "") + r["text"], 30)
+        format_member(
+            kinds[n],
+            n + (f"[{r['count']}]" if "count" in r else ""),
+            (f"[{r['unit']}] " if "unit" in r else "") + r["text"],
+            30,
+        )
         for n, r in rows.items()
-    ]  # fmt: skip
+    ]
 
 
-def hashed_outputs() -> list[str]:
+def list_hashed_outputs() -> list[str]:
     """Return the outputs of the hash of a recorded drive.
 
     estimate_age is not among them: no channel is late in these drives.
     """
-    rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
+    rows = [(n, r) for n, r in read_outputs().items() if n != "estimate_age"]
     return [
-        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), "
+        f"{{ {quote(n)}, offsetof(tse_output, {r['member']}), "
         f"{int(r['kind'] in ('flag', 'reason', 'code'))} }},"
         for n, r in rows
     ]
 
 
-def codes(table: str) -> list[str]:
+def list_codes(table: str) -> list[str]:
+    """Return the codes of a table as an enumeration."""
     return [
         f"{n + ' = ' + str(r['code']) + ',':<29} /* {r['text']} */" for n, r in read("status")[table].items()
     ]
 
 
-def coded(rows: dict[str, Row]) -> list[str]:
+def describe_codes(rows: dict[str, Row]) -> list[str]:
+    """Return codes as rows of tse_describe()."""
     return [
-        f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, "
-        f"{text(r['text'])} }},"
+        f"{{ {quote(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {quote(r.get('unit', ''))}, "
+        f"{quote(r['text'])} }},"
         for n, r in rows.items()
     ]
 
@@ -250,32 +270,32 @@ def coded(rows: dict[str, Row]) -> list[str]:
 # ---- settings
 
 
-def constants() -> list[str]:
+def list_constants() -> list[str]:
+    """Return the constants as macros."""
     rows = [(n, r) for section in read("constants").values() for n, r in section.items()]
     return [
-        f"#define {n + ' TSE_R(' + c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */" for n, r in rows
+        f"#define {n + ' TSE_R(' + format_c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */"
+        for n, r in rows
     ]
 
 
-def config_groups() -> list[str]:
-    """Return the start and the count of the rows of some tables among those of their
-    kind.
-    """
+def list_config_groups() -> list[str]:
+    """Return first index and count of some tables among settings of the same type."""
     parts = []
-    reals = [n for n, r in config().items() if not r["whole"]]
-    wholes = [n for n, r in config().items() if r["whole"]]
+    reals = [n for n, r in read_config().items() if not r["whole"]]
+    wholes = [n for n, r in read_config().items() if r["whole"]]
     for group in ("vehicle", "latency", "effects", "formula"):
-        own = [n for n, r in settings(group).items() if not r["whole"]]
+        own = [n for n, r in read_settings(group).items() if not r["whole"]]
         parts += [f"FIRST_{group.upper()} = {reals.index(own[0])},", f"COUNT_{group.upper()} = {len(own)},"]
-    own = [n for n, r in settings("formula").items() if r["whole"]]
-    return packed(
+    own = [n for n, r in read_settings("formula").items() if r["whole"]]
+    return pack_lines(
         [*parts, f"FIRST_WHOLE_FORMULA = {wholes.index(own[0])},", f"COUNT_WHOLE_FORMULA = {len(own)},"]
     )
 
 
-def copied(group: str) -> Iterator[str]:
-    """Yield the constants that a setting of a table is as it is."""
-    for name, row in settings(group).items():
+def list_copies(group: str) -> Iterator[str]:
+    """Yield the constants that equal a setting of a table."""
+    for name, row in read_settings(group).items():
         constant = row.get("constant", [])
         yield from (f"COPY({x}, {name})," for x in ([constant] if isinstance(constant, str) else constant))
 
@@ -283,7 +303,7 @@ def copied(group: str) -> Iterator[str]:
 # ---- effects, formula
 
 
-def estimator_text(effect: Row) -> str:
+def describe_use(effect: Row) -> str:
     """Return the sentence about the use of an effect by the filters."""
     parts = [USES[effect["filter"]]]
     if "remark" in effect:
@@ -294,52 +314,55 @@ def estimator_text(effect: Row) -> str:
     return "; ".join(parts)
 
 
-def described_effects() -> list[str]:
+def describe_effects() -> list[str]:
     """Return the rows of tse_describe_effects()."""
     rows = []
     for i, e in read("effects").items():
         early = e.get("early", {"title": "", "below": 0.0})
         rows += [
-            f"{{ {text(i)}, {text(e['hook'])}, {text(e['title'])},",
-            f"  {text(e['entry'])}, {text(e['channels'])},",
-            f"  {text(e['alike'])},",
-            f"  {text(estimator_text(e))},",
-            f"  TSE_EFFECT_{i}, {text(e['filter'])}, {text(e['occurrence'])},",
-            f"  {text(early['title'])}, {c(early['below'])} }},",
+            f"{{ {quote(i)}, {quote(e['hook'])}, {quote(e['title'])},",
+            f"  {quote(e['entry'])}, {quote(e['channels'])},",
+            f"  {quote(e['alike'])},",
+            f"  {quote(describe_use(e))},",
+            f"  TSE_EFFECT_{i}, {quote(e['filter'])}, {quote(e['occurrence'])},",
+            f"  {quote(early['title'])}, {format_c(early['below'])} }},",
         ]
     return rows
 
 
-def described_settings() -> list[str]:
+def describe_settings() -> list[str]:
     """Return the rows of tse_describe_settings(), in the order of tse_config."""
     return [
-        f"{{ {text(n)}, {text(group)}, {text(r['filter'])}, {text(r['replaced_by'])} }},"
+        f"{{ {quote(n)}, {quote(group)}, {quote(r['filter'])}, {quote(r['replaced_by'])} }},"
         for group in CONFIG
-        for n, r in settings(group).items()
+        for n, r in read_settings(group).items()
     ]
 
 
-def effect_numbers() -> list[str]:
+def count_effect_numbers() -> list[str]:
     """Return the count of tse_real of struct tse_effects, as a constant of C.
 
     It holds the settings of the effects and ten numbers of mass and formula.
     """
-    return [f"#define TSE_EFFECT_NUMBERS {len(settings('effects')) + 10}"]
+    return [f"#define TSE_EFFECT_NUMBERS {len(read_settings('effects')) + 10}"]
 
 
-def effect_parameters() -> Iterator[str]:
+def list_effect_parameters() -> Iterator[str]:
+    """Yield the parameters of the effects as a list."""
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
-        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {c(r['default'])}, "
-        f"{c(r['exact'])}, {c(r['least'])}, "
-        f"{c(r['most'])}, {text(r['unit'])}, {text(r['text'])}, "
-        f"{roles[r['role']]}, {r['sign']}, {', '.join(c(x) for x in (*r['typical'], r['negligible']))})"
-        for n, r in settings("effects").items()
+        f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {format_c(r['default'])}, "
+        f"{format_c(r['exact'])}, {format_c(r['least'])}, "
+        f"{format_c(r['most'])}, {quote(r['unit'])}, {quote(r['text'])}, "
+        f"{roles[r['role']]}, {r['sign']}, "
+        f"{', '.join(format_c(x) for x in (*r['typical'], r['negligible']))})"
+        for n, r in read_settings("effects").items()
     ]
-    yield from listed("EFFECT_PARAMETERS(ROW, REAL)", rows)
+    yield from format_macro("EFFECT_PARAMETERS(ROW, REAL)", rows)
 
 
-def hooked(*hooks: str) -> list[str]:
+def list_hooks(*hooks: str) -> list[str]:
+    """Return a list of the effects of each hook."""
     rows = read("effects")
     return [
         f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h)
@@ -347,7 +370,7 @@ def hooked(*hooks: str) -> list[str]:
     ]
 
 
-def formula_limits() -> list[str]:
+def define_formula_limits() -> list[str]:
     """Return the limits of a formula and the count of its numbers, as constants of C."""
     table = read("formula")
     numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
@@ -356,19 +379,20 @@ def formula_limits() -> list[str]:
     return [f"#define {f'{n} {value}':<24} /* {what} */" for n, (value, what) in rows.items()]
 
 
-def described_limits() -> list[str]:
+def describe_limits() -> list[str]:
     """Return the rows of TSE_STRUCT_FORMULA_LIMIT."""
-    return coded(
+    return describe_codes(
         {n.removeprefix("TSE_"): {"code": r["value"], **r} for n, r in read("formula")["limit"].items()}
     )
 
 
-def formula_operations() -> Iterator[str]:
+def list_operations() -> Iterator[str]:
+    """Yield the operations of a formula as a list."""
     rows = read("formula")["operation"].items()
-    yield from listed(
+    yield from format_macro(
         "FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY)",
         (
-            f"{r['kind']}({n}, {r['code']}, {r['takes']}, {text(r['unit'])}, {text(r['text'])})"
+            f"{r['kind']}({n}, {r['code']}, {r['takes']}, {quote(r['unit'])}, {quote(r['text'])})"
             for n, r in rows
         ),
     )
@@ -377,10 +401,8 @@ def formula_operations() -> Iterator[str]:
 # ---- simulator, replay
 
 
-def truths() -> list[tuple[str, str, str, Row]]:
-    """Return group, name, member and row of what a simulated row has besides what the car
-    logs.
-    """
+def read_truths() -> list[tuple[str, str, str, Row]]:
+    """Return group, name, member and row of the columns that only a simulated row has."""
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 
@@ -388,7 +410,7 @@ def truths() -> list[tuple[str, str, str, Row]]:
 # ---- variables of the FMUs
 
 
-def listed(name: str, rows: Iterable[str]) -> Iterator[str]:
+def format_macro(name: str, rows: Iterable[str]) -> Iterator[str]:
     """Yield a list as a macro, a row a line."""
     lines = [line for row in rows for line in fold(f"  {row} \\")]
     yield f"#define {name} \\"
@@ -403,78 +425,84 @@ ENUMERATIONS = {
 }  # of outputs with codes
 
 
-def output_row(name: str, r: Row) -> str:
-    """Return the row of an output: how an FMU has it depends on its kind."""
-    head, says = f"{name}, {r['member']}", text(r["text"])
+def format_output(name: str, r: Row) -> str:
+    """Return the row of an output: its macro depends on the kind."""
+    head, says = f"{name}, {r['member']}", quote(r["text"])
     of, _, index = r["member"].partition("[")
     if r["kind"] == "reason":
         name = name.removesuffix("_valid")
         valid = "grip_valid" if name == "grip" else f"valid[{index}"
         return (
             f"REASON({name}, {r['member']}, {valid}, "
-            f"{text('the grip' if name == 'grip' else 'the stiffness')})"
+            f"{quote('the grip' if name == 'grip' else 'the stiffness')})"
         )
     if r["kind"] == "stiffness":
         place = of.removeprefix("stiffness").removeprefix("_") or "mean"
-        return f"STIFFNESS({head}, {place}[{index}, {text(r['unit'])}, {says})"
+        return f"STIFFNESS({head}, {place}[{index}, {quote(r['unit'])}, {says})"
     if r["kind"] == "real":
-        return f"NUMBER({head}, {text(r['unit'])}, {says})"
+        return f"NUMBER({head}, {quote(r['unit'])}, {says})"
     return (
         f"FLAG({head}, {says})"
         if r["kind"] == "flag"
-        else f"CODE({head}, {text(ENUMERATIONS[name])}, {says})"
+        else f"CODE({head}, {quote(ENUMERATIONS[name])}, {says})"
     )
 
 
-def truth_row(group: str, name: str, place: str, r: Row) -> str:
-    """Return the row of a column of the simulator that is none of the log."""
+def format_truth(group: str, name: str, place: str, r: Row) -> str:
+    """Return the row of a column that only the simulator has."""
     of, _, index = place.partition("[")
     if r["kind"] == "stiffness":
         si = {"stiffness": "mean_si", "drawn": "drawn_si"}[of]
-        return f"STIFFNESS({group}, {name}, {place}, {si}[{index}, {text(r['unit'])}, {text(r['text'])})"
-    return f"NUMBER({group}, {name}, {place}, {text(r['unit'])}, {text(r['text'])})"
+        return f"STIFFNESS({group}, {name}, {place}, {si}[{index}, {quote(r['unit'])}, {quote(r['text'])})"
+    return f"NUMBER({group}, {name}, {place}, {quote(r['unit'])}, {quote(r['text'])})"
 
 
-def columns() -> Iterator[str]:
+def list_columns() -> Iterator[str]:
     """Yield a list for each kind of channel and output."""
 
     def ends(r: Row) -> str:
-        return f"{c(r['least'])}, {c(r['most'])}, {text(r['unit'])}, {text(r['text'])})"
+        return f"{format_c(r['least'])}, {format_c(r['most'])}, {quote(r['unit'])}, {quote(r['text'])})"
 
     table = read("input")
     kinds = {
-        "CHANNELS": channels(),
+        "CHANNELS": read_channels(),
         "VELOCITIES": table["velocity"],
         "PEDALS": table["pedal"],
         "ROADS": table["road"],
     }
     for name, rows in kinds.items():
-        yield from listed(
+        yield from format_macro(
             f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows)
         )
-    driver = settings("sim_input").items()
-    yield from listed("DRIVER(ROW)", (f"ROW({n}, {c(r['default'])}, {ends(r)}" for n, r in driver))
-    yield from listed(
-        "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)", (output_row(n, r) for n, r in outputs().items())
+    driver = read_settings("sim_input").items()
+    yield from format_macro(
+        "DRIVER(ROW)", (f"ROW({n}, {format_c(r['default'])}, {ends(r)}" for n, r in driver)
     )
-    yield from listed("TRUTHS(NUMBER, STIFFNESS)", (truth_row(*x) for x in truths()))
+    yield from format_macro(
+        "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)",
+        (format_output(n, r) for n, r in read_outputs().items()),
+    )
+    yield from format_macro("TRUTHS(NUMBER, STIFFNESS)", (format_truth(*x) for x in read_truths()))
     for name, codes_of in (("STATUSES", "status"), ("REASON_CODES", "reason")):
         rows = read("status")[codes_of].items()
-        yield from listed(
-            f"{name}(ROW)", (f"ROW({n}, {text(r.get('word', n))}, {text(r['text'])})" for n, r in rows)
+        yield from format_macro(
+            f"{name}(ROW)", (f"ROW({n}, {quote(r.get('word', n))}, {quote(r['text'])})" for n, r in rows)
         )
     start_rows = read("replay")["start"].items()
-    yield from listed(
+    yield from format_macro(
         "REPLAY_START(ROW)",
-        (f"ROW({n}, {c(r['default'])}, {text(r['unit'])}, {text(r['text'])})" for n, r in start_rows),
+        (
+            f"ROW({n}, {format_c(r['default'])}, {quote(r['unit'])}, {quote(r['text'])})"
+            for n, r in start_rows
+        ),
     )
     why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values())
-    yield f"#define REASONS {text(why + ' see documentation')}"
+    yield f"#define REASONS {quote(why + ' see documentation')}"
 
 
-def changes() -> list[str]:
+def list_changes() -> list[str]:
     """Return word and meaning of what may have changed, by their codes."""
-    return [f"{{ {text(r['word'])}, {text(r['text'])} }}," for r in read("output")["change"].values()]
+    return [f"{{ {quote(r['word'])}, {quote(r['text'])} }}," for r in read("output")["change"].values()]
 
 
 DEFINITION = re.compile(  # of a function or an array that other files may use
@@ -482,8 +510,11 @@ DEFINITION = re.compile(  # of a function or an array that other files may use
 )
 
 
-def internal_names() -> Iterator[str]:
-    """Name what several files of src share and is no part of the API, by folder."""
+def define_internal_names() -> Iterator[str]:
+    """Yield prefixed names for functions and arrays that files of src share, by folder.
+
+    Names of the API are not among them.
+    """
     for folder in sorted(p for p in (ROOT / "src").iterdir() if p.is_dir() and p.name != "number"):
         texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.c"))]
         names = sorted({m[1] for text in texts for m in DEFINITION.finditer(text)})
@@ -494,91 +525,95 @@ def internal_names() -> Iterator[str]:
 
 
 REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lines
-    "settings_lists": settings_lists,
-    "output_members": output_members,
-    "hashed_outputs": hashed_outputs,
-    "constants": constants,
-    "config_groups": config_groups,
-    "effect_numbers": effect_numbers,
-    "effect_parameters": effect_parameters,
-    "formula_operations": formula_operations,
-    "internal_names": internal_names,
-    "columns": columns,
-    "changes": changes,
+    "settings_lists": list_settings,
+    "output_members": list_output_members,
+    "hashed_outputs": list_hashed_outputs,
+    "constants": list_constants,
+    "config_groups": list_config_groups,
+    "effect_numbers": count_effect_numbers,
+    "effect_parameters": list_effect_parameters,
+    "formula_operations": list_operations,
+    "internal_names": define_internal_names,
+    "columns": list_columns,
+    "changes": list_changes,
     # a log row
-    "input_channels": lambda: input_members(
-        channels(), {"drives": "else refused", "measured": "else missing"}
+    "input_channels": lambda: list_inputs(
+        read_channels(), {"drives": "else refused", "measured": "else missing"}
     ),
-    "input_optional": lambda: input_members(optional(), {"": "else not there"}),
-    "channel_places": lambda: [f"TSE_CHANNEL_{r['name']}," for r in channels()],
-    "optional_places": lambda: [f"TSE_OPTIONAL_{r['name']}," for r in optional()],
+    "input_optional": lambda: list_inputs(read_optional(), {"": "else not there"}),
+    "channel_places": lambda: [f"TSE_CHANNEL_{r['name']}," for r in read_channels()],
+    "optional_places": lambda: [f"TSE_OPTIONAL_{r['name']}," for r in read_optional()],
     "missing_bits": lambda: [
-        f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in channels()
+        f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in read_channels()
     ],
     "given_bits": lambda: [
-        f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()
+        f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in read_optional()
     ],
     # outputs, status
     "regimes": lambda: [f"{f'TSE_REGIME_{n},':<21} /* {t} */" for n, t in read("output")["regime"].items()],
-    "status_codes": lambda: codes("status"),
-    "reason_codes": lambda: codes("reason"),
+    "status_codes": lambda: list_codes("status"),
+    "reason_codes": lambda: list_codes("reason"),
     # settings
-    "config_members": lambda: struct(config(), "tse_setting"),
+    "config_members": lambda: list_members(read_config(), "tse_setting"),
     "considered": lambda: [
-        f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r
+        f"TSE_CONSIDER_{r['place']}," for r in read_settings("uncertainty").values() if "place" in r
     ],
-    "vehicle_names": lambda: packed(f'"{n}",' for n in settings("vehicle")),
-    "uncertainty_names": lambda: packed(f'"{n}",' for n in settings("uncertainty")),
-    "sensor_names": lambda: packed(f'"{n}",' for n in settings("sensors")),
+    "vehicle_names": lambda: pack_lines(f'"{n}",' for n in read_settings("vehicle")),
+    "uncertainty_names": lambda: pack_lines(f'"{n}",' for n in read_settings("uncertainty")),
+    "sensor_names": lambda: pack_lines(f'"{n}",' for n in read_settings("sensors")),
     "car_class": lambda: [
         f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */"
         for n, r in read("uncalibrated")["class"].items()
     ],
-    "copies": lambda: packed(row for group in CONFIG if group != "velocity" for row in copied(group)),
-    "velocity_copies": lambda: packed(copied("velocity")),
-    "exact": lambda: packed(
-        f"SET({n}, {c(r['exact'])})," for n, r in config().items() if r["exact"] != r["default"]
+    "copies": lambda: pack_lines(
+        row for group in CONFIG if group != "velocity" for row in list_copies(group)
+    ),
+    "velocity_copies": lambda: pack_lines(list_copies("velocity")),
+    "exact": lambda: pack_lines(
+        f"SET({n}, {format_c(r['exact'])})," for n, r in read_config().items() if r["exact"] != r["default"]
     ),
     # effects, formula
-    "effect_places": lambda: packed(f"TSE_EFFECT_{i}," for i in read("effects")),
-    "effect_members": lambda: packed(f"{n}," for n in settings("effects")),
-    "effects_described": described_effects,
-    "settings_described": described_settings,
-    "constant_effects": lambda: hooked("CONSTANT"),
-    "acting_effects": lambda: hooked("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
-    "formula_limits": formula_limits,
-    "formula_limits_described": described_limits,
-    "formula_places": lambda: packed(
+    "effect_places": lambda: pack_lines(f"TSE_EFFECT_{i}," for i in read("effects")),
+    "effect_members": lambda: pack_lines(f"{n}," for n in read_settings("effects")),
+    "effects_described": describe_effects,
+    "settings_described": describe_settings,
+    "constant_effects": lambda: list_hooks("CONSTANT"),
+    "acting_effects": lambda: list_hooks("INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"),
+    "formula_limits": define_formula_limits,
+    "formula_limits_described": describe_limits,
+    "formula_places": lambda: pack_lines(
         f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items()
     ),
-    "formula_places_described": lambda: coded(read("formula")["place"]),
+    "formula_places_described": lambda: describe_codes(read("formula")["place"]),
     # simulator, replay
-    "sim_members": lambda: struct(settings("sim"), "tse_setting"),
-    "sim_input_members": lambda: struct(settings("sim_input"), "tse_real"),
+    "sim_members": lambda: list_members(read_settings("sim"), "tse_setting"),
+    "sim_input_members": lambda: list_members(read_settings("sim_input"), "tse_real"),
     "sim_output_members": lambda: [
-        member("tse_real", n + (f"[{r['count']}]" if "count" in r else ""), f"[{r['unit']}] {r['text']}", 29)
+        format_member(
+            "tse_real", n + (f"[{r['count']}]" if "count" in r else ""), f"[{r['unit']}] {r['text']}", 29
+        )
         for n, r in read("sim_output")["member"].items()
     ],
     "replay_log_members": lambda: [
-        member(
+        format_member(
             "const tse_real", "*" + n, f"[{r['unit']}] {'' if r['needed'] else 'or NULL; '}{r['text']}", 35
         )
         for n, r in read("replay")["log"].items()
     ],
     "replay_start_members": lambda: [
-        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30)
+        format_member("tse_real", n, f"[{r['unit']}] {format_short(r['default'])}; {r['text']}", 30)
         for n, r in read("replay")["start"].items()
     ],
     "replay_out_members": lambda: [
-        member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30)
+        format_member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30)
         for n, r in read("replay")["out"].items()
     ],
     "replay_log_described": lambda: [
-        field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
+        format_field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
         for n, r in read("replay")["log"].items()
     ],
     "replay_out_described": lambda: [
-        field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"])
+        format_field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"])
         for n, r in read("replay")["out"].items()
     ],
 }
@@ -631,7 +666,7 @@ def fold(line: str) -> list[str]:
     return fold_row(line)
 
 
-def filled(source: str) -> str:
+def fill_tables(source: str) -> str:
     """Return a source or header with its tables as they are now."""
 
     def put(m: re.Match[str]) -> str:
@@ -651,7 +686,7 @@ def main() -> int:
     status = 0
     for path in sorted(p for pattern in SOURCES for p in ROOT.glob(pattern)):
         there = path.read_text(encoding="utf-8")
-        if "clang-format off: table " not in there or (new := filled(there)) == there:
+        if "clang-format off: table " not in there or (new := fill_tables(there)) == there:
             continue
         if check:
             print(

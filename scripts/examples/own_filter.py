@@ -1,20 +1,26 @@
-"""A filter of one's own beside tse, on the same drives, in the same tables.
+"""An estimator of your own beside tse, on the same drives, in the same tables.
 
-    PYTHONPATH=scripts/examples tselab montecarlo --study peers+own_filter.random_walk --cases nominal,noise-3x --runs 20
+    PYTHONPATH=scripts/examples tselab montecarlo \\
+        --study peers+own_filter.random_walk --cases nominal,noise-3x --runs 20
 
-A study runs every estimator on the same simulated drives: tse, Kalman filters with the true covariances, and yours, by its name
-in Python. It takes the log and the settings (car and sensors, as tse has them), and returns columns of N and N/rad.
+A study runs every estimator on the same simulated drives: tse, Kalman filters with the
+true covariances, and yours, by its name in Python. It receives the log and the settings
+of car and sensors, as tse does, and returns columns in N and N/rad.
 
-This one is small and honest: a random-walk Kalman filter of the two cornering stiffnesses. Sideslip is what it cannot measure,
-so it works with differences. Of yaw acceleration and lateral acceleration follow the side forces of both axles,
+This example is a Kalman filter with a random walk of the two cornering stiffnesses. It
+cannot measure sideslip, so it uses differences. Yaw acceleration and lateral acceleration
+give the side forces of both axles,
 
-    Fy_front = (lr m ay + Iz dr/dt)/(lf + lr),      Fy_rear = (lf m ay - Iz dr/dt)/(lf + lr),
+    Fy_front = (lr m ay + Iz dr/dt)/(lf + lr),
+    Fy_rear  = (lf m ay - Iz dr/dt)/(lf + lr),
 
-and from dvy/dt = ay - vx r, with the slip angles a_f = delta - (vy + lf r)/vx, a_r = (lr r - vy)/vx, both without vy:
+and from dvy/dt = ay - vx r, with the slip angles a_f = delta - (vy + lf r)/vx and a_r =
+(lr r - vy)/vx, the difference contains no vy:
 
     a_f - a_r = delta - (lf + lr) r/vx  =  Fy_front/C_front - Fy_rear/C_rear.
 
-That is linear in the compliances 1/C: measurement delta - (lf + lr) r/vx, regressor (Fy_front, -Fy_rear).
+This is linear in the compliances 1/C: measurement delta - (lf + lr) r/vx, regressor
+(Fy_front, -Fy_rear).
 """
 
 from __future__ import annotations
@@ -28,12 +34,15 @@ import pandas as pd
 Array = npt.NDArray[np.float64]
 WALK = 0.002  # 1/sqrt(s): random walk of the compliances, relative to nominal
 START = 0.3  # sd of the compliances at the start, relative
-SMOOTH = 0.1  # s: the side forces are differences of noisy channels
-SLOWEST = 3.0  # m/s
+SMOOTH = 0.1  # s, time constant: the side forces are differences of noisy channels
+MIN_SPEED = 3.0  # m/s, no update below
 
 
 def random_walk(log: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, Array]:
-    """Columns cx_front, cy_front, cy_rear and their _sd, one number a row; of cx_front it knows nothing."""
+    """Return cx_front, cy_front, cy_rear and their _sd, one value per row.
+
+    The filter does not estimate cx_front: its columns keep the initial value.
+    """
     s = settings
     nominal = np.array([s["cornering_stiffness_front"], s["cornering_stiffness_rear"]])
     base, dt = s["lf"] + s["lr"], s["sample_time"]
@@ -51,7 +60,7 @@ def random_walk(log: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, A
             s["wheel_radius_front"] * row.wheel_speed_front + s["wheel_radius_rear"] * row.wheel_speed_rear
         )
         p = p + q
-        if np.isfinite([row.accel_y, row.yaw_rate, row.steer_angle, speed]).all() and speed > SLOWEST:
+        if np.isfinite([row.accel_y, row.yaw_rate, row.steer_angle, speed]).all() and speed > MIN_SPEED:
             ay += blend * (row.accel_y - ay)
             yaw, before = yaw + blend * (row.yaw_rate - yaw), yaw
             steer += blend * (row.steer_angle - steer)
@@ -82,5 +91,6 @@ if __name__ == "__main__":
     for name in ("cy_front", "cy_rear"):
         true = truth[f"true_{name}"].iloc[-1]
         print(
-            f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, tse {100 * (getattr(e, name) / true - 1):+.1f} % off"
+            f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, "
+            f"tse {100 * (getattr(e, name) / true - 1):+.1f} % off"
         )

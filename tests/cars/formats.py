@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from scripts.dev.fixed import library
+from scripts.dev.fixed import build_library
 from tests.cars import ROADS
 from tests.cars.study import estimate_log, format_shares, make_parser, read_drive, score
 from tse.library.core import STIFFNESS, Library
@@ -63,7 +63,7 @@ def main(arguments: list[str]) -> int:
     """Write the table."""
     parser = make_parser(__doc__, "cars-formats.md")
     given = parser.parse_args(arguments)
-    builds = {real: library(real) for real in REALS}
+    builds = {real: build_library(real) for real in REALS}
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
     runs = pd.DataFrame(
         [row for car, road in tqdm(jobs, file=sys.stderr) for row in score_builds(car, road, builds)]

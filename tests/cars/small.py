@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from scripts.dev.fixed import library
+from scripts.dev.fixed import build_library
 from tests.cars import ROADS
 from tests.cars.real import CORNERING, DATA, FAST, SAME_CAR, find_lively_rows
 from tests.cars.study import (
@@ -128,8 +128,8 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     builds: dict[str, Library | None] = {
         FULL: None,
-        LITTLE: library("double", small=True),
-        FIXED: library("fixed", small=True),
+        LITTLE: build_library("double", small=True),
+        FIXED: build_library("fixed", small=True),
     }
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
     runs = pd.DataFrame(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scripts.dev.fixed import library
+from scripts.dev.fixed import build_library
 from tests.cars import make_logs
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
@@ -22,9 +22,9 @@ def estimates(tmp_path_factory):
     log = read_log(folder / "log_mountain.csv")
     config, _ = make_config(read_vehicle(folder / "car.toml"), log)
     builds = {
-        "full": library("double"),
-        "small": library("double", small=True),
-        "fixed": library("fixed", small=True),
+        "full": build_library("double"),
+        "small": build_library("double", small=True),
+        "fixed": build_library("fixed", small=True),
     }
     return {
         who: NativeFilter(Config.exact(config.as_dict(), lib=lib)).estimate_rows(log.rows())

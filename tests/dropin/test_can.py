@@ -1,4 +1,7 @@
-"""scripts/dropin/can, the example of a control loop, in every number format; on a microcontroller: tests/embedded."""
+"""scripts/dropin/can, the example of a control loop, in every number format.
+
+tests/embedded runs it on a microcontroller.
+"""
 
 import os
 import shutil
@@ -30,7 +33,8 @@ int main(void)
   c.mass = TSE_S(1900);
   printf("start %d\n", (int)loop_start(&loop, &c, &wrong));
   for (int k = 0; k < 500; k++) {
-    send(&loop, CAN_STEERING, k == 200 ? 400000 : k % 100 < 50 ? 1000 : -1000, 0); /* once far out of range: that row is refused */
+    /* row 200 is far out of range and is refused */
+    send(&loop, CAN_STEERING, k == 200 ? 400000 : k % 100 < 50 ? 1000 : -1000, 0);
     send(&loop, CAN_WHEELS, 60606, 60606);
     send(&loop, CAN_ACCEL, 12, -1500);
     send(&loop, CAN_GYRO, -7500, 0);
@@ -40,16 +44,19 @@ int main(void)
     if (k == 200) printf("lost %.9f\n", tse_double_of(loop.lost));
     if (k == 201) printf("dt %.9f\n", tse_double_of(loop.row.dt));
   }
-  printf("rows %u refused %u overruns %u\n", (unsigned)loop.rows, (unsigned)loop.refused, (unsigned)loop.overruns);
-  printf("read %.6f %.6f %.6f %.6f\n", tse_double_of(loop.row.steer_angle), tse_double_of(loop.row.wheel_speed_front),
-         tse_double_of(loop.row.accel_y), tse_double_of(loop.row.yaw_rate));
+  printf("rows %u refused %u overruns %u\n", (unsigned)loop.rows, (unsigned)loop.refused,
+         (unsigned)loop.overruns);
+  printf("read %.6f %.6f %.6f %.6f\n", tse_double_of(loop.row.steer_angle),
+         tse_double_of(loop.row.wheel_speed_front), tse_double_of(loop.row.accel_y),
+         tse_double_of(loop.row.yaw_rate));
   printf("speed %.2f\n", tse_double_of(loop.estimate.vel_x));
   return 0;
 }
 """
 
 
-def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:
+def run_command(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:
+    """Run a command; return its output."""
     done = subprocess.run(
         [str(c) for c in command],
         cwd=cwd,
@@ -64,8 +71,8 @@ def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | Non
     return done.stdout
 
 
-def tool(name: str) -> Path:
-    """A program in PATH; else the test is skipped."""
+def find_tool(name: str) -> Path:
+    """Return the path of a program; skip the test if it is not installed."""
     found = shutil.which(name)
     if not found:
         pytest.skip(f"{name} is not installed")
@@ -86,8 +93,8 @@ def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> N
         f"-DTSE_REAL_{real}=1",
         *(f"-I{f}" for f in folders),
     ]
-    run(*command, tmp_path / "main.c", *sources, "-o", tmp_path / "loop", "-lm")
-    said = dict(line.split(" ", 1) for line in run(tmp_path / "loop").splitlines())
+    run_command(*command, tmp_path / "main.c", *sources, "-o", tmp_path / "loop", "-lm")
+    said = dict(line.split(" ", 1) for line in run_command(tmp_path / "loop").splitlines())
     assert said["start"] == "0"
     assert said["rows"] == "500 refused 1 overruns 0"
     assert float(said["lost"]) == pytest.approx(0.02, abs=1e-8)  # row 200 came a period late
@@ -96,7 +103,7 @@ def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> N
     assert float(said["speed"]) == pytest.approx(60.606 * 0.33, rel=0.01)
 
 
-# ---- `cmake -S . -B build` without a network builds the library, and says what tests and FMUs would need.
+# ---- `cmake -S . -B build` without a network: the library; a message on tests and FMUs
 
 
 NOWHERE = dict.fromkeys(("http_proxy", "https_proxy", "HTTPS_PROXY", "all_proxy"), "http://127.0.0.1:9") | {
@@ -108,26 +115,29 @@ SHARE = ROOT / ".venv" / "share"
 GIVEN = [f"-DFETCHCONTENT_SOURCE_DIR_{name}={SHARE / name.lower()}" for name in ("UNITY", "FMI2")]
 
 
-def cache(build: Path) -> dict[str, str]:
+def read_cache(build: Path) -> dict[str, str]:
+    """Return the variables of CMakeCache.txt."""
     rows = [x for x in (build / "CMakeCache.txt").read_text().splitlines() if x.startswith("TSE_BUILD_")]
     return {name.partition(":")[0]: value for name, value in (x.split("=", 1) for x in rows)}
 
 
 @pytest.mark.parametrize("option", [[], ["-DFETCHCONTENT_FULLY_DISCONNECTED=ON"]])
 def test_a_plain_configure_builds_the_library(option: list[str], tmp_path: Path) -> None:
-    said = run(tool("cmake"), "-S", ROOT, "-B", tmp_path, "-DCMAKE_BUILD_TYPE=Debug", *option, env=NOWHERE)
+    said = run_command(
+        find_tool("cmake"), "-S", ROOT, "-B", tmp_path, "-DCMAKE_BUILD_TYPE=Debug", *option, env=NOWHERE
+    )
     assert "the tests are not built" in said
     assert "FETCHCONTENT_SOURCE_DIR_UNITY" in said
     assert "the FMUs are not built" in said
     assert "FETCHCONTENT_SOURCE_DIR_FMI2" in said
-    assert cache(tmp_path) == {
+    assert read_cache(tmp_path) == {
         "TSE_BUILD_TESTS": "OFF",
         "TSE_BUILD_FMU": "OFF",
         "TSE_BUILD_BENCH": "OFF",
         "TSE_BUILD_FUZZ": "OFF",
     }
     if option:
-        run(tool("cmake"), "--build", tmp_path)
+        run_command(find_tool("cmake"), "--build", tmp_path)
         assert list((tmp_path / "src").glob("*tse.*"))
 
 
@@ -137,8 +147,8 @@ def test_tests_and_fmus_are_built_where_their_sources_are_given(
 ) -> None:
     if not (SHARE / "unity/src/unity.c").is_file() or not (SHARE / "fmi2/headers/fmi2Functions.h").is_file():
         pytest.skip("scripts/setup.sh has not put Unity and the FMI headers into .venv/share")
-    said = run(
-        tool("cmake"),
+    said = run_command(
+        find_tool("cmake"),
         "-S",
         ROOT,
         "-B",
@@ -149,7 +159,7 @@ def test_tests_and_fmus_are_built_where_their_sources_are_given(
     )
     assert "not built" not in said
     assert ("no C++ compiler" in said) == (bool(compiler) or not shutil.which("c++"))
-    assert cache(tmp_path) == {
+    assert read_cache(tmp_path) == {
         "TSE_BUILD_TESTS": "ON",
         "TSE_BUILD_FMU": "ON",
         "TSE_BUILD_BENCH": "OFF",
@@ -167,7 +177,7 @@ def test_what_is_asked_for_is_not_left_out(wanted: str, named: str, tmp_path: Pa
         f"-DTSE_BUILD_{wanted}=ON",
         "-DFETCHCONTENT_FULLY_DISCONNECTED=ON",
     ]
-    command = [str(x) for x in (tool("cmake"), "-S", ROOT, "-B", tmp_path, *options)]
+    command = [str(x) for x in (find_tool("cmake"), "-S", ROOT, "-B", tmp_path, *options)]
     done = subprocess.run(command, env=os.environ | NOWHERE, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert named in done.stderr

@@ -1,9 +1,12 @@
-"""Files that are made to fill a machine, through the commands: python -m tests.fuzz.bombs [--write] [--only TEXT].
+"""Read small files that unpack to far more than the memory, through the commands.
 
-Each is under 10 MB and unpacks to far more: constant signals and times that count up, which compress to nearly nothing. Of each
-format one with twenty million rows, and one with as many as any log may have (ALWAYS_ALLOWED_ROWS),
-which is read; of text, which is not compressed, what 10 MB hold. What a command takes is
-that of its process: the memory that was resident, seconds of its processors, and what lay in its folder for temporary files.
+    python -m tests.fuzz.bombs [--write] [--only TEXT]
+
+Each file is under 10 MB: constant signals and times that count up compress well. Each
+format has a file with twenty million rows, and one with the maximum allowed number of
+rows (ALWAYS_ALLOWED_ROWS), which is read. A text file is not compressed and holds 10 MB.
+The figures are those of the process: resident memory, seconds of its processors, and the
+size of its temporary files.
 """
 
 import argparse
@@ -26,19 +29,21 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results" / "bombs.md"
 NAMES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
 MANY, ALLOWED = 20_000_000, 1_499_000
-MOST = {"memory": 1024, "seconds": 60.0, "disk": 2048}  # MB, s, MB
-LIMIT = 240  # s on the wall: the machine may be shared
+MAX_TAKEN = {"memory": 1024, "seconds": 60.0, "disk": 2048}  # MB, s, MB
+LIMIT = 240  # s, elapsed time: the machine may be shared
 
 
-def columns(rows: int) -> dict[str, np.ndarray]:
+def make_columns(rows: int) -> dict[str, np.ndarray]:
+    """Return the signals of a log."""
     return {n: np.full(rows, 30.0 if n.startswith("wheel") else 0.0) for n in NAMES}
 
 
-def parquet(path: Path, rows: int) -> None:
+def write_parquet(path: Path, rows: int) -> None:
+    """Write a table of constant signals."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pa.table({"time": np.arange(rows) * 10, **columns(rows)})  # ms, which its values say
+    table = pa.table({"time": np.arange(rows) * 10, **make_columns(rows)})  # ms, as its values show
     pq.write_table(
         table,
         path,
@@ -48,16 +53,17 @@ def parquet(path: Path, rows: int) -> None:
     )
 
 
-def mat73(path: Path, rows: int) -> None:
+def write_mat73(path: Path, rows: int) -> None:
+    """Write datasets of constant signals."""
     import h5py
 
     with h5py.File(path, "w") as file:
-        for name, value in {"time": np.arange(rows) * 0.01, **columns(rows)}.items():
+        for name, value in {"time": np.arange(rows) * 0.01, **make_columns(rows)}.items():
             file.create_dataset(name, data=value, compression="gzip", compression_opts=9, shuffle=True)
 
 
-def mat5(path: Path, rows: int, names: tuple[str, ...] = ("time", *NAMES)) -> None:
-    """Variables of zeros, as the format has them (MATLAB, MAT-File Format, 2019): without ever being in memory."""
+def write_mat5(path: Path, rows: int, names: tuple[str, ...] = ("time", *NAMES)) -> None:
+    """Write variables of zeros block by block (MATLAB, MAT-File Format, 2019)."""
     parts = [b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2s", 0x0100, b"IM")]
     for name in names:
         label = name.encode()
@@ -79,17 +85,18 @@ def mat5(path: Path, rows: int, names: tuple[str, ...] = ("time", *NAMES)) -> No
     path.write_bytes(b"".join(parts))
 
 
-def mf4(path: Path, rows: int) -> None:
+def write_mf4(path: Path, rows: int) -> None:
+    """Write a measurement with constant signals."""
     from asammdf import MDF, Signal
 
     clock = np.arange(rows) * 0.01
     with MDF() as mdf:
-        mdf.append([Signal(value, clock, name=name) for name, value in columns(rows).items()])
+        mdf.append([Signal(value, clock, name=name) for name, value in make_columns(rows).items()])
         mdf.save(path, compression=2, overwrite=True)
 
 
-def blf(path: Path, rows: int) -> None:
-    """Containers of frames that are all the same."""
+def write_blf(path: Path, rows: int) -> None:
+    """Write containers of equal frames."""
     frame = (
         struct.pack("<4sHHLL", b"LOBJ", 32, 1, 48, 1)
         + struct.pack("<LHHQ", 1, 0, 0, 0)
@@ -107,14 +114,15 @@ def blf(path: Path, rows: int) -> None:
     path.with_suffix(".dbc").write_text('VERSION ""\nBO_ 193 A: 8 X\n SG_ steer : 0|16@1+ (1,0) [0|0] "" X\n')
 
 
-def csv(path: Path, rows: int) -> None:
+def write_csv(path: Path, rows: int) -> None:
+    """Write as many rows as 10 MB hold."""
     path.write_text(
         "time,steer_angle,wheel_speed_front,wheel_speed_rear,accel_x,accel_y,yaw_rate\n" + ",,,,,,\n" * rows
     )
 
 
-def gaps(path: Path, rows: int) -> None:
-    """Values that are a second apart: at 100 Hz a hundred times as many rows."""
+def write_gaps(path: Path, rows: int) -> None:
+    """Write values 1 s apart: resampling to 100 Hz gives a hundred times as many rows."""
     lines = [f"{k};0;30;30;0;0;0" for k in range(rows)]
     path.write_text(
         "time;steer_angle;wheel_speed_front;wheel_speed_rear;accel_x;accel_y;yaw_rate\n"
@@ -124,15 +132,20 @@ def gaps(path: Path, rows: int) -> None:
 
 
 FORMATS: dict[str, tuple[str, Callable[[Path, int], None], tuple[int, ...]]] = {
-    "Parquet": ("log.parquet", parquet, (MANY, ALLOWED)), "MAT 7.3": ("log.mat", mat73, (MANY, ALLOWED)),
-    "MAT 5": ("log5.mat", mat5, (MANY, ALLOWED)), "MF4": ("log.mf4", mf4, (MANY, ALLOWED)),
-    "BLF": ("log.blf", blf, (MANY, ALLOWED)), "CSV of nothing": ("blank.csv", csv, (1_400_000,)),
-    "CSV of 1 Hz": ("slow.csv", gaps, (400_000, 14_000)),
-}  # fmt: skip
+    "Parquet": ("log.parquet", write_parquet, (MANY, ALLOWED)),
+    "MAT 7.3": ("log.mat", write_mat73, (MANY, ALLOWED)),
+    "MAT 5": ("log5.mat", write_mat5, (MANY, ALLOWED)),
+    "MF4": ("log.mf4", write_mf4, (MANY, ALLOWED)),
+    "BLF": ("log.blf", write_blf, (MANY, ALLOWED)),
+    "CSV of nothing": ("blank.csv", write_csv, (1_400_000,)),
+    "CSV of 1 Hz": ("slow.csv", write_gaps, (400_000, 14_000)),
+}
 
 
 @dataclass
 class Taken:
+    """Time, memory and disk of a command, and its output."""
+
     code: int
     seconds: float
     memory: float
@@ -140,14 +153,22 @@ class Taken:
     said: str
 
 
-def run(arguments: list[str], folder: Path) -> Taken:
-    """One command, held to LIMIT."""
+def run_command(arguments: list[str], folder: Path) -> Taken:
+    """Run a command within LIMIT seconds."""
     scratch = folder / "tmp"
     scratch.mkdir(exist_ok=True)
     process = subprocess.Popen(
-        [sys.executable, "-m", "tselab", *arguments], cwd=folder, stdout=subprocess.DEVNULL, stderr=(folder / "said").open("w"),
-        env={**os.environ, "TMPDIR": str(scratch), "PYTHONPATH": str(ROOT / "scripts"), "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
+        [sys.executable, "-m", "tselab", *arguments],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=(folder / "said").open("w"),
+        env={
+            **os.environ,
+            "TMPDIR": str(scratch),
+            "PYTHONPATH": str(ROOT / "scripts"),
+            "OPENBLAS_NUM_THREADS": "1",
+        },
+    )
     disk, done = [0.0], threading.Event()
 
     def watch() -> None:
@@ -169,6 +190,7 @@ def run(arguments: list[str], folder: Path) -> Taken:
 
 
 def main() -> int:
+    """Make the files, read them and check the limits."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -187,7 +209,7 @@ def main() -> int:
                 )
                 (folder / "car.toml").write_bytes(car.stdout)
                 maker = multiprocessing.get_context("spawn").Process(target=make, args=(folder / file, rows))
-                maker.start()  # what a command takes begins with what its parent has
+                maker.start()  # the peak memory of a command includes that of its parent
                 maker.join()
                 size = (folder / file).stat().st_size
                 if size > 10_000_000:
@@ -201,18 +223,21 @@ def main() -> int:
                         "car.toml",
                         *(["--out", "o.csv"] if command == "estimate" else []),
                     ]
-                    x = run(arguments, folder)
+                    x = run_command(arguments, folder)
                     worst = {key: max(value, getattr(x, key)) for key, value in worst.items()}
                     end = x.said.replace(f"{file}: ", "")[:60] or "read"
                     took = f"{x.memory:.0f} | {x.seconds:.0f} | {x.disk:.0f} | {x.code}"
                     lines.append(f"| {name} | {size / 1e6:.2f} | {rows:,} | {command} | {took} | {end} |")
                     print(lines[-1], f"{time.monotonic() - began:.0f} s on the wall", flush=True)
-    over = [f"{key} {value:.0f}" for key, value in worst.items() if value > MOST[key]]
+    over = [f"{key} {value:.0f}" for key, value in worst.items() if value > MAX_TAKEN[key]]
     text = (
-        "`python -m tests.fuzz.bombs --write`: files under 10 MB that unpack to far more, made for this, through two commands.\n"
-        f"Allowed: {MOST['memory']} MB of memory, {MOST['seconds']:.0f} s of a processor, {MOST['disk']} MB of disk. Largest: "
+        "`python -m tests.fuzz.bombs --write`: files under 10 MB that unpack to far more, "
+        "made for this, through two commands.\n"
+        f"Allowed: {MAX_TAKEN['memory']} MB of memory, {MAX_TAKEN['seconds']:.0f} s of a "
+        f"processor, {MAX_TAKEN['disk']} MB of disk. Largest: "
         f"{worst['memory']:.0f} MB, {worst['seconds']:.0f} s, {worst['disk']:.0f} MB.\n\n"
-        "| format | file [MB] | rows that it says | command | memory [MB] | processor [s] | disk [MB] | exit code | said |\n"
+        "| format | file [MB] | rows that it says | command | memory [MB] | processor [s] | "
+        "disk [MB] | exit code | said |\n"
         "|---|---:|---:|---|---:|---:|---:|---:|---|\n" + "\n".join(lines) + "\n"
     )
     if given.write:

@@ -1,10 +1,14 @@
-"""Pack and unpack the inputs that the fuzz targets keep: inputs.hex, a line each.
+"""Pack and unpack the inputs that the fuzz targets keep: inputs.hex, one per line.
 
-    python3 tests/fuzz/inputs.py unpack TARGET FOLDER    write each input into a file of FOLDER
-    python3 tests/fuzz/inputs.py pack TARGET FOLDER      make the files of FOLDER the corpus of TARGET
+    python3 tests/fuzz/inputs.py unpack TARGET FOLDER
+        write each input into a file of FOLDER
+    python3 tests/fuzz/inputs.py pack TARGET FOLDER
+        make the files of FOLDER the corpus of TARGET
 
-A line is a target, a name, the bytes in hexadecimal, with a space between. The name is `corpus` for what a search starts from; any
-other says what once broke something, and `pack` leaves it."""
+A line has target, name, and the bytes in hexadecimal, separated by spaces. The name
+`corpus` marks the inputs that a search starts from. Another name states what an input
+once broke, and `pack` keeps these inputs.
+"""
 
 import hashlib
 import sys
@@ -14,17 +18,17 @@ INPUTS = Path(__file__).resolve().parent / "inputs.hex"
 CORPUS = "corpus"
 
 
-def lines() -> list[list[str]]:
+def read_lines() -> list[list[str]]:
     """Return target, name and digits of each input."""
     return [line.split(" ") for line in INPUTS.read_text(encoding="ascii").splitlines()]
 
 
 def read(target: str) -> list[tuple[str, bytes]]:
     """Return name and bytes of each input that is kept of a target."""
-    return [(name, bytes.fromhex(data)) for of, name, data in lines() if of == target]
+    return [(name, bytes.fromhex(data)) for of, name, data in read_lines() if of == target]
 
 
-def found(target: str) -> list[tuple[str, bytes]]:
+def read_found(target: str) -> list[tuple[str, bytes]]:
     """Return name and bytes of each input that once broke a target."""
     return [(name, data) for name, data in read(target) if name != CORPUS]
 
@@ -38,7 +42,7 @@ def unpack(target: str, folder: Path) -> None:
 
 def pack(target: str, folder: Path) -> None:
     """Write the files of a folder as the corpus of a target; keep what once broke it."""
-    kept = [line for line in lines() if line[:2] != [target, CORPUS]]
+    kept = [line for line in read_lines() if line[:2] != [target, CORPUS]]
     given = [[target, CORPUS, p.read_bytes().hex()] for p in sorted(folder.iterdir())]
     rows = sorted(given + kept, key=lambda line: (line[0], line[1] != CORPUS))
     INPUTS.write_text("".join(" ".join(row) + "\n" for row in rows), encoding="ascii")

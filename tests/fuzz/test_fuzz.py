@@ -1,5 +1,8 @@
-"""A few hundred inputs of each fuzz target, the same ones each time; scripts/dev/fuzz.sh --runs 1000000 on demand. The readers of
-files have tests of their own."""
+"""A few hundred inputs of each fuzz target, the same ones each time.
+
+Run scripts/dev/fuzz.sh --runs 1000000 for more. The readers of files have tests of their
+own.
+"""
 
 import os
 import subprocess
@@ -13,12 +16,21 @@ import readers
 import inputs
 
 ROOT = Path(__file__).parents[2]
-TARGETS = ["step", "settings", "learnt", "replay", "state", "fmu_calls_estimator", "fmu_calls_vehicle", "fmu_state_estimator",
-           "fmu_state_vehicle"]  # fmt: skip
+TARGETS = [
+    "step",
+    "settings",
+    "learnt",
+    "replay",
+    "state",
+    "fmu_calls_estimator",
+    "fmu_calls_vehicle",
+    "fmu_state_estimator",
+    "fmu_state_vehicle",
+]
 RUNS = "400"
 
 
-def fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str]:
+def run_fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str]:
     env = dict(os.environ) if path is None else {**os.environ, "PATH": path}
     return subprocess.run(
         ["bash", "scripts/dev/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900
@@ -27,7 +39,7 @@ def fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str
 
 def test_nothing_is_found_in_a_few_inputs():
     names = [*TARGETS, "float_step", "fixed_step"]
-    done = fuzz(*names, "--runs", RUNS, "--seed", "1")
+    done = run_fuzz(*names, "--runs", RUNS, "--seed", "1")
     if done.returncode == 77:
         pytest.skip("clang with libFuzzer and sanitizers is not installed")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -42,21 +54,21 @@ def test_without_clang_that_is_said(tmp_path):
             Path(p) / tool for p in os.environ["PATH"].split(os.pathsep) if (Path(p) / tool).exists()
         )
         (tmp_path / tool).symlink_to(where)
-    done = fuzz("step", "--seconds", "1", path=str(tmp_path))
+    done = run_fuzz("step", "--seconds", "1", path=str(tmp_path))
     assert done.returncode == 77, done.stdout + done.stderr
     assert "skipped: clang with libFuzzer" in done.stdout
 
 
 @pytest.mark.parametrize("args", [["nothing"], ["--runs"], ["--runs", "0"], ["--seconds", "x"], ["--fast"]])
 def test_wrong_options_are_refused(args):
-    done = fuzz(*args)
+    done = run_fuzz(*args)
     assert done.returncode == 2 and done.stderr.startswith("fuzz: ")
 
 
 def test_the_inputs_that_are_kept_are_all_there():
-    """Also those of the readers; those of a target are what its C program and its search go through."""
-    there = {target for target, _, _ in inputs.lines()}
-    broke = {name: len(inputs.found(name)) for name in there if inputs.found(name)}
+    """The C program and the search of a target read its kept inputs."""
+    there = {target for target, _, _ in inputs.read_lines()}
+    broke = {name: len(inputs.read_found(name)) for name in there if inputs.read_found(name)}
     assert {name: len(inputs.read(name)) - broke.get(name, 0) for name in TARGETS} == dict.fromkeys(
         TARGETS, 40
     )
@@ -66,7 +78,7 @@ def test_the_inputs_that_are_kept_are_all_there():
 
 
 def test_what_is_packed_is_unpacked(tmp_path, monkeypatch):
-    """A corpus is replaced, what once broke the target stays."""
+    """A new corpus replaces the old one; inputs that once broke the target stay."""
     monkeypatch.setattr(inputs, "INPUTS", tmp_path / "inputs.hex")
     inputs.INPUTS.write_text("replay corpus 01\nstep corpus 00\nstep what_broke_it ff0a\n", encoding="ascii")
     folder = tmp_path / "new"
@@ -80,47 +92,47 @@ def test_what_is_packed_is_unpacked(tmp_path, monkeypatch):
     assert sorted(p.read_bytes() for p in (tmp_path / "out").iterdir()) == [b"", b"\n\r\x00", b"\xff\n"]
 
 
-# ---- Files of strangers through the readers (readers.py): those that once broke something, and a few seconds of new ones.
+# ---- readers of files: files that once broke one, and a few seconds of new ones
 
 
 RUNS_READERS = 60  # of each target; readers.py --runs 1000000 on demand
 
 
-FOUND = [(name, why, data) for name in readers.TARGETS for why, data in readers.kept(name)]
+FOUND = [(name, why, data) for name in readers.TARGETS for why, data in readers.read_kept(name)]
 
 
 @pytest.mark.parametrize(
     ("name", "data"), [(n, d) for n, _, d in FOUND], ids=[f"{n}-{why}" for n, why, _ in FOUND]
 )
 def test_what_once_broke_a_reader_does_no_more(name, data, tmp_path):
-    assert not readers.check(name, data, tmp_path)
+    assert not readers.check_file(name, data, tmp_path)
 
 
 @pytest.mark.parametrize("name", readers.TARGETS)
 def test_no_changed_file_breaks_a_reader(name, tmp_path):
-    done, findings = readers.search(name, RUNS_READERS, 60.0, 14, tmp_path)
+    done, findings = readers.search_target(name, RUNS_READERS, 60.0, 14, tmp_path)
     assert (done, findings) == (RUNS_READERS, 0)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system does not say what a process holds")
 def test_a_file_that_unpacks_without_end_is_refused(tmp_path):
-    """A variable of nothing, of 0.96 GB: more than the memory that a command may take."""
+    """A variable of 0.96 GB of zeros exceeds the memory that a command may take."""
     (tmp_path / "car.toml").write_bytes(readers.SMALL_CAR)
-    bombs.mat5(tmp_path / "log.mat", 120_000_000, ("time",))
+    bombs.write_mat5(tmp_path / "log.mat", 120_000_000, ("time",))
     assert (tmp_path / "log.mat").stat().st_size < 1_000_000
-    taken = bombs.run(["signals", "log.mat", "--vehicle", "car.toml"], tmp_path)
+    taken = bombs.run_command(["signals", "log.mat", "--vehicle", "car.toml"], tmp_path)
     assert taken.code == 2, taken
     assert "takes more than 0.7 GB of memory to read" in taken.said
-    assert taken.memory < bombs.MOST["memory"]
+    assert taken.memory < bombs.MAX_TAKEN["memory"]
 
 
 def test_a_reader_that_breaks_is_noticed(tmp_path, monkeypatch):
-    """Also: an exception, a warning, something left behind, a refusal that nobody says."""
+    """An exception, a warning, a file left behind, an unexplained refusal are found."""
 
     def leave(data: bytes, folder: Path) -> None:
         (folder / "car.toml").write_bytes(readers.SMALL_CAR)
         monkeypatch.setattr(readers, "main", lambda: (folder / "left").write_text("x") and sys.exit(0))
-        readers.command(folder, "vehicle car.toml")
+        readers.run_tselab(folder, "vehicle car.toml")
 
     def fail(data: bytes, folder: Path) -> None:
         raise ZeroDivisionError(len(data))
@@ -130,16 +142,21 @@ def test_a_reader_that_breaks_is_noticed(tmp_path, monkeypatch):
         sys.exit(code)
 
     monkeypatch.setitem(readers.TARGETS, "log", readers.Target(lambda: [b"1"], fail))
-    assert "ZeroDivisionError" in readers.check("log", b"2", tmp_path)
-    assert readers.search("log", 5, 60.0, 1, tmp_path / "found") == (0, 1)
+    assert "ZeroDivisionError" in readers.check_file("log", b"2", tmp_path)
+    assert readers.search_target("log", 5, 60.0, 1, tmp_path / "found") == (0, 1)
     assert [p.read_bytes() for p in (tmp_path / "found" / "reader_log").iterdir()] == [b"1"]
     monkeypatch.setitem(readers.TARGETS, "log", readers.Target(lambda: [b"1"], leave))
-    assert "left behind" in readers.check("log", b"2", tmp_path)
-    for code, said, word in [(1, "internal error", "exit code 1"), (2, "", "refusal"), (0, "RuntimeWarning: x", "package speaks"),
-                             (2, "error: Traceback", "package speaks"), (2, "error\n" * 9, "refusal of")]:  # fmt: skip
+    assert "left behind" in readers.check_file("log", b"2", tmp_path)
+    for code, said, word in [
+        (1, "internal error", "exit code 1"),
+        (2, "", "refusal"),
+        (0, "RuntimeWarning: x", "package speaks"),
+        (2, "error: Traceback", "package speaks"),
+        (2, "error\n" * 9, "refusal of"),
+    ]:
         monkeypatch.setattr(readers, "main", lambda code=code, said=said: end(code, said))
         monkeypatch.setitem(readers.TARGETS, "log", readers.Target(lambda: [b"1"], readers.read_car))
-        assert word in readers.check("log", b"2", tmp_path), (code, said)
+        assert word in readers.check_file("log", b"2", tmp_path), (code, said)
 
 
 @pytest.mark.parametrize("made", ["changed", "as before\n"])
@@ -152,6 +169,6 @@ def test_a_refusal_that_changes_a_result_is_noticed(made, tmp_path, monkeypatch)
     monkeypatch.setattr(readers, "main", refuse)
     if made == "changed":
         with pytest.raises(readers.Broken, match="is changed"):
-            readers.command(tmp_path, "estimate", "out")
+            readers.run_tselab(tmp_path, "estimate", "out")
     else:
-        assert readers.command(tmp_path, "estimate", "out") == 2
+        assert readers.run_tselab(tmp_path, "estimate", "out") == 2

@@ -503,7 +503,7 @@ def test_the_page_in_a_browser(folder, trip):
     if chromium is None or not shutil.which("node") or not shutil.which("npm"):
         pytest.skip("no browser, no node or no npm is installed")
     try:
-        modules = built.modules()
+        modules = built.install_modules()
     except built.Failed as error:
         pytest.skip(str(error)[:200])
     live = make_live(folder, "browser")

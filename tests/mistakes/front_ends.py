@@ -217,7 +217,7 @@ def _make_refusal(log: LogOf, text: str) -> Response:
 @functools.cache
 def _load_page() -> tuple[dict[str, object], str]:
     """Return the tables of the page, and its library."""
-    return page_maker.known(), base64.b64encode(page_maker.wasm()).decode()
+    return page_maker.collect_names(), base64.b64encode(page_maker.compile_wasm()).decode()
 
 
 def run_page(drive: Drive, log: LogOf) -> Response:

@@ -1,6 +1,9 @@
-"""The golden drive through tse.Filter, on whatever Python runs this: one line, the hash of every field of every estimate.
+"""Run the golden drive through tse.Filter; print the hash of every field of every
+estimate.
 
-python tests/package/replay_api.py [FOLDER of the packages]        the same line on every system
+    python tests/package/replay_api.py [FOLDER of the packages]
+
+The line is the same on every system.
 """
 
 import csv
@@ -10,7 +13,8 @@ from pathlib import Path
 
 if len(sys.argv) > 1:
     sys.path.insert(0, sys.argv[1])
-    sys.modules["_wmi"] = None  # type: ignore[assignment]  # Python 3.12 asks Windows by it what it is; wine 8 ends there
+    # Python 3.12 reads the version of Windows by this module, which ends wine 8.
+    sys.modules["_wmi"] = None  # type: ignore[assignment]
 
 import tse
 
@@ -18,6 +22,7 @@ DRIVE = Path(__file__).resolve().parents[1] / "replay" / "drive.csv"
 
 
 def main() -> None:
+    """Run the drive and print the hash."""
     f, seen, rows = tse.Filter({**tse.simulated_car(), "driven_axle": "both"}), hashlib.sha256(), 0
     with DRIVE.open(encoding="utf-8") as file:
         for row in csv.DictReader(line for line in file if not line.startswith("#")):

@@ -1,6 +1,9 @@
-# ctest entry `consumer`: install tse, then build and run the programs of this directory against it, in every way offered.
-# Without EVERY_WAY only the installed one: the others are the same CMake code with another compiler.
-# Given: TSE_SOURCE TSE_BUILD WORK GENERATOR MAKE_PROGRAM CONFIG C_COMPILER CXX_COMPILER C_FLAGS CXX_FLAGS EVERY_WAY SHARED REAL MAX_PARTICLES VERSION
+# ctest entry `consumer`: install tse, then build and run the programs of this directory
+# against it, in every way. Without EVERY_WAY only the installed way runs: the others are
+# the same CMake code with another compiler.
+#
+# Given: TSE_SOURCE TSE_BUILD WORK GENERATOR MAKE_PROGRAM CONFIG C_COMPILER CXX_COMPILER
+# C_FLAGS CXX_FLAGS EVERY_WAY SHARED REAL MAX_PARTICLES VERSION
 cmake_minimum_required(VERSION 3.21)
 
 function(run what)

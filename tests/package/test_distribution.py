@@ -1,4 +1,4 @@
-"""The Python distribution as users get it: from a clean checkout, without this one, and without a network."""
+"""The Python distribution as users install it: from a checkout, without a network."""
 
 import hashlib
 import json
@@ -27,7 +27,8 @@ VERSION = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include" / "tse" / "version.
 RELEASE = [sys.executable, ROOT / "scripts" / "dev" / "release.py"]
 
 
-def run(*command, cwd=None, **environment):
+def run_command(*command, cwd=None, **environment):
+    """Run a command; return its output."""
     done = subprocess.run(
         [str(c) for c in command], cwd=cwd, capture_output=True, text=True, env={**os.environ, **environment}
     )
@@ -35,15 +36,16 @@ def run(*command, cwd=None, **environment):
     return done.stdout
 
 
-def tracked(folder="."):
-    return run("git", "ls-files", folder, cwd=ROOT).splitlines()
+def list_tracked(folder="."):
+    """Return the files that git tracks."""
+    return run_command("git", "ls-files", folder, cwd=ROOT).splitlines()
 
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """What is tracked, as it is now, in another place."""
+    """Copy the tracked files, as they are now, to another folder."""
     folder = tmp_path_factory.mktemp("clean") / "tse"
-    for name in tracked():
+    for name in list_tracked():
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes((ROOT / name).read_bytes())
@@ -55,16 +57,16 @@ def checkout(tmp_path_factory):
 def sdist(checkout, tmp_path_factory):
     out = tmp_path_factory.mktemp("sdist")
     code = f"import scikit_build_core.build as b; b.build_sdist({str(out)!r})"
-    run(sys.executable, "-c", code, cwd=checkout)
+    run_command(sys.executable, "-c", code, cwd=checkout)
     return out / f"tse-{VERSION}.tar.gz"
 
 
 @pytest.fixture(scope="module")
 def wheel(sdist, tmp_path_factory):
-    """Built from the source package: what is not in that is not needed. --no-index: nothing is fetched."""
+    """Build the wheel from the source package alone. --no-index: nothing is fetched."""
     out = tmp_path_factory.mktemp("wheel")
     alone = ("--quiet", "--no-index", "--no-deps", "--no-build-isolation")
-    run(sys.executable, "-m", "pip", "wheel", *alone, "--wheel-dir", out, sdist)
+    run_command(sys.executable, "-m", "pip", "wheel", *alone, "--wheel-dir", out, sdist)
     (made,) = out.glob("*.whl")
     return made
 
@@ -72,7 +74,7 @@ def wheel(sdist, tmp_path_factory):
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("installed")
-    run(
+    run_command(
         sys.executable,
         "-m",
         "pip",
@@ -101,7 +103,9 @@ def test_the_wheel_holds_the_packages_the_library_and_nothing_else(wheel):
     libraries = {n for n in names if n.startswith("tse/library/lib/")}
     assert len(libraries) == 1 and Path(libraries.pop()).stem == "libtse"
     code = {
-        n.removeprefix("scripts/") for n in tracked() if n.startswith(("scripts/tse/", "scripts/tselab/"))
+        n.removeprefix("scripts/")
+        for n in list_tracked()
+        if n.startswith(("scripts/tse/", "scripts/tselab/"))
     }
     assert {n for n in names if not n.startswith(("tse/library/lib/", "tse-"))} == code
     assert {
@@ -127,17 +131,21 @@ def test_the_description_has_bounds_and_types(wheel):
 
 def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_path):
     code = (
-        "import sys, pandas, tse; from tse.library.core import find_library; print(tse.__file__); print(find_library());"
-        "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, 'wheel_radius_front': 0.32,"
+        "import sys, pandas, tse; from tse.library.core import find_library; "
+        "print(tse.__file__); print(find_library());"
+        "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, "
+        "'wheel_radius_front': 0.32,"
         "'wheel_radius_rear': 0.32}).to_csv(sys.argv[1])"
     )
-    where = run(
+    where = run_command(
         sys.executable, "-c", code, tmp_path / "installed.csv", cwd=tmp_path, PYTHONPATH=str(installed)
     ).splitlines()
     assert all(line.startswith(str(installed)) for line in where)
-    run(sys.executable, "-c", code, tmp_path / "here.csv", cwd=tmp_path, PYTHONPATH=str(ROOT / "scripts"))
+    run_command(
+        sys.executable, "-c", code, tmp_path / "here.csv", cwd=tmp_path, PYTHONPATH=str(ROOT / "scripts")
+    )
     assert (tmp_path / "installed.csv").read_bytes() == (tmp_path / "here.csv").read_bytes()
-    assert VERSION in run(
+    assert VERSION in run_command(
         sys.executable, "-m", "tselab", "--version", cwd=tmp_path, PYTHONPATH=str(installed)
     )
 
@@ -145,14 +153,15 @@ def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_p
 # ---- lock, bill of materials, release
 
 
-def canonical(name):
+def normalise_name(name):
+    """Return the normalised name of a package."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def bounds(lines):
-    """Package -> lower bound."""
+def read_bounds(lines):
+    """Return the lower bound of each package."""
     return {
-        canonical(m[1]): m[2]
+        normalise_name(m[1]): m[2]
         for m in (
             re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*[>=]=([0-9.]+)", line)
             for line in lines
@@ -166,8 +175,8 @@ def test_the_lock_names_all_that_is_needed_within_its_bounds_and_by_hash(lock, e
     from packaging.version import Version
 
     text = (ROOT / "scripts" / lock).read_text(encoding="utf-8")
-    pins = [(canonical(n), v) for n, v in re.findall(r"^([A-Za-z0-9._-]+)==(\S+)", text, re.M)]
-    for name, least in bounds(
+    pins = [(normalise_name(n), v) for n, v in re.findall(r"^([A-Za-z0-9._-]+)==(\S+)", text, re.M)]
+    for name, least in read_bounds(
         PROJECT["dependencies"] + LAB + PROJECT["optional-dependencies"][extra]
     ).items():
         versions = [v for n, v in pins if n == name]
@@ -179,7 +188,7 @@ def test_the_lock_names_all_that_is_needed_within_its_bounds_and_by_hash(lock, e
 
 @pytest.fixture(scope="module")
 def made_twice(checkout, tmp_path_factory):
-    """The parts of a release that take seconds, of two checkouts in two places."""
+    """Make the quick parts of a release from two checkouts in two folders."""
     for tool in ("build", "cyclonedx"):
         pytest.importorskip(
             tool, reason=f"{tool}, a tool of releases, is not installed: scripts/setup.sh release"
@@ -189,12 +198,12 @@ def made_twice(checkout, tmp_path_factory):
     made = []
     for place in ("one", "an other"):
         folder = tmp_path_factory.mktemp(place) / "tse"
-        run("cp", "-r", checkout, folder)
-        run(*git, "init", "-q", cwd=folder)
-        run(*git, "add", "-A", cwd=folder)
-        run(*git, "commit", "-q", "-m", "all", cwd=folder, **dates)
+        run_command("cp", "-r", checkout, folder)
+        run_command(*git, "init", "-q", cwd=folder)
+        run_command(*git, "add", "-A", cwd=folder)
+        run_command(*git, "commit", "-q", "-m", "all", cwd=folder, **dates)
         out = folder.parent / "out"
-        run(
+        run_command(
             sys.executable,
             folder / "scripts" / "dev" / "release.py",
             VERSION,
@@ -231,7 +240,7 @@ def test_the_bill_of_materials_names_the_files_and_what_tse_needs(made_twice):
     assert files[source] == hashlib.sha256((made_twice[0] / source).read_bytes()).hexdigest()
     names = {c["name"] for c in text["components"]}
     assert (
-        set(bounds(PROJECT["dependencies"] + LAB)) <= names
+        set(read_bounds(PROJECT["dependencies"] + LAB)) <= names
         and "pytest" not in names
         and "distributed" not in names
     )

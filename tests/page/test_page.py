@@ -43,8 +43,8 @@ def built():
         if not shutil.which(program):
             pytest.skip(f"{program} is not installed: it controls the browser of this test")
     try:
-        page.compilers()
-        page.modules()
+        page.find_compilers()
+        page.install_modules()
     except page.Failed as error:
         pytest.skip(f"the page cannot be built here: {str(error)[:200]}")
     page.build(page.PAGE)
@@ -52,8 +52,8 @@ def built():
 
 
 def test_the_page_that_git_holds_is_of_these_sources():
-    """No compiler is needed to see it. After a change of the library or of docs/page: scripts/dev/page.py --ship."""
-    assert page.shipped_digest() == page.digest(), "scripts/dev/page.py --ship"
+    """The test needs no compiler. Build the page anew by scripts/dev/page.py --ship."""
+    assert page.read_shipped_digest() == page.compute_digest(), "scripts/dev/page.py --ship"
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +233,7 @@ def seen(built, browser, logs, cars, checks, tmp_path_factory):
     command = [
         "node",
         str(Path(__file__).parent / "browse.mjs"),
-        str(page.modules()),
+        str(page.install_modules()),
         browser,
         str(built),
         str(SHOTS),
@@ -245,8 +245,7 @@ def seen(built, browser, logs, cars, checks, tmp_path_factory):
 
 
 def run_tselab(folder, log, car):
-    """Return EST.csv of `tselab estimate` as bytes, run in this process to save the
-    imports."""
+    """Return EST.csv of `tselab estimate` as bytes, computed in this process."""
     numbers = np.random.default_rng(1).standard_normal(1000).tolist()
     if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
         pytest.skip(
@@ -328,8 +327,7 @@ def test_it_finds_the_road_change_of_the_example(seen):
 
 
 def test_a_german_log_is_understood(seen, slow, tmp_path):
-    """Semicolon, decimal comma, four wheels in km/h, degrees, g, inverted steering wheel
-    angle."""
+    """Semicolons, decimal commas, km/h, degrees, g, inverted steering wheel angle."""
     german = seen["logs"]["german"]
     found = {channel: (m["unit"], m["sign"]) for channel, m in german["map"].items()}
     assert (
@@ -372,8 +370,7 @@ def test_without_a_mass_nothing_is_valid_and_stiffness_follows_one_that_is_said_
 
 
 def test_what_nobody_said_is_that_of_the_class(seen, tmp_path):
-    """A log alone: car and sensors are those of `tselab` for the same mass and
-    lengths."""
+    """A log alone: car and sensors are those of `tselab` for this mass and length."""
     (tmp_path / "page.toml").write_text(seen["logs"]["plain"]["car"])
     page_says = read_vehicle(tmp_path / "page.toml").values
     needed = [
@@ -431,8 +428,7 @@ def test_every_control_has_a_name(seen):
 
 @pytest.mark.parametrize("name", list_mistakes())
 def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(seen, checks, name, tmp_path):
-    """The page and the command report the same causes; their figures differ by a few
-    percent."""
+    """Page and command report the same causes; their figures differ by a few percent."""
     car = Config.exact()
     (tmp_path / "car.toml").write_text(
         "\n".join(
@@ -526,7 +522,7 @@ def test_pictures_are_left_for_people_to_look_at(seen):
 
 def test_without_npm_the_page_is_built_and_says_what_it_lacks(tmp_path):
     try:
-        page.compilers()
+        page.find_compilers()
     except page.Failed as error:
         pytest.skip(str(error))
     said = page.build(tmp_path / "try.html", npm=False)

@@ -1,9 +1,13 @@
-"""What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/dev/proof.sh coverage
+"""Measure the coverage of src/ by unit tests: lines, branches, MC/DC.
 
-Measured by clang (19 or later, -fcoverage-mcdc) in double, with all of the library and as TSE_SMALL: every test program is run, and
-what either build runs is covered, of a function in a header what any program runs. A condition in a macro is counted once for each
-place that the macro is used at. What is not covered must stand in coverage.toml: as unreachable, with the reason, or as open, which
-counts as not covered. What stands there in neither, or is covered by now, is a failure.
+    scripts/dev/proof.sh coverage
+
+clang 19 or later (-fcoverage-mcdc) measures in double, with the whole library and as
+TSE_SMALL, and runs every test program. Code is covered if either build runs it, a
+function of a header if any program runs it. A condition in a macro counts once for each
+use of the macro. coverage.toml must list uncovered code: as unreachable, with the reason,
+or as open, which counts as not covered. An unlisted gap is a failure, and so is an entry
+that is covered by now.
 """
 
 import argparse
@@ -28,8 +32,8 @@ SHARE = ROOT / ".venv" / "share"
 FLAGS = "-O1 -g0 -fprofile-instr-generate -fcoverage-mapping -fcoverage-mcdc"
 
 
-def compiler() -> str | None:
-    """A clang that measures MC/DC: CLANG, clang-19 and later, or clang if it is one."""
+def find_compiler() -> str | None:
+    """Return a clang that measures MC/DC: CLANG, clang-19 and later, or clang."""
     names = [os.environ.get("CLANG", ""), *(f"clang-{v}" for v in range(19, 30)), "clang"]
     for name in filter(None, names):
         if not shutil.which(name):
@@ -37,44 +41,64 @@ def compiler() -> str | None:
         version = re.search(
             r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout
         )
-        if version and int(version.group(1)) >= 19 and shutil.which(tool(name, "llvm-profdata")):
+        if version and int(version.group(1)) >= 19 and shutil.which(find_tool(name, "llvm-profdata")):
             return name
     return None
 
 
-def tool(clang: str, name: str) -> str:
+def find_tool(clang: str, name: str) -> str:
+    """Return the tool of LLVM with the version of clang."""
     suffix = re.search(r"-\d+$", clang)
     return name + (suffix.group() if suffix else "")
 
 
-def run(*command: object, **more: object) -> subprocess.CompletedProcess:
+def run_command(*command: object, **more: object) -> subprocess.CompletedProcess:
+    """Run a command; return the result."""
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True, **more)
     if done.returncode:
         raise SystemExit(f"coverage: {command[0]} failed\n{(done.stdout + done.stderr)[-4000:]}")
     return done
 
 
-def lines_of(tracefile: str) -> dict[str, dict[int, bool]]:
-    """Return by file, by line whether it was run."""
+def read_lines(tracefile: str) -> dict[str, dict[int, bool]]:
+    """Return by file and line whether the line was run."""
     lines: dict[str, dict[int, bool]] = defaultdict(dict)
     file = None
     for row in tracefile.splitlines():
         what, _, rest = row.partition(":")
         if what == "SF":
-            file = in_src(rest)
+            file = shorten_path(rest)
         elif what == "DA" and file:
             line, count = rest.split(",")[:2]
             lines[file][int(line)] = int(count) > 0
     return lines
 
 
-def measured(clang: str, name: str) -> tuple[list[dict], dict[str, dict[int, bool]], int, list[str]]:
-    """Of a build: (functions as llvm-cov exports them, lines_of(), how many programs, decisions whose MC/DC is not measured)"""
+def measure(clang: str, name: str) -> tuple[list[dict], dict[str, dict[int, bool]], int, list[str]]:
+    """Build and run the tests with coverage.
+
+    Returns functions as llvm-cov exports them, read_lines(), the number of programs, and
+    the decisions whose MC/DC is not measured.
+    """
     build = BUILD / name
-    run("cmake", "-S", ROOT, "-B", build, f"-DCMAKE_C_COMPILER={clang}", "-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={FLAGS}",
-        "-DTSE_BUILD_TESTS=ON", "-DTSE_BUILD_FMU=OFF", "-DTSE_TEST_COMPILES=OFF", "-DTSE_TEST_EVERY_WAY=OFF", *BUILDS[name],
-        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}", f"-DPython3_EXECUTABLE={sys.executable}")  # fmt: skip
-    said = run(
+    run_command(
+        "cmake",
+        "-S",
+        ROOT,
+        "-B",
+        build,
+        f"-DCMAKE_C_COMPILER={clang}",
+        "-DCMAKE_BUILD_TYPE=None",
+        f"-DCMAKE_C_FLAGS={FLAGS}",
+        "-DTSE_BUILD_TESTS=ON",
+        "-DTSE_BUILD_FMU=OFF",
+        "-DTSE_TEST_COMPILES=OFF",
+        "-DTSE_TEST_EVERY_WAY=OFF",
+        *BUILDS[name],
+        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}",
+        f"-DPython3_EXECUTABLE={sys.executable}",
+    )
+    said = run_command(
         "cmake", "--build", build, "--clean-first"
     )  # warnings of what is not measured come with each object
     unmeasured = set(
@@ -86,13 +110,13 @@ def measured(clang: str, name: str) -> tuple[list[dict], dict[str, dict[int, boo
     profiles.mkdir()
     for program in programs:
         environment = os.environ | {"LLVM_PROFILE_FILE": str(profiles / f"{program.name}.profraw")}
-        run(program, cwd=ROOT / "tests", env=environment)
+        run_command(program, cwd=ROOT / "tests", env=environment)
     merged = build / "all.profdata"
-    run(tool(clang, "llvm-profdata"), "merge", "-o", merged, *sorted(profiles.glob("*.profraw")))
-    export = [tool(clang, "llvm-cov"), "export", programs[0], f"-instr-profile={merged}"]
+    run_command(find_tool(clang, "llvm-profdata"), "merge", "-o", merged, *sorted(profiles.glob("*.profraw")))
+    export = [find_tool(clang, "llvm-cov"), "export", programs[0], f"-instr-profile={merged}"]
     export += [x for p in programs[1:] for x in ("-object", p)]
-    functions = json.loads(run(*export).stdout)["data"][0]["functions"]
-    lines = lines_of(run(*export, "-format=lcov").stdout)
+    functions = json.loads(run_command(*export).stdout)["data"][0]["functions"]
+    lines = read_lines(run_command(*export, "-format=lcov").stdout)
     return functions, lines, len(programs), sorted(u.removeprefix(f"{ROOT}/") for u in unmeasured)
 
 
@@ -108,24 +132,27 @@ class Source:
         return " ".join(" ".join(p.rstrip("\\").split()) for p in part)
 
 
-def in_src(name: str) -> str | None:
+def shorten_path(name: str) -> str | None:
     path = Path(name)
     return path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT / "src") else None
 
 
-def collected(functions: list[dict]) -> tuple[dict, dict]:
-    """(branches, decisions): by file, function, place and use of it; whether each outcome, each condition's pair, was seen."""
+def collect_outcomes(functions: list[dict]) -> tuple[dict, dict]:
+    """Return (branches, decisions) by file, function, place and use of the function.
+
+    The values state which outcomes of a branch and which pairs of a condition were seen.
+    """
     branches: dict[tuple, list[bool]] = {}
     decisions: dict[tuple, list[bool]] = {}
     for function in functions:
         names = function["filenames"]
-        own = in_src(names[0])
+        own = shorten_path(names[0])
         if not own:
             continue
         name = function["name"].rpartition(":")[2]
         seen: Counter = Counter()
         for *place, true, false, file_id, _, _ in function["branches"]:
-            file = in_src(names[file_id]) or own
+            file = shorten_path(names[file_id]) or own
             use = seen[(file, *place)]
             seen[(file, *place)] += 1
             was = branches.setdefault((file, name, tuple(place), use), [False, False])
@@ -142,12 +169,12 @@ def collected(functions: list[dict]) -> tuple[dict, dict]:
     return branches, decisions
 
 
-def named(function: str) -> str:
+def strip_suffix(function: str) -> str:
     return re.sub(r"_f64$", "", function)
 
 
-def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
-    """(file, function, condition, what was never seen): at how many uses of it."""
+def find_gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
+    """Return the number of uses by (file, function, condition, unseen outcome)."""
     sources: dict[str, Source] = {}
     found: Counter = Counter()
     inside: dict[tuple, list] = defaultdict(list)
@@ -157,7 +184,7 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
         source = sources.setdefault(file, Source(ROOT / file))
         for was, what in ((true, "never true"), (false, "never false")):
             if not was:
-                found[(file, named(function), source.text(place), what)] += 1
+                found[(file, strip_suffix(function), source.text(place), what)] += 1
     for (file, function, place, use), seen in decisions.items():
         source = sources.setdefault(file, Source(ROOT / file))
         own = sorted(
@@ -170,12 +197,15 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
                     if len(own) == len(seen)
                     else f"condition {k + 1} of {source.text(place)}"
                 )
-                found[(file, named(function), text, "never decides alone")] += 1
+                found[(file, strip_suffix(function), text, "never decides alone")] += 1
     return dict(found)
 
 
-def listed(table: str) -> dict[tuple, tuple[int, str]]:
-    """(file, function, condition, what was never seen): at how many uses, why. `open`: neither a test yet nor a reason."""
+def read_entries(table: str) -> dict[tuple, tuple[int, str]]:
+    """Return (number of uses, reason) by (file, function, condition, unseen outcome).
+
+    Entries of `open` have neither a test nor a reason yet.
+    """
     rows = tomllib.loads(REASONS.read_text()).get(table, [])
     return {
         (r["file"], *at, what): (n, r.get("why", ""))
@@ -185,11 +215,12 @@ def listed(table: str) -> dict[tuple, tuple[int, str]]:
     }
 
 
-def reasons() -> dict[tuple, str]:
-    return {key: why for key, (_, why) in listed("unreachable").items()}
+def read_reasons() -> dict[tuple, str]:
+    """Return the reasons of unreachable code."""
+    return {key: why for key, (_, why) in read_entries("unreachable").items()}
 
 
-def page(
+def format_page(
     lines: dict,
     branches: dict,
     decisions: dict,
@@ -199,6 +230,7 @@ def page(
     programs: int,
     unmeasured: list[str],
 ) -> str:
+    """Return the page with its tables."""
     rows, total = [], Counter()
 
     def share(part: int, of: int) -> str:
@@ -208,21 +240,30 @@ def page(
         outcomes = [o for (f, *_), pair in branches.items() if f == file for o in pair]
         pairs = [o for (f, *_), seen in decisions.items() if f == file for o in seen]
         excused = [(k, n) for k, n in found.items() if k[0] == file and k in known]
-        row = Counter(lines=len(lines[file]), covered=sum(lines[file].values()), outcomes=len(outcomes), taken=sum(outcomes),
-                      pairs=len(pairs), independent=sum(pairs))  # fmt: skip
+        row = Counter(
+            lines=len(lines[file]),
+            covered=sum(lines[file].values()),
+            outcomes=len(outcomes),
+            taken=sum(outcomes),
+            pairs=len(pairs),
+            independent=sum(pairs),
+        )
         row["no_branch"] = sum(n for k, n in excused if k[3] != "never decides alone")
         row["no_pair"] = sum(n for k, n in excused if k[3] == "never decides alone")
         total.update(row)
         rows.append((file, row))
     rows.append(("**all**", total))
-    version = run(clang, "--version").stdout.splitlines()[0]
+    version = run_command(clang, "--version").stdout.splitlines()[0]
     out = [
         "# What the unit tests run",
         "",
         f"`scripts/dev/proof.sh coverage --write`; {version}, `{FLAGS}`, double, all of the library and",
-        f"as `TSE_SMALL`; {programs} test programs. A line, an outcome or a condition is covered where either build covers it.",
-        "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide",
-        "it alone. A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml",
+        f"as `TSE_SMALL`; {programs} test programs. A line, an outcome or a condition is "
+        "covered where either build covers it.",
+        "Branches: both outcomes of every condition. MC/DC: conditions of decisions with "
+        "more than one that were seen to decide",
+        "it alone. A condition in a macro counts once for each of its uses. *Reachable* "
+        "leaves out what tests/proof/coverage.toml",
         "says cannot be reached, with the reason (below).",
         "",
         "| file | lines | | branches | | reachable | MC/DC | | reachable |",
@@ -260,23 +301,25 @@ def page(
 
 
 def main() -> int:
+    """Measure, compare with coverage.toml, write the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("--toml", action="store_true", help="print what is missing as rows for coverage.toml")
     given = parser.parse_args()
-    clang = compiler()
+    clang = find_compiler()
     if not clang:
         print(
-            "coverage: skipped, no clang of 19 or later with its llvm-profdata is installed (scripts/setup.sh proof)"
+            "coverage: skipped, no clang of 19 or later with its llvm-profdata is installed "
+            "(scripts/setup.sh proof)"
         )
         return 0
     functions: list[dict] = []
     lines: dict[str, dict[int, bool]] = defaultdict(dict)
     programs, not_measured = 0, set()
     for name in BUILDS:
-        of_build, run_lines, count, without = measured(clang, name)
+        of_build, run_lines, count, without = measure(clang, name)
         functions += of_build
         programs += count
         not_measured.update(without)
@@ -284,12 +327,12 @@ def main() -> int:
             for line, covered in rows.items():
                 lines[file][line] = lines[file].get(line, False) or covered
     unmeasured = sorted(not_measured)
-    branches, decisions = collected(functions)
-    found, known = gaps(branches, decisions), reasons()
-    expected = {k: n for table in ("unreachable", "open") for k, (n, _) in listed(table).items()}
+    branches, decisions = collect_outcomes(functions)
+    found, known = find_gaps(branches, decisions), read_reasons()
+    expected = {k: n for table in ("unreachable", "open") for k, (n, _) in read_entries(table).items()}
     unlisted = sorted(k for k in found if found[k] > expected.get(k, 0))
     gone = sorted(k for k in expected if found.get(k, 0) < expected[k])
-    text = page(lines, branches, decisions, found, known, clang, programs, unmeasured)
+    text = format_page(lines, branches, decisions, found, known, clang, programs, unmeasured)
     if given.write:
         REPORT.write_text(text)
     if given.toml:
@@ -298,19 +341,22 @@ def main() -> int:
             missing[key[:3]].append(f"{json.dumps(key[3])} = {found[key]}")
         for (file, function, condition), never in missing.items():
             print(
-                f"[[open]]\nfile = {json.dumps(file)}\nat = [[{json.dumps(function)}, {json.dumps(condition)}]]"
+                f"[[open]]\nfile = {json.dumps(file)}\nat = [[{json.dumps(function)}, "
+                f"{json.dumps(condition)}]]"
             )
             print(f"never = {{ {', '.join(never)} }}\n")
     else:
         print(next(line for line in text.splitlines() if line.startswith("| **all**")))
     for file, function, condition, what in [] if given.toml else unlisted:
         print(
-            f"coverage: {file}: {function}: `{condition}` {what}: write a test, or the reason into tests/proof/coverage.toml",
+            f"coverage: {file}: {function}: `{condition}` {what}: write a test, or the "
+            "reason into tests/proof/coverage.toml",
             file=sys.stderr,
         )
     for file, function, condition, what in gone:
         print(
-            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so",
+            f"coverage: {file}: {function}: `{condition}` {what} stands in "
+            "tests/proof/coverage.toml and is not so",
             file=sys.stderr,
         )
     return 1 if unlisted or gone else 0

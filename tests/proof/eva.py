@@ -1,8 +1,12 @@
-"""Frama-C's EVA on tse_prepare(), tse_learnt_load() and tse_step(), with any bits as input.   scripts/dev/proof.sh eva
+"""Run Frama-C's EVA on tse_prepare(), tse_learnt_load() and tse_step() with any input
+bits.
 
-What eva.c asks is proven but for the alarms that eva.toml explains, one by one; an alarm that it does not explain is a failure,
-and so is an explanation that no alarm needs. Infinite numbers and NaN are no alarm: what is asked is memory, shifts, whole numbers,
-and what a real becomes that is made a whole number. What has been run before is not run again unless something that it reads has
+    scripts/dev/proof.sh eva
+
+The assertions of eva.c are proven but for the alarms that eva.toml explains one by one.
+An alarm without an explanation is a failure, and so is an explanation without an alarm.
+Infinite numbers and NaN raise no alarm: EVA checks memory, shifts, integers, and
+conversions of reals to integers. A run is repeated only if a file that it reads has
 changed.
 """
 
@@ -25,46 +29,55 @@ WORK = ROOT / "build" / "eva"
 REPORT = ROOT / "scripts" / "results" / "proof.md"
 EXPLAINED = HERE / "eva.toml"
 SUFFIX = {"double": "f64", "float": "f32", "fixed": "fix"}
-TARGETS = {  # name: what it asks
+TARGETS = {  # name: functions and their inputs
     "prepare": "tse_config_check: any bits as settings; tse_prepare, then tse_reset: any real settings",
     "learnt": "tse_learnt_load: any bytes, 0 .. 536 of them, any age, any form",
     "small": "tse_step, default form, built with TSE_SMALL: any row, filter and parameters with any reals",
     "step": "the same, of a whole build, with no velocity measured yet",
     "velocity": "the same, with a measured velocity",
     "particles": "tse_step, form 1, without effects: the same",
-    "numbers": "product, quotient, root: any sums of fifteen results; which are what every other row takes them to give",
+    "numbers": "product, quotient, root: any sums of fifteen results; the other targets assume their ranges",
 }
-BUILDS = {  # of another library than the default: definitions
+BUILDS = {  # definitions of targets with another build of the library
     "step": ["TSE_NO_EFFECTS", "TSE_NO_PARTICLES"],
     "velocity": ["TSE_NO_EFFECTS", "TSE_NO_PARTICLES"],
     "small": ["TSE_SMALL", "TSE_NO_EFFECTS", "TSE_NO_PARTICLES", "TSE_NO_VELOCITY"],
 }
-ASKED = {  # by default, of each format
+ASKED = {  # targets by number format
     "double": ["prepare", "learnt", "small", "step", "velocity"],
     "float": ["prepare", "learnt", "small", "step"],
     "fixed": ["prepare", "learnt", "numbers"],
 }
 SHORT = ["learnt"]  # for the tests
-# What these refuse is told apart. Of what stands in a header with a suffix for its format, that is the star.
+# Functions whose refusals are separate cases. The star stands for the suffix of the
+# number format.
 REFUSE = [
-    "tse_input_check_*", "tse_input_decode_*", "tse_row_decode_*", "tse_align_row_*", "tse_config_check_*", "first_outside",
-    "tse_prepare_*", "tse_check_latencies_*",
-]  # fmt: skip
-FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
+    "tse_input_check_*",
+    "tse_input_decode_*",
+    "tse_row_decode_*",
+    "tse_align_row_*",
+    "tse_config_check_*",
+    "first_outside",
+    "tse_prepare_*",
+    "tse_check_latencies_*",
+]
+FOLLOWED = {  # function: number of cases kept apart, such as early returns
     "tse_step_row_*": 2, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
     "tse_row_decode_*": 8, "first_outside": 400, "compute_vehicle_fingerprint": 400, "mix_effect": 60,
     "tse_config_check_*": 8, "tse_check_latencies_*": 8, "tse_prepare_*": 8, "prove_prepare": 8,
 }  # fmt: skip
-# TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
-# TSE_FIXED_CALLS: product, quotient and root are functions; those of eva.c, which give any result.
-UNROLLED = 60  # loops of a fixed number of turns up to this are followed turn by turn
-APART = (
-    8  # turns of any loop that are followed one by one: of events, so that each stays apart from the others;
-)
-APART_STEP = 32  # of the default form: of states, so that what a loop writes is known to be written
+# TSE_FIXED_HALVES: products of 32-bit halves, because Frama-C has no type of 128 bits;
+# test_real_ops.c checks that both give the same result. TSE_FIXED_CALLS: product,
+# quotient and root are functions; those of eva.c return any result.
+UNROLLED = 60  # loops with at most so many iterations are followed one by one
+# Iterations of a loop that are followed one by one: each event stays a case of its own.
+APART = 8
+# The same in the default filter: each state that a loop writes is then known.
+APART_STEP = 32
 
 
-def sources(target: str) -> list[str]:
+def list_sources(target: str) -> list[str]:
+    """Return the sources of a target."""
     listed = re.search(r"add_library\(tse\s([^)]*)\)", (ROOT / "src" / "CMakeLists.txt").read_text()).group(1)
     every = [x for x in re.sub(r"#.*", "", listed).split() if x.endswith(".c")]
     if target == "numbers":
@@ -77,8 +90,11 @@ def sources(target: str) -> list[str]:
     ]
 
 
-def what_it_reads(command: list[str], files: list[str]) -> str:
-    """The command, and a hash of all that it reads, as the preprocessor leaves it; of eva.c as it is, with its annotations."""
+def make_key(command: list[str], files: list[str]) -> str:
+    """Return the command, and a hash of all files that it reads, after the preprocessor.
+
+    eva.c is hashed as it is, with its annotations.
+    """
     defined = (
         next(word for word in command if word.startswith("-cpp-extra-args="))
         .removeprefix("-cpp-extra-args=")
@@ -96,8 +112,11 @@ def what_it_reads(command: list[str], files: list[str]) -> str:
     return "\n".join([*command, seen.hexdigest()])
 
 
-def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, str]], float]:
-    """(numbers of the run, alarms as (file, function, kind, property), seconds)"""
+def find_alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, str]], float]:
+    """Run a target.
+
+    Returns numbers of the run, alarms as (file, function, kind, property), and seconds.
+    """
     WORK.mkdir(parents=True, exist_ok=True)
     name, end = f"{target}-{form}", SUFFIX[form]
     csv_file, log, started = WORK / f"{name}.csv", WORK / f"{name}.log", WORK / f"{name}.command"
@@ -120,7 +139,7 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
         f"-cpp-extra-args=-Iinclude -Isrc -DTSE_REAL_{form.upper()}=1 -DTSE_MAX_PARTICLES=512 {numbers} "
         f"-DPROVE_{target.upper()}{defined}",
         "tests/proof/eva.c",
-        *sources(target),
+        *list_sources(target),
         "-eva",
         "-warn-special-float",
         "none",
@@ -134,7 +153,7 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
         str(csv_file),
     ]
     began = time.monotonic()
-    reads = what_it_reads(command, sources(target))
+    reads = make_key(command, list_sources(target))
     if not (csv_file.exists() and started.exists() and started.read_text() == reads):
         csv_file.unlink(missing_ok=True)
         started.write_text(reads)
@@ -169,12 +188,13 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
     return numbers, sorted(open_), time.monotonic() - began
 
 
-def explanations() -> list[dict]:
+def read_explanations() -> list[dict]:
+    """Return the explanations of eva.toml."""
     return tomllib.loads(EXPLAINED.read_text()).get("alarm", []) if EXPLAINED.exists() else []
 
 
-def explained(target: str, alarm: tuple[str, str, str, str], rows: list[dict]) -> int | None:
-    """Which row does: of any target, or of the one that it names."""
+def find_explanation(target: str, alarm: tuple[str, str, str, str], rows: list[dict]) -> int | None:
+    """Return the index of the explanation of an alarm, for its target or for any."""
     file, function, _, text = alarm
     for k, row in enumerate(rows):
         if (
@@ -187,8 +207,8 @@ def explained(target: str, alarm: tuple[str, str, str, str], rows: list[dict]) -
     return None
 
 
-def not_asked(results: list) -> list[str]:
-    """What the table leaves out: a target, and of which formats."""
+def list_omissions(results: list) -> list[str]:
+    """Return a line for each target that was not run in a number format."""
     left = {
         target: [form for form in SUFFIX if (target, form) not in {r[:2] for r in results}]
         for target in TARGETS
@@ -204,31 +224,40 @@ def not_asked(results: list) -> list[str]:
     return [f"{names[t]} ({', '.join(forms)})" for t, forms in left.items() if forms]
 
 
-def page(results: list, rows: list[dict], used: dict[int, set], targets: list[str]) -> str:
+def format_page(results: list, rows: list[dict], used: dict[int, set], targets: list[str]) -> str:
+    """Return the page with its table."""
     version = subprocess.run(["frama-c", "-version"], capture_output=True, text=True).stdout.strip()
     out = [
         "# What is proven of memory and whole numbers",
         "",
         f"`{' '.join(['scripts/dev/proof.sh eva --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86.",
         "Every real number of settings, parameters, filter and",
-        "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare()",
-        "and tse_filter_check() hold them to, and are asserted to be there after the row; in fixed point a number is any that an",
-        "operation gives (FIXED_MOST and below); product, quotient and root give any such, and are asked by themselves.",
-        "Two steps are by hand: tse_prepare() is given whole numbers (in fixed point real ones, too) in the ranges that",
-        "tse_config_check() has just held them to by a loop over a table; and the row that brings a measured velocity into use is",
+        "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter "
+        "are in the ranges that tse_prepare()",
+        "and tse_filter_check() hold them to, and are asserted to be there after the row; in "
+        "fixed point a number is any that an",
+        "operation gives (FIXED_MOST and below); product, quotient and root give any such, "
+        "and are asked by themselves.",
+        "Two steps are by hand: tse_prepare() is given whole numbers (in fixed point real "
+        "ones, too) in the ranges that",
+        "tse_config_check() has just held them to by a loop over a table; and the row that "
+        "brings a measured velocity into use is",
         "followed from there on by itself: what comes then is that of a filter that has one.",
         "No alarm: no access outside an object",
-        "or of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real",
+        "or of what was never written, no overflow or shift that C does not define, no "
+        "division of whole numbers by 0, no real",
         "made a whole number that cannot hold it.",
         "",
-        f"Not asked: {'; '.join(not_asked(results))}; effects, simulator and replay.",
+        f"Not asked: {'; '.join(list_omissions(results))}; effects, simulator and replay.",
         "",
-        "| asked | format | functions | statements reached | alarms | of them explained | still in range, proven |",
+        "| asked | format | functions | statements reached | alarms | of them explained | "
+        "still in range, proven |",
         "|---|---|---|---|---|---|---|",
     ]
     for target, form, numbers, found, open_ in results:
         out.append(
-            f"| {TARGETS[target]} | {form} | {numbers['functions']} | {numbers['reached']} of {numbers['statements']} | "
+            f"| {TARGETS[target]} | {form} | {numbers['functions']} | {numbers['reached']} "
+            f"of {numbers['statements']} | "
             f"{len(found)} | {len(found) - len(open_)} | {numbers['asserted']} |"
         )
     out += [
@@ -247,6 +276,7 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
 
 
 def main() -> int:
+    """Run the targets and check their alarms."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -257,13 +287,13 @@ def main() -> int:
     if not shutil.which("frama-c"):
         print("eva: skipped, frama-c is not installed (scripts/setup.sh proof)")
         return 0
-    rows, used, results, wrong = explanations(), defaultdict(set), [], 0
+    rows, used, results, wrong = read_explanations(), defaultdict(set), [], 0
     for form in given.format or SUFFIX:
         for target in given.target or ASKED[form]:
-            numbers, found, seconds = alarms(target, form)
+            numbers, found, seconds = find_alarms(target, form)
             open_ = []
             for alarm in found:
-                k = explained(target, alarm, rows)
+                k = find_explanation(target, alarm, rows)
                 if k is None:
                     open_.append(alarm)
                     print(f"eva: {target}, {form}: {' | '.join(alarm)}", file=sys.stderr)
@@ -272,7 +302,8 @@ def main() -> int:
             wrong += len(open_)
             results.append((target, form, numbers, found, open_))
             print(
-                f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not explained; {seconds:.0f} s",
+                f"eva: {target}, {form}: {len(found)} alarms, {len(open_)} of them not "
+                f"explained; {seconds:.0f} s",
                 flush=True,
             )
     if not given.target and not given.format:
@@ -284,7 +315,7 @@ def main() -> int:
                     file=sys.stderr,
                 )
     if given.write:
-        REPORT.write_text(page(results, rows, used, given.target))
+        REPORT.write_text(format_page(results, rows, used, given.target))
     return 1 if wrong else 0
 
 

@@ -1,8 +1,10 @@
-"""MISRA C:2012 as cppcheck's addon sees it: hits by rule, and whether each stands in a deviation.   scripts/dev/proof.sh misra
+"""Check MISRA C:2012 by the addon of cppcheck: hits by rule and their deviations.
 
-Rules are named by number; their texts are not ours to print. A deviation in misra.toml says which rule, in which files, on which
-lines (a pattern), and why. A hit of a mandatory or required rule outside of them is a failure, and so is a deviation that nothing
-needs.
+    scripts/dev/proof.sh misra
+
+Rules are named by number, because their texts are copyrighted. A deviation in misra.toml
+states rule, files, lines (a pattern) and reason. A hit of a mandatory or required rule
+without a deviation is a failure, and so is a deviation without a hit.
 """
 
 import argparse
@@ -21,28 +23,87 @@ ROOT = HERE.parents[1]
 REPORT = ROOT / "scripts" / "results" / "misra.md"
 DEVIATIONS = HERE / "misra.toml"
 # Categories of the rules that are not "required" (MISRA C:2012 with amendment 1).
-MANDATORY = {"9.1", "12.5", "13.6", "17.3", "17.4", "17.6", "19.1", "21.13", "21.17", "21.18", "21.19", "21.20", "22.2", "22.4",
-             "22.5", "22.6"}  # fmt: skip
-ADVISORY = {"1.2", "2.3", "2.4", "2.5", "2.6", "2.7", "4.2", "5.9", "8.7", "8.9", "8.11", "8.13", "10.5", "11.4", "11.5", "12.1",
-            "12.3", "12.4", "13.3", "13.4", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "20.10",
-            "21.12"}  # fmt: skip
+MANDATORY = {
+    "9.1",
+    "12.5",
+    "13.6",
+    "17.3",
+    "17.4",
+    "17.6",
+    "19.1",
+    "21.13",
+    "21.17",
+    "21.18",
+    "21.19",
+    "21.20",
+    "22.2",
+    "22.4",
+    "22.5",
+    "22.6",
+}
+ADVISORY = {
+    "1.2",
+    "2.3",
+    "2.4",
+    "2.5",
+    "2.6",
+    "2.7",
+    "4.2",
+    "5.9",
+    "8.7",
+    "8.9",
+    "8.11",
+    "8.13",
+    "10.5",
+    "11.4",
+    "11.5",
+    "12.1",
+    "12.3",
+    "12.4",
+    "13.3",
+    "13.4",
+    "15.1",
+    "15.4",
+    "15.5",
+    "17.5",
+    "17.8",
+    "18.4",
+    "18.5",
+    "19.2",
+    "20.1",
+    "20.5",
+    "20.10",
+    "21.12",
+}
 DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
 SHORT = [
     "src/estimator/input.c",
     "src/filter/step.c",
     "src/paper/resample.c",
     "src/host/learnt.c",
-]  # for the tests
+]  # files for the tests
 
 
-def category(rule: str) -> str:
+def find_category(rule: str) -> str:
+    """Return the category of a rule."""
     return "mandatory" if rule in MANDATORY else "advisory" if rule in ADVISORY else "required"
 
 
-def hits(files: list[str]) -> set[tuple[str, str, int]]:
-    """(rule, file, line) of each."""
-    command = ["cppcheck", "--addon=misra", "--std=c99", "--enable=style", "--inconclusive", "-q", "-Iinclude", "-Isrc", *DEFINES,
-               "--template={file}:{line}:{id}", *files]  # fmt: skip
+def find_hits(files: list[str]) -> set[tuple[str, str, int]]:
+    """Return (rule, file, line) of each hit."""
+    command = [
+        "cppcheck",
+        "--addon=misra",
+        "--std=c99",
+        "--enable=style",
+        "--inconclusive",
+        "-q",
+        "-Iinclude",
+        "-Isrc",
+        *DEFINES,
+        "--template={file}:{line}:{id}",
+        *files,
+    ]
     said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     found = set()
     for line in said.stderr.splitlines() + said.stdout.splitlines():
@@ -53,11 +114,13 @@ def hits(files: list[str]) -> set[tuple[str, str, int]]:
     return found
 
 
-def deviations() -> list[dict]:
+def read_deviations() -> list[dict]:
+    """Return the deviations of misra.toml."""
     return tomllib.loads(DEVIATIONS.read_text())["deviation"]
 
 
-def excused(hit: tuple[str, str, int], rows: list[dict], lines: dict[str, list[str]]) -> int | None:
+def find_deviation(hit: tuple[str, str, int], rows: list[dict], lines: dict[str, list[str]]) -> int | None:
+    """Return the index of the deviation that covers a hit, or None."""
     rule, file, line = hit
     text = lines.setdefault(file, (ROOT / file).read_text().splitlines())
     shown = text[line - 1] if 0 < line <= len(text) else ""
@@ -71,12 +134,12 @@ def excused(hit: tuple[str, str, int], rows: list[dict], lines: dict[str, list[s
     return None
 
 
-def judged(files: list[str]) -> tuple[list, Counter, dict, set]:
-    """(hits without a deviation, hits by deviation, counts by rule, hits)"""
-    rows, lines, found = deviations(), {}, hits(files)
+def judge_hits(files: list[str]) -> tuple[list, Counter, dict, set]:
+    """Return hits without a deviation, hits by deviation, counts by rule, all hits."""
+    rows, lines, found = read_deviations(), {}, find_hits(files)
     without, used, by_rule = [], Counter(), defaultdict(Counter)
     for hit in sorted(found, key=lambda h: ([int(x) for x in h[0].split(".")], h[1:])):
-        row = excused(hit, rows, lines)
+        row = find_deviation(hit, rows, lines)
         by_rule[hit[0]]["all"] += 1
         if row is None:
             without.append(hit)
@@ -86,10 +149,11 @@ def judged(files: list[str]) -> tuple[list, Counter, dict, set]:
     return without, used, by_rule, found
 
 
-def page(without: list, used: Counter, by_rule: dict) -> str:
+def format_page(without: list, used: Counter, by_rule: dict) -> str:
+    """Return the page with its tables."""
     version = subprocess.run(["cppcheck", "--version"], capture_output=True, text=True).stdout.strip()
     sums = {
-        c: [sum(n[k] for r, n in by_rule.items() if category(r) == c) for k in ("all", "without")]
+        c: [sum(n[k] for r, n in by_rule.items() if find_category(r) == c) for k in ("all", "without")]
         for c in ("mandatory", "required", "advisory")
     }
     out = [
@@ -103,7 +167,7 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
     ]
     out += [f"| {c} | {a} | {w} |" for c, (a, w) in sums.items()]
     out += ["", "| rule | category | hits | without a deviation |", "|---|---|---|---|"]
-    out += [f"| {r} | {category(r)} | {n['all']} | {n['without']} |" for r, n in by_rule.items()]
+    out += [f"| {r} | {find_category(r)} | {n['all']} | {n['without']} |" for r, n in by_rule.items()]
     out += [
         "",
         "## Deviations (tests/proof/misra.toml)",
@@ -111,13 +175,14 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
         "| rules | where | on lines with | hits | why |",
         "|---|---|---|---|---|",
     ]
-    for k, row in enumerate(deviations()):
+    for k, row in enumerate(read_deviations()):
         line = row.get("line", "")
         shown = f"`{line}`".replace("|", "\\|") if line else "any"
         out.append(
-            f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |"
+            f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} "
+            f"| {used[k]} | {row['why']} |"
         )
-    left = [h for h in without if category(h[0]) == "advisory"]
+    left = [h for h in without if find_category(h[0]) == "advisory"]
     if left:
         out += ["", f"## Advisory, neither followed nor deviated from: {len(left)}", ""]
         by = Counter(h[0] for h in left)
@@ -125,15 +190,17 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
     return "\n".join(out) + "\n"
 
 
-def failures(without: list) -> list[str]:
+def list_failures(without: list) -> list[str]:
+    """Return a line for each hit that is a failure."""
     return [
-        f"{file}:{line}: rule {rule} ({category(rule)}), in no deviation"
+        f"{file}:{line}: rule {rule} ({find_category(rule)}), in no deviation"
         for rule, file, line in without
-        if category(rule) != "advisory"
+        if find_category(rule) != "advisory"
     ]
 
 
 def main() -> int:
+    """Check the files and write the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -144,20 +211,21 @@ def main() -> int:
         print("misra: skipped, cppcheck is not installed (scripts/setup.sh proof)")
         return 0
     every = sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "src").rglob("*.c"))
-    without, used, by_rule, found = judged(given.files or every)
+    without, used, by_rule, found = judge_hits(given.files or every)
     if given.write:
-        REPORT.write_text(page(without, used, by_rule))
-    wrong = failures(without)
+        REPORT.write_text(format_page(without, used, by_rule))
+    wrong = list_failures(without)
     if not given.files:
         wrong += [
             f"deviation {row['rules']} in {row.get('files', ['all'])} is of no use"
-            for k, row in enumerate(deviations())
+            for k, row in enumerate(read_deviations())
             if not used[k]
         ]
     for line in wrong:
         print(f"misra: {line}", file=sys.stderr)
     print(
-        f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation"
+        f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or "
+        "required rules without a deviation"
     )
     return 1 if wrong else 0
 

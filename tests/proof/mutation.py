@@ -1,10 +1,14 @@
-"""How many small faults in the core do the unit tests and the golden replay find?   scripts/dev/proof.sh mutation
+"""Measure the share of small faults in the core that unit tests and golden replay find.
 
-A fault is one token changed, or one statement left out (KINDS), in a file of FOLDERS. Each is compiled, and the tests are run
-until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile, and those that a
-compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives is tried once more by the
-file's own tests with sanitizers, as preset dev compiles them: a loop that runs one place too far shows nowhere else. What
-survives that stands in the report by file and line; one that no test could find stands in faults.toml with the reason.
+    scripts/dev/proof.sh mutation
+
+A fault changes one token, or omits one statement (KINDS), in a file of FOLDERS. Each is
+compiled, and the tests run until one fails: those of the file first, then the others, the
+quickest first. Faults that do not compile are not counted, nor those that compile to the
+same bytes as the original (Papadakis et al., ICSE 2015). If no test fails, the tests of
+the file run with sanitizers, as in preset dev, because nothing else finds a loop that
+runs one iteration too far. The report lists surviving faults by file and line.
+faults.toml lists faults that no test can find, with the reason.
 """
 
 import argparse
@@ -43,14 +47,41 @@ SANITIZERS = [
     "-fno-sanitize-recover=all",
     "-fno-omit-frame-pointer",
 ]  # of CMakePresets.json
-LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than without the fault, runs for ever
+# A test that takes longer, and ten times longer than without the fault, does not end, s.
+MIN_TIME = 10.0
 
-SWAPS = {  # operator: what takes its place
-    "relation": {"<": ["<=", ">="], ">": [">=", "<="], "<=": ["<", ">"], ">=": [">", "<"], "==": ["!="], "!=": ["=="]},
+SWAPS = {  # operator: replacements
+    "relation": {
+        "<": ["<=", ">="],
+        ">": [">=", "<="],
+        "<=": ["<", ">"],
+        ">=": [">", "<"],
+        "==": ["!="],
+        "!=": ["=="],
+    },
     "logic": {"&&": ["||"], "||": ["&&"]},
-    "arithmetic": {"+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "%": ["*"], "<<": [">>"], ">>": ["<<"], "&": ["|"], "|": ["&"],
-                   "^": ["|"]},
-    "assignment": {"+=": ["-="], "-=": ["+="], "++": ["--"], "--": ["++"], "|=": ["&="], "&=": ["|="], "^=": ["|="], "*=": ["/="]},
+    "arithmetic": {
+        "+": ["-"],
+        "-": ["+"],
+        "*": ["/"],
+        "/": ["*"],
+        "%": ["*"],
+        "<<": [">>"],
+        ">>": ["<<"],
+        "&": ["|"],
+        "|": ["&"],
+        "^": ["|"],
+    },
+    "assignment": {
+        "+=": ["-="],
+        "-=": ["+="],
+        "++": ["--"],
+        "--": ["++"],
+        "|=": ["&="],
+        "&=": ["|="],
+        "^=": ["|="],
+        "*=": ["/="],
+    },
     "call": {
         "r_mul": ["r_div"],
         "r_div": ["r_mul"],
@@ -63,7 +94,7 @@ SWAPS = {  # operator: what takes its place
         "r_exp2": ["r_log2"],
         "r_log2": ["r_exp2"],
     },
-}  # fmt: skip
+}
 KINDS = [*SWAPS, "number", "negation", "condition", "statement"]
 TOKEN = re.compile(
     r"(?P<skip>/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|\s+)"
@@ -89,8 +120,12 @@ class Fault:
         return f"`{' '.join(self.old.split())}` becomes `{' '.join(self.new.split()) or 'nothing'}`"
 
 
-def directives_blanked(text: str) -> str:
-    """Preprocessor lines as blanks: a fault in one would be a fault of another program. Constants of one line are kept."""
+def blank_directives(text: str) -> str:
+    """Replace preprocessor lines by blanks, because a fault there changes the program
+    itself.
+
+    One-line constants stay.
+    """
     out, more = [], False
     for line in text.splitlines(keepends=True):
         constant = re.match(r"#define [A-Z_0-9]+ +(TSE_R\([-0-9.e]+\)|[0-9]+)\s", line)
@@ -104,7 +139,7 @@ def directives_blanked(text: str) -> str:
     return "".join(out)
 
 
-def closing(tokens: list, start: int) -> int:
+def find_closing(tokens: list, start: int) -> int:
     depth = 0
     for i in range(start, len(tokens)):
         depth += (tokens[i][1] == "(") - (tokens[i][1] == ")")
@@ -113,9 +148,10 @@ def closing(tokens: list, start: int) -> int:
     return -1
 
 
-def faults_of(name: str) -> list[Fault]:
+def find_faults(name: str) -> list[Fault]:
+    """Return all faults of a file."""
     whole = (SRC / name).read_text()
-    text = directives_blanked(whole)
+    text = blank_directives(whole)
     tokens = [
         (m.lastgroup, m.group(), m.start(), m.end()) for m in TOKEN.finditer(text) if m.lastgroup != "skip"
     ]
@@ -151,24 +187,52 @@ def faults_of(name: str) -> list[Fault]:
         if token == "!" and depth:
             add("negation", at, end, "")
         if group == "name" and token in ("if", "while") and depth and tokens[i + 1][1] == "(":
-            close = closing(tokens, i + 1)
+            close = find_closing(tokens, i + 1)
             inner = whole[tokens[i + 1][3] : tokens[close][2]]
             add("condition", tokens[i + 1][3], tokens[close][2], f"!({inner})")
             if token == "if":
                 add("condition", tokens[i + 1][3], tokens[close][2], "0")
                 add("condition", tokens[i + 1][3], tokens[close][2], "1")
-        # a statement that is an expression: begins after ; { } ) else, is no declaration, ends with ;
+        # A statement that is an expression begins after ; { } ) else, declares nothing,
+        # and ends with ;
         if depth and (group == "name" or token in ("++", "--")) and before[1] in (";", "{", "}", ")", "else"):
-            found.extend(statement(name, whole, tokens, i))
+            found.extend(find_statement(name, whole, tokens, i))
     return found
 
 
-WORDS = {"if", "for", "while", "do", "switch", "case", "default", "return", "break", "continue", "const", "static", "enum",
-         "struct", "typedef", "int", "int32_t", "uint32_t", "uint64_t", "uint8_t", "tse_real", "tse_acc", "tse_setting", "else",
-         "char", "double", "float"}  # fmt: skip
+WORDS = {
+    "if",
+    "for",
+    "while",
+    "do",
+    "switch",
+    "case",
+    "default",
+    "return",
+    "break",
+    "continue",
+    "const",
+    "static",
+    "enum",
+    "struct",
+    "typedef",
+    "int",
+    "int32_t",
+    "uint32_t",
+    "uint64_t",
+    "uint8_t",
+    "tse_real",
+    "tse_acc",
+    "tse_setting",
+    "else",
+    "char",
+    "double",
+    "float",
+}
 
 
-def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
+def find_statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
+    """Return the fault that omits a statement, if there is one."""
     if tokens[start][1] in WORDS or (tokens[start][0] == "name" and tokens[start + 1][0] == "name"):
         return []
     depth = 0
@@ -195,12 +259,12 @@ def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
     return []
 
 
-def sources() -> list[str]:
+def list_sources() -> list[str]:
     listed = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
     return [x for x in re.sub(r"#.*", "", listed).split() if x.endswith(".c")]
 
 
-def core_files() -> list[str]:
+def list_core_files() -> list[str]:
     files = sorted(
         p.relative_to(SRC).as_posix()
         for d in FOLDERS
@@ -211,7 +275,7 @@ def core_files() -> list[str]:
 
 
 class Bench:
-    """Objects and tests, compiled once; what a fault touches is compiled again."""
+    """Objects and tests, compiled once. A fault recompiles the files that it touches."""
 
     def __init__(self, work: Path, compiler: str, more: list[str] | None = None) -> None:
         self.work, self.cc, self.more = work, compiler, more or []
@@ -225,7 +289,7 @@ class Bench:
         self.tests, self.includes = {}, {}
         for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
             if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log", "test_small"):
-                continue  # not of the core, or of another build
+                continue  # not in the core, or in another build
             name = path.stem.replace("test_", "test_filter_") if path.parent.name == "filter" else path.stem
             self.includes[name] = set(re.findall(r'#include "([^"]+\.c)"', path.read_text()))
             self.tests[name] = work / "test" / f"{name}.c"
@@ -242,15 +306,19 @@ class Bench:
         command = [self.cc, *FLAGS, *self.more, *first, *self.include, *more, "-c", source, "-o", out]
         return subprocess.run(command, capture_output=True).returncode == 0
 
-    def objects(self) -> dict[str, Path]:
-        return {s: self.work / "obj" / (s.replace("/", "_") + ".o") for s in sources()}
+    def compile_objects(self) -> dict[str, Path]:
+        return {s: self.work / "obj" / (s.replace("/", "_") + ".o") for s in list_sources()}
 
     def prepare(self, quick: bool = False) -> None:
-        """quick: tests are compiled when they are needed, and not run without a fault (they have been, by another bench)."""
-        for source, out in self.objects().items():
+        """Compile objects and tests; run the tests without a fault to measure their time.
+
+        `quick`: compile tests on demand and do not run them, because another bench has
+        run them.
+        """
+        for source, out in self.compile_objects().items():
             if not self.compile(SRC / source, out):
                 raise SystemExit(f"mutation: {source} does not compile")
-        self.archive(self.library, list(self.objects().values()))
+        self.archive(self.library, list(self.compile_objects().values()))
         if not self.compile(UNITY / "unity.c", self.work / "test" / "unity.o", test=True):
             raise SystemExit(f"mutation: no Unity in {UNITY}: run scripts/setup.sh")
         for name, path in ({} if quick else self.tests).items():
@@ -262,7 +330,7 @@ class Bench:
             self.seconds[name] = time.monotonic() - began
 
     def archive(self, out: Path, objects: list[Path]) -> None:
-        """A library, because a test that includes a source must not get its object, too."""
+        """Write a library: a test that includes a source must not link its object."""
         subprocess.run(["ar", "rcsD", str(out), *map(str, objects)], check=True)
 
     def run(self, name: str, library: Path, test: Path) -> str:
@@ -279,26 +347,26 @@ class Bench:
         ]
         if subprocess.run(link, capture_output=True).returncode:
             return "failed"
-        limit = max(LEAST_TIME, 10 * self.seconds.get(name, 30.0))
+        limit = max(MIN_TIME, 10 * self.seconds.get(name, 30.0))
         try:
             done = subprocess.run([str(program)], cwd=ROOT / "tests", capture_output=True, timeout=limit)
         except subprocess.TimeoutExpired:
             return "failed"
         return "failed" if done.returncode else "passed"
 
-    def own(self, name: str) -> set[str]:
+    def find_own_tests(self, name: str) -> set[str]:
         stem, of_filter = Path(name).stem, Path(name).parent.name == "filter"
         own = {f"test_{'filter_' if of_filter else ''}{stem}", f"test_{stem}"}
         if stem in ("effects", "effects_constant", "catalogue", "integrator"):
             own |= {"test_effect_forces", "test_effect_linear"}
         return own & set(self.tests)
 
-    def order(self, name: str) -> list[str]:
-        own = self.own(name)
+    def order_tests(self, name: str) -> list[str]:
+        own = self.find_own_tests(name)
         return sorted(self.tests, key=lambda t: (t not in own, t != "test_replay" and self.seconds.get(t, 0)))
 
-    def users(self, header: str) -> list[str]:
-        """Sources that include it, by way of others too."""
+    def find_users(self, header: str) -> list[str]:
+        """Return the sources that include a header, directly or indirectly."""
         wanted, grown = {header}, True
         texts = {
             p.relative_to(SRC).as_posix(): p.read_text() for p in SRC.rglob("*") if p.suffix in {".c", ".h"}
@@ -306,17 +374,17 @@ class Bench:
         while grown:
             more = {n for n, t in texts.items() if n not in wanted and any(f'"{w}"' in t for w in wanted)}
             grown, wanted = bool(more), wanted | more
-        return [s for s in sources() if s in wanted]
+        return [s for s in list_sources() if s in wanted]
 
     def judge(self, fault: Fault, own_only: bool = False) -> str:
-        """stillborn, same (the very bytes), found, or survived."""
+        """Return stillborn, same (equal bytes), found, or survived."""
         over = self.work / "over"
         changed = over / fault.file
         changed.parent.mkdir(parents=True, exist_ok=True)
         text = (SRC / fault.file).read_text()
         changed.write_text(text[: fault.at] + fault.new + text[fault.end :])
-        objects, header, others = self.objects(), fault.file.endswith(".h"), []
-        users = self.users(fault.file) if header else [fault.file]
+        objects, header, others = self.compile_objects(), fault.file.endswith(".h"), []
+        users = self.find_users(fault.file) if header else [fault.file]
         library = over / "libtse.a"
         shutil.copy(self.library, library)
         try:
@@ -329,7 +397,7 @@ class Bench:
             if others:
                 self.archive(library, others)
             differs = bool(others)
-            for name in sorted(self.own(fault.file)) if own_only else self.order(fault.file):
+            for name in sorted(self.find_own_tests(fault.file)) if own_only else self.order_tests(fault.file):
                 test = self.work / "test" / f"{name}.o"
                 if not test.exists():
                     self.compile(self.tests[name], test, test=True)
@@ -338,7 +406,7 @@ class Bench:
                     if not self.compile(self.tests[name], again, over, test=True):
                         return "stillborn"
                     if again.read_bytes() == test.read_bytes() and not others:
-                        continue  # this test sees nothing of it
+                        continue  # this test does not use the file
                     differs, test = True, again
                 elif not others:
                     continue
@@ -350,7 +418,7 @@ class Bench:
 
 
 class Court:
-    """The bench, and for what survives there one with sanitizers, on which the file's own tests run."""
+    """A bench, and one with sanitizers that judges survivors by the tests of the file."""
 
     def __init__(self, work: Path, compiler: str) -> None:
         self.bench, self.second = Bench(work, compiler), Bench(work / "sanitized", compiler, SANITIZERS)
@@ -358,7 +426,7 @@ class Court:
         self.second.library.unlink(missing_ok=True)
 
     def judge(self, fault: Fault) -> str:
-        """As Bench.judge(), or found by sanitizers."""
+        """Return the verdict of Bench.judge(), or found by sanitizers."""
         verdict = self.bench.judge(fault)
         if verdict == "survived":
             if not self.second.library.exists():
@@ -367,26 +435,27 @@ class Court:
         return verdict
 
 
-def sampled(faults: list[Fault], count: int, seed: int) -> list[Fault]:
-    """Each fault as likely as any other, so that the interval is one of all of them."""
+def draw_sample(faults: list[Fault], count: int, seed: int) -> list[Fault]:
+    """Draw faults, each with the same probability, so that the interval holds for all."""
     return random.Random(seed).sample(faults, min(count, len(faults)))
 
 
-def wilson(k: int, n: int) -> tuple[float, float]:
-    """95 % interval of a share."""
+def compute_wilson_interval(k: int, n: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share."""
     if not n:
         return 0.0, 1.0
     found = binomtest(k, n).proportion_ci(method="wilson")
     return float(found.low), float(found.high)
 
 
-def key_of(fault: Fault) -> str:
-    """Of a fault, wherever its line has moved to."""
+def make_key(fault: Fault) -> str:
+    """Return a key of a fault that does not depend on its line number."""
     line = (SRC / fault.file).read_text().splitlines()[fault.line - 1].strip()
     return f"{fault.file} | {line} | {fault.old} -> {fault.new}"
 
 
-def equivalent() -> dict[str, str]:
+def read_equivalent() -> dict[str, str]:
+    """Return the reasons of faults.toml by fault."""
     return (
         {row["fault"]: row["why"] for row in tomllib.loads(EQUIVALENT.read_text()).get("equivalent", [])}
         if EQUIVALENT.exists()
@@ -395,6 +464,7 @@ def equivalent() -> dict[str, str]:
 
 
 def main() -> int:
+    """Judge a sample of the faults and write the report."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -413,8 +483,10 @@ def main() -> int:
     )
     given = parser.parse_args()
 
-    faults = [f for name in core_files() if not given.only or given.only in name for f in faults_of(name)]
-    chosen = faults if given.all else sampled(faults, given.count, given.seed)
+    faults = [
+        f for name in list_core_files() if not given.only or given.only in name for f in find_faults(name)
+    ]
+    chosen = faults if given.all else draw_sample(faults, given.count, given.seed)
     if given.list:
         for f in chosen:
             print(f"{f.file}:{f.line}: {f.kind}: {f.text}")
@@ -422,32 +494,35 @@ def main() -> int:
         return 0
     court = Court(ROOT / "build" / "mutation", given.compiler)
     print(
-        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(court.bench.seconds.values()):.0f} s",
+        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take "
+        f"{sum(court.bench.seconds.values()):.0f} s",
         flush=True,
     )
-    known, began, verdicts = equivalent(), time.monotonic(), []
+    known, began, verdicts = read_equivalent(), time.monotonic(), []
     for fault in chosen:
         if time.monotonic() - began > given.seconds:
             break
-        verdict = "known" if key_of(fault) in known else court.judge(fault)
+        verdict = "known" if make_key(fault) in known else court.judge(fault)
         verdicts.append((fault, verdict))
         if verdict == "survived":
             print(f"survived: {fault.file}:{fault.line}: {fault.kind}: {fault.text}", flush=True)
-    page, share = report(given, len(faults), verdicts, known, court.bench)
+    page, share = format_report(given, len(faults), verdicts, known, court.bench)
     print(page)
     if given.write:
         REPORT.write_text(page)
     return 0 if share >= 0.9 else 1
 
 
-def report(
+def format_report(
     given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str, str], bench: Bench
 ) -> tuple[str, float]:
+    """Return the report and the share found."""
+
     def count(verdict: str, chosen=verdicts) -> int:
         return sum(v == verdict for _, v in chosen)
 
     found, survived = count("found") + count("found by sanitizers"), count("survived")
-    low, high = wilson(found, found + survived)
+    low, high = compute_wilson_interval(found, found + survived)
     share = found / max(1, found + survived)
     version = subprocess.run(
         [given.compiler, "--version"], capture_output=True, text=True
@@ -460,12 +535,16 @@ def report(
     lines = [
         "# Mutation score of the core",
         "",
-        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in src/{', src/'.join(FOLDERS)},",
+        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in "
+        f"src/{', src/'.join(FOLDERS)},",
         f"drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.",
         "",
-        f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval {100 * low:.1f} .. {100 * high:.1f} %.**",
-        f"{count('found by sanitizers')} of them by nothing but the file's own tests with sanitizers, as preset dev compiles them.",
-        f"Not counted: {count('stillborn')} that do not compile, {count('same')} that compile to the same bytes,",
+        f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval "
+        f"{100 * low:.1f} .. {100 * high:.1f} %.**",
+        f"{count('found by sanitizers')} of them by nothing but the file's own tests with "
+        "sanitizers, as preset dev compiles them.",
+        f"Not counted: {count('stillborn')} that do not compile, {count('same')} that "
+        "compile to the same bytes,",
         f"{count('known')} that no test could find (below).",
         "",
         "| kind | found | survived |",
@@ -474,7 +553,8 @@ def report(
     for kind in KINDS:
         own = [x for x in verdicts if x[0].kind == kind]
         lines.append(
-            f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | {count('survived', own)} |"
+            f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | "
+            f"{count('survived', own)} |"
         )
     lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
     lines += [
@@ -490,7 +570,7 @@ def report(
         "|---|---|---|",
     ]
     lines += [
-        f"| src/{f.file}:{f.line} | {f.text.replace('|', chr(92) + '|')} | {known[key_of(f)]} |"
+        f"| src/{f.file}:{f.line} | {f.text.replace('|', chr(92) + '|')} | {known[make_key(f)]} |"
         for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at))
         if v == "known"
     ]

@@ -19,40 +19,40 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.skipif(not shutil.which("cppcheck"), reason="cppcheck is not installed (scripts/setup.sh proof)")
 def test_no_required_misra_rule_is_broken_outside_the_deviations():
-    """Of a file of each folder, and the headers they include; scripts/dev/proof.sh misra looks at all."""
-    without, _, _, found = misra.judged(misra.SHORT)
+    """Check a file of each folder; scripts/dev/proof.sh misra checks all."""
+    without, _, _, found = misra.judge_hits(misra.SHORT)
     assert len(found) > 100
-    assert not misra.failures(without)
+    assert not misra.list_failures(without)
 
 
 @pytest.mark.skipif(not shutil.which("cppcheck"), reason="cppcheck is not installed (scripts/setup.sh proof)")
 def test_a_new_misra_hit_is_seen(tmp_path):
     broken = tmp_path / "broken.c"
     broken.write_text("extern int octal;\nint octal = 017;\n")
-    hit = {h for h in misra.hits([str(broken)]) if h[0] == "7.1"}
-    assert len(hit) == 1 and misra.category("7.1") == "required"
+    hit = {h for h in misra.find_hits([str(broken)]) if h[0] == "7.1"}
+    assert len(hit) == 1 and misra.find_category("7.1") == "required"
     rule, _, line = hit.pop()
-    assert misra.failures([(rule, "src/broken.c", line)])
+    assert misra.list_failures([(rule, "src/broken.c", line)])
 
 
 def test_deviations_explanations_and_reasons_say_why():
-    said = [row["why"] for row in (*misra.deviations(), *eva.explanations())]
-    said += [*coverage.reasons().values(), *mutation.equivalent().values()]
+    said = [row["why"] for row in (*misra.read_deviations(), *eva.read_explanations())]
+    said += [*coverage.read_reasons().values(), *mutation.read_equivalent().values()]
     assert said and all(len(why) > 20 for why in said)
 
 
 def test_what_cannot_be_covered_is_still_in_the_source():
-    """A reason for a condition that is gone is of no use."""
-    for file, function, condition, _ in coverage.reasons():
+    """A reason must belong to a condition of the source."""
+    for file, function, condition, _ in coverage.read_reasons():
         text = " ".join((ROOT / file).read_text().replace("\\\n", " ").split())
-        header = (ROOT / file).with_suffix(".h")  # where the name that it is linked by may stand
+        header = (ROOT / file).with_suffix(".h")  # may hold the name of the symbol
         named = text + (header.read_text() if header.exists() else "")
         assert function.removeprefix("tse_") in named, (file, function)
         assert " ".join(condition.split()) in text or condition.startswith("condition "), (file, condition)
 
 
 def test_faults_without_a_test_are_still_in_the_source():
-    for fault in mutation.equivalent():
+    for fault in mutation.read_equivalent():
         file, rest = fault.split(" | ", 1)
         line = rest.rsplit(" | ", 1)[0]
         assert line in (mutation.SRC / file).read_text(), fault
@@ -60,7 +60,7 @@ def test_faults_without_a_test_are_still_in_the_source():
 
 def test_every_fault_of_the_table_can_be_put_in_and_is_of_the_filter_or_its_model():
     """The run itself takes half an hour."""
-    found = faults.faults()
+    found = faults.read_faults()
     assert len(found) == 30 and len({what for what, _ in found}) == 30
     assert {f.file.split("/")[0] for _, f in found} == {"filter", "model"}
     assert all(f.old != f.new for _, f in found)
@@ -68,7 +68,7 @@ def test_every_fault_of_the_table_can_be_put_in_and_is_of_the_filter_or_its_mode
 
 def test_the_table_names_every_fault():
     text = faults.REPORT.read_text(encoding="utf-8")
-    assert all(f"| {what} |" in text for what, _ in faults.faults())
+    assert all(f"| {what} |" in text for what, _ in faults.read_faults())
 
 
 @pytest.mark.skipif(
@@ -76,7 +76,7 @@ def test_the_table_names_every_fault():
     reason="no gcc, or no Unity (scripts/setup.sh)",
 )
 def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
-    """The machine of the mutation score, on one small file."""
+    """The judge of the mutation score, on one small file."""
     bench = mutation.Bench(tmp_path, "gcc")
     bench.tests = {"test_start": bench.tests["test_start"]}
     bench.prepare()
@@ -92,6 +92,6 @@ def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
 @pytest.mark.skipif(not shutil.which("frama-c"), reason="frama-c is not installed (scripts/setup.sh proof)")
 @pytest.mark.parametrize("target", eva.SHORT)
 def test_no_alarm_without_an_explanation(target):
-    _, found, _ = eva.alarms(target, "double")
-    rows = eva.explanations()
-    assert not [a for a in found if eva.explained(target, a, rows) is None]
+    _, found, _ = eva.find_alarms(target, "double")
+    rows = eva.read_explanations()
+    assert not [a for a in found if eva.find_explanation(target, a, rows) is None]

@@ -1,6 +1,10 @@
-"""The site builds without a warning and without the net, references are complete, and what pages show as code runs, compiles, or
-says why not. The Markdown that git holds is whole as a forge shows it. The words are those of the field: README, pages, messages,
-help, comments, names."""
+"""The site builds without a warning and without a network, and its references are
+complete.
+
+Code on the pages runs, compiles, or states why not. The Markdown that git holds is
+complete as a forge shows it. README, pages, messages, help, comments and names use words
+of the field.
+"""
 
 import os
 import re
@@ -41,14 +45,16 @@ void start_as_the_settings_say(void);
 """
 
 
-def written() -> dict[str, str]:
+def read_pages() -> dict[str, str]:
+    """Return README and the pages by path."""
     paths = [ROOT / "README.md", *sorted(PAGES.rglob("*.md"))]
     return {p.relative_to(ROOT).as_posix(): p.read_text(encoding="utf-8") for p in paths}
 
 
-def blocks(kind: str) -> list[pytest.param]:
+def find_blocks(kind: str) -> list[pytest.param]:
+    """Return the code blocks of some languages as test parameters."""
     found = []
-    for name, text in written().items():
+    for name, text in read_pages().items():
         for i, m in enumerate(FENCE.finditer(text)):
             if m["kind"] in kind.split() and not m["why"]:
                 found.append(pytest.param(m["body"], id=f"{name}-{i}"))
@@ -58,7 +64,7 @@ def blocks(kind: str) -> list[pytest.param]:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Built in a process that cannot reach any other machine."""
+    """Build the site in a process that cannot reach any other machine."""
     for module in NEEDED:
         pytest.importorskip(module, reason=ABSENT)
     out = tmp_path_factory.mktemp("site")
@@ -158,7 +164,7 @@ def test_the_python_reference_has_every_name():
 
 
 def test_every_block_says_what_it_is():
-    for name, text in written().items():
+    for name, text in read_pages().items():
         for m in FENCE.finditer(text):
             assert m["kind"] in RUN, f"{name}: a block of {m['kind']!r}"
             assert m["kind"] != "sql" or m["why"], f"{name}: sql without a reason"
@@ -166,7 +172,7 @@ def test_every_block_says_what_it_is():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A small log and a vehicle file, as the blocks name them."""
+    """Return a folder with a small log and a vehicle file for the code blocks."""
     from tse.report.tables import simulated_vehicle
 
     out = tmp_path_factory.mktemp("blocks")
@@ -175,14 +181,14 @@ def folder(tmp_path_factory):
     return out
 
 
-@pytest.mark.parametrize("body", blocks("python"))
+@pytest.mark.parametrize("body", find_blocks("python"))
 def test_python_runs(body, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     exec(compile(body, "page", "exec"), {"__name__": "page"})
     assert capsys.readouterr().out
 
 
-@pytest.mark.parametrize("body", blocks("c"))
+@pytest.mark.parametrize("body", find_blocks("c"))
 def test_c_compiles(body, tmp_path):
     if (cc := shutil.which("cc")) is None:
         pytest.skip("no C compiler")
@@ -207,8 +213,8 @@ def test_c_compiles(body, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def parsed(words: list[str]) -> None:
-    """Options and arguments of a command line, by click, without running it or opening its files."""
+def parse_command(words: list[str]) -> None:
+    """Parse a command line by click without running it or opening its files."""
     command: click.Command = cli
     path = "tselab"
     while isinstance(command, click.Group):
@@ -218,7 +224,7 @@ def parsed(words: list[str]) -> None:
         path = words.pop(0)
         command = command.get_command(ctx, path)
     if isinstance(command, click.Group):
-        if path != "gap":  # whose command without a name is run
+        if path != "gap":  # `tselab gap` runs a command without a name
             raise AssertionError(f"{path}: no such command as {words[:1]}")
         command = command.get_command(click.Context(command, **CONTEXT), "run")
     try:
@@ -235,7 +241,7 @@ def parsed(words: list[str]) -> None:
     assert not missing and not rest, f"tselab {path} {' '.join(words)}: {missing} {rest}"
 
 
-@pytest.mark.parametrize("body", blocks("console sh"))
+@pytest.mark.parametrize("body", find_blocks("console sh"))
 def test_commands_are_those_of_the_tools(body):
     import shlex
 
@@ -245,7 +251,7 @@ def test_commands_are_those_of_the_tools(body):
             continue
         if words[0] in ("tselab", ".venv/bin/tselab"):
             words = words[1 : words.index(">")] if ">" in words else words[1:]
-            parsed(words)
+            parse_command(words)
         elif words[0] not in ("git", "cc"):
             assert (ROOT / words[0]).is_file() and os.access(ROOT / words[0], os.X_OK), words[0]
 
@@ -258,10 +264,10 @@ def test_a_command_that_is_not_there_is_found():
         ["fmu", "buil"],
     ):
         with pytest.raises(AssertionError):
-            parsed(list(words))
+            parse_command(list(words))
 
 
-@pytest.mark.parametrize("body", blocks("toml"))
+@pytest.mark.parametrize("body", find_blocks("toml"))
 def test_toml_is_read_by_the_tools(body, folder):
     from tse.car.formula import read_formula
     from tse.car.vehicle import read_vehicle
@@ -295,10 +301,10 @@ def test_a_picture_is_drawn(tmp_path):
 FILES = links.list_files("*.md")
 HELD = set(links.list_files())
 RAW = re.compile(r"^(?:!!!|\?\?\?|:::|--8<--|\{[%!])|\)\{ ?[.:]|^<!-- (?:include|api):|\{\{", flags=re.M)
-MOST = 100_000  # bytes of a picture
+MAX_PICTURE_BYTES = 100_000
 
 
-def wrong_links(path: Path) -> list[str]:
+def find_wrong_links(path: Path) -> list[str]:
     """Return the links of a page that lead to no file of git, or to no anchor of one."""
     found = []
     for target, anchor in links.list_local_links(path):
@@ -313,8 +319,8 @@ def wrong_links(path: Path) -> list[str]:
     return found
 
 
-def raw_markers(text: str) -> list[str]:
-    """Return what a builder would expand and a forge shows as it is, or as nothing."""
+def find_raw_markers(text: str) -> list[str]:
+    """Return markers that a builder expands and a forge shows as they are."""
     prose = links.CODE_BLOCK.sub("", text)
     lone = [
         f"<!-- {k}: {x} -->"
@@ -326,14 +332,14 @@ def raw_markers(text: str) -> list[str]:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_a_page_is_whole(path):
-    assert wrong_links(path) == []
-    assert raw_markers(path.read_text(encoding="utf-8")) == []
+    assert find_wrong_links(path) == []
+    assert find_raw_markers(path.read_text(encoding="utf-8")) == []
 
 
 def test_what_is_wrong_is_found(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"[a](no.md) ![b](no.png) [c]({ROOT}/README.md#no) `[d](code.md)` [e](#own)\n\n# Own\n")
-    assert len(wrong_links(page)) == 4  # the page itself is not in git
+    assert len(find_wrong_links(page)) == 4  # the page itself is not in git
     for text in (
         "!!! note\n",
         "::: tse.estimate\n",
@@ -341,8 +347,8 @@ def test_what_is_wrong_is_found(tmp_path):
         "![a](b.png){ .light }\n",
         "<!-- table: x -->\n<!-- end -->\n",
     ):
-        assert raw_markers(text), text
-    assert not raw_markers("`!!!`\n\n<!-- table: x -->\nsomething\n<!-- end -->\n")
+        assert find_raw_markers(text), text
+    assert not find_raw_markers("`!!!`\n\n<!-- table: x -->\nsomething\n<!-- end -->\n")
 
 
 def test_anchors_are_those_of_a_forge():
@@ -359,7 +365,7 @@ BLOCKS = sorted(
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda b: b[1])
 def test_a_table_that_is_written_in_is_current(block):
-    """`.venv/bin/python -m docsite.fill` writes them anew."""
+    """`.venv/bin/python -m docsite.fill` updates them."""
     kind, what = block
     now = fill.make_block(kind, what)
     for path in FILES:
@@ -370,10 +376,10 @@ def test_a_table_that_is_written_in_is_current(block):
 
 def test_pictures_are_small():
     shown = {t for p in FILES for t, _ in links.list_local_links(p) if t.suffix in (".png", ".svg")}
-    assert shown and [p.name for p in shown if p.stat().st_size > MOST] == []
+    assert shown and [p.name for p in shown if p.stat().st_size > MAX_PICTURE_BYTES] == []
 
 
-INSTEAD = {  # what is written -> what a textbook writes
+INSTEAD = {  # word -> word of a textbook
     r"(?:un)?told": "known, assumed, set; observable; separable from",
     r"foret(?:ell|old)\w*": "predict",
     r"noticed": "detected",
@@ -405,23 +411,30 @@ WORDED = [
 ]
 
 
-def house_words(text: str) -> list[str]:
-    """Return each line that has such a word; names with underscores are words, too."""
+def find_house_words(text: str) -> list[str]:
+    """Return the lines with such a word, alone or between underscores."""
     return [line.strip() for line in text.splitlines() if BAD.search(line.replace("_", " "))]
 
 
 def test_files_are_in_the_words_of_the_field():
-    found = {p.relative_to(ROOT).as_posix(): house_words(p.read_text(encoding="utf-8")) for p in WORDED}
+    found = {p.relative_to(ROOT).as_posix(): find_house_words(p.read_text(encoding="utf-8")) for p in WORDED}
     assert len(WORDED) > 300 and {name: lines for name, lines in found.items() if lines} == {}
 
 
 @pytest.mark.parametrize(
     ("line", "bad"),
-    [("what it is told", True), ("told_before = 1", True), ("A road is noticed", True), ("await new Promise(go)", False),
-     ("it says nothing of slip", True), ("where the file says nothing", False), ("the node", False)],
-)  # fmt: skip
+    [
+        ("what it is told", True),
+        ("told_before = 1", True),
+        ("A road is noticed", True),
+        ("await new Promise(go)", False),
+        ("it says nothing of slip", True),
+        ("where the file says nothing", False),
+        ("the node", False),
+    ],
+)
 def test_the_words_are_found(line, bad):
-    assert bool(house_words(line)) is bad
+    assert bool(find_house_words(line)) is bad
 
 
 def test_a_picture_that_is_made_small_keeps_the_colour_of_its_large_areas(tmp_path):
