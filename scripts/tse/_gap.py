@@ -18,7 +18,7 @@ from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tse.car.vehicle import Vehicle
 from tse.gaps.run import check, pictures, plan, stages, workflow
 from tse.gaps.run.output import Written, write_all
-from tse.gaps.run.output import words as gain_words
+from tse.gaps.run.output import describe_gain as gain_words
 from tse.library.files import make_directory
 from tse.log.rows import Reading
 from tse.report import results
@@ -59,7 +59,7 @@ class Gap(Shown):
         """Residuals of the car as its file says, calibrated, and with the named effects,
         in sentences."""
         return tuple(
-            stages.words(
+            stages.describe_stages(
                 self._result.stages, lambda part: "fitted logs" if part == workflow.FIT else "held-out logs"
             )
         )
@@ -70,7 +70,7 @@ class Gap(Shown):
         held = next((part for part in self._result.stages if part != workflow.FIT), workflow.FIT)
         title = "fitted logs" if held == workflow.FIT else "held-out logs"
         found = self._result.stages.get(held)
-        return tuple(stages.short(found, title)) if found is not None else ()
+        return tuple(stages.describe_channels(found, title)) if found is not None else ()
 
     @property
     def gain(self) -> tuple[str, ...]:
@@ -104,7 +104,7 @@ class Gap(Shown):
     def plot(self) -> Any:
         """Return a figure of plotly: residuals over sensor noise by channel, before and
         after."""
-        return pictures.gap_bars(self._written.changes)
+        return pictures.draw_gap_bars(self._written.changes)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab gap`."""
@@ -161,7 +161,7 @@ def gap(
     say = progress if progress is not None else lambda _: None
     car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
     fitted, held = paths_or_checked(logs, read), paths_or_checked(hold_out, read, 0)
-    result = workflow.run(fitted, car, held, jobs, say, formula, reading, known_road(road))
+    result = workflow.run_workflow(fitted, car, held, jobs, say, formula, reading, known_road(road))
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)
 
 
@@ -223,7 +223,7 @@ def gap_check(
     paths = [Path(logs)] if isinstance(logs, str | os.PathLike) else [Path(p) for p in logs]
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:
-        found = check.check(paths, vehicle_file(vehicle, Path(folder)), jobs, say, reading)
+        found = check.check_model(paths, vehicle_file(vehicle, Path(folder)), jobs, say, reading)
     return GapCheck(found, paths)
 
 
@@ -276,4 +276,4 @@ def gap_plan(
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:
-        return GapPlan(plan.plan(effects, vehicle_file(vehicle, Path(folder)), jobs, say))
+        return GapPlan(plan.make_plan(effects, vehicle_file(vehicle, Path(folder)), jobs, say))

@@ -36,7 +36,7 @@ from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb as rates
 from vehiclemodels.vehicle_parameters import VehicleParameters, setup_vehicle_parameters
 
 from tests.gap.runs import in_processes
-from tse.gaps.run.workflow import run as gap
+from tse.gaps.run.workflow import run_workflow as gap
 from tse.report.results import plain
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -40,7 +40,7 @@ SEEDS, SIZES = 1, 0  # seeds of each case at typical size, at half and double: o
 def run(spec_json: str) -> dict:
     """Run one case: generate, run the workflow, keep the results."""
     from tests.gap.generator import Spec, make_cases
-    from tse.gaps.run.workflow import run as gap
+    from tse.gaps.run.workflow import run_workflow as gap
 
     spec = Spec(**json.loads(spec_json))
     case = next(make_cases([spec]))

@@ -17,8 +17,8 @@ import pytest
 from generator import Spec, make_cases
 
 from tests.gap import scale, study
-from tse.gaps.catalogue import catalogue
-from tse.gaps.run.workflow import run
+from tse.gaps.catalogue import load_catalogue
+from tse.gaps.run.workflow import run_workflow
 
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
 FEW = ("sine_sweep", "brake_in_turn")
@@ -41,7 +41,7 @@ def found(
         make_cases([Spec("case", effects, seed, manoeuvres=manoeuvres, hold_out=hold_out, duration=20)])
     )
     folder = case.write(tmp_path / "case")
-    result = run(
+    result = run_workflow(
         sorted(folder.glob("log_*.csv")), folder / "car.toml", sorted(folder.glob("hold_out_*.csv")), jobs=2
     )
     return result.as_json(), case.truth, result.exit_code
@@ -173,7 +173,7 @@ def test_the_truth_has_every_effect_that_may_be_missing_and_no_other(multibody):
     """Exact kinematics is the model: a table that expects its name would be wrong."""
     car = multibody.parameters(2)
     ids = [e["id"] for e in multibody.truth(car)["effects"]]
-    assert sorted(ids) == sorted(catalogue())
+    assert sorted(ids) == sorted(load_catalogue())
 
 
 def test_the_table_says_sizes_beside_the_cars(multibody):

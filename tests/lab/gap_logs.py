@@ -8,7 +8,7 @@ import pandas as pd
 
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.gaps.drives import Candidate, library, prepared
+from tse.gaps.drives import Candidate, make_candidates, prepare_candidate
 from tse.gaps.problem import Problem
 from tse.identify.data import prepare
 from tse.library.core import Config, Replay
@@ -74,7 +74,7 @@ def problem_of(vehicle: Path, *logs: Path) -> Problem:
 
 
 def candidate(config: Config, name: str) -> Candidate:
-    return next(c for c in library(config) if c.name == name)
+    return next(c for c in make_candidates(config) if c.name == name)
 
 
 def write_log(
@@ -89,7 +89,7 @@ def write_log(
     """One log of a car with these settings of effects. `drive`: of DRIVES, or a manoeuvre by its full name. `extra`: optional
     channels with the noise they have."""
     config = Config.exact(read_vehicle(vehicle).values)
-    log = prepared(candidate(config, DRIVES.get(drive, drive)), config)[0]
+    log = prepare_candidate(candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)
     rng = np.random.default_rng(seed)
     inputs = {k: x[:n] for k, x in log.inputs.items()}

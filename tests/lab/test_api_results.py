@@ -190,7 +190,7 @@ def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp
         raise Stop
 
     taken: list = []
-    monkeypatch.setattr(workflow, "run", run)
+    monkeypatch.setattr(workflow, "run_workflow", run)
     log = tse.read_log(folder / "log.csv", CAR)
     with pytest.raises(Stop):
         tse.gap(log, CAR, out=tmp_path)

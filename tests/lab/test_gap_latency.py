@@ -47,7 +47,7 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
     """Latencies of whole rows: the smoothed steering agrees but for what the ends change of the smoothing."""
     found = {}
     for name, (log, vehicle) in logs.items():
-        read, config = workflow.read([log], read_vehicle(vehicle))
+        read, config = workflow.read_logs([log], read_vehicle(vehicle))
         found[name] = remove_latencies(prepare(read[0], config), config)
     there = np.searchsorted(found["in time"].time, found["told"].time - 1e-6)
     steer = {who: log.inputs["steer_angle"] for who, log in found.items()}
@@ -62,7 +62,7 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
 
 def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str, tuple[Path, Path]]) -> None:
     """As in the log that is in time; not told of them, that something is late is found, and no physics that is not there."""
-    results = {name: workflow.run([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
+    results = {name: workflow.run_workflow([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
     named = {
         name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {}
         for name, r in results.items()

@@ -15,7 +15,7 @@ from tse.car.vehicle import make_default_vehicle
 from tse.estimation.estimate import Estimates
 from tse.estimation.regimes import REGIMES, changes, spells
 from tse.estimation.verdict import late_steering, others, remarks, verdicts
-from tse.gaps.run.pictures import overlay
+from tse.gaps.run.pictures import draw_overlay
 from tse.library.core import STIFFNESS, Config
 from tse.log.rows import CheckedLog, list_columns
 from tse.report import plots
@@ -382,7 +382,7 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
         table[column] = 0.0
     table.loc[12_345, "measured"] = 30.0
-    lines = {trace.name: np.asarray(trace.y, float) for trace in overlay(table).data}
+    lines = {trace.name: np.asarray(trace.y, float) for trace in draw_overlay(table).data}
     assert np.nanmax(lines["measured"]) == 30.0 and len(lines["measured"]) <= 3_100
     assert np.nanmax(lines["before"]) == 0.0
 

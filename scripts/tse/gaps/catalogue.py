@@ -29,7 +29,7 @@ class Own:
 Key = str | Own
 
 
-def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
+def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
     """Return the fitted values of the car, without those of one log."""
     return {k: v for k, v in values.items() if not isinstance(k, Own)}
 
@@ -100,7 +100,7 @@ class Effect:
 
 
 @functools.cache
-def catalogue() -> dict[str, Effect]:
+def load_catalogue() -> dict[str, Effect]:
     """Return the effects that a vehicle file may lack by their ids, in the library's
     order.
     """
@@ -137,10 +137,10 @@ def catalogue() -> dict[str, Effect]:
 
 
 @functools.cache
-def signed_delays() -> frozenset[str]:
+def list_signed_delays() -> frozenset[str]:
     """Return the settings of delays that a fit may make negative: a negative delay is an
     early message.
     """
     return frozenset(
-        p.name for e in catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low
+        p.name for e in load_catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low
     )

@@ -41,14 +41,14 @@ class Candidate:
         return sum(STEP * (len(steer) - 1) - BURN_IN for steer, _ in self.pieces)
 
 
-def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
+def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]:
     """Return a drive as the workflow takes logs. Measurements are put in later."""
     logs = []
     rows = round(BLOCK_TIME / STEP)
     for i, (steer, speed) in enumerate(candidate.pieces):
         n = len(steer) // rows * rows
         time = STEP * np.arange(n)
-        inputs = {"steer_angle": steer[:n]} | _wheels(config, steer[:n], speed[:n])
+        inputs = {"steer_angle": steer[:n]} | _compute_wheel_speeds(config, steer[:n], speed[:n])
         assert set(inputs) == set(DRIVES)
         used = time >= BURN_IN
         noise = {c: getattr(config, f"{c}_sd") for c in MEASURES}
@@ -61,7 +61,7 @@ def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
     return logs
 
 
-def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
     """Return the wheel speeds of the nominal car, rad/s, at these angles and speeds.
 
     Straight driving gives the lateral motion, which hardly depends on them. It gives the
@@ -87,12 +87,12 @@ def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.nda
     return wheels
 
 
-def library(config: Config) -> list[Candidate]:
+def make_candidates(config: Config) -> list[Candidate]:
     """Return every manoeuvre in every size."""
-    return list(_all(config))
+    return list(_generate_candidates(config))
 
 
-def _all(c: Config) -> Iterator[Candidate]:
+def _generate_candidates(c: Config) -> Iterator[Candidate]:
     t = np.arange(round(DURATION / STEP) + 1) * STEP
     short = np.arange(round(0.5 * DURATION / STEP) + 1) * STEP
 

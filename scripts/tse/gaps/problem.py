@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car, signed_delays
+from tse.gaps.catalogue import Effect, Key, Own, Parameter, drop_log_values, list_signed_delays
 from tse.gaps.parallel import is_copy
 from tse.identify.data import COMPARED_CHANNELS, PreparedLog, average_blocks, simulate
 from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
@@ -59,7 +59,7 @@ class Problem:
         # values that are not fitted, and not those of the settings
         self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
-        self.given = {name: self.nominal[name] for name in signed_delays()}
+        self.given = {name: self.nominal[name] for name in list_signed_delays()}
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
@@ -186,8 +186,8 @@ class Problem:
 
     def model(self, values: Mapping[Key, float]) -> Config:
         """Return the settings of the effects."""
-        values = of_the_car(self.fixed | dict(values))
-        others = {*NOMINAL, *LATENT, *signed_delays()}
+        values = drop_log_values(self.fixed | dict(values))
+        others = {*NOMINAL, *LATENT, *list_signed_delays()}
         return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
@@ -202,7 +202,7 @@ class Problem:
         the whole IMU is behind the channels that drive the model.
         """
         values = self.fixed | dict(values)
-        if LATENT.isdisjoint(values) and signed_delays().isdisjoint(values):
+        if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
         steering = (

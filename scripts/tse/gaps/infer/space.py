@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix
 
 from tse.gaps.catalogue import Parameter
 from tse.gaps.fit import NOISE_LIMIT
-from tse.gaps.infer.hypotheses import Hypothesis, fit_prior, start_of
+from tse.gaps.infer.hypotheses import Hypothesis, choose_start, fit_prior
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BLOCK_TIME, COMPARED_CHANNELS, MIN_FIT_SPEED
 from tse.identify.lasting import Piece
@@ -133,7 +133,9 @@ class Space:
         for h in self.effects:
             if all(abs(values.get(p.name, p.default) - p.default) < p.negligible for p in h.effect.strengths):
                 values = {n: v for n, v in values.items() if n not in {p.name for p in h.effect.strengths}}
-        first = [values.get(p.name, start_of(p) if p.name in there else p.default) for p in self.parameters]
+        first = [
+            values.get(p.name, choose_start(p) if p.name in there else p.default) for p in self.parameters
+        ]
         return np.clip(self.to_search(np.array(first)), self.low, self.high)
 
     # ---- what the fit asks
