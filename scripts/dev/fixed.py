@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from tse.library.core import STIFFNESS, Config, Library, NativeFilter  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
-from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
+from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case  # noqa: E402
 
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
@@ -58,8 +58,8 @@ def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
     return config
 
 
-def simulated(case: Case, seed: int) -> Drive:
-    return drive(case, seed, lambda about: Config.exact({**START, **about}), {})
+def simulated(case: Case, seed: int) -> CaseDrive:
+    return simulate_case(case, seed, lambda about: Config.exact({**START, **about}), {})
 
 
 def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
@@ -69,7 +69,7 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
         for case in cases:
             for seed in range(1, runs[form] + 1):
                 d = simulated(case, seed)
-                known = scores.knowable(d, case)
+                known = scores.find_knowable(d, case)
                 for build, lib in builds.items():
                     for filter_seed in FILTER_SEEDS[form]:
                         config = settings(lib, form, d.about)
@@ -77,12 +77,12 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                         estimate = NativeFilter(config).estimate_rows(d.rows)
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}
                         row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
-                        rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))
+                        rows.append(row | scores.score_run(d, case, known, estimate) | validity(d, estimate))
                 print(f"{form} {case.name} {seed}", file=sys.stderr, flush=True)
     return pd.DataFrame(rows)
 
 
-def validity(d: Drive, estimate: np.ndarray) -> dict[str, float]:
+def validity(d: CaseDrive, estimate: np.ndarray) -> dict[str, float]:
     """Share of rows after 5 s that are called valid, of each stiffness [%]."""
     later = d.time >= scores.VALID_AFTER - 1e-9
     return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}

@@ -86,7 +86,7 @@ class Calibration(Shown):
     def to_dict(self) -> dict[str, Any]:
         """Return all numbers, as the JSON file beside the calibrated vehicle file has
         them."""
-        found: dict[str, Any] = results.plain(output.to_json(self._result))
+        found: dict[str, Any] = results.convert_to_plain(output.to_json(self._result))
         return found
 
     def plot(self) -> Any:

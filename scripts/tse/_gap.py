@@ -17,7 +17,7 @@ from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tse.car.vehicle import Vehicle
 from tse.gaps.run import check, pictures, plan, stages, workflow
-from tse.gaps.run.output import Written, write_all
+from tse.gaps.run.output import WrittenFiles, write_all
 from tse.gaps.run.output import describe_gain as gain_words
 from tse.library.files import make_directory
 from tse.log.rows import Reading
@@ -28,7 +28,7 @@ from tse.roads.road import Road
 class Gap(Shown):
     """Result of `tselab gap`, and the folder with its files."""
 
-    def __init__(self, result: workflow.Result, written: Written, folder: Path, keep: Any):
+    def __init__(self, result: workflow.GapResult, written: WrittenFiles, folder: Path, keep: Any):
         self._result, self._written, self._keep = result, written, keep
         self.folder = folder
         """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...;
@@ -183,7 +183,7 @@ class GapCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab gap check --json`."""
-        found: dict[str, Any] = results.plain(self._found.as_json())
+        found: dict[str, Any] = results.convert_to_plain(self._found.as_json())
         return found
 
     def to_frame(self) -> pd.DataFrame:
@@ -230,7 +230,7 @@ def gap_check(
 class GapPlan:
     """Manoeuvres that tell two effects apart, the best first."""
 
-    def __init__(self, found: plan.Plan):
+    def __init__(self, found: plan.ManeuverPlan):
         self._found = found
         self.separable = found.separable
         """Whether an hour of a manoeuvre is enough."""
@@ -242,7 +242,7 @@ class GapPlan:
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab gap plan --json`."""
         rows = [{**vars(o), "needed": o.needed} for o in self._found.options]
-        found: dict[str, Any] = results.plain(
+        found: dict[str, Any] = results.convert_to_plain(
             {
                 "effects": [self._found.first, self._found.second],
                 "separable": self.separable,

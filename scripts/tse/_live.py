@@ -22,12 +22,12 @@ from tse.calibration.own import is_uncalibrated
 from tse.car.config import check_effect, make_config
 from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
 from tse.estimation import regimes
-from tse.estimation.answer import answer
+from tse.estimation.answer import make_answer
 from tse.estimation.estimate import Estimates, write_learnt
 from tse.estimation.verdict import Finding
 from tse.library.errors import UserError
 from tse.report import results
-from tse.streaming.drive import LiveDrive, bus_opener
+from tse.streaming.drive import LiveDrive, make_bus_opener
 from tse.streaming.page import Page
 
 NOT_CALIBRATED = (
@@ -129,7 +129,7 @@ class Live:
         """Three lines: each stiffness now with its 95 % interval; after close() those of
         the whole drive."""
         found = self._result()[1] if self._drive.closed else self._drive.now()
-        return tuple(answer(found, self._drive.config))
+        return tuple(make_answer(found, self._drive.config))
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
@@ -170,7 +170,7 @@ class Live:
         """Exit code of `tselab live`, after close(): 0 usable, 3 usable in part, 4
         nothing usable."""
         found = self._result()[1]
-        return results.exit_code(found) if found else results.NOTHING
+        return results.choose_exit_code(found) if found else results.NOTHING
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab live --json`, after close()."""
@@ -185,14 +185,14 @@ class Live:
         }
         log = self._rows_path()
         nothing = {"log": str(log), **said, "rows": 0, "usable": "no", "exit_code": results.NOTHING}
-        document = results.document(log, est, found, self._drive.config, said) if found else nothing
-        made: dict[str, Any] = results.plain(document)
+        document = results.make_document(log, est, found, self._drive.config, said) if found else nothing
+        made: dict[str, Any] = results.convert_to_plain(document)
         return made
 
     def write_table(self, path: PathLike) -> Path:
         """Write the table of `tselab live --table`, after close(), as .parquet or .csv by
         the name."""
-        rows = results.rows(self._rows_path(), *self._result())
+        rows = results.make_rows(self._rows_path(), *self._result())
         results.write_rows(Path(path), rows, results.COLUMNS)
         return Path(path)
 
@@ -300,7 +300,7 @@ def live(
     beside = Path(signals) if signals is not None else databases[0].parent / "signals.toml"
     mapped = read_signals(beside) if signals is not None or beside.is_file() else None
     before = learnt_state(learnt, age)
-    opened = (lambda: bus) if bus is not None else bus_opener(str(interface), channel, **options)
+    opened = (lambda: bus) if bus is not None else make_bus_opener(str(interface), channel, **options)
     tell = say if say is not None else lambda _: None
     folder = None if out is None else Path(out)
     drive = LiveDrive(opened, databases, car, made, mapped, folder, before, rate, tell)

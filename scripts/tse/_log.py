@@ -29,7 +29,7 @@ from tse.log.rows import Reading
 from tse.readers.readers import read_recording
 from tse.readers.recording import ReadOptions, Recording
 from tse.report import plots
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 from tse.roads.road import Road, read_road
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
@@ -79,7 +79,7 @@ class Log(Shown):
         """Return a figure of plotly: the channels over time."""
         data = plots.Data(self._checked)
         data.rows = len(self)
-        return make_figure(plots.inputs_figure(data))
+        return make_figure(plots.draw_inputs(data))
 
 
 def read_log(
@@ -231,7 +231,7 @@ class Signals(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab signals --json`."""
-        found: dict[str, Any] = plain(
+        found: dict[str, Any] = convert_to_plain(
             {
                 "log": self._recording.path,
                 "format": self.format,
@@ -263,7 +263,7 @@ class Signals(Shown):
         """Return a figure of plotly: the signals that are proposed, each in the unit that
         it is logged in."""
         there = {c.name: c for c in self._recording}
-        return plots.lines(
+        return plots.draw_lines(
             [
                 (
                     f"{g.channel} [{g.unit}]",

@@ -18,7 +18,7 @@ from scripts.dev.fixed import library
 from tests.cars import ROADS
 from tests.cars.study import driven, estimated, parser_of_kept, score, shares
 from tse.library.core import STIFFNESS, Library
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 REALS = ("double", "float", "fixed")
 
@@ -55,7 +55,7 @@ def table(runs: pd.DataFrame) -> list[str]:
         "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
         "from double, rms [sd of the estimate]"
     )
-    return markdown_table(head.split("|"), rows, 6)
+    return format_markdown_table(head.split("|"), rows, 6)
 
 
 def main(arguments: list[str]) -> int:

@@ -223,7 +223,7 @@ def good_runs() -> bytes:
 def plan() -> object:
     from tselab.montecarlo import engine, studies
 
-    return engine.Plan(studies.study("robust", ()), 1, 1, "default", {}, {}, ())
+    return engine.StudyPlan(studies.make_study("robust", ()), 1, 1, "default", {}, {}, ())
 
 
 def read_runs(data: bytes, folder: Path) -> None:
@@ -231,7 +231,7 @@ def read_runs(data: bytes, folder: Path) -> None:
 
     (folder / engine.RUNS).write_bytes(data)
     good = json.loads(good_runs().split(b" ", 2)[2])
-    if any(rows != good for rows in engine.read(folder / engine.RUNS, plan().units).values()):
+    if any(rows != good for rows in engine.read_runs(folder / engine.RUNS, plan().units).values()):
         raise Broken("runs that nobody made")
 
 

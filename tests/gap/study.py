@@ -24,7 +24,7 @@ import numpy as np
 
 from tests.gap.runs import in_processes
 from tse.library.core import Config
-from tselab.montecarlo.summary import clopper_pearson
+from tselab.montecarlo.summary import compute_clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-study"
@@ -145,7 +145,7 @@ def size_error(case: dict) -> float:
 
 def interval(k: int, n: int) -> str:
     """Return the exact 95 % interval."""
-    low, high = clopper_pearson(k, n)
+    low, high = compute_clopper_pearson(k, n)
     return f"{100 * low:.0f} .. {100 * high:.0f} %"
 
 

@@ -31,7 +31,7 @@ from tse.library.core import Config, Replay
 from tse.library.errors import UserError
 from tse.log.noise import find_new_values
 from tse.log.rows import MEASURES, CheckedLog, Reading
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 
 TIME = 0.005 * np.arange(4000)
 SIGNAL = np.sin(1.7 * TIME) + 0.3 * np.sin(11.0 * TIME)
@@ -214,7 +214,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
     ]
     with changed("gaps.infer.excerpt.MAX_SECONDS", 20.0):
         result = workflow.run_workflow(logs, vehicle, jobs=2)
-    assert any("s that say most" in n for n in result.notes)
+    assert any("most informative" in n for n in result.notes)
     (named,) = result.as_json()["effects"]
     assert named["id"] == "body_roll"
     gain = named["parameters"]["gain"]
@@ -264,7 +264,7 @@ def clean(tmp_path_factory) -> Clean:
     log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=30.0)
     result = workflow.run_workflow([log], vehicle)
     assert result.verdict == "none"
-    told = json.loads(json.dumps(plain(result.as_json()), allow_nan=False))["undetectable"]
+    told = json.loads(json.dumps(convert_to_plain(result.as_json()), allow_nan=False))["undetectable"]
     read, _ = workflow.read_logs([log], read_vehicle(vehicle))
     return Clean(vehicle, result.problem, read[0], {d["id"]: d for d in told})
 

@@ -52,9 +52,9 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
     """Within a fifth: one step a block, straight driving, no coupling of both directions; it only chooses what is simulated."""
     values = fit_parameters(plain, STIFFNESS, {}).values
     term = (
-        terms.Term("accel_x", terms.PULL.unit)
+        terms.FormulaTerm("accel_x", terms.PULL.unit)
         if place in terms.LONGITUDINAL
-        else terms.Term("steer_angle", (0, 0))
+        else terms.FormulaTerm("steer_angle", (0, 0))
     )
     size = {
         "force_x": 0.1,
@@ -159,7 +159,7 @@ def test_what_a_held_out_log_does_not_bear_out_is_not_proposed(damped, plain):
 @pytest.mark.parametrize(("rise", "stands"), [(0.0001, True), (0.03, False)])
 def test_a_veto_of_a_held_out_log_has_a_size(damped, monkeypatch, rise, stands):
     """accel_x, which the damper does not touch, is worse for sure: by a hundredth of a percent, and by three percent."""
-    compare = search.compare
+    compare = search.compare_models
 
     def worse(*given):
         found = compare(*given)

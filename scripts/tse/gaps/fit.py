@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tse.gaps.catalogue import Key, Parameter
+from tse.gaps.catalogue import EffectParameter, Key
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
@@ -29,7 +29,7 @@ SEED = 1  # of the bootstrap
 class Fit:
     """A fitted model."""
 
-    parameters: list[Parameter]
+    parameters: list[EffectParameter]
     values: dict[Key, float]
     residuals: np.ndarray
     jacobian: np.ndarray
@@ -37,7 +37,7 @@ class Fit:
 
 def fit_parameters(
     problem: Problem,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[EffectParameter],
     start: Mapping[Key, float],
     most: int = 12,
     tolerance: float = TOLERANCE,
@@ -151,7 +151,7 @@ def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Change:
+class ChannelChange:
     """One channel before and after."""
 
     before: float  # rms over noise
@@ -164,7 +164,7 @@ class Change:
         return self.ci95[1] < 0.0
 
 
-def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, Change]:
+def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, ChannelChange]:
     """Compare two models by whitened residuals of the same logs, by channel. Seeded."""
     rng = np.random.default_rng(SEED)
     found = {}
@@ -176,7 +176,7 @@ def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> d
         draws = rng.integers(0, len(count), (DRAWS, len(count)))
         n0, n1 = e0[draws].sum(axis=1), e1[draws].sum(axis=1)
         ratio = np.sqrt(n1 / np.maximum(n0, 1e-300)) - 1.0
-        found[c] = Change(
+        found[c] = ChannelChange(
             float(np.sqrt(e0.sum() / count.sum())),
             float(np.sqrt(e1.sum() / count.sum())),
             float(np.sqrt(e1.sum() / max(e0.sum(), 1e-300)) - 1.0),

@@ -3,7 +3,7 @@ sensors' noise.
 
 Stiffness and effect parameters are the same over all logs; the bias of each sensor is one
 number per log, found in closed form (residuals are linear in it). Residuals are means
-over average_blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
+over blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
 has residuals of size one.
 """
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, Key, Own, Parameter, drop_log_values, list_signed_delays
+from tse.gaps.catalogue import Effect, EffectParameter, Key, Own, drop_log_values, list_signed_delays
 from tse.gaps.parallel import is_copy
 from tse.identify.data import COMPARED_CHANNELS, PreparedLog, average_blocks, simulate
 from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
@@ -24,7 +24,9 @@ from tse.library.core import NOMINAL, Config
 from tse.log.rows import MEASURES
 
 STIFFNESS = tuple(
-    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
+    EffectParameter(
+        name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's"
+    )
     for name in NOMINAL
 )
 
@@ -92,13 +94,13 @@ class Problem:
 
     # ---- parameters
 
-    def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
+    def strengths(self, effect: Effect) -> tuple[EffectParameter, ...]:
         """Return the fitted strengths of an effect, or the road profiles of the logs."""
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
         return tuple(
-            Parameter(
+            EffectParameter(
                 Own(effect.id, i, k),
                 "profile",
                 True,
@@ -174,7 +176,7 @@ class Problem:
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """Return an input or a measurement in average_blocks, a value per entry of residuals."""
+        """Return an input or a measurement in blocks, a value per entry of residuals."""
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
@@ -277,7 +279,7 @@ class Problem:
         return difference - mean[self.rows.group]
 
     def moved(
-        self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
+        self, values: Mapping[Key, float], parameters: Sequence[EffectParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
         """Yield moves of parameters, `reach` times their steps, and predict() with them.
 
@@ -285,7 +287,7 @@ class Problem:
         one of each log.
         """
 
-        def shifted(p: Parameter) -> float:
+        def shifted(p: EffectParameter) -> float:
             x, h = values.get(p.name, p.default), reach * p.step
             return h if p.low <= x + h <= p.high else -h
 
@@ -303,7 +305,7 @@ class Problem:
         self,
         values: Mapping[Key, float],
         base: np.ndarray,
-        parameters: Sequence[Parameter],
+        parameters: Sequence[EffectParameter],
         reach: float = 1.0,
     ) -> np.ndarray:
         """Return the slopes of the whitened residuals, by finite differences."""

@@ -67,8 +67,8 @@ def compute_responses(
 ) -> np.ndarray:
     """Return the change of the whitened residuals by a unit of each form at a place.
 
-    Its shape is (entries, forms). `at` is that of compute_signals(). `forms` is an array (blocks,
-    forms) of each log, in the unit of the place.
+    Its shape is (entries, forms). `at` is that of compute_signals(). `forms` is an array
+    (blocks, forms) of each log, in the unit of the place.
     """
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))

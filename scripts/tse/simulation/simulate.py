@@ -15,7 +15,7 @@ from tse.simulation.maneuvers import Maneuver
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
 BRAKE_FRONT = 0.6  # share of the brake force at the front axle
 HOLD_TORQUE = 300.0  # Nm, brake at standstill
-POSITIONS = {  # list_columns of a log, and those of a road
+POSITIONS = {  # columns of a log, and those of a road
     "global": {"gnss_latitude": "latitude", "gnss_longitude": "longitude"},
     "local": {"ref_east": "x", "ref_north": "y"},
 }
@@ -158,5 +158,5 @@ REFERENCE_COLUMNS = {
 
 
 def add_references(simulation: Simulation) -> pd.DataFrame:
-    """Return the log with the truth in list_columns ref_, which the report draws."""
+    """Return the log with the truth in columns ref_, which the report draws."""
     return simulation.log.assign(**{ref: simulation.truth[true] for ref, true in REFERENCE_COLUMNS.items()})

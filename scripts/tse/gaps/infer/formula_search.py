@@ -1,4 +1,4 @@
-"""Which formula, at which place: forms are chosen in a linearisation, those with the
+"""Search of formula and place: forms are chosen in a linearisation, those with the
 largest expected gain are simulated with the stiffness and everything named fitted
 beside them, complexity has a price, and logs that were held out have the last word.
 
@@ -16,10 +16,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tse.car.formula import Formula, FormulaError
-from tse.gaps.catalogue import Parameter, drop_log_values
+from tse.gaps.catalogue import EffectParameter, drop_log_values
 from tse.gaps.fit import (
     NOISE_LIMIT,
-    Change,
+    ChannelChange,
     Fit,
     compare_models,
     compute_correlation_lengths,
@@ -29,7 +29,7 @@ from tse.gaps.fit import (
     fit_parameters,
 )
 from tse.gaps.infer import formula_terms as terms
-from tse.gaps.infer.formula_terms import Term
+from tse.gaps.infer.formula_terms import FormulaTerm
 from tse.gaps.problem import Problem
 from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
@@ -62,7 +62,7 @@ class Discovery:
     share: float = 0.0  # of what was left that it closes
     price: float = 0.0  # nats, of its length
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
-    changes: dict[str, Change] = field(default_factory=dict)  # on held-out logs
+    changes: dict[str, ChannelChange] = field(default_factory=dict)  # on held-out logs
     tried: list[dict] = field(
         default_factory=list
     )  # place, formula, nats, share, and whether held-out logs confirm it
@@ -123,7 +123,7 @@ def compute_worth(
     return float(total)
 
 
-def compute_price(term: Term) -> float:
+def compute_price(term: FormulaTerm) -> float:
     return PRICE * (term.price + len(term.sizes) + 1)
 
 
@@ -156,9 +156,11 @@ def _list_places(problem: Problem) -> list[str]:
     return [p for p in (*lateral, *terms.LONGITUDINAL) if p not in COMPARED_CHANNELS or p in there]
 
 
-def _choose_diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, str, Term, float]]:
+def _choose_diverse(
+    listed: list[tuple[float, str, FormulaTerm, float]],
+) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return the most promising forms: one size of each form, and several places."""
-    found: list[tuple[float, str, Term, float]] = []
+    found: list[tuple[float, str, FormulaTerm, float]] = []
     for one in listed:
         _, place, term, _ = one
         same = sum(p == place for _, p, _, _ in found)
@@ -176,7 +178,7 @@ def _choose_diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[
 # ---- in the linearisation
 
 
-def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
+def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return (nats less price, place, form, coefficient) of every form at a place.
 
     Everything that is fitted is fitted with it.
@@ -217,7 +219,7 @@ def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> l
 # ---- in full
 
 
-def _fit_formula(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
+def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float) -> list[Discovery]:
     """Return the formula with everything fitted, in a list.
 
     The list is empty if the formula does not fit in a program, or makes the residuals
@@ -265,9 +267,9 @@ def refit(
 
 def _make_parameter(
     name: str, key: str, value: float, low: float, high: float, unit: str, text: str
-) -> Parameter:
+) -> EffectParameter:
     size = max(abs(value), 1e-9)
-    return Parameter(
+    return EffectParameter(
         name, key, True, unit, float(np.clip(value, low, high)), low, high, size, size, 0.0, 0, text
     )
 
@@ -309,11 +311,11 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
             chosen, best = c, total
     if chosen is None:
         why = (
-            "they do not hold on the logs that were held out"
+            "the held-out logs contradict them"
             if any(c.changes for c in tried)
             else "none closes enough of the gap"
         )
-        words = [f"No formula is proposed: {len(tried)} were simulated, {why}."]
+        words = [f"No formula is proposed: {len(tried)} were simulated; {why}."]
         return Discovery(None, None, tried=shown, words=words)
     return _add_sentences(frame, replace(chosen, tried=shown))
 
@@ -334,9 +336,8 @@ def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
     """Return the formula with the sentences for a person."""
     formula = _describe_formula(frame, c)
     words = [
-        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at "
-        f"{formula.place}. It is a formula, not a "
-        "cause; where it was never driven it does not hold."
+        f"A formula closes {100 * c.share:.0f} % of the rest: {formula.text}, at {formula.place}. "
+        "It is no proof of a cause, and valid only in the range that was driven."
     ]
     return replace(c, formula=formula, words=words)
 

@@ -35,7 +35,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Term:
+class FormulaTerm:
     """A form. `unit`: exponents of metre and second."""
 
     text: str
@@ -116,22 +116,22 @@ def _format_magnitude(s: Signal) -> str:
     return s.text if s is SPEED else f"abs({s.text})"
 
 
-def make_modulators() -> Iterator[Term]:
+def make_modulators() -> Iterator[FormulaTerm]:
     """Return the factors that a signal may have."""
-    yield Term("", (0, 0))
-    yield Term(
+    yield FormulaTerm("", (0, 0))
+    yield FormulaTerm(
         "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
     )
-    yield Term("vel_x*vel_x", (2, -2))
+    yield FormulaTerm("vel_x*vel_x", (2, -2))
     for at in SPEED.sizes:
-        yield Term(*_make_step(SPEED, at, "v", 3.0))
+        yield FormulaTerm(*_make_step(SPEED, at, "v", 3.0))
     for s, name in ((SIDE, "a"), (PULL, "p"), (STEER, "d")):
-        yield Term(_format_magnitude(s), s.unit)
+        yield FormulaTerm(_format_magnitude(s), s.unit)
         for at in s.sizes[1:]:
-            yield Term(*_make_step(s, at, name, 0.3 * at))
-    yield Term("accel_x", PULL.unit)
-    yield Term("(abs(accel_x) + accel_x)", PULL.unit)
-    yield Term("(abs(accel_x) - accel_x)", PULL.unit)
+            yield FormulaTerm(*_make_step(s, at, name, 0.3 * at))
+    yield FormulaTerm("accel_x", PULL.unit)
+    yield FormulaTerm("(abs(accel_x) + accel_x)", PULL.unit)
+    yield FormulaTerm("(abs(accel_x) - accel_x)", PULL.unit)
 
 
 def _make_step(
@@ -141,17 +141,17 @@ def _make_step(
     return f"(1 + {text})", (0, 0), sizes
 
 
-def _make_dead_zone(s: Signal, half: float) -> Term:
+def _make_dead_zone(s: Signal, half: float) -> FormulaTerm:
     size = Size("w", half, 0.1 * s.sizes[0], 3.0 * s.sizes[-1], s.units, "half of the dead zone")
-    return Term(f"({s.text} - max(-w, min(w, {s.text})))", s.unit, (size,))
+    return FormulaTerm(f"({s.text} - max(-w, min(w, {s.text})))", s.unit, (size,))
 
 
-def make_shapes(s: Signal) -> Iterator[Term]:
+def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
     """Return nonlinear forms of a signal."""
-    yield Term(f"{s.text}*abs({s.text})", _add_exponents(s.unit, s.unit))
-    yield Term(f"{s.text}*{s.text}*{s.text}", _add_exponents(s.unit, _add_exponents(s.unit, s.unit)))
+    yield FormulaTerm(f"{s.text}*abs({s.text})", _add_exponents(s.unit, s.unit))
+    yield FormulaTerm(f"{s.text}*{s.text}*{s.text}", _add_exponents(s.unit, _add_exponents(s.unit, s.unit)))
     for w in s.sizes:
-        yield Term(
+        yield FormulaTerm(
             f"soft({s.text}/w)",
             (0, 0),
             (Size("w", w, 0.05 * w, 5.0 * w, s.units, f"{s.text} at which it saturates"),),
@@ -159,47 +159,51 @@ def make_shapes(s: Signal) -> Iterator[Term]:
         yield _make_dead_zone(s, w)
 
 
-def add_memory(s: Signal) -> Iterator[Term]:
+def add_memory(s: Signal) -> Iterator[FormulaTerm]:
     """Return a signal after each operation with memory, with and without the signal."""
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
-            yield Term(f"(lag({s.text}, T){less})", s.unit, (Size("T", t, 0.005, 3.0, "s", "time constant"),))
+            yield FormulaTerm(
+                f"(lag({s.text}, T){less})", s.unit, (Size("T", t, 0.005, 3.0, "s", "time constant"),)
+            )
         for f, d in itertools.product((1.0, 1.5, 2.2, 3.2), (0.1, 0.35)):
             sizes = (
                 Size("f0", f, 0.3, 8.0, "Hz", "natural frequency"),
                 Size("D", d, 0.02, 1.5, "1", "damping ratio"),
             )
-            yield Term(f"(second({s.text}, f0, D){less})", s.unit, sizes)
+            yield FormulaTerm(f"(second({s.text}, f0, D){less})", s.unit, sizes)
     for t in (0.02, 0.08):
-        yield Term(f"(late({s.text}, T) - {s.text})", s.unit, (Size("T", t, 0.002, 0.3, "s", "dead time"),))
+        yield FormulaTerm(
+            f"(late({s.text}, T) - {s.text})", s.unit, (Size("T", t, 0.002, 0.3, "s", "dead time"),)
+        )
 
 
-def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[Term]:
+def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[FormulaTerm]:
     """Return a signal after play, or after a limit of its rate."""
     for w in halves:
         size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
-        yield Term(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
+        yield FormulaTerm(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
     for r in rates:
         size = Size(
             "r", r, 0.1 * r, 10.0 * r, "rad/s" if s.units == "rad" else "m/s3", "fastest that it can change"
         )
-        yield Term(f"(limit({s.text}, r) - {s.text})", s.unit, (size,))
+        yield FormulaTerm(f"(limit({s.text}, r) - {s.text})", s.unit, (size,))
 
 
-def _multiply_terms(a: Term, b: Term) -> Term:
+def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
     names = {s.name for s in a.sizes}
     assert not names & {s.name for s in b.sizes}, "sizes of both have one name"
-    return Term(
+    return FormulaTerm(
         f"{a.text}*{b.text}" if b.text else a.text, _add_exponents(a.unit, b.unit), (*a.sizes, *b.sizes)
     )
 
 
-def make_lateral_forms() -> list[Term]:
+def make_lateral_forms() -> list[FormulaTerm]:
     """Return forms for the places of LATERAL.
 
     They are odd in the signals that turn the car, or forms of braking and speed.
     """
-    found = [_multiply_terms(Term(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
+    found = [_multiply_terms(FormulaTerm(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
     for s in TURNING:
         found += make_shapes(s)
     for s in (STEER, YAW, SIDE, FRONT, REAR):
@@ -208,17 +212,23 @@ def make_lateral_forms() -> list[Term]:
     found += add_play(SIDE, (0.2, 0.8), ())
     # what pulls to one side, whichever way the car turns
     found += [
-        Term(t, u) for t, u in (("accel_x", PULL.unit), ("abs(accel_x)", PULL.unit), ("vel_x*vel_x", (2, -2)))
+        FormulaTerm(t, u)
+        for t, u in (("accel_x", PULL.unit), ("abs(accel_x)", PULL.unit), ("vel_x*vel_x", (2, -2)))
     ]
     for s in (STEER, YAW, SIDE, FRONT, REAR):
-        found += [Term(f"abs({s.text})", s.unit), Term(f"{s.text}*{s.text}", _add_exponents(s.unit, s.unit))]
+        found += [
+            FormulaTerm(f"abs({s.text})", s.unit),
+            FormulaTerm(f"{s.text}*{s.text}", _add_exponents(s.unit, s.unit)),
+        ]
     return found
 
 
-def make_longitudinal_forms() -> list[Term]:
+def make_longitudinal_forms() -> list[FormulaTerm]:
     """Return forms for the places of LONGITUDINAL."""
     found = [
-        _multiply_terms(Term(PULL.text, PULL.unit), m) for m in make_modulators() if "accel_x" not in m.text
+        _multiply_terms(FormulaTerm(PULL.text, PULL.unit), m)
+        for m in make_modulators()
+        if "accel_x" not in m.text
     ]
     found += [*make_shapes(PULL), *add_memory(PULL), *add_play(PULL, (0.1, 0.4), (3.0, 10.0))]
     for text, unit in (
@@ -228,7 +238,7 @@ def make_longitudinal_forms() -> list[Term]:
         ("steer_angle*steer_angle", (0, 0)),
         ("abs(steer_angle)", (0, 0)), ("steer_angle", (0, 0)), ("accel_y", SIDE.unit), ("yaw_rate", YAW.unit),
     ):  # fmt: skip
-        found.append(Term(text, unit))
+        found.append(FormulaTerm(text, unit))
     return found
 
 
@@ -248,7 +258,7 @@ KNOWN: dict[str, tuple[str, ...]] = {
 }
 
 
-def list_forms(place: str) -> list[Term]:
+def list_forms(place: str) -> list[FormulaTerm]:
     """Return the library at a place, without the forms of effects there."""
     return [
         t
@@ -257,7 +267,7 @@ def list_forms(place: str) -> list[Term]:
     ]
 
 
-def make_formula(place: str, term: Term, coefficient: float) -> Formula:
+def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
     """Return a form with its coefficient as a formula.
 
     Raises
@@ -272,7 +282,7 @@ def make_formula(place: str, term: Term, coefficient: float) -> Formula:
     return Formula("found", "found in logs: a formula, not a cause", place, f"k*{term.text}", numbers)
 
 
-def compute_values(term: Term, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
+def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
     """Return the values of a form over one log, shape (rows,).
 
     `signals` are by their names in formulas, `dt` in s.

@@ -37,7 +37,7 @@ MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
 MAX_SETS = 8  # sets that are written with their probability
 # Why an effect is possible and has no name.
-SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
+SMALL, IDLE, UNSURE = "its size is negligible", "it closes almost nothing", f"below {100 * NAME_AT:.0f} %"
 ZERO = "its interval holds nothing"
 
 

@@ -58,14 +58,14 @@ def find_remainders(
         elif own <= limit:
             words = "noise only, besides lone spikes or a bias that walks"
         elif is_noise(steady, log):
-            words = f"noise only, {own:.2f} times that of its differences from row to row"
+            words = f"noise only, {own:.2f} times the noise of its row-to-row differences"
         elif where is not None:
             kind, name = "localised", problem.logs[where[2]].name
-            words = f"half of what is left is in {name} between {where[0]:.1f} and {where[1]:.1f} s"
+            words = f"half of the remaining error is in {name} between {where[0]:.1f} and {where[1]:.1f} s"
         else:
             kind = "disturbance"
-            words = f"{size:.2f} times the noise is left" + (
-                f", most at {large[channel]}" if channel in large else ""
+            words = f"the remaining error is {size:.2f} times the noise" + (
+                f", largest at {large[channel]}" if channel in large else ""
             )
         found.append(Remainder(channel, size, kind, f"{channel}: {words}"))
     return found

@@ -26,13 +26,13 @@ from tse.library.core import Config
 from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 
-ROAD_PROBABILITY = 0.1  # prior, that a road's make_profile shows
+ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
 MAX_ODDS = 50.0  # ln: beyond it a probability is 1
 
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """A make_profile that the logs show: rms [rad] about its mean of each road with its 95 %
+    """A profile that the logs show: rms [rad] about its mean of each road with its 95 %
     interval, and what speaks for it."""
 
     effect: Effect
@@ -123,7 +123,7 @@ def find_roads(
 
 
 def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
-    """Return how large a make_profile is, and how likely it is that there is one.
+    """Return how large a profile is, and how likely it is that there is one.
 
     The sd of the rms is that of independent values, each as sure as they are on average.
     """

@@ -21,15 +21,15 @@ from tse.car.vehicle import Vehicle, describe_stiffness, fill_sensors, read_vehi
 from tse.estimation.estimate import estimate
 from tse.estimation.verdict import NAMES
 from tse.gaps.catalogue import drop_log_values
-from tse.gaps.fit import Change, compare_models
+from tse.gaps.fit import ChannelChange, compare_models
 from tse.gaps.problem import Problem
 from tse.gaps.run import add, pictures, report
-from tse.gaps.run.workflow import FIT, HELD_OUT, Result
+from tse.gaps.run.workflow import FIT, HELD_OUT, GapResult
 from tse.identify.data import COMPARED_CHANNELS
 from tse.library.core import NOMINAL, STIFFNESS
 from tse.library.files import write_atomically
 from tse.log.rows import CheckedLog
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 from tse.roads.road import write_road
 
 VERDICT, RESIDUALS, REPORT, PICTURE, ROAD = (
@@ -56,17 +56,21 @@ BOTH = ("before", "after")
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenFiles:
     """What was made."""
 
     files: list[Path]
     gain: dict[str, Any]
-    changes: dict[str, dict[str, Change]]  # of each part: its channels, before and after
+    changes: dict[str, dict[str, ChannelChange]]  # of each part: its channels, before and after
 
 
 def write_all(
-    out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
-) -> Written:
+    out: Path,
+    result: GapResult,
+    vehicle_path: Path,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+) -> WrittenFiles:
     """Add and Show."""
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
@@ -96,11 +100,11 @@ def write_all(
 
     say("report")
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
-    shown = report.Shown(result, named, rows, changes, gained, stiffness, [*old.filled])
+    shown = report.ReportInput(result, named, rows, changes, gained, stiffness, [*old.filled])
     report.write_report(out / REPORT, shown)
     with write_atomically(out / VERDICT) as file:
         json.dump(
-            plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
+            convert_to_plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
             file,
             indent=1,
             allow_nan=False,
@@ -118,10 +122,10 @@ def write_all(
     if importlib.util.find_spec("matplotlib") is not None:
         pictures.draw_picture(out / PICTURE, rows, make_headline(result))
         files.append(out / PICTURE)
-    return Written(files, gained, changes)
+    return WrittenFiles(files, gained, changes)
 
 
-def write_road_files(out: Path, result: Result) -> list[Path]:
+def write_road_files(out: Path, result: GapResult) -> list[Path]:
     """Write the roads that were found; files of an earlier run that are none go."""
     found = result.roads.profiles() if result.roads is not None else []
     files = [out / (f"road_{k}.csv" if k > 1 else ROAD) for k in range(1, len(found) + 1)]
@@ -132,7 +136,7 @@ def write_road_files(out: Path, result: Result) -> list[Path]:
     return files
 
 
-def make_headline(result: Result) -> str:
+def make_headline(result: GapResult) -> str:
     """Return the verdict in a few words."""
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"

@@ -10,8 +10,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tse.gaps.fit import Change
-from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, picture_of, thin_line
+from tse.gaps.fit import ChannelChange
+from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, open_picture, set_layout, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
 MAX_POINTS = 3000  # per line; longer logs are thinned, to their peaks
@@ -68,7 +68,7 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
          "args": [{"visible": [o == n for o in owner]}, {}]}
         for n, (part, log) in enumerate(logs)
     ]  # fmt: skip
-    layout(figure, 210 * len(channels) + 90, hovermode="x unified")
+    set_layout(figure, 210 * len(channels) + 90, hovermode="x unified")
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left")
     menu = {"x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 24}, "bgcolor": "white"}
@@ -77,7 +77,7 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def draw_gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
+def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure:
     """Plot rms over noise before and after, per channel.
 
     The interval is that of the change (paired blocks).
@@ -126,7 +126,7 @@ def draw_gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
         )
         figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1.2}, row=1, col=col)
     figure.update_yaxes(title_text="residual over sensor noise (rms)", rangemode="tozero", row=1, col=1)
-    return layout(figure, 360, barmode="group")
+    return set_layout(figure, 360, barmode="group")
 
 
 def _make_part_title(part: str) -> str:
@@ -138,7 +138,7 @@ def _make_part_title(part: str) -> str:
 
 def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
     """Draw gap.png: the moment in which the gap closed most."""
-    with picture_of(path) as plt:
+    with open_picture(path) as plt:
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
         )

@@ -59,7 +59,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ManeuverPlan:
     """All manoeuvres, best first."""
 
     first: str
@@ -114,7 +114,7 @@ class Plan:
 
 def make_plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
-) -> Plan:
+) -> ManeuverPlan:
     """Return every manoeuvre of the library for two effects, "A,B"."""
     first, second = read_pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
@@ -126,7 +126,7 @@ def make_plan(
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:
         options = [o for o in pool.map(one, candidates) if o is not None]
-    return Plan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
+    return ManeuverPlan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
 
 
 def read_pair(separate: str) -> tuple[Effect, Effect]:

@@ -98,7 +98,7 @@ def compute_posterior(
 
     The estimator has no formula: its part is model error there.
 
-    Where the model that wheels drive does not explain accel_x, its estimate_longitudinal stiffness
+    Where the model that wheels drive does not explain accel_x, its longitudinal stiffness
     only smooths their noise and is 13 .. 45 % too soft, on three multi-body cars. Then
     the stiffness is that of a calibration of the slip, or the one before.
     """

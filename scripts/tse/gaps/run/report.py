@@ -14,9 +14,9 @@ import pandas as pd
 
 from tse.estimation.verdict import NAMES
 from tse.gaps.catalogue import load_catalogue
-from tse.gaps.fit import Change
+from tse.gaps.fit import ChannelChange
 from tse.gaps.run import pictures
-from tse.gaps.run.workflow import Result
+from tse.gaps.run.workflow import GapResult
 from tse.identify.data import COMPARED_CHANNELS
 from tse.library.core import STIFFNESS, library
 from tse.report.plots import CHANNEL_UNITS
@@ -32,19 +32,19 @@ MAX_CONDITIONS = 12
 
 
 @dataclass
-class Shown:
+class ReportInput:
     """All that the report shows."""
 
-    result: Result
+    result: GapResult
     vehicle: str
     table: pd.DataFrame
-    parts: Mapping[str, Mapping[str, Change]]
+    parts: Mapping[str, Mapping[str, ChannelChange]]
     gain: Mapping[str, Any]
     stiffness: Mapping[str, float]  # over the vehicle file's, as it is written
     notes: list[str] = field(default_factory=list)
 
 
-def write_report(path: Path, shown: Shown) -> None:
+def write_report(path: Path, shown: ReportInput) -> None:
     """Write the report of a run."""
     result = shown.result
     claim = "" if result.naming.named else " Nothing was added: after is as before."
@@ -112,7 +112,7 @@ def make_gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def list_facts(shown: Shown) -> list[tuple[str, str]]:
+def list_facts(shown: ReportInput) -> list[tuple[str, str]]:
     problem, held = shown.result.problem, shown.result.held
     baseline = shown.result.naming.baseline.values
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]

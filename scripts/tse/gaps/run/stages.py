@@ -86,7 +86,7 @@ def compute_stages(
 
 def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
     """Return a line for all channels of a part of the logs, and one for each."""
-    head = f"Off the simulation, {title}: as the file says, calibrated, with what is named (noise)"
+    head = f"Error of the simulation, {title}: vehicle file, calibrated, with named effects (noise)"
     rows = [
         f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}"
         f"({s.noise:.2g})"
@@ -98,10 +98,9 @@ def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
 def describe_stages(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
     """Return a line for each channel of each part of the logs. `title`: of a part."""
     return [
-        f"{c} of {title(part)}: {s.filed:.3g} {CHANNEL_UNIT[c]} off as the file says, "
-        f"{s.calibrated:.3g} calibrated, "
-        f"{s.named:.3g} with what is named; {s.noise:.2g} is noise. {100 * s.explained:.1f} % of the "
-        "signal is explained."
+        f"{c} of {title(part)}: rms error {s.filed:.3g} {CHANNEL_UNIT[c]} with the vehicle file, "
+        f"{s.calibrated:.3g} calibrated, {s.named:.3g} with the named effects; sensor noise {s.noise:.2g}. "
+        f"The model explains {100 * s.explained:.1f} % of the signal."
         for part, channels in found.items()
         for c, s in channels.items()
     ]
