@@ -20,7 +20,7 @@ UNITS = {
     "cy_rear": "N/rad",
 }  # in which the API has what the library has relative to nominal
 HEAD = '''\
-"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py."""
+"""Names, units and ranges of the library's tables, by scripts/dev/api_tables.py."""
 
 from __future__ import annotations
 
