@@ -15,7 +15,7 @@ import pandas as pd
 
 from tse._base import Array
 from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
-from tse._log import Log, LogLike, PathLike, checked, known_road
+from tse._log import Log, LogLike, PathLike, read_checked, read_known_road
 from tse._shown import Shown, make_figure
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, check_names, read_vehicle
@@ -228,7 +228,7 @@ class Result(Shown):
     def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
         if self._ran is not None:
             return self._ran[0].findings, self._ran[0].changes
-        plain = _plain(self.table)
+        plain = _convert_flags(self.table)
         changes = regimes.find_changes(plain)
         return make_findings(plain, self._config(), changes, self.warnings, self.uncertainty_sd), changes
 
@@ -236,7 +236,9 @@ class Result(Shown):
         return self._ran[1].config if self._ran is not None else Filter(settings=self.settings)._config
 
     def _estimated(self) -> Estimates:
-        return self._ran[0].estimate if self._ran is not None else Estimates(_plain(self.table), False)
+        return (
+            self._ran[0].estimate if self._ran is not None else Estimates(_convert_flags(self.table), False)
+        )
 
     def _rows(self, log: Path, cautions: Sequence[str]) -> list[dict[str, Any]]:
         return results.make_rows(log, self._estimated(), *self._found(), cautions)
@@ -314,7 +316,7 @@ class Result(Shown):
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the estimates as `tselab estimate --out` does, byte for byte."""
         self._check_whole("to_csv")
-        write_estimates(_plain(self.table), Path(path))
+        write_estimates(_convert_flags(self.table), Path(path))
 
     def write_table(self, path: str | os.PathLike[str]) -> Path:
         """Write the table of the command, .parquet or .csv by the name."""
@@ -427,11 +429,11 @@ def estimate(
     """
     check_form(form)
     car = read_vehicle(vehicle)
-    before = learnt_state(learnt, age)
+    before = read_learnt_state(learnt, age)
     say = progress if progress is not None else lambda _: None
     ready = assemble_run(
         car,
-        checked(log, car, reading=reading),
+        read_checked(log, car, reading=reading),
         None if config is None else Path(config),
         average,
         {},
@@ -440,7 +442,7 @@ def estimate(
         "settings",
         strict=reading is not None and reading.strict,
         calibrate=Calibrate(say, goes_on=keep_partial) if calibrate and before is None else None,
-        road=known_road(road),
+        road=read_known_road(road),
     )
     ran = run_prepared(
         ready,
@@ -469,7 +471,7 @@ def estimate(
     )
 
 
-def learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
+def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
     """Return a learnt state, of a file or in memory. `age`: s; UNKNOWN_AGE of a file:
     that of the file."""
     if isinstance(learnt, os.PathLike):
@@ -477,6 +479,6 @@ def learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt 
     return None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
 
 
-def _plain(table: pd.DataFrame) -> pd.DataFrame:
+def _convert_flags(table: pd.DataFrame) -> pd.DataFrame:
     """Return the table as in EST.csv: flags are 0 and 1."""
     return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind.kind == "b"})

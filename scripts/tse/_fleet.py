@@ -13,7 +13,7 @@ import pandas as pd
 from tse._filter import Form
 from tse._log import PathLike
 from tse._shown import Shown, make_figure
-from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
+from tse._vehicle import VehicleLike, get_vehicle_file, read_vehicle
 from tse.estimation.answer import WHERE
 from tse.library.errors import UserError
 from tse.log.rows import Reading
@@ -215,7 +215,7 @@ def fleet(
     if car is not None and vehicles is not None:
         raise UserError("car: the table `vehicles` says which car a log is of")
     folder = Path(out)
-    car_file = None if vehicle is None else vehicle_file(vehicle, folder)
+    car_file = None if vehicle is None else get_vehicle_file(vehicle, folder)
     words = [os.fspath(logs)] if isinstance(logs, str | os.PathLike) else [os.fspath(p) for p in logs]
     drives = find.find_drives(words, car_file, None if vehicles is None else Path(vehicles), car, folder)
     for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):

@@ -12,9 +12,9 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, known_road, paths_or_checked
+from tse._log import LogLike, PathLike, collect_logs, read_known_road
 from tse._shown import Shown
-from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
+from tse._vehicle import VehicleLike, get_vehicle_file, read_vehicle
 from tse.car.vehicle import Vehicle
 from tse.gaps.run import check, pictures, plan, stages, workflow
 from tse.gaps.run.output import WrittenFiles, write_all
@@ -159,9 +159,9 @@ def gap(
     folder = Path(out) if out is not None else Path(keep.name if keep else "")
     make_directory(folder)
     say = progress if progress is not None else lambda _: None
-    car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
-    fitted, held = paths_or_checked(logs, read), paths_or_checked(hold_out, read, 0)
-    result = workflow.run_workflow(fitted, car, held, jobs, say, formula, reading, known_road(road))
+    car, read = get_vehicle_file(vehicle, folder), read_vehicle(vehicle)
+    fitted, held = collect_logs(logs, read), collect_logs(hold_out, read, 0)
+    result = workflow.run_workflow(fitted, car, held, jobs, say, formula, reading, read_known_road(road))
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)
 
 
@@ -223,7 +223,7 @@ def gap_check(
     paths = [Path(logs)] if isinstance(logs, str | os.PathLike) else [Path(p) for p in logs]
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:
-        found = check.check_model(paths, vehicle_file(vehicle, Path(folder)), jobs, say, reading)
+        found = check.check_model(paths, get_vehicle_file(vehicle, Path(folder)), jobs, say, reading)
     return GapCheck(found, paths)
 
 
@@ -276,4 +276,4 @@ def gap_plan(
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:
-        return GapPlan(plan.make_plan(effects, vehicle_file(vehicle, Path(folder)), jobs, say))
+        return GapPlan(plan.make_plan(effects, get_vehicle_file(vehicle, Path(folder)), jobs, say))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, checked, known_road
+from tse._log import LogLike, PathLike, read_checked, read_known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, check_names, read_vehicle
 from tse.car.vehicle import make_default_vehicle
@@ -133,7 +133,7 @@ def simulate(
         road=list(road_changes),
         seed=int(sim.seed),
     )
-    done = _simulate(plan, config, sim, car.driven_axle, bar, known_road(road))
+    done = _simulate(plan, config, sim, car.driven_axle, bar, read_known_road(road))
     return Simulated(done.log, done.truth)
 
 
@@ -241,8 +241,8 @@ def replay(
     config = Config.exact(car.values)
     for name, value in check_names(settings).items():
         config.set(name, value)
-    rows, placed = checked(log, car, reading=reading), list[str]()
-    profile = known_road(road)
+    rows, placed = read_checked(log, car, reading=reading), list[str]()
+    profile = read_known_road(road)
     if profile is not None:
         from tse.roads.road_match import add_road
 

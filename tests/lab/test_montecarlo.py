@@ -433,7 +433,7 @@ def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp
     ]
     for other in others:
         assert engine.read_runs(tmp_path / engine.RUNS, other.units) == {}
-    for name in ("library_hash", "hash_code"):
+    for name in ("hash_library", "hash_code"):
         with monkeypatch.context() as m:
             m.setattr(engine, name, lambda: "f" * 64)
             assert engine.read_runs(tmp_path / engine.RUNS, p.units) == {}

@@ -116,10 +116,10 @@ class Problem:
                 prior,
             )
             for i in range(len(self.logs))
-            for k in range(self._knots(i))
+            for k in range(self._count_knots(i))
         )
 
-    def _knots(self, i: int) -> int:
+    def _count_knots(self, i: int) -> int:
         return int(self.logs[i].distance[-1] // KNOT_DISTANCE) + 2
 
     # ---- layout
@@ -226,7 +226,7 @@ class Problem:
         # mostly none: this is asked often
         own = [k for k in values if isinstance(k, Own) and k.log == i]
         for effect in PROFILES if own else ():
-            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
+            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._count_knots(i))]
             if any(knots):
                 found[effect] = np.interp(self.logs[i].distance, KNOT_DISTANCE * np.arange(len(knots)), knots)
         return found

@@ -404,7 +404,7 @@ class LiveDrive:
         if self.stream is None:
             self._listen(came, now)
             if self.stream is None:
-                return np.zeros(0), self._no_outputs()
+                return np.zeros(0), self._make_no_outputs()
             came, self._listened = self._listened, []  # all frames so far
         made = []
         for part in _cut_pieces(came) or [[]]:
@@ -425,7 +425,7 @@ class LiveDrive:
                 self._next_check = self.drive.time + CHECKED
                 self._agree(list(self._columns))
 
-    def _no_outputs(self) -> np.ndarray:
+    def _make_no_outputs(self) -> np.ndarray:
         return np.zeros(0, library().dtype(OUTPUT))
 
     def _look_at_bus(self, came: Sequence[Arrived], now: float) -> None:
@@ -533,11 +533,11 @@ class LiveDrive:
             self._say_once(text)
         stream.notes.clear()
         if not len(times):
-            return times, self._no_outputs()
+            return times, self._make_no_outputs()
         if self.filter is None:
             self._start(float(times[0]))
         times = times - self._origin
-        rows = self._inputs(times, columns)
+        rows = self._make_inputs(times, columns)
         outputs = self.filter.outputs(len(rows))
         self.filter.step_into(rows, outputs)
         if self.drive.contradicted:
@@ -579,7 +579,7 @@ class LiveDrive:
             "filter.toml", "\n".join([*lines, *(f"{k} = {v!r}" for k, v in changed.items()), ""]).encode()
         )
 
-    def _inputs(self, times: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
+    def _make_inputs(self, times: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
         """Return rows as the library takes them."""
         lib = library()
         rows = np.zeros(len(times), lib.dtype(INPUT))
@@ -643,7 +643,7 @@ class LiveDrive:
         """Return the columns of SUMMARY of all written rows; of a long drive every
         n-th row."""
         frames = [pd.DataFrame(x) for x in self._table]
-        nothing = make_block(np.zeros(0), self._no_outputs(), self.config)
+        nothing = make_block(np.zeros(0), self._make_no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
 
     # ---- events

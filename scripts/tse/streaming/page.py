@@ -104,7 +104,7 @@ class Page:
             self._send(to, "text/html; charset=utf-8", read_page().encode())
         elif asked.path == "/rows":
             query = {k: int(v[0]) if v[0].isdigit() else 0 for k, v in parse_qs(asked.query).items()}
-            found = self._state(query.get("from", 0), query.get("events", 0))
+            found = self._make_state(query.get("from", 0), query.get("events", 0))
             self._send(to, "application/json", json.dumps(found).encode())
         else:
             to.send_error(404)
@@ -118,7 +118,7 @@ class Page:
         to.end_headers()
         to.wfile.write(body)
 
-    def _state(self, first: int, events: int) -> dict[str, Any]:
+    def _make_state(self, first: int, events: int) -> dict[str, Any]:
         """Return rows and sentences since row `first` and sentence `events`."""
         with self._lock:
             count = self._gone + len(self._columns["time"])

@@ -76,7 +76,7 @@ class Worlds:
             assert discovery.fit is not None
             price += discovery.price - compute_ln_odds(OUTSIDE)
             last, values = discovery.fit, discovery.values
-        self.known.append(World(naming, discovery, price, self._residuals(last, values)))
+        self.known.append(World(naming, discovery, price, self._compute_residuals(last, values)))
 
     def weigh(self) -> None:
         """Compute the probability of each world."""
@@ -96,7 +96,7 @@ class Worlds:
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
 
-    def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
+    def _compute_residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
         held = self.held
         return [last.residuals] + ([] if held is None else [held.residuals(drop_log_values(values))])
 

@@ -175,11 +175,11 @@ class Around:
             self._square[k] += float(e @ (weight * e))
             self._gradient[k] += table.T @ (weight * e)
             self._gram[k] += table.T @ (weight[:, None] * table)
-        self._first = self._weights(self._square)
+        self._first = self._compute_weights(self._square)
         self._here = 0.0
         self._here = judged.evidence - self.judge(judged.ids).evidence
 
-    def _weights(self, square: np.ndarray) -> np.ndarray:
+    def _compute_weights(self, square: np.ndarray) -> np.ndarray:
         return np.array([1.0 / compute_variance(s / n) for s, n in zip(square, self._count, strict=True)])
 
     def judge(self, members: frozenset[str]) -> Judged:
@@ -199,7 +199,7 @@ class Around:
             x = np.clip(self._x - cho_solve(factor, gradient), space.low, space.high)
             by = x - self._x
             square = self._square + 2.0 * self._gradient @ by + np.einsum("i,kij,j->k", by, self._gram, by)
-            weights = self._weights(square)
+            weights = self._compute_weights(square)
         evidence = self._here
         evidence += sum(
             compute_ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True)
@@ -241,11 +241,11 @@ class Search:
         """Return the most probable set, by adding to nothing, or by taking away from all
         where that leads further.
         """
-        best = self._climbed(self.judge((), {}))
-        best = max(best, self._pruned(best), key=lambda j: j.evidence)
+        best = self._climb(self.judge((), {}))
+        best = max(best, self._prune(best), key=lambda j: j.evidence)
         for _ in range(PASSES):
-            best = self._climbed(best)
-            self._rivals(best)
+            best = self._climb(best)
+            self._fit_rivals(best)
             likeliest = max(self.all().values(), key=lambda j: j.evidence)
             if likeliest.evidence < best.evidence + WORTH:
                 break
@@ -253,7 +253,7 @@ class Search:
             best = max(self.known.values(), key=lambda j: j.evidence)
         return best
 
-    def _pruned(self, start: Judged) -> Judged:
+    def _prune(self, start: Judged) -> Judged:
         """Return what is left of all effects together when those that are not worth their
         price go. Of two that nearly cancel, none is worth anything alone."""
         whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
@@ -266,22 +266,22 @@ class Search:
             best = there
         return self.judge(best.ids, best.values, start)
 
-    def _climbed(self, best: Judged) -> Judged:
+    def _climb(self, best: Judged) -> Judged:
         """Return the best set that adding, leaving out and exchanging effects reaches."""
         for _ in range(MAX_ROUNDS):
             around = Around(best)
             self.near = {}
-            there = self._best_near(around, best.ids, AT_ONCE)
+            there = self._find_best_near(around, best.ids, AT_ONCE)
             if there == best.ids:
                 break
             new = there - best.ids
-            tried = self.judge(there, self._seen(around, there).values, best)
-            tried = max([tried, *self._alike(tried, new)], key=lambda j: j.evidence)
+            tried = self.judge(there, self._get_set(around, there).values, best)
+            tried = max([tried, *self._fit_alike(tried, new)], key=lambda j: j.evidence)
             if tried.evidence > best.evidence:
                 best = tried
         return best
 
-    def _alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
+    def _fit_alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
         """Fit what the catalogue calls alike in the place of some effects: slopes do not
         show what is not small.
         """
@@ -296,21 +296,21 @@ class Search:
                     )
         return found
 
-    def _rivals(self, best: Judged) -> None:
+    def _fit_rivals(self, best: Judged) -> None:
         """Fit what could be in the place of each effect, or of none."""
         around = Around(best)
         for h in best.effects:
             less = best.ids - {h.id}
             others = [frozenset(less | {o.id}) for o in self.asked if o.id not in best.ids]
-            ranked = sorted((self._seen(around, s) for s in others), key=lambda j: -j.evidence)
-            for j in (self._seen(around, less), *ranked[:RIVALS]):
+            ranked = sorted((self._get_set(around, s) for s in others), key=lambda j: -j.evidence)
+            for j in (self._get_set(around, less), *ranked[:RIVALS]):
                 if j.ids == less or j.evidence > best.evidence - FAR:
                     self.judge(j.ids, j.values, best, rough=True)
         for o in self.asked:
             if o.id not in best.ids:
-                self._seen(around, best.ids | {o.id})
+                self._get_set(around, best.ids | {o.id})
 
-    def _seen(self, around: Around, ids: frozenset[str]) -> Judged:
+    def _get_set(self, around: Around, ids: frozenset[str]) -> Judged:
         """Return a set as it was fitted, else by slopes."""
         if ids in self.known:
             return self.known[ids]
@@ -318,11 +318,11 @@ class Search:
             self.near[ids] = around.judge(ids)
         return self.near[ids]
 
-    def _best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
+    def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
         """Return the best set that so many changes lead to, each the best one."""
 
         def worth(ids: frozenset[str]) -> float:
-            return self._seen(around, ids).evidence
+            return self._get_set(around, ids).evidence
 
         best = start
         for _ in range(changes):

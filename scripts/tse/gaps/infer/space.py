@@ -168,7 +168,7 @@ class Space:
         """
         if self.lent is None:
             return self.own_slopes(x, base)
-        found = self._simulated(x, base, ((1.0, True),))
+        found = self._simulate_slopes(x, base, ((1.0, True),))
         mine = np.array([n in self._there for n in self.names])
         for table, other in zip(found, self.lent, strict=True):
             k = np.flatnonzero(~mine[: other.shape[1]])
@@ -177,9 +177,9 @@ class Space:
 
     def own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
         """Return the same with nothing lent."""
-        return self._simulated(x, base, ((1.0, True), (REACH, False)))
+        return self._simulate_slopes(x, base, ((1.0, True), (REACH, False)))
 
-    def _simulated(
+    def _simulate_slopes(
         self, x: np.ndarray, base: list[np.ndarray], parts: Sequence[tuple[float, bool]]
     ) -> list[np.ndarray]:
         """Return slopes over a reach of what is there (True), or is not; nothing of the

@@ -106,9 +106,11 @@ class GapResult(Found):
             "sensors": list_sensor_corrections(self.problem, self.naming),
             "possible": self.naming.possible,
             "sets": self.naming.sets,
-            "formula": self._formula_as_json(),
+            "formula": self._convert_formula(),
             "rivals": self.rivals,
-            "where": [asdict(c) | {"entry_point": self._entry(c.channel)} for c in self.conditions],
+            "where": [
+                asdict(c) | {"entry_point": self._find_entry_point(c.channel)} for c in self.conditions
+            ],
             "entry_points": [asdict(e) for e in self.entries],
             "gap": {
                 "fit": {"before": self.fit_before, "after": self.fit_after},
@@ -128,7 +130,7 @@ class GapResult(Found):
             "version": __version__,
         }
 
-    def _formula_as_json(self) -> dict[str, Any] | None:
+    def _convert_formula(self) -> dict[str, Any] | None:
         if self.discovery is None:
             return None
         f, d, proposed = self.formula, self.discovery, None
@@ -144,7 +146,7 @@ class GapResult(Found):
             }
         return {"proposed": proposed, "tried": d.tried}
 
-    def _entry(self, channel: str) -> str:
+    def _find_entry_point(self, channel: str) -> str:
         if channel == "accel_x":
             return "longitudinal"
         return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
