@@ -138,11 +138,15 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
             steer = steady(v, 2.5) * np.sin(2 * np.pi * f * t)
             yield Candidate(f"slalom of {f:g} Hz, at {v:g} m/s", ((steer, at(v)(t)),))
         for depth in (1.5, 3.0):
-            yield Candidate(f"steps of brake and throttle, {depth:g} m/s2, straight, about {v:g} m/s",
-                            ((straight(t), pulses(t, v, depth)),))  # fmt: skip
+            yield Candidate(
+                f"steps of brake and throttle, {depth:g} m/s2, straight, about {v:g} m/s",
+                ((straight(t), pulses(t, v, depth)),),
+            )
         turn = steady(v, 3.0) * make_square(t, 12.0)
-        yield Candidate(f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
-                        ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),))  # fmt: skip
+        yield Candidate(
+            f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
+            ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),),
+        )
         yield Candidate(f"straight on at {v:g} m/s", ((straight(t), at(v)(t)),))
     for name, steer in (
         ("steering sine sweep 0.2 .. 3 Hz, 3 m/s2", sweep),

@@ -232,12 +232,19 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
     ]
     found += [*make_shapes(PULL), *add_memory(PULL), *add_play(PULL, (0.1, 0.4), (3.0, 10.0))]
     for text, unit in (
-        ("vel_x*vel_x", (2, -2)), ("vel_x", (1, -1)),
-        ("abs(accel_y)", SIDE.unit), ("accel_y*accel_y", (2, -4)),
-        ("accel_y*steer_angle", SIDE.unit), ("accel_y*yaw_rate", (1, -3)), ("yaw_rate*yaw_rate", (0, -2)),
+        ("vel_x*vel_x", (2, -2)),
+        ("vel_x", (1, -1)),
+        ("abs(accel_y)", SIDE.unit),
+        ("accel_y*accel_y", (2, -4)),
+        ("accel_y*steer_angle", SIDE.unit),
+        ("accel_y*yaw_rate", (1, -3)),
+        ("yaw_rate*yaw_rate", (0, -2)),
         ("steer_angle*steer_angle", (0, 0)),
-        ("abs(steer_angle)", (0, 0)), ("steer_angle", (0, 0)), ("accel_y", SIDE.unit), ("yaw_rate", YAW.unit),
-    ):  # fmt: skip
+        ("abs(steer_angle)", (0, 0)),
+        ("steer_angle", (0, 0)),
+        ("accel_y", SIDE.unit),
+        ("yaw_rate", YAW.unit),
+    ):
         found.append(FormulaTerm(text, unit))
     return found
 
@@ -277,8 +284,10 @@ def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
     """
     wanted = read_exponents(library().formula_places[place].unit)
     unit = format_unit((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
-    numbers = (Number("k", coefficient, unit, None, f"times {term.text}"),
-               *(Number(s.name, s.value, s.unit, None, s.text) for s in term.sizes))  # fmt: skip
+    numbers = (
+        Number("k", coefficient, unit, None, f"times {term.text}"),
+        *(Number(s.name, s.value, s.unit, None, s.text) for s in term.sizes),
+    )
     return Formula("found", "found in logs: a formula, not a cause", place, f"k*{term.text}", numbers)
 
 

@@ -90,8 +90,10 @@ def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, f
         enough = count >= 0.5 * count.max(initial=0)
         if enough.sum() < MIN_WINDOWS:
             continue
-        energy, *table = ((np.bincount(index, x) / count)[enough] for x in (
-            residuals[mine] ** 2, *(np.nan_to_num(x[mine]) for x in at.values())))  # fmt: skip
+        energy, *table = (
+            (np.bincount(index, x) / count)[enough]
+            for x in (residuals[mine] ** 2, *(np.nan_to_num(x[mine]) for x in at.values()))
+        )
         for name, x in zip(at, table, strict=True):
             if np.ptp(x) > 1e-9 * (1 + np.abs(x).max()):
                 rho, chance = spearmanr(x, energy)

@@ -55,8 +55,16 @@ class Check:
         for d in order:
             unit = "" if d.unit == "1" else f" {d.unit}"
             smallest = f"{d.smallest:.2g}{unit}" if np.isfinite(d.smallest) else "never"
-            rows.append([d.id, d.parameter.removeprefix(d.id + "_"), smallest, f"{d.typical:.2g}{unit}",
-                         "yes" if d.visible else "no", f"{100 * max(0.0, d.absorbed):.0f} %"])  # fmt: skip
+            rows.append(
+                [
+                    d.id,
+                    d.parameter.removeprefix(d.id + "_"),
+                    smallest,
+                    f"{d.typical:.2g}{unit}",
+                    "yes" if d.visible else "no",
+                    f"{100 * max(0.0, d.absorbed):.0f} %",
+                ]
+            )
         lines = [text_table(rows, right=(2, 3, 5)), ""]
         seen = sum(d.visible for d in order)
         lines.append(

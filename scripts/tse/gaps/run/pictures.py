@@ -36,8 +36,13 @@ def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
 def draw_overlay(table: pd.DataFrame) -> go.Figure:
     """Plot measured, before and after, per channel. The log is chosen from a list."""
     channels, logs = _list_channels(table), _list_logs(table)
-    figure = make_subplots(len(channels), 1, shared_xaxes=True, vertical_spacing=0.05,
-                           subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels])  # fmt: skip
+    figure = make_subplots(
+        len(channels),
+        1,
+        shared_xaxes=True,
+        vertical_spacing=0.05,
+        subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels],
+    )
     owner = []
     for n, (part, log) in enumerate(logs):
         mine = table[(table["part"] == part) & (table["log"] == log)]
@@ -64,10 +69,13 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
                 )
                 owner.append(n)
     buttons = [
-        {"label": f"{log}{' (held out)' if part == 'held_out' else ''}", "method": "update",
-         "args": [{"visible": [o == n for o in owner]}, {}]}
+        {
+            "label": f"{log}{' (held out)' if part == 'held_out' else ''}",
+            "method": "update",
+            "args": [{"visible": [o == n for o in owner]}, {}],
+        }
         for n, (part, log) in enumerate(logs)
-    ]  # fmt: skip
+    ]
     set_layout(figure, 210 * len(channels) + 90, hovermode="x unified")
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left")
@@ -82,8 +90,13 @@ def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure
 
     The interval is that of the change (paired blocks).
     """
-    figure = make_subplots(1, len(parts), shared_yaxes=True, horizontal_spacing=0.06,
-                           subplot_titles=[_make_part_title(p) for p in parts])  # fmt: skip
+    figure = make_subplots(
+        1,
+        len(parts),
+        shared_yaxes=True,
+        horizontal_spacing=0.06,
+        subplot_titles=[_make_part_title(p) for p in parts],
+    )
     for col, changes in enumerate(parts.values(), 1):
         names = list(changes)
         before = np.array([c.before for c in changes.values()])
