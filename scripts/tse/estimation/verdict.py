@@ -367,8 +367,8 @@ def list_uncertain_parameters(
         names = ", ".join(f"{name} {format_percent(1.96 * parts[name] / mean)}" for name in most)
         half = format_percent(1.96 * sd / mean)
         found.append(
-            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {half}, is parameter uncertainty: "
-            f"{names} (enter better values in [uncertainty]; a calibration finds all but mass_sd)"
+            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {half}, is parameter uncertainty"
+            f": {names} (enter better values in [uncertainty]; a calibration finds all but mass_sd)"
         )
     return found
 
