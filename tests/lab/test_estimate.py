@@ -610,7 +610,7 @@ def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, mo
 def test_strict_holds_for_the_car_that_was_calibrated_on_the_log(drive, monkeypatch):
     says = iter([[], ["odd"]])
     monkeypatch.setattr(single, "check_car", lambda *_: next(says))
-    monkeypatch.setattr(single, "uncalibrated", lambda _: True)
+    monkeypatch.setattr(single, "is_uncalibrated", lambda _: True)
     monkeypatch.setattr(single, "calibrate_once", lambda *_: single.keep_class("of a test"))
     with pytest.raises(UserError, match="option --strict: odd"):
         single.prepare_run(

@@ -46,7 +46,9 @@ def vehicle(folder):
 def few(monkeypatch):
     """Three manoeuvres instead of all."""
     monkeypatch.setattr(
-        planning, "library", lambda config: [c for c in make_candidates(config) if c.name in DRIVES.values()]
+        planning,
+        "make_candidates",
+        lambda config: [c for c in make_candidates(config) if c.name in DRIVES.values()],
     )
 
 
