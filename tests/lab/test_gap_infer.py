@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal, norm
 
 from gap_logs import car, problem_of, write_log
 from tse.car.vehicle import read_vehicle
-from tse.gaps.catalogue import EffectParameter, Own, drop_log_values, load_catalogue
+from tse.gaps.catalogue import CatalogueParameter, Own, drop_log_values, load_catalogue
 from tse.gaps.fit import fit_parameters as gap_fit
 from tse.gaps.infer import folds, naming, roads
 from tse.gaps.infer.hypotheses import (
@@ -44,7 +44,7 @@ class Linear:
     """What a Space asks of a problem: one log of accel_y, linear in the compliance of front
     and rear and in an effect."""
 
-    effect: EffectParameter
+    effect: CatalogueParameter
     size: float
 
     def __post_init__(self) -> None:
@@ -69,7 +69,7 @@ class Linear:
         return left - left.mean()
 
     def jacobian(
-        self, values: dict[str, float], base: np.ndarray, parameters: list[EffectParameter], reach: float
+        self, values: dict[str, float], base: np.ndarray, parameters: list[CatalogueParameter], reach: float
     ) -> np.ndarray:
         by = {p.name: 1e-6 * p.scale for p in parameters}
         moved = [self.residuals(values | {n: values[n] + h}) for n, h in by.items()]
@@ -595,6 +595,8 @@ def test_a_fit_of_a_parameter_that_changes_nothing_ends_with_numbers(tmp_path: P
     """scipy's trust region divides by the slope."""
     vehicle = car(tmp_path)
     problem = problem_of(vehicle, write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 1, 20.0))
-    idle = EffectParameter("formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere")
+    idle = CatalogueParameter(
+        "formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere"
+    )
     found = gap_fit(problem, [*STIFFNESS, idle], {})
     assert all(np.isfinite(v) for v in found.values.values())

@@ -35,7 +35,7 @@ def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
 
 
 @dataclass(frozen=True)
-class EffectParameter:
+class CatalogueParameter:
     """One number that is fitted: a stiffness, or a parameter of an effect."""
 
     name: Key  # its setting, or a value of one log
@@ -75,7 +75,7 @@ class Effect:
     title: str
     channels: str
     relatives: tuple[str, ...]  # ids of its look-alikes in the catalogue
-    parameters: tuple[EffectParameter, ...]
+    parameters: tuple[CatalogueParameter, ...]
     # how often cars have it: the column of src/tables/effects.toml
     occurrence: str = "SENSOR"
     # title of a value below early_below, which is of messages or the IMU; "": none
@@ -83,11 +83,11 @@ class Effect:
     early_below: float = 0.0
 
     @property
-    def strengths(self) -> tuple[EffectParameter, ...]:
+    def strengths(self) -> tuple[CatalogueParameter, ...]:
         return tuple(p for p in self.parameters if p.strength)
 
     @property
-    def shapes(self) -> tuple[EffectParameter, ...]:
+    def shapes(self) -> tuple[CatalogueParameter, ...]:
         """Shapes that a log can tell from the strength.
 
         The others keep their settings.
@@ -95,7 +95,7 @@ class Effect:
         return tuple(p for p in self.parameters if not p.strength and not p.given)
 
     @property
-    def fitted(self) -> tuple[EffectParameter, ...]:
+    def fitted(self) -> tuple[CatalogueParameter, ...]:
         return (*self.strengths, *self.shapes)
 
 
@@ -112,7 +112,7 @@ def load_catalogue() -> dict[str, Effect]:
             e.channels,
             tuple(x for x in e.look_alikes if x in rows),
             tuple(
-                EffectParameter(
+                CatalogueParameter(
                     p.setting,
                     p.name,
                     p.strength,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tse.gaps.catalogue import EffectParameter, Key
+from tse.gaps.catalogue import CatalogueParameter, Key
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
@@ -29,7 +29,7 @@ SEED = 1  # of the bootstrap
 class Fit:
     """A fitted model."""
 
-    parameters: list[EffectParameter]
+    parameters: list[CatalogueParameter]
     values: dict[Key, float]
     residuals: np.ndarray
     jacobian: np.ndarray
@@ -37,7 +37,7 @@ class Fit:
 
 def fit_parameters(
     problem: Problem,
-    parameters: Sequence[EffectParameter],
+    parameters: Sequence[CatalogueParameter],
     start: Mapping[Key, float],
     most: int = 12,
     tolerance: float = TOLERANCE,

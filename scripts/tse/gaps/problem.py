@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, EffectParameter, Key, Own, drop_log_values, list_signed_delays
+from tse.gaps.catalogue import CatalogueParameter, Effect, Key, Own, drop_log_values, list_signed_delays
 from tse.gaps.parallel import is_copy
 from tse.identify.data import COMPARED_CHANNELS, PreparedLog, average_blocks, simulate
 from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
@@ -24,7 +24,7 @@ from tse.library.core import NOMINAL, Config
 from tse.log.rows import MEASURES
 
 STIFFNESS = tuple(
-    EffectParameter(
+    CatalogueParameter(
         name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's"
     )
     for name in NOMINAL
@@ -94,13 +94,13 @@ class Problem:
 
     # ---- parameters
 
-    def strengths(self, effect: Effect) -> tuple[EffectParameter, ...]:
+    def strengths(self, effect: Effect) -> tuple[CatalogueParameter, ...]:
         """Return the fitted strengths of an effect, or the road profiles of the logs."""
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
         return tuple(
-            EffectParameter(
+            CatalogueParameter(
                 Own(effect.id, i, k),
                 "profile",
                 True,
@@ -279,7 +279,7 @@ class Problem:
         return difference - mean[self.rows.group]
 
     def moved(
-        self, values: Mapping[Key, float], parameters: Sequence[EffectParameter], reach: float = 1.0
+        self, values: Mapping[Key, float], parameters: Sequence[CatalogueParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
         """Yield moves of parameters, `reach` times their steps, and predict() with them.
 
@@ -287,7 +287,7 @@ class Problem:
         one of each log.
         """
 
-        def shifted(p: EffectParameter) -> float:
+        def shifted(p: CatalogueParameter) -> float:
             x, h = values.get(p.name, p.default), reach * p.step
             return h if p.low <= x + h <= p.high else -h
 
@@ -305,7 +305,7 @@ class Problem:
         self,
         values: Mapping[Key, float],
         base: np.ndarray,
-        parameters: Sequence[EffectParameter],
+        parameters: Sequence[CatalogueParameter],
         reach: float = 1.0,
     ) -> np.ndarray:
         """Return the slopes of the whitened residuals, by finite differences."""

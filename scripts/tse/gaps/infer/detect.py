@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, EffectParameter
+from tse.gaps.catalogue import CatalogueParameter, Effect
 from tse.gaps.fit import Fit
 from tse.gaps.infer.hypotheses import compute_threshold
 from tse.gaps.infer.search import compute_variance
@@ -60,7 +60,7 @@ def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]
         if e.id in PROFILES:
             a, mine = _make_wave(a, mine), mine[:1]
         own = a - q @ (q.T @ a)
-        best: tuple[float, EffectParameter, float] | None = None
+        best: tuple[float, CatalogueParameter, float] | None = None
         for p, full, rest in zip(mine, a.T, own.T, strict=True):
             power, total = float(rest @ (weight * rest)), float(full @ (weight * full))
             smallest = (
@@ -84,7 +84,7 @@ def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]
     return found
 
 
-def _make_wave(slopes: np.ndarray, parameters: Sequence[EffectParameter]) -> np.ndarray:
+def _make_wave(slopes: np.ndarray, parameters: Sequence[CatalogueParameter]) -> np.ndarray:
     """Return a profile of rms one that goes up and down every WAVE metres."""
     place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / WAVE)))[:, None]

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tse.gaps.catalogue import EffectParameter
+from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.fit import Fit
 from tse.gaps.infer.hypotheses import choose_start, fit_prior, make_hypotheses
 from tse.gaps.infer.space import REACH, STIFFNESS_SD
@@ -96,7 +96,7 @@ def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
 def _compute_slopes(problem: Problem, baseline: Fit) -> np.ndarray:
     """Return the slopes of the residuals, per prior sd, and the residuals."""
     asked = make_hypotheses()
-    parameters: list[EffectParameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
+    parameters: list[CatalogueParameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
     at = baseline.values | {p.name: choose_start(p) for h in asked for p in h.effect.shapes}
     unit = [STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters]
     slopes = problem.jacobian(at, problem.residuals(at), parameters, REACH)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tse.car.formula import Formula, FormulaError
-from tse.gaps.catalogue import EffectParameter, drop_log_values
+from tse.gaps.catalogue import CatalogueParameter, drop_log_values
 from tse.gaps.fit import (
     NOISE_LIMIT,
     ChannelChange,
@@ -267,9 +267,9 @@ def refit(
 
 def _make_parameter(
     name: str, key: str, value: float, low: float, high: float, unit: str, text: str
-) -> EffectParameter:
+) -> CatalogueParameter:
     size = max(abs(value), 1e-9)
-    return EffectParameter(
+    return CatalogueParameter(
         name, key, True, unit, float(np.clip(value, low, high)), low, high, size, size, 0.0, 0, text
     )
 

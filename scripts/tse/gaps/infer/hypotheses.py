@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.gaps.catalogue import Effect, EffectParameter, list_signed_delays, load_catalogue
+from tse.gaps.catalogue import CatalogueParameter, Effect, list_signed_delays, load_catalogue
 from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
@@ -53,7 +53,7 @@ OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of 
 def make_latency(name: str, title: str, channels: str) -> Effect:
     """Make the latency of messages an effect with one strength, in s."""
     text = "age of the values at the time of their row"
-    parameter = EffectParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
+    parameter = CatalogueParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))
 
 
@@ -112,7 +112,7 @@ class Hypothesis:
         return total - math.log(len(strengths))
 
 
-def compute_ln_size_prior(p: EffectParameter, away: float) -> float:
+def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
     """Return ln of the prior density of a strength that is `away` from its default.
 
     ln of its size is even over the typical range and normal beyond.
@@ -138,7 +138,7 @@ def apply_priors(vehicle: Vehicle) -> list[Effect]:
     if not any(sd.values()):
         return list(load_catalogue().values())
 
-    def with_prior(p: EffectParameter) -> EffectParameter:
+    def with_prior(p: CatalogueParameter) -> CatalogueParameter:
         if p.name not in sd:
             return p
         return replace(
@@ -178,7 +178,7 @@ def compute_threshold(effects: int) -> float:
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
 
-def fit_prior(p: EffectParameter) -> tuple[float, float]:
+def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
     """Return mean and sd of the normal prior of a parameter in a fit.
 
     It is the prior of the vehicle file, if there is one. Else it is wide for a strength,
@@ -197,7 +197,7 @@ def compute_ln_normal(x: float, mean: float, sd: float) -> float:
     return -0.5 * ((x - mean) / sd) ** 2 - math.log(sd * math.sqrt(2 * math.pi))
 
 
-def choose_start(p: EffectParameter) -> float:
+def choose_start(p: CatalogueParameter) -> float:
     """Return the start of a search: 0.3 of the typical size of a strength, the middle of
     a shape.
     """

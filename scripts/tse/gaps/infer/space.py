@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from tse.gaps.catalogue import EffectParameter
+from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.fit import NOISE_LIMIT
 from tse.gaps.infer.hypotheses import Hypothesis, choose_start, fit_prior
 from tse.gaps.problem import STIFFNESS, Problem
@@ -69,7 +69,7 @@ class Space:
         self.effects = tuple(h for h in asked if h.id in self.members)
         strengths = [p for h in asked for p in h.effect.strengths]
         shapes = [p for h in self.effects for p in h.effect.shapes]
-        self.parameters: tuple[EffectParameter, ...] = (*STIFFNESS, *dict.fromkeys(strengths), *shapes)
+        self.parameters: tuple[CatalogueParameter, ...] = (*STIFFNESS, *dict.fromkeys(strengths), *shapes)
         self.names = tuple(p.name for p in self.parameters)
         self._there = {p.name for h in self.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
         self._inverse = np.array([n in COMPLIANCE for n in self.names])
