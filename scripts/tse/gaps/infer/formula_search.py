@@ -337,7 +337,7 @@ def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
     formula = _describe_formula(frame, c)
     words = [
         f"A formula closes {100 * c.share:.0f} % of the rest: {formula.text}, at {formula.place}. "
-        "It is no proof of a cause, and valid only in the range that was driven."
+        "It is a fit, not a cause, and valid only in the range that was driven."
     ]
     return replace(c, formula=formula, words=words)
 
