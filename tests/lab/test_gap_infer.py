@@ -517,7 +517,7 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
         workflow.find_excess_remainders(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
     )  # noise, though larger
     code, words = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
-    assert code == 20 and "yaw_rate 3.08 times the noise" in words[-1]
+    assert code == 20 and "yaw_rate 3.08 times the sensor noise" in words[-1]
     assert "Nothing" not in " ".join(words) and "nothing is missing" not in " ".join(words)
 
 
