@@ -22,7 +22,7 @@ const CHANGES = [
   "the road changed (all tyres)",
   "the front axle changed",
   "the rear axle changed",
-  "all was started over",
+  "the filter started over",
 ];
 
 // Note above an estimate that differs from that of the command

@@ -137,7 +137,7 @@ void model_list_codes(fmu_code_row *row, void *to)
     { "road", "all tyres: another road" },
     { "front axle", "the tyres of the front axle" },
     { "rear axle", "the tyres of the rear axle" },
-    { "started over", "all was started over" },
+    { "started over", "the filter started over" },
     // clang-format on: end of table
   };
 #define FAULT(name, drives, lo, hi, unit, text) { #name, text },

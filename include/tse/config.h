@@ -312,8 +312,8 @@ typedef struct tse_config {
   tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; how uncertain the start of
                                                  * yaw_rate is (mean: first sample, else 0); paper's filter */
   tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; no stiffness falls below this
-                                                 * share of nominal; form 1 without reflect_draws: only its
-                                                 * start does not */
+                                                 * share of nominal; paper's filter without reflect_draws:
+                                                 * only at its start */
   tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; no stiffness rises above this share of
                                                  * nominal */
   tse_setting hold_speed;                       /* [m/s] 3, 0.5 .. 20; below this wheel speed, and in
@@ -328,7 +328,8 @@ typedef struct tse_config {
   tse_setting max_gap;                          /* [s] 0.25, 0.01 .. 1; longer gaps between rows restart
                                                  * the states */
   tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; a stiffness is valid up to this sd
-                                                 * of the mean, relative to the mean (form 1: to nominal) */
+                                                 * of the mean, relative to the mean (paper's filter: to
+                                                 * nominal) */
   tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; random walk of a stiffness
                                                  * that nothing changes, relative: wear, warmth; default
                                                  * filter */

@@ -33,15 +33,15 @@ typedef struct tse_input {
   tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; velocity across the car, positive left */
   tse_real gnss_speed;         /* [m/s] 0 .. 120, else not there; speed over ground */
   tse_real gnss_course;        /* [rad] -7 .. 7, else not there; direction over ground, positive left
-                                * (against the clock from above), from any zero */
-  tse_real brake;              /* [1] 0 .. 1, else not there; the car brakes: 1 yes, 0 no, from 0.5 on yes;
-                                * else accel_x decides */
-  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both
+                                * (counter-clockwise from above), from any zero */
+  tse_real brake;              /* [1] 0 .. 1, else not there; 1: the car brakes, 0: it does not (from 0.5
+                                * on it does); if missing, accel_x decides */
+  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive minus brake torque of both
                                 * front wheels */
-  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both
+  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive minus brake torque of both
                                 * rear wheels */
   tse_real bank;               /* [rad] -0.35 .. 0.35, else not there; whole bank of the road, left side
-                                * high > 0, in place of what the settings say of it */
+                                * high > 0, in place of the bank in the settings */
   tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; whole slope of the road, uphill > 0,
                                 * in place of grade_angle */
   // clang-format on: end of table

@@ -19,7 +19,7 @@ extern "C" {
 /* Arrays of `rows` values. */
 typedef struct tse_replay_log {
   // clang-format off: table replay_log_members
-  const tse_real *dt;                 /* [s] time since the row before, (0, 1]; of the first row not used */
+  const tse_real *dt;                 /* [s] time since the row before, (0, 1]; not used in the first row */
   const tse_real *steer_angle;        /* [rad] mean road-wheel angle as logged, -1.2 .. 1.2 */
   const tse_real *wheel_speed_front;  /* [rad/s] mean rotation rate of the front wheels, -400 .. 400 */
   const tse_real *wheel_speed_rear;   /* [rad/s] mean rotation rate of the rear wheels, -400 .. 400 */
@@ -67,9 +67,9 @@ typedef struct tse_replay_out {
   tse_real *vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
   tse_real *vel_y;               /* [m/s] lateral velocity of the centre of gravity */
   tse_real *true_yaw_rate;       /* [rad/s] yaw rate of the car */
-  tse_real *wheel_torque_front;  /* [Nm] drive less brake torque that the front wheels need: slip force
+  tse_real *wheel_torque_front;  /* [Nm] drive minus brake torque that the front wheels need: slip force
                                   * times radius, and inertia */
-  tse_real *wheel_torque_rear;   /* [Nm] drive less brake torque that the rear wheels need */
+  tse_real *wheel_torque_rear;   /* [Nm] drive minus brake torque that the rear wheels need */
   // clang-format on: end of table
 } tse_replay_out;
 

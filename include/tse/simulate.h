@@ -54,8 +54,8 @@ typedef struct tse_sim_config {
   tse_setting friction;                         /* [1] 0, 0 .. 2; friction coefficient at which the tyre
                                                  * forces of an axle saturate; 0: linear tyres */
   tse_setting substep;                          /* [s] 0.001, 0.0001 .. 0.005; longest integration step */
-  int32_t hold_inputs;                          /* 0, 0 .. 1; 1: what the driver does at a row is held
-                                                 * until the next; 0: it changes linearly between rows */
+  int32_t hold_inputs;                          /* 0, 0 .. 1; 1: the driver's inputs are held from row to
+                                                 * row; 0: they change linearly between rows */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers */
   // clang-format on: end of table
 } tse_sim_config;

@@ -11,10 +11,10 @@
 
 typedef enum tse_status {
   // clang-format off: table status_codes
-  TSE_E_BUILD = -12,            /* this build rounds otherwise than the library is tested for: compile with
-                                 * -ffp-contract=off, without -ffast-math */
+  TSE_E_BUILD = -12,            /* this build rounds differently from the tested ones: compile without
+                                 * -ffast-math, with -ffp-contract=off */
   TSE_E_FORMAT = -11,           /* a setting leads to numbers that do not fit the fixed-point format of
-                                 * this build; double and float hold them */
+                                 * this build; use double or float */
   TSE_E_OLD = -10,              /* the learnt state was written by an older version of this library; learn
                                  * anew */
   TSE_E_VEHICLE = -9,           /* the learnt state belongs to another vehicle */
@@ -30,17 +30,18 @@ typedef enum tse_status {
   TSE_E_NULL = -1,              /* a required argument is NULL */
   TSE_OK = 0,                   /* ok */
   TSE_W_NOT_VALID = 1,          /* at least one stiffness is not valid; its reason says why */
-  TSE_W_STARTING = 2,           /* too little seen since the start; spread and validity are not settled */
+  TSE_W_STARTING = 2,           /* too few informative rows since the start; spread and validity are not
+                                 * settled */
   TSE_W_MISSING_CHANNEL = 3,    /* a measurement was missing; the others were used */
   TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: nothing is
                                  * learnt of the stiffness */
   TSE_W_PREDICTED = 5,          /* no measurement, or inputs missing: predicted only */
   TSE_W_GAP = 6,                /* a step too long to bridge, or sensors that jump: states restarted from
                                  * the sensors, what was learnt is kept */
-  TSE_W_RECOVERED = 7,          /* the state was no finite number, by a fault of the memory or an overflow:
-                                 * started over */
-  TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the
-                                 * last step, or of the start */
+  TSE_W_RECOVERED = 7,          /* the state was not finite, by a fault of the memory or an overflow: the
+                                 * filter started over */
+  TSE_W_WAITING = 8,            /* no step yet: the filter waits for channels that are logged later;
+                                 * estimates are those of the last step, or of the start */
   TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it stops
                                  * there, or the sample was dropped */
   TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle, or one
@@ -62,9 +63,9 @@ typedef enum tse_reason {
                                  * value from before */
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
   TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to
-                                 * grade_sd): calibrate, or state them better */
-  TSE_MISFIT = 8,               /* the sensors say what the model does not explain: calibrate, or look for
-                                 * what is missing */
+                                 * grade_sd): calibrate, or measure them better */
+  TSE_MISFIT = 8,               /* the model does not explain the measurements: calibrate, or look for what
+                                 * is missing */
   TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle, or one
                                  * comes late (fault_channel, fault_factor) */
   // clang-format on: end of table

@@ -23,7 +23,7 @@ UNITS = {
     "cy_rear": "N/rad",
 }  # units of the API; the library has these values relative to nominal
 HEAD = '''\
-"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py."""
+"""Names, units and ranges of the library's tables, by scripts/dev/api_tables.py."""
 
 from __future__ import annotations
 

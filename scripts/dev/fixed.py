@@ -4,7 +4,7 @@ scripts/results/fixed.md.
 
     .venv/bin/python scripts/dev/fixed.py [--runs R]
 
-Each drive is simulated once, in double, and both builds read the same log. The libraries
+Each simulate_case is simulated once, in double, and both builds read the same log. The libraries
 are built in build/fixed (cmake, a C compiler). 20 runs take six minutes on one free core,
 mostly for the particle filter. Scores and the criterion of divergence are those of tselab
 montecarlo.
@@ -23,14 +23,14 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from tse.library.core import STIFFNESS, Config, Library, NativeFilter  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
-from tselab.montecarlo.case import START, Case, Drive, drive  # noqa: E402
+from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case  # noqa: E402
 
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
-# Seeds of the filter for each drive. Estimates of a particle filter scatter with its
+# Seeds of the filter for each simulate_case. Estimates of a particle filter scatter with its
 # seed: in double, the RMS over the same 20 drives is 3.35 .. 4.10 % of cx_front and 0.76
-# .. 0.92 % of cy_rear for seeds 11, 12, 13 and the seed of the drive. Another way of
+# .. 0.92 % of cy_rear for seeds 11, 12, 13 and the seed of the simulate_case. Another way of
 # rounding products scatters them as another seed does.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 5.0, "valid": 3.0}  # allowed loss: % of the RMS in double, percentage points
@@ -69,9 +69,9 @@ def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
     return config
 
 
-def simulate_drive(case: Case, seed: int) -> Drive:
-    """Simulate a drive of a case."""
-    return drive(case, seed, lambda about: Config.exact({**START, **about}), {})
+def simulate_drive(case: Case, seed: int) -> CaseDrive:
+    """Simulate a simulate_case of a case."""
+    return simulate_case(case, seed, lambda about: Config.exact({**START, **about}), {})
 
 
 def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
@@ -81,7 +81,7 @@ def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
         for case in cases:
             for seed in range(1, runs[form] + 1):
                 d = simulate_drive(case, seed)
-                known = scores.knowable(d, case)
+                known = scores.find_knowable(d, case)
                 for build, lib in builds.items():
                     for filter_seed in FILTER_SEEDS[form]:
                         config = make_config(lib, form, d.about)
@@ -90,13 +90,13 @@ def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}
                         row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
                         rows.append(
-                            row | scores.score(d, case, known, estimate) | compute_validity(d, estimate)
+                            row | scores.score_run(d, case, known, estimate) | compute_validity(d, estimate)
                         )
                 print(f"{form} {case.name} {seed}", file=sys.stderr, flush=True)
     return pd.DataFrame(rows)
 
 
-def compute_validity(d: Drive, estimate: np.ndarray) -> dict[str, float]:
+def compute_validity(d: CaseDrive, estimate: np.ndarray) -> dict[str, float]:
     """Return the share of valid rows after 5 s for each stiffness, %."""
     later = d.time >= scores.VALID_AFTER - 1e-9
     return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}
@@ -166,7 +166,7 @@ def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
         "# Fixed point beside double",
         "",
         f"Written by `.venv/bin/python scripts/dev/fixed.py --runs {many} --paper-runs {few}`: "
-        "seeds 1, 2, ... of each case, every drive simulated once (in double) and read by both "
+        "seeds 1, 2, ... of each case, every simulate_case simulated once (in double) and read by both "
         "builds; by the form with particles with four seeds of its own each. "
         "RMS of the relative errors of cx_front, cy_front, cy_rear over "
         "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest "

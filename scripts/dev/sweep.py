@@ -27,8 +27,8 @@ from tse.channels.log import read_log
 from tse.library.core import STIFFNESS, Config, Library, find_library
 from tse.library.files import write_atomically
 from tselab.montecarlo import estimators, studies
-from tselab.montecarlo.case import START, Case, Drive, drive
-from tselab.montecarlo.scores import inside
+from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case
+from tselab.montecarlo.scores import find_rows_inside
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -84,15 +84,15 @@ def build_library(name: str, factor: float) -> Library:
     return Library(kept)
 
 
-def compute_rms(case: Case, d: Drive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
+def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
     """Return RMS error and coverage of the three stiffnesses in the windows of a case.
 
     The error is in %; coverage is the share of rows within the 95 % interval, %.
     """
     settings = {**START, **d.about}
     config = Config.exact(settings, lib=lib)
-    out = estimators.run("tse", d, config)
-    here = inside(d.time, case.windows)
+    out = estimators.run_estimator("tse", d, config)
+    here = find_rows_inside(d.time, case.windows)
     error = np.column_stack([out[s] for s in STIFFNESS])[here] / d.stiffness[here] - 1
     sd = np.column_stack([out[f"{s}_sd"] for s in STIFFNESS])[here] / d.stiffness[here]
     return 100 * np.sqrt((error**2).mean(0)), 100 * (np.abs(error) < 1.96 * sd).mean(0)
@@ -156,10 +156,10 @@ def main() -> int:
         )
         return 2
     names = args.names or [n for n, row in table.items() if row[4] != "-"]
-    cases = [studies.study(s).case(c) for s, c in CASES]
+    cases = [studies.make_study(s).case(c) for s, c in CASES]
     drives = [
         [
-            drive(c, seed, lambda about: Config.exact({**START, **about}), {})
+            simulate_case(c, seed, lambda about: Config.exact({**START, **about}), {})
             for seed in range(1, args.runs + 1)
         ]
         for c in cases

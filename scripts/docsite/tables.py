@@ -276,7 +276,7 @@ def make_log_columns() -> str:
     """Return the table of the columns of a log."""
     rows = [
         [format_code(name), escape_cell(unit), allowed, escape_cell(text)]
-        for name, unit, allowed, text in texts.log_columns()
+        for name, unit, allowed, text in texts.list_log_columns()
     ]
     return format_table(["column", "unit", "range", "meaning"], rows)
 
@@ -285,7 +285,7 @@ def make_estimate_columns() -> str:
     """Return the table of the columns of estimates."""
     rows = [
         [format_code(name), escape_cell(unit), escape_cell(text)]
-        for name, unit, text in texts.estimate_columns()
+        for name, unit, text in texts.list_estimate_columns()
     ]
     rows.insert(0, [format_code("time"), "s", "as in the log"])
     return format_table(["column", "unit", "meaning"], rows)

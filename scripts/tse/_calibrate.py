@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, known_road, paths_or_checked
+from tse._log import LogLike, PathLike, collect_logs, read_known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.calibration import output, page, workflow
@@ -86,7 +86,7 @@ class Calibration(Shown):
     def to_dict(self) -> dict[str, Any]:
         """Return all numbers, as the JSON file beside the calibrated vehicle file has
         them."""
-        found: dict[str, Any] = results.plain(output.to_json(self._result))
+        found: dict[str, Any] = results.convert_to_plain(output.to_json(self._result))
         return found
 
     def plot(self) -> Any:
@@ -158,7 +158,7 @@ def calibrate(
         other; a ValueError.
     """
     car = read_vehicle(vehicle)
-    fitted, held = paths_or_checked(logs, car), paths_or_checked(hold_out, car, 0)
+    fitted, held = collect_logs(logs, car), collect_logs(hold_out, car, 0)
     say = progress if progress is not None else lambda _: None
-    result = workflow.run(fitted, car, held, jobs, say, steps, reading, known_road(road))
+    result = workflow.run(fitted, car, held, jobs, say, steps, reading, read_known_road(road))
     return Calibration(result, [x if isinstance(x, Path) else x.path for x in fitted])

@@ -15,22 +15,29 @@ import pandas as pd
 
 from tse._base import Array
 from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
-from tse._log import Log, LogLike, PathLike, checked, known_road
+from tse._log import Log, LogLike, PathLike, read_checked, read_known_road
 from tse._shown import Shown, make_figure
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, check_names, read_vehicle
 from tse.calibration.own import STOPPED
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes
-from tse.estimation.answer import answer
-from tse.estimation.estimate import Estimates, Learnt, est_columns, read_learnt, write_estimates, write_learnt
-from tse.estimation.verdict import Finding, findings
+from tse.estimation.answer import make_answer
+from tse.estimation.estimate import (
+    Estimates,
+    Learnt,
+    list_est_columns,
+    read_learnt,
+    write_estimates,
+    write_learnt,
+)
+from tse.estimation.verdict import Finding, make_findings
 from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import Reading
 from tse.report import plots, results
 from tse.roads.road import Road
-from tse.runs.single import Calibrate, Prepared, Run, assemble, run
+from tse.runs.single import Calibrate, Prepared, Run, assemble_run, run_prepared
 
 Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
@@ -137,7 +144,7 @@ class Result(Shown):
         """Three lines: each stiffness with its 95 % interval, and whether to act on it;
         of a road that changed three for each of the last stretches. `repr()` says the
         same."""
-        return tuple(answer(self._found()[0], self._config()))
+        return tuple(make_answer(self._found()[0], self._config()))
 
     def __repr__(self) -> str:
         return "\n".join(self.answer)
@@ -152,7 +159,7 @@ class Result(Shown):
     @property
     def exit_code(self) -> int:
         """Exit code of the command: 0 usable, 3 usable in part, 4 nothing usable."""
-        return results.exit_code(self._found()[0])
+        return results.choose_exit_code(self._found()[0])
 
     @property
     def stretches(self) -> pd.DataFrame:
@@ -164,20 +171,20 @@ class Result(Shown):
         smoothed_sd, smoothed_low .. smoothed_high and smoothed_reason ("valid", or why
         not to act on it); valid (share of the rows), usable, reason, change,
         change_probability, ratio, text."""
-        return results.as_frame(self._rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
+        return results.make_frame(self._rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
 
     @property
     def events(self) -> tuple[str, ...]:
         """What happened on the way, a sentence each: changes of the road, faults of
         sensors, sliding."""
         table = self._estimated().table
-        return tuple(regimes.words(self._found()[1], regimes.spells(table)))
+        return tuple(regimes.describe_events(self._found()[1], regimes.find_spells(table)))
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
         """Log, vehicle and filter of the run: a name and a value each."""
         ran, ready = self._of_run()
-        return tuple(results.run_facts(ran.estimate, ready.log, ready.vehicle, ready.config))
+        return tuple(results.list_run_facts(ran.estimate, ready.log, ready.vehicle, ready.config))
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -221,18 +228,20 @@ class Result(Shown):
     def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
         if self._ran is not None:
             return self._ran[0].findings, self._ran[0].changes
-        plain = _plain(self.table)
-        changes = regimes.changes(plain)
-        return findings(plain, self._config(), changes, self.warnings, self.uncertainty_sd), changes
+        plain = _convert_flags(self.table)
+        changes = regimes.find_changes(plain)
+        return make_findings(plain, self._config(), changes, self.warnings, self.uncertainty_sd), changes
 
     def _config(self) -> Config:
         return self._ran[1].config if self._ran is not None else Filter(settings=self.settings)._config
 
     def _estimated(self) -> Estimates:
-        return self._ran[0].estimate if self._ran is not None else Estimates(_plain(self.table), False)
+        return (
+            self._ran[0].estimate if self._ran is not None else Estimates(_convert_flags(self.table), False)
+        )
 
     def _rows(self, log: Path, cautions: Sequence[str]) -> list[dict[str, Any]]:
-        return results.rows(log, self._estimated(), *self._found(), cautions)
+        return results.make_rows(log, self._estimated(), *self._found(), cautions)
 
     def filter(self) -> Filter:
         """Return a filter with the settings of this run, before its first row."""
@@ -260,8 +269,8 @@ class Result(Shown):
             "warnings": self.cautions,
             "interrupted": self.interrupted,
         }
-        found: dict[str, Any] = results.plain(
-            results.document(ready.log.path, ran.estimate, ran.findings, ready.config, said)
+        found: dict[str, Any] = results.convert_to_plain(
+            results.make_document(ready.log.path, ran.estimate, ran.findings, ready.config, said)
         )
         return found
 
@@ -275,9 +284,9 @@ class Result(Shown):
         self._check_whole("plot")
         data = plots.Data(ready.log)
         data.add(ran.estimate.table)
-        spells = regimes.spells(ran.estimate.table)
+        spells = regimes.find_spells(ran.estimate.table)
         table = ran.estimate.table
-        return make_figure(plots.stiffness_figure(data, table, ready.config, ran.changes, spells))
+        return make_figure(plots.draw_stiffness(data, table, ready.config, ran.changes, spells))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab estimate --report`."""
@@ -298,7 +307,7 @@ class Result(Shown):
 
     def _check_whole(self, what: str) -> None:
         """Refuse what needs all columns of a table that holds a summary."""
-        if not set(est_columns()) <= {*self.table}:
+        if not set(list_est_columns()) <= {*self.table}:
             raise ValueError(
                 f"{what}: the rows of this run are in the file of `out`; estimate() without it, or with"
                 " `report`, holds or draws them"
@@ -307,7 +316,7 @@ class Result(Shown):
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write the estimates as `tselab estimate --out` does, byte for byte."""
         self._check_whole("to_csv")
-        write_estimates(_plain(self.table), Path(path))
+        write_estimates(_convert_flags(self.table), Path(path))
 
     def write_table(self, path: str | os.PathLike[str]) -> Path:
         """Write the table of the command, .parquet or .csv by the name."""
@@ -420,11 +429,11 @@ def estimate(
     """
     check_form(form)
     car = read_vehicle(vehicle)
-    before = learnt_state(learnt, age)
+    before = read_learnt_state(learnt, age)
     say = progress if progress is not None else lambda _: None
-    ready = assemble(
+    ready = assemble_run(
         car,
-        checked(log, car, reading=reading),
+        read_checked(log, car, reading=reading),
         None if config is None else Path(config),
         average,
         {},
@@ -433,9 +442,9 @@ def estimate(
         "settings",
         strict=reading is not None and reading.strict,
         calibrate=Calibrate(say, goes_on=keep_partial) if calibrate and before is None else None,
-        road=known_road(road),
+        road=read_known_road(road),
     )
-    ran = run(
+    ran = run_prepared(
         ready,
         None if out is None else Path(out),
         None if report is None else Path(report),
@@ -462,7 +471,7 @@ def estimate(
     )
 
 
-def learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
+def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
     """Return a learnt state, of a file or in memory. `age`: s; UNKNOWN_AGE of a file:
     that of the file."""
     if isinstance(learnt, os.PathLike):
@@ -470,6 +479,6 @@ def learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt 
     return None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
 
 
-def _plain(table: pd.DataFrame) -> pd.DataFrame:
+def _convert_flags(table: pd.DataFrame) -> pd.DataFrame:
     """Return the table as in EST.csv: flags are 0 and 1."""
     return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind.kind == "b"})

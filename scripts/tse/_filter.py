@@ -147,27 +147,27 @@ class Filter:
             if not isinstance(name, str):
                 raise InputError(f"{name!r} names no channel: names are strings; {_list_known()}", repr(name))
             if name == "time":
-                now = self._number(name, value)
+                now = self._read_number(name, value)
             elif name == "dt":
-                step = self._number(name, value)
+                step = self._read_number(name, value)
             elif name in optional:
-                number = math.nan if value is None else self._number(name, value)
+                number = math.nan if value is None else self._read_number(name, value)
                 if math.isfinite(number):
                     u[name] = number
                     u["given"] |= np.uint32(1 << optional.index(name))
             elif name in known and name not in ("missing", "given"):
-                u[name] = math.nan if value is None else self._number(name, value)
+                u[name] = math.nan if value is None else self._read_number(name, value)
             elif not (name.startswith("ref_") or name in OPTIONAL_COLUMNS):
                 raise InputError(f"there is no channel {name!r}{_make_hint(name)}", name)
-        u["dt"] = self._since(now, step)
+        u["dt"] = self._compute_step(now, step)
         status = self._filter.step_one(u, self._out)
         if status < 0:
-            raise self._refusal(status)
+            raise self._make_refusal(status)
         self._time = now if now is not None else (self._time or 0.0) + (step or 0.0)
         return self._estimate()
 
     @staticmethod
-    def _number(name: str, value: Any) -> float:
+    def _read_number(name: str, value: Any) -> float:
         try:
             return float(value)
         except (TypeError, ValueError, OverflowError):
@@ -176,7 +176,7 @@ class Filter:
                 f"{name} = {shown[:40]}{'...' if len(shown) > 40 else ''} is not a number", name
             ) from None
 
-    def _since(self, now: float | None, step: float | None) -> float:
+    def _compute_step(self, now: float | None, step: float | None) -> float:
         """Return dt of a row; the filter does not use that of the first one."""
         if now is not None and step is not None:
             raise InputError("a row has time or dt, not both", "dt")
@@ -190,7 +190,7 @@ class Filter:
             raise InputError("dt is missing: s since the row before; or give time", "dt")
         return step
 
-    def _refusal(self, status: int) -> InputError:
+    def _make_refusal(self, status: int) -> InputError:
         wrong = ctypes.c_char_p()
         self._check(self._row.ctypes.data, ctypes.addressof(wrong))
         name = wrong.value.decode() if wrong.value else "row"

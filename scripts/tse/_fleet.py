@@ -13,14 +13,14 @@ import pandas as pd
 from tse._filter import Form
 from tse._log import PathLike
 from tse._shown import Shown, make_figure
-from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
+from tse._vehicle import VehicleLike, get_vehicle_file, read_vehicle
 from tse.estimation.answer import WHERE
 from tse.library.errors import UserError
 from tse.log.rows import Reading
 from tse.report import results
 from tse.runs import find, page
 from tse.runs.keep import PAGE, TABLE, Done, Store
-from tse.runs.run import Plan, run
+from tse.runs.run import FleetPlan, run_drives
 
 
 class Fleet(Shown):
@@ -28,7 +28,7 @@ class Fleet(Shown):
 
     def __init__(self, done: Sequence[Done], table: pd.DataFrame, folder: Path):
         self._done, self._table = done, table
-        self._cars = page.cars(done, table)
+        self._cars = page.list_cars(done, table)
         self.folder = folder
         """fleet.parquet, fleet.html, reports, learnt states, calibrated vehicle files."""
         self.files = (folder / TABLE, folder / PAGE)
@@ -112,7 +112,7 @@ class Fleet(Shown):
             for c in self._cars
         ]
         code = self.exit_code
-        found: dict[str, Any] = results.plain(
+        found: dict[str, Any] = results.convert_to_plain(
             {"logs": logs, "cars": cars, "usable": results.CODES[code], "exit_code": code}
         )
         return found
@@ -125,7 +125,7 @@ class Fleet(Shown):
     def plot(self) -> Any:
         """Return a figure of plotly: the last estimate of each car with its 95 %
         interval, the softest first."""
-        return make_figure(page.distribution(self._cars))
+        return make_figure(page.draw_distribution(self._cars))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab fleet`. Its links lead to reports in `folder`."""
@@ -215,13 +215,13 @@ def fleet(
     if car is not None and vehicles is not None:
         raise UserError("car: the table `vehicles` says which car a log is of")
     folder = Path(out)
-    car_file = None if vehicle is None else vehicle_file(vehicle, folder)
+    car_file = None if vehicle is None else get_vehicle_file(vehicle, folder)
     words = [os.fspath(logs)] if isinstance(logs, str | os.PathLike) else [os.fspath(p) for p in logs]
-    drives = find.drives(words, car_file, None if vehicles is None else Path(vehicles), car, folder)
+    drives = find.find_drives(words, car_file, None if vehicles is None else Path(vehicles), car, folder)
     for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
         read_vehicle(path)  # refuse a wrong one before anything is run
     store = Store(folder, restart)
-    plan = Plan(
+    plan = FleetPlan(
         reading if reading is not None else Reading(),
         None if config is None else Path(config),
         average,
@@ -232,7 +232,7 @@ def fleet(
         estimates,
         calibrate,
     )
-    done = run(drives, plan, store, jobs if jobs > 1 or isolate else 0, scheduler, bar)
+    done = run_drives(drives, plan, store, jobs if jobs > 1 or isolate else 0, scheduler, bar)
     table = store.write(done)
-    page.write(folder / PAGE, done, table, folder.resolve().name)
+    page.write_fleet_page(folder / PAGE, done, table, folder.resolve().name)
     return Fleet(done, table, folder)

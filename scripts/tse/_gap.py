@@ -12,13 +12,13 @@ from typing import Any
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, known_road, paths_or_checked
+from tse._log import LogLike, PathLike, collect_logs, read_known_road
 from tse._shown import Shown
-from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
+from tse._vehicle import VehicleLike, get_vehicle_file, read_vehicle
 from tse.car.vehicle import Vehicle
 from tse.gaps.run import check, pictures, plan, stages, workflow
-from tse.gaps.run.output import Written, write_all
-from tse.gaps.run.output import words as gain_words
+from tse.gaps.run.output import WrittenFiles, write_all
+from tse.gaps.run.output import describe_gain as gain_words
 from tse.library.files import make_directory
 from tse.log.rows import Reading
 from tse.report import results
@@ -28,7 +28,7 @@ from tse.roads.road import Road
 class Gap(Shown):
     """Result of `tselab gap`, and the folder with its files."""
 
-    def __init__(self, result: workflow.Result, written: Written, folder: Path, keep: Any):
+    def __init__(self, result: workflow.GapResult, written: WrittenFiles, folder: Path, keep: Any):
         self._result, self._written, self._keep = result, written, keep
         self.folder = folder
         """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...;
@@ -59,7 +59,7 @@ class Gap(Shown):
         """Residuals of the car as its file says, calibrated, and with the named effects,
         in sentences."""
         return tuple(
-            stages.words(
+            stages.describe_stages(
                 self._result.stages, lambda part: "fitted logs" if part == workflow.FIT else "held-out logs"
             )
         )
@@ -70,7 +70,7 @@ class Gap(Shown):
         held = next((part for part in self._result.stages if part != workflow.FIT), workflow.FIT)
         title = "fitted logs" if held == workflow.FIT else "held-out logs"
         found = self._result.stages.get(held)
-        return tuple(stages.short(found, title)) if found is not None else ()
+        return tuple(stages.describe_channels(found, title)) if found is not None else ()
 
     @property
     def gain(self) -> tuple[str, ...]:
@@ -104,7 +104,7 @@ class Gap(Shown):
     def plot(self) -> Any:
         """Return a figure of plotly: residuals over sensor noise by channel, before and
         after."""
-        return pictures.gap_bars(self._written.changes)
+        return pictures.draw_gap_bars(self._written.changes)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab gap`."""
@@ -159,9 +159,9 @@ def gap(
     folder = Path(out) if out is not None else Path(keep.name if keep else "")
     make_directory(folder)
     say = progress if progress is not None else lambda _: None
-    car, read = vehicle_file(vehicle, folder), read_vehicle(vehicle)
-    fitted, held = paths_or_checked(logs, read), paths_or_checked(hold_out, read, 0)
-    result = workflow.run(fitted, car, held, jobs, say, formula, reading, known_road(road))
+    car, read = get_vehicle_file(vehicle, folder), read_vehicle(vehicle)
+    fitted, held = collect_logs(logs, read), collect_logs(hold_out, read, 0)
+    result = workflow.run_workflow(fitted, car, held, jobs, say, formula, reading, read_known_road(road))
     return Gap(result, write_all(folder, result, car, jobs, say), folder, keep)
 
 
@@ -183,7 +183,7 @@ class GapCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab gap check --json`."""
-        found: dict[str, Any] = results.plain(self._found.as_json())
+        found: dict[str, Any] = results.convert_to_plain(self._found.as_json())
         return found
 
     def to_frame(self) -> pd.DataFrame:
@@ -223,14 +223,14 @@ def gap_check(
     paths = [Path(logs)] if isinstance(logs, str | os.PathLike) else [Path(p) for p in logs]
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:
-        found = check.check(paths, vehicle_file(vehicle, Path(folder)), jobs, say, reading)
+        found = check.check_model(paths, get_vehicle_file(vehicle, Path(folder)), jobs, say, reading)
     return GapCheck(found, paths)
 
 
 class GapPlan:
     """Manoeuvres that tell two effects apart, the best first."""
 
-    def __init__(self, found: plan.Plan):
+    def __init__(self, found: plan.ManeuverPlan):
         self._found = found
         self.separable = found.separable
         """Whether an hour of a manoeuvre is enough."""
@@ -242,7 +242,7 @@ class GapPlan:
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab gap plan --json`."""
         rows = [{**vars(o), "needed": o.needed} for o in self._found.options]
-        found: dict[str, Any] = results.plain(
+        found: dict[str, Any] = results.convert_to_plain(
             {
                 "effects": [self._found.first, self._found.second],
                 "separable": self.separable,
@@ -276,4 +276,4 @@ def gap_plan(
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:
-        return GapPlan(plan.plan(effects, vehicle_file(vehicle, Path(folder)), jobs, say))
+        return GapPlan(plan.make_plan(effects, get_vehicle_file(vehicle, Path(folder)), jobs, say))

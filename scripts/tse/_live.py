@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tse._estimate import learnt_state
+from tse._estimate import read_learnt_state
 from tse._filter import UNKNOWN_AGE, Convert, make_conversions
 from tse._log import PathLike
 from tse._tables import Estimate
@@ -22,12 +22,12 @@ from tse.calibration.own import is_uncalibrated
 from tse.car.config import check_effect, make_config
 from tse.channels.signals import MAX_RATE, MIN_RATE, read_signals
 from tse.estimation import regimes
-from tse.estimation.answer import answer
+from tse.estimation.answer import make_answer
 from tse.estimation.estimate import Estimates, write_learnt
 from tse.estimation.verdict import Finding
 from tse.library.errors import UserError
 from tse.report import results
-from tse.streaming.drive import LiveDrive, bus_opener
+from tse.streaming.drive import LiveDrive, make_bus_opener
 from tse.streaming.page import Page
 
 NOT_CALIBRATED = (
@@ -68,7 +68,7 @@ class Live:
             if len(times):
                 convert = convert or make_conversions(self._drive.config)
             for t, raw in zip(times.tolist(), outputs, strict=True):
-                yield _estimate(t, raw, convert)
+                yield _make_estimate(t, raw, convert)
 
     @property
     def ended(self) -> bool:
@@ -129,7 +129,7 @@ class Live:
         """Three lines: each stiffness now with its 95 % interval; after close() those of
         the whole drive."""
         found = self._result()[1] if self._drive.closed else self._drive.now()
-        return tuple(answer(found, self._drive.config))
+        return tuple(make_answer(found, self._drive.config))
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
@@ -170,7 +170,7 @@ class Live:
         """Exit code of `tselab live`, after close(): 0 usable, 3 usable in part, 4
         nothing usable."""
         found = self._result()[1]
-        return results.exit_code(found) if found else results.NOTHING
+        return results.choose_exit_code(found) if found else results.NOTHING
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab live --json`, after close()."""
@@ -183,20 +183,20 @@ class Live:
             "started_from": self._drive.started_from,
             "events": [{"time": t, "text": text} for t, text in self.said],
         }
-        log = self._rows_path()
+        log = self._get_rows_path()
         nothing = {"log": str(log), **said, "rows": 0, "usable": "no", "exit_code": results.NOTHING}
-        document = results.document(log, est, found, self._drive.config, said) if found else nothing
-        made: dict[str, Any] = results.plain(document)
+        document = results.make_document(log, est, found, self._drive.config, said) if found else nothing
+        made: dict[str, Any] = results.convert_to_plain(document)
         return made
 
     def write_table(self, path: PathLike) -> Path:
         """Write the table of `tselab live --table`, after close(), as .parquet or .csv by
         the name."""
-        rows = results.rows(self._rows_path(), *self._result())
+        rows = results.make_rows(self._get_rows_path(), *self._result())
         results.write_rows(Path(path), rows, results.COLUMNS)
         return Path(path)
 
-    def _rows_path(self) -> Path:
+    def _get_rows_path(self) -> Path:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
     def _result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
@@ -299,8 +299,8 @@ def live(
     check_effect(settings or {}, made)
     beside = Path(signals) if signals is not None else databases[0].parent / "signals.toml"
     mapped = read_signals(beside) if signals is not None or beside.is_file() else None
-    before = learnt_state(learnt, age)
-    opened = (lambda: bus) if bus is not None else bus_opener(str(interface), channel, **options)
+    before = read_learnt_state(learnt, age)
+    opened = (lambda: bus) if bus is not None else make_bus_opener(str(interface), channel, **options)
     tell = say if say is not None else lambda _: None
     folder = None if out is None else Path(out)
     drive = LiveDrive(opened, databases, car, made, mapped, folder, before, rate, tell)
@@ -309,7 +309,7 @@ def live(
     return Live(drive, duration, [*started, *([about] if about else []), *notes], folder, about)
 
 
-def _estimate(time_: float, raw: np.void, convert: list[Convert]) -> Estimate:
+def _make_estimate(time_: float, raw: np.void, convert: list[Convert]) -> Estimate:
     values: list[Any] = [time_]
     for value, make in zip(raw.item(), convert, strict=True):
         values.extend(make(value))

@@ -29,7 +29,7 @@ from tse.log.rows import Reading
 from tse.readers.readers import read_recording
 from tse.readers.recording import ReadOptions, Recording
 from tse.report import plots
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 from tse.roads.road import Road, read_road
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
@@ -79,7 +79,7 @@ class Log(Shown):
         """Return a figure of plotly: the channels over time."""
         data = plots.Data(self._checked)
         data.rows = len(self)
-        return make_figure(plots.inputs_figure(data))
+        return make_figure(plots.draw_inputs(data))
 
 
 def read_log(
@@ -128,22 +128,20 @@ def read_log(
     return Log(_read_log(Path(path), reading=Reading(file, rate, strict, tuple(map(Path, databases)), car)))
 
 
-def checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
+def read_checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
     """Read and check a log of any kind. `name`: that of a log in memory. TypeError: it is
     no log."""
     if isinstance(log, str | os.PathLike):
         return _read_log(Path(log), reading=replace(reading or Reading(), car=car))
-    return adapt_to_car(log._checked if isinstance(log, Log) else read_frame(_columns(log), name), car)
+    return adapt_to_car(log._checked if isinstance(log, Log) else read_frame(_read_columns(log), name), car)
 
 
-def known_road(road: PathLike | Road | None) -> Road | None:
+def read_known_road(road: PathLike | Road | None) -> Road | None:
     """Return a road: read it if `road` is a file."""
     return road if road is None or isinstance(road, Road) else read_road(Path(road))
 
 
-def paths_or_checked(
-    logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int = 1
-) -> list[Path | Checked]:
+def collect_logs(logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int = 1) -> list[Path | Checked]:
     """Return files as paths, and logs in memory checked, by their number. UserError:
     there are fewer than `min_logs`."""
     given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
@@ -152,12 +150,12 @@ def paths_or_checked(
     return [
         Path(log)
         if isinstance(log, str | os.PathLike)
-        else checked(log, car, f"log {n}" if len(given) > 1 else "log")
+        else read_checked(log, car, f"log {n}" if len(given) > 1 else "log")
         for n, log in enumerate(given, 1)
     ]
 
 
-def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
+def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
     """Return the columns of a log in memory."""
     if isinstance(frame, np.ndarray) and frame.dtype.names:
         return {name: frame[name] for name in frame.dtype.names}
@@ -231,7 +229,7 @@ class Signals(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab signals --json`."""
-        found: dict[str, Any] = plain(
+        found: dict[str, Any] = convert_to_plain(
             {
                 "log": self._recording.path,
                 "format": self.format,
@@ -263,7 +261,7 @@ class Signals(Shown):
         """Return a figure of plotly: the signals that are proposed, each in the unit that
         it is logged in."""
         there = {c.name: c for c in self._recording}
-        return plots.lines(
+        return plots.draw_lines(
             [
                 (
                     f"{g.channel} [{g.unit}]",

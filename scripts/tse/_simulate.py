@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from tse._log import LogLike, PathLike, checked, known_road
+from tse._log import LogLike, PathLike, read_checked, read_known_road
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, check_names, read_vehicle
 from tse.car.vehicle import make_default_vehicle
@@ -19,8 +19,8 @@ from tse.estimation.estimate import write_table
 from tse.library.core import Config, SimConfig
 from tse.library.errors import UserError
 from tse.log.rows import Reading, select_liveliest
-from tse.report.plots import layout, lines
-from tse.report.results import plain
+from tse.report.plots import draw_lines, set_layout
+from tse.report.results import convert_to_plain
 from tse.roads.road import Road
 from tse.simulation import along, maneuvers
 from tse.simulation.simulate import WHEEL_NOISE, Simulation, add_references
@@ -122,7 +122,8 @@ def simulate(
         (sim if name in sim else config).set(name, value)
     if duration is not None and not config.sample_time <= duration <= maneuvers.MAX_DRIVE_SECONDS:
         raise UserError(
-            f"duration: {duration:g} is outside its range {config.sample_time:g} .. {maneuvers.MAX_DRIVE_SECONDS:g} s"
+            f"duration: {duration:g} is outside its range {config.sample_time:g} .. "
+            f"{maneuvers.MAX_DRIVE_SECONDS:g} s"
         )
     plan = maneuvers.build(
         maneuver,
@@ -134,7 +135,7 @@ def simulate(
         road=list(road_changes),
         seed=int(sim.seed),
     )
-    done = _simulate(plan, config, sim, car.driven_axle, bar, known_road(road))
+    done = _simulate(plan, config, sim, car.driven_axle, bar, read_known_road(road))
     return Simulated(done.log, done.truth)
 
 
@@ -169,7 +170,7 @@ class Replayed(Shown):
     def to_dict(self) -> dict[str, Any]:
         """Return apart() and the notes, as `tselab replay --json` has them."""
         parts = {c: asdict(a) for c, a in self.apart().items()}
-        found: dict[str, Any] = plain({"apart": parts, "notes": self.notes})
+        found: dict[str, Any] = convert_to_plain({"apart": parts, "notes": self.notes})
         return found
 
     @property
@@ -179,14 +180,14 @@ class Replayed(Shown):
 
     def plot(self) -> Any:
         """Return a figure of plotly: measured and simulated over time."""
-        return lines(along.list_curves(self._table))
+        return draw_lines(along.list_curves(self._table))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab replay`."""
         from tse.report.report import write_page  # jinja: for those who write pages
 
         text = "Drag to zoom, double-click to reset; nothing is fitted."
-        sections = [("Measured and simulated", text, layout(self.plot(), 620))]
+        sections = [("Measured and simulated", text, set_layout(self.plot(), 620))]
         title = f"{self._title}, measured and simulated"
         write_page(
             Path(path), "replay.html.j2", sections, title=title, vehicle=self._vehicle, words=self.words
@@ -242,8 +243,8 @@ def replay(
     config = Config.exact(car.values)
     for name, value in check_names(settings).items():
         config.set(name, value)
-    rows, placed = checked(log, car, reading=reading), list[str]()
-    profile = known_road(road)
+    rows, placed = read_checked(log, car, reading=reading), list[str]()
+    profile = read_known_road(road)
     if profile is not None:
         from tse.roads.road_match import add_road
 

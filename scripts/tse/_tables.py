@@ -1,4 +1,4 @@
-"""Names, units and ranges of the C library's tables. Written by scripts/dev/api_tables.py."""
+"""Names, units and ranges of the library's tables, by scripts/dev/api_tables.py."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Status(IntEnum):
     this caution."""
 
     E_BUILD = -12
-    """This build rounds otherwise than the library is tested for: compile with -ffp-
-    contract=off, without -ffast-math."""
+    """This build rounds differently from the tested ones: compile without -ffast-math,
+    with -ffp-contract=off."""
     E_FORMAT = -11
     """A setting leads to numbers that do not fit the fixed-point format of this build;
-    double and float hold them."""
+    use double or float."""
     E_OLD = -10
     """The learnt state was written by an older version of this library; learn anew."""
     E_VEHICLE = -9
@@ -61,7 +61,7 @@ class Status(IntEnum):
     NOT_VALID = 1
     """At least one stiffness is not valid; its reason says why."""
     STARTING = 2
-    """Too little seen since the start; spread and validity are not settled."""
+    """Too few informative rows since the start; spread and validity are not settled."""
     MISSING_CHANNEL = 3
     """A measurement was missing; the others were used."""
     HELD = 4
@@ -73,11 +73,11 @@ class Status(IntEnum):
     """A step too long to bridge, or sensors that jump: states restarted from the
     sensors, what was learnt is kept."""
     RECOVERED = 7
-    """The state was no finite number, by a fault of the memory or an overflow: started
-    over."""
+    """The state was not finite, by a fault of the memory or an overflow: the filter
+    started over."""
     WAITING = 8
-    """No step: channels that are logged later are awaited; estimates of the last step,
-    or of the start."""
+    """No step yet: the filter waits for channels that are logged later; estimates are
+    those of the last step, or of the start."""
     RANGE = 9
     """A number reached the end of the range of the number format: it stops there, or
     the sample was dropped."""
@@ -114,17 +114,18 @@ class Row(TypedDict, total=False):
     gnss_speed: float
     """Speed over ground [0 .. 120 m/s]."""
     gnss_course: float
-    """Direction over ground, positive left (against the clock from above), from any
+    """Direction over ground, positive left (counter-clockwise from above), from any
     zero [-7 .. 7 rad]."""
     brake: float
-    """The car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides [0 .. 1]."""
+    """1: the car brakes, 0: it does not (from 0.5 on it does); if missing, accel_x
+    decides [0 .. 1]."""
     wheel_torque_front: float
-    """Drive less brake torque of both front wheels [-20000 .. 20000 Nm]."""
+    """Drive minus brake torque of both front wheels [-20000 .. 20000 Nm]."""
     wheel_torque_rear: float
-    """Drive less brake torque of both rear wheels [-20000 .. 20000 Nm]."""
+    """Drive minus brake torque of both rear wheels [-20000 .. 20000 Nm]."""
     bank: float
-    """Whole bank of the road, left side high > 0, in place of what the settings say of
-    it [-0.35 .. 0.35 rad]."""
+    """Whole bank of the road, left side high > 0, in place of the bank in the settings
+    [-0.35 .. 0.35 rad]."""
     grade: float
     """Whole slope of the road, uphill > 0, in place of grade_angle [-0.35 .. 0.35
     rad]."""
@@ -155,8 +156,9 @@ class Estimate(EstimateBase):
     sideslip_sd: float
     """Its standard deviation [rad]."""
     grip: float
-    """Friction of the tyres: the most lateral force of an axle over its load; with a
-    tyre_saturation_balance, 1 over the mean of 1/friction of both axles; form 0."""
+    """Friction of the tyres: largest lateral force of an axle over its load; with a
+    tyre_saturation_balance, 1 over the mean of 1/friction of both axles; default
+    filter only."""
     grip_sd: float
     """Its standard deviation."""
     grip_valid: bool
@@ -168,8 +170,8 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Sd of that mean [N]."""
     cx_front_spread: float
-    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd,
-    sqrt(Sigma) [N]."""
+    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
+    process sd, sqrt(Sigma) [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is estimated; else it is below what sensors and excitation
     show."""
@@ -182,8 +184,8 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Sd of that mean [N/rad]."""
     cy_front_spread: float
-    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd,
-    sqrt(Sigma) [N/rad]."""
+    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
+    process sd, sqrt(Sigma) [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is estimated; else it is below what sensors and excitation
     show."""
@@ -196,8 +198,8 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Sd of that mean [N/rad]."""
     cy_rear_spread: float
-    """Form 0: model discrepancy, model_sd times the stiffness; form 1: process sd,
-    sqrt(Sigma) [N/rad]."""
+    """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
+    process sd, sqrt(Sigma) [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is estimated; else it is below what sensors and excitation
     show."""
@@ -206,27 +208,27 @@ class Estimate(EstimateBase):
     cy_rear_reason: Reason
     """'valid', or the reason why cy_rear is not."""
     bias_accel_x: float
-    """Bias of accel_x: what it reads too much [m/s2]."""
+    """Bias of accel_x: measured minus true value [m/s2]."""
     bias_accel_x_sd: float
     """Its standard deviation [m/s2]."""
     bias_accel_y: float
-    """Bias of accel_y: what it reads too much [m/s2]."""
+    """Bias of accel_y: measured minus true value [m/s2]."""
     bias_accel_y_sd: float
     """Its standard deviation [m/s2]."""
     bias_yaw_rate: float
-    """Bias of yaw_rate: what it reads too much [rad/s]."""
+    """Bias of yaw_rate: measured minus true value [rad/s]."""
     bias_yaw_rate_sd: float
     """Its standard deviation [rad/s]."""
     noise_accel_x: float
-    """Noise of accel_x as found: its sd over the setting, form 0."""
+    """Estimated noise sd of accel_x over the setting, default filter only."""
     noise_accel_y: float
-    """Noise of accel_y as found."""
+    """Estimated noise sd of accel_y over the setting."""
     noise_yaw_rate: float
-    """Noise of yaw_rate as found."""
+    """Estimated noise sd of yaw_rate over the setting."""
     noise_wheel_front: float
-    """Noise of wheel_speed_front as found."""
+    """Estimated noise sd of wheel_speed_front over the setting."""
     noise_wheel_rear: float
-    """Noise of wheel_speed_rear as found."""
+    """Estimated noise sd of wheel_speed_rear over the setting."""
     p_steady: float
     """Probability: tyres as before."""
     p_changed: float
@@ -238,11 +240,11 @@ class Estimate(EstimateBase):
     p_sliding: float
     """Probability: wheels lock or spin."""
     p_restarted: float
-    """Probability: all was started over within the last 2 s."""
+    """Probability: the filter started over within the last 2 s."""
     change_age: float
-    """Time since the last change ; 0 while there was none [s]."""
+    """Time since the last change; 0 before the first one [s]."""
     change_probability: float
-    """Probability that nothing has happened since that change."""
+    """Probability that nothing has changed since then."""
     change_kind: int
     """0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over."""
     change_cx_front: float
@@ -254,14 +256,15 @@ class Estimate(EstimateBase):
     fault_channel: str | None
     """The channel that is likeliest at fault; None: none."""
     discrepancy_accel_x: float
-    """Model discrepancy of accel_x: sd of what the model does not explain [m/s2]."""
+    """Model discrepancy of accel_x: sd of the part that the model does not explain
+    [m/s2]."""
     discrepancy_accel_y: float
     """Model discrepancy of accel_y [m/s2]."""
     discrepancy_yaw_rate: float
     """Model discrepancy of yaw_rate [rad/s]."""
     innovation_accel_x: float
-    """Innovation: what accel_x read less what was predicted; 0 where it was not used;
-    form 0 [m/s2]."""
+    """Innovation of accel_x: measured minus predicted value; 0 where it was not used;
+    default filter only [m/s2]."""
     innovation_accel_y: float
     """Innovation of accel_y [m/s2]."""
     innovation_yaw_rate: float
@@ -271,8 +274,8 @@ class Estimate(EstimateBase):
     innovation_wheel_rear: float
     """Innovation of the rear wheel speed times radius [m/s]."""
     nis_accel_x: float
-    """Normalised innovation squared of accel_x, without what lasts: 1 on average where
-    model and settings fit; 0 where it was not used; form 0."""
+    """Normalised innovation squared of accel_x, without lasting errors: 1 on average
+    where model and settings fit; 0 where it was not used; default filter only."""
     nis_accel_y: float
     """Normalised innovation squared of accel_y."""
     nis_yaw_rate: float
@@ -282,15 +285,15 @@ class Estimate(EstimateBase):
     nis_wheel_rear: float
     """Normalised innovation squared of the rear wheel speed."""
     lag_steer: float
-    """How late the steering acts behind the IMU as found: bus, steering, tyres; below
-    0: how early; form 0 [s]."""
+    """Estimated lag of the steering behind the IMU, of bus, steering and tyres
+    together; below 0: it leads; default filter only [s]."""
     lag_steer_sd: float
     """Its standard deviation [s]."""
     estimate_age: float
-    """How long before this row the time lies that the estimates speak of (settings
+    """Age of the estimates: time of this row minus the time they refer to (settings
     ..._latency) [s]."""
     n_eff: float
-    """Effective number of particles, 1/sum q^2 of their weights; 1 in form 0."""
+    """Effective number of particles, 1/sum q^2 of their weights; default filter: 1."""
     log_evidence: float
     """Log density of this row's measurements given the rows before; 0 where none was
     used [nat]."""
@@ -306,5 +309,5 @@ class Estimate(EstimateBase):
     """Cornering stiffness in effect, rear axle: force over slip at this row's slip and
     load [N/rad]."""
     fault_factor: float
-    """How many times too large the implausible channel is: 57.3 degrees for radians,
-    -1 a sign, 0 none or no factor: exchanged, stuck, late."""
+    """Factor by which the implausible channel is too large: 57.3 degrees for radians,
+    -1 a sign; 0: none, or it is exchanged, stuck or late."""

@@ -129,7 +129,7 @@ def _copy_plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else deepcopy(value)
 
 
-def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
+def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
     """Return the vehicle file; for a mapping write one into the folder."""
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tselab.gap import HOLD_OUT, LOGS, VEHICLE, Run, check_logs_once
+from tselab.gap import HOLD_OUT, LOGS, VEHICLE, RunCommand, check_logs_once
 from tselab.options import (
     FILE,
     JOBS,
     PAGES,
     PROGRESS,
     ROAD,
-    Written,
+    OutputPath,
+    add_program_options,
+    add_reading_options,
     check_table,
     fold_all,
-    for_programs,
     print_json,
-    reading,
     show_steps,
 )
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tse import Reading
 
 
-@click.command(cls=Run)
+@click.command(cls=RunCommand)
 @LOGS
 @VEHICLE
 @click.option(
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     metavar="CALIBRATED.toml",
-    type=Written(".toml"),
+    type=OutputPath(".toml"),
     required=True,
     help="The calibrated vehicle file; .json and .html beside it.",
 )
@@ -49,13 +49,13 @@ if TYPE_CHECKING:
 @click.option(
     "--report",
     metavar="PAGE.html",
-    type=Written(*PAGES),
+    type=OutputPath(*PAGES),
     help="Where the page goes; default: beside CALIBRATED.toml.",
 )
 @click.option("--verbose", is_flag=True, help="Say all: every number, every channel.")
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
-@reading
-@for_programs
+@add_reading_options
+@add_program_options
 @JOBS
 @PROGRESS
 def calibrate(

@@ -18,8 +18,8 @@ import tse
 from tse.errors import Error
 from tse.files import make_directory, write_atomically
 from tse.tables import STIFFNESS_NAMES, simulated_vehicle
-from tselab.montecarlo.pictures import demo_picture
-from tselab.options import FILE, PROGRESS, quiet_warnings, show_progress
+from tselab.montecarlo.pictures import draw_demo
+from tselab.options import FILE, PROGRESS, show_progress, silence_warnings
 
 
 @click.command()
@@ -43,7 +43,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     a hidden effect, and all that 'tselab gap' makes of them.
     """
     show = show_progress(progress)
-    with quiet_warnings():
+    with silence_warnings():
         log, table = show_estimate(out, seed, show)
         try:
             show_mf4(out / "logger", log, table)
@@ -114,7 +114,7 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
     result.report(out / "report.html")
     files = ["vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"]
     with contextlib.suppress(Error):  # matplotlib is optional
-        demo_picture(out / "demo.png", result.table, drive.truth, drive.log)
+        draw_demo(out / "demo.png", result.table, drive.truth, drive.log)
         files.append("demo.png")
 
     table, time = result.table, result.time

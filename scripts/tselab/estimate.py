@@ -17,17 +17,17 @@ from tselab.options import (
     ROAD,
     TABLES,
     Lazy,
-    Written,
-    age_seconds,
+    OutputPath,
+    add_program_options,
+    add_reading_options,
     check_table,
+    convert_age,
     fold,
-    for_programs,
     print_json,
-    quiet_warnings,
     read_settings,
-    reading,
     show_progress,
     show_steps,
+    silence_warnings,
 )
 
 if TYPE_CHECKING:
@@ -75,13 +75,13 @@ Files = dict[str, Path | None]
 @click.option(
     "--out",
     metavar="EST.csv",
-    type=Written(*TABLES),
+    type=OutputPath(*TABLES),
     help="Estimates, .csv or .parquet; default: the log's name with .est.csv, in the current directory.",
 )
 @click.option(
     "--report",
     metavar="REPORT.html",
-    type=Written(*PAGES),
+    type=OutputPath(*PAGES),
     help="Also write a report with interactive plots.",
 )
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
@@ -99,8 +99,8 @@ Files = dict[str, Path | None]
 )
 @CALIBRATE
 @ROAD
-@reading
-@for_programs
+@add_reading_options
+@add_program_options
 @click.option(
     "--verbose",
     is_flag=True,
@@ -219,9 +219,9 @@ def estimate(
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
     check_table(table)
     check_writable(out, report, save_learnt)
-    age_s = age_seconds(age, load_learnt)
+    age_s = convert_age(age, load_learnt)
     settings = read_settings(pairs, options)
-    with show_steps(progress) as show, quiet_warnings():
+    with show_steps(progress) as show, silence_warnings():
         result = tse.estimate(
             log_path,
             vehicle_path,

@@ -15,9 +15,9 @@ from tselab.options import (
     JOBS,
     JSON,
     PROGRESS,
-    key_values,
+    add_reading_options,
     print_json,
-    reading,
+    read_key_values,
     show_progress,
 )
 
@@ -73,7 +73,7 @@ MAX_ERRORS = 10  # that the terminal names
     help="Average the logs over blocks of so long first, at most 0.1 s.",
 )
 @CALIBRATE
-@reading
+@add_reading_options
 @FORM
 @click.option(
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated."
@@ -168,7 +168,7 @@ def fleet(
         out=out,
         vehicles=table,
         car=car,
-        settings=key_values(pairs),
+        settings=read_key_values(pairs),
         config=config_path,
         form=form,
         average=average,

@@ -26,7 +26,7 @@ TAIL = """  </ssv:Parameters>
 EXACT = "vehicle.exact"  # a parameter of the estimator alone
 
 
-class Parameter(NamedTuple):
+class FmuParameter(NamedTuple):
     """A parameter of a modelDescription.xml."""
 
     name: str
@@ -34,7 +34,7 @@ class Parameter(NamedTuple):
     start: str
 
 
-def parameters_of(fmu: Path) -> list[Parameter]:
+def read_parameters(fmu: Path) -> list[FmuParameter]:
     """Read the parameters of the estimator FMU, of FMI 2.0 or 3.0."""
     try:
         with zipfile.ZipFile(fmu) as archive:
@@ -48,13 +48,13 @@ def parameters_of(fmu: Path) -> list[Parameter]:
         value = variable[0] if variable.tag == "ScalarVariable" else variable
         kind = {"Float64": "Real", "Int32": "Integer"}.get(value.tag, value.tag)
         if variable.get("causality") == "parameter":
-            found.append(Parameter(variable.get("name", ""), kind, value.get("start", "0")))
+            found.append(FmuParameter(variable.get("name", ""), kind, value.get("start", "0")))
     if EXACT not in [p.name for p in found]:
         raise Error(f"{fmu}: is not the estimator")
     return found
 
 
-def parameter_set(parameters: Iterable[Parameter], settings: Mapping[str, float], name: str) -> str:
+def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[str, float], name: str) -> str:
     """Return the parameter set of a car: all of vehicle.*, and the others that differ
     from their start.
 
@@ -201,8 +201,8 @@ def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
     out = out or Path(f"{vehicle_path.stem}.ssv")
     check_distinct({"--out": out}, {"the FMU": path, "--vehicle": vehicle_path})
     check_writable(out)
-    known, car = parameters_of(path), tse.read_vehicle(vehicle_path)
+    known, car = read_parameters(path), tse.read_vehicle(vehicle_path)
     settings = tse.Filter(car).settings
     with write_atomically(out, "wb") as file:
-        file.write(parameter_set(known, settings, car.name or vehicle_path.stem).encode())
+        file.write(format_parameter_set(known, settings, car.name or vehicle_path.stem).encode())
     click.echo(f"Parameter set written to {out}")

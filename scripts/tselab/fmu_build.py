@@ -61,9 +61,9 @@ SHARED = ("-fPIC", "-fvisibility=hidden", "-shared", "-s")
 LANGUAGE = {"C99": "-std=c99"}
 
 
-def native(fmi: str = "2") -> str:
+def get_native_platform(fmi: str = "2") -> str:
     """Return the name of this machine's platform."""
-    if fmi == "3" and (here := native()) in PLATFORMS:
+    if fmi == "3" and (here := get_native_platform()) in PLATFORMS:
         return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
     system = {"linux": "linux", "win32": "win", "darwin": "darwin"}.get(sys.platform, sys.platform)
@@ -102,7 +102,7 @@ def check_compiler() -> None:
 def compile_for(platform: Platform, sources: Path, cache: Path, fmi: str = "2") -> bytes:
     """Return the binary of a platform, compiled from the sources/ of an FMU for this
     version of FMI."""
-    return universal([_compile(target, platform, sources, cache) for target in platform.compiled_for(fmi)])
+    return join_slices([_compile(target, platform, sources, cache) for target in platform.compiled_for(fmi)])
 
 
 def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> bytes:
@@ -114,13 +114,13 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
     with tempfile.TemporaryDirectory() as folder:
         binary = Path(folder) / name  # a DLL carries the name it was linked with
         try:
-            zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
+            run_zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
         except Error as error:
             raise Error(f"{build.identifier} does not compile for {platform.name}: {error}") from None
         return binary.read_bytes()
 
 
-def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
+def run_zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
     """Run the C compiler of ziglang in a folder. `cache` keeps the C libraries of
     other platforms, which take a minute to build."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
@@ -137,7 +137,7 @@ MACHO_64 = 0xFEEDFACF  # of the machine: little-endian for both
 PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}  # x86_64, arm64: a slice starts at a page
 
 
-def universal(slices: Iterable[bytes]) -> bytes:
+def join_slices(slices: Iterable[bytes]) -> bytes:
     """Return Mach-O files of several processors as one, as lipo joins them; a single
     one as it is."""
     slices = list(slices)
@@ -169,7 +169,7 @@ class Built:
     binaries: dict[str, int]  # platform -> bytes
 
 
-def checkout() -> Path:
+def find_checkout() -> Path:
     """Return the checkout that this package belongs to."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
@@ -180,7 +180,7 @@ def checkout() -> Path:
     return root
 
 
-def version_of(name: str) -> str:
+def read_version(name: str) -> str:
     """Return the version of FMI of an FMU of this checkout, by its name: X is for 2.0,
     X-fmi3 for 3.0."""
     return "3" if name.endswith("-fmi3") else "2"
@@ -196,24 +196,24 @@ def build(
 ) -> list[Built]:
     """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to
     `out` once all of it has gone well."""
-    root = checkout()
+    root = find_checkout()
     if wanted:
         check_compiler()
     stage = build_native(root, max_particles, say, real)
     there = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
-    fmus = {name: folder for name, folder in there.items() if version_of(name) in fmi}
-    if lacking := [v for v in fmi if not any(version_of(name) == v for name in fmus)]:
+    fmus = {name: folder for name, folder in there.items() if read_version(name) in fmi}
+    if lacking := [v for v in fmi if not any(read_version(name) == v for name in fmus)]:
         raise Error(
             f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2"
         )
-    files = {name: content(folder) for name, folder in fmus.items()}
+    files = {name: read_content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
         for platform in wanted:
             start = time.monotonic()
             to = PLATFORMS[platform]
-            binary = compile_for(to, folder / "sources", root / "build" / "zig-cache", version_of(name))
+            binary = compile_for(to, folder / "sources", root / "build" / "zig-cache", read_version(name))
             identifier = read_build(folder / "sources").identifier
-            files[name][f"binaries/{to.folder(version_of(name))}/{identifier}{to.suffix}"] = binary
+            files[name][f"binaries/{to.folder(read_version(name))}/{identifier}{to.suffix}"] = binary
             say(f"{name} for {platform}: {len(binary):,} bytes, {time.monotonic() - start:.0f} s")
     out.mkdir(parents=True, exist_ok=True)
     built = []
@@ -225,7 +225,7 @@ def build(
         parts = {
             f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes()
             for name in files
-            if version_of(name) == "2"
+            if read_version(name) == "2"
         }
         parts |= {
             f"resources/{p.name}": p.read_bytes() for p in sorted((system.parent / "resources").glob("*.ssv"))
@@ -245,12 +245,12 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
         *([real] if real != "double" else []),
     ]
     folder = root / "build" / "-".join(kind)
-    with lock_file(lock_of(folder)):
+    with lock_file(get_lock(folder)):
         _build_native(root, folder, max_particles, real, say)
     return folder / "fmu"
 
 
-def lock_of(folder: Path) -> Path:
+def get_lock(folder: Path) -> Path:
     """Return the lock of processes that build in a folder; beside it, since the folder
     may be removed."""
     return folder.with_name(f"{folder.name}.lock")
@@ -299,7 +299,7 @@ def pack(path: Path, files: Mapping[str, bytes]) -> None:
             file.writestr(info, files[name], zipfile.ZIP_DEFLATED, 9)
 
 
-def content(folder: Path) -> dict[str, bytes]:
+def read_content(folder: Path) -> dict[str, bytes]:
     """Return all files below a folder by their name in the archive."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()

@@ -17,12 +17,12 @@ from tselab.options import (
     PAGES,
     PROGRESS,
     ROAD,
-    Written,
+    OutputPath,
+    add_program_options,
+    add_reading_options,
     check_table,
     fold_all,
-    for_programs,
     print_json,
-    reading,
     show_steps,
 )
 
@@ -50,21 +50,21 @@ HELD = click.option(
 )
 
 REPORT = click.option(
-    "--report", metavar="PAGE.html", type=Written(*PAGES), help="Also write the page there."
+    "--report", metavar="PAGE.html", type=OutputPath(*PAGES), help="Also write the page there."
 )
 VERBOSE = click.option(
     "--verbose", is_flag=True, help="Say all: what is left of each channel, and what no log could show."
 )
 
 
-def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
+def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
     """Add the options of a command that runs the whole workflow: the arguments of _run(),
     by name."""
     for take in (
         JSON,
         PROGRESS,
         JOBS,
-        reading,
+        add_reading_options,
         VERBOSE,
         REPORT,
         ROAD,
@@ -77,7 +77,7 @@ def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     return command
 
 
-class Gap(click.Group):
+class GapGroup(click.Group):
     """A group whose command without a name is `run`: `tselab gap LOG.csv ...`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -95,7 +95,7 @@ class Gap(click.Group):
         self.format_commands(ctx, formatter)
 
 
-class Run(click.Command):
+class RunCommand(click.Command):
     """--hold-out takes all files up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -114,14 +114,14 @@ class Run(click.Command):
         return super().parse_args(ctx, spread)
 
 
-@click.group(cls=Gap, short_help="Find, name and add what the model lacks.")
+@click.group(cls=GapGroup, short_help="Find, name and add what the model lacks.")
 def gap() -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it,
     show the gap shrink."""
 
 
-@gap.command(cls=Run, hidden=True)
-@of_a_run
+@gap.command(cls=RunCommand, hidden=True)
+@add_run_options
 def run(**given: Any) -> int:
     """Find where simulation and measurement disagree, name the missing effect, add it,
     show the gap shrink.
@@ -215,8 +215,8 @@ def _run(
     return found.exit_code
 
 
-@gap.command(cls=Run, short_help="A formula for what no effect of the catalogue explains.")
-@of_a_run
+@gap.command(cls=RunCommand, short_help="A formula for what no effect of the catalogue explains.")
+@add_run_options
 def discover(**given: Any) -> int:
     """A formula for what no effect of the catalogue explains.
 
@@ -238,8 +238,8 @@ def discover(**given: Any) -> int:
 @gap.command(short_help="What these logs can and cannot show, before any fit.")
 @LOGS
 @VEHICLE
-@reading
-@for_programs
+@add_reading_options
+@add_program_options
 @JOBS
 @PROGRESS
 def check(
@@ -281,7 +281,7 @@ def check(
 
 
 @gap.command(short_help="The effects that it knows.")
-@for_programs
+@add_program_options
 def catalogue(as_json: bool, table: Path | None) -> None:
     """List the effects that the workflow knows: what each is, where it enters, what shows
     it, how large it usually is.

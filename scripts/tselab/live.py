@@ -18,10 +18,10 @@ from tse.errors import Error
 from tselab.options import (
     DATABASE,
     FILE,
-    age_seconds,
+    add_program_options,
     check_range,
     check_table,
-    for_programs,
+    convert_age,
     print_json,
     read_settings,
 )
@@ -100,7 +100,7 @@ MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
 @click.option(
     "--duration", metavar="SECONDS", type=float, help="End by itself after so long; default: at Ctrl-C."
 )
-@for_programs
+@add_program_options
 def live(
     interface: str,
     channel: str | None,
@@ -167,7 +167,7 @@ def live(
 
     check_range("rate", rate, MIN_RATE, MAX_RATE, "Hz")
     check_range("duration", duration, 0.1, MAX_DURATION, "s")
-    age_s = age_seconds(age, load_learnt)
+    age_s = convert_age(age, load_learnt)
     if not databases:
         raise Error("option --database: is needed: it says what the frames of the bus mean")
     check_table(table)
@@ -179,8 +179,8 @@ def live(
     check_writable(save_learnt, table)
     settings = read_settings(pairs)
     folder = out or Path(time.strftime("live-%Y%m%d-%H%M%S"))
-    bus_options = _bus_options(bus_pairs)
-    with _stop_flag() as stopped, _Lines(as_json) as lines:
+    bus_options = _read_bus_options(bus_pairs)
+    with _catch_interrupt() as stopped, _Lines(as_json) as lines:
         drive = tse.live(
             vehicle_path,
             database=databases,
@@ -238,7 +238,7 @@ def _follow(drive: Live, lines: _Lines, stopped: Callable[[], bool]) -> None:
             lines.show(drive.answer)
 
 
-def _bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
+def _read_bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
     """Return the options of an interface, numbers and truth values as such."""
     found: dict[str, Any] = {}
     for pair in pairs:
@@ -295,7 +295,7 @@ class _Lines:
 
 
 @contextmanager
-def _stop_flag() -> Iterator[Callable[[], bool]]:
+def _catch_interrupt() -> Iterator[Callable[[], bool]]:
     """While open, let Ctrl-C and the end of the session only raise a flag; a second
     Ctrl-C acts as usual."""
     seen = threading.Event()

@@ -34,7 +34,7 @@ def fold_all(texts: Iterable[str]) -> list[str]:
     return [line for text in texts for line in fold(text)]
 
 
-class Written(click.Path):
+class OutputPath(click.Path):
     """A file that is written in the format of its suffix; without a suffix in the first
     of `suffixes`.
 
@@ -65,7 +65,7 @@ DAY = 86400.0  # s
 MAX_AGE = 40000.0  # days
 
 
-def key_values(pairs: tuple[str, ...]) -> dict[str, float]:
+def read_key_values(pairs: tuple[str, ...]) -> dict[str, float]:
     """Return the numbers of --set KEY=NUMBER by name."""
     values: dict[str, float] = {}
     for pair in pairs:
@@ -90,15 +90,15 @@ def read_settings(
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
-    others = key_values(pairs)
+    others = read_key_values(pairs)
     for name, value in own.items():
-        tables.check_setting(name, value, source=f"option --{_option_of(name)}", simulator=simulator)
+        tables.check_setting(name, value, source=f"option --{_find_option(name)}", simulator=simulator)
     for name, value in others.items():
         tables.check_setting(name, value, source="option --set", simulator=simulator)
     return {**others, **own} if simulator else {**own, **others}
 
 
-def _option_of(setting: str) -> str:
+def _find_option(setting: str) -> str:
     """Return the option that sets it: --spread sets spread_cx_front and its like."""
     return "spread" if setting.startswith("spread_") else setting.replace("_", "-")
 
@@ -108,7 +108,7 @@ def show_progress(progress: bool | None) -> bool:
     return sys.stderr.isatty() if progress is None else progress
 
 
-def age_seconds(days: float | None, load_learnt: Path | None) -> float:
+def convert_age(days: float | None, load_learnt: Path | None) -> float:
     """Return the age of a learnt state, s; UNKNOWN_AGE without the option --age."""
     import tse
 
@@ -137,7 +137,7 @@ def check_table(path: Path | None) -> None:
 
 
 @contextmanager
-def quiet_warnings() -> Iterator[None]:
+def silence_warnings() -> Iterator[None]:
     """Silence Python's warnings of a result: the command prints them itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -219,13 +219,13 @@ JSON = click.option(
 TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
 
 
-def for_programs(command: Callable[..., Any]) -> Callable[..., Any]:
+def add_program_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --json and --table to a command."""
     command = click.option("--table", metavar="TABLE.parquet", type=FILE, help=TABLE_HELP)(command)
     return JSON(command)
 
 
-def reading(command: Callable[..., Any]) -> Callable[..., Any]:
+def add_reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a command that reads logs; it gets them as one argument
     `reading`, a tse.Reading."""
 

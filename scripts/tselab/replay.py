@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap import VEHICLE
-from tselab.options import FILE, JSON, PAGES, ROAD, Written, print_json, read_settings, reading
+from tselab.options import FILE, JSON, PAGES, ROAD, OutputPath, add_reading_options, print_json, read_settings
 
 if TYPE_CHECKING:
     from tse import Reading
@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("log_path", metavar="LOG", type=FILE)
 @VEHICLE
-@click.option("--out", metavar="TABLE.csv", type=Written(".csv"), help="Every row, measured and simulated.")
-@click.option("--report", metavar="PAGE.html", type=Written(*PAGES), help="The picture of it, for a browser.")
+@click.option(
+    "--out", metavar="TABLE.csv", type=OutputPath(".csv"), help="Every row, measured and simulated."
+)
+@click.option(
+    "--report", metavar="PAGE.html", type=OutputPath(*PAGES), help="The picture of it, for a browser."
+)
 @click.option(
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated."
 )
 @ROAD
-@reading
+@add_reading_options
 @JSON
 def replay(
     log_path: Path,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tse.errors import Error
-from tselab.options import DATABASE, FILE, JSON, Written, print_json
+from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 
 if TYPE_CHECKING:
     from tse import Signals
@@ -22,7 +22,7 @@ MAX_ROWS = 80  # signals that are listed in the terminal, unless --all
     "--write",
     "out",
     metavar="SIGNALS.toml",
-    type=Written(".toml"),
+    type=OutputPath(".toml"),
     help="Write the proposal: a bare name beside the log, where 'tselab estimate' looks for signals.toml.",
 )
 @click.option(
@@ -84,7 +84,7 @@ def signals(
     if as_json:
         print_json(found.to_dict())
     else:
-        click.echo(_text(found, log_path, every))
+        click.echo(_format_signals(found, log_path, every))
     if out is not None:
         if not found.guesses:
             raise Error(
@@ -96,7 +96,7 @@ def signals(
     return 3 if found.missing else 0
 
 
-def _text(found: Signals, log_path: Path, every: bool) -> str:
+def _format_signals(found: Signals, log_path: Path, every: bool) -> str:
     """Return the signals as a table, and the guesses with their figures."""
     from tse.tables import text_table
 

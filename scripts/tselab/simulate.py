@@ -11,7 +11,7 @@ from tselab.options import (
     PROGRESS,
     ROAD,
     Lazy,
-    Written,
+    OutputPath,
     check_range,
     print_json,
     read_settings,
@@ -48,11 +48,13 @@ def _list_maneuvers() -> str:
 @click.option(
     "--out",
     metavar="LOG.csv",
-    type=Written(".csv"),
+    type=OutputPath(".csv"),
     required=True,
     help="The log, as 'tselab estimate' reads it.",
 )
-@click.option("--truth", metavar="TRUTH.csv", type=Written(".csv"), help="Also write what really happened.")
+@click.option(
+    "--truth", metavar="TRUTH.csv", type=OutputPath(".csv"), help="Also write what really happened."
+)
 @click.option("--with-ref", is_flag=True, help="Put the truth into ref_ columns of the log.")
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--duration", type=float, help="Length, s.")
@@ -131,7 +133,7 @@ def simulate(
         duration=duration,
         speed=speed,
         amplitude=amplitude,
-        road_changes=_road_changes(road_change),
+        road_changes=_read_road_changes(road_change),
         settings=settings,
         road=road_path,
         bar=show_progress(progress),
@@ -163,7 +165,7 @@ def simulate(
     click.echo(f"Log written to {out}" + (f", truth to {truth}" if truth else ""))
 
 
-def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
+def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
     """Return times and levels of --road-change TIME:LEVEL."""
     from tse import tables
 

@@ -16,8 +16,8 @@ from tselab.options import (
     PROGRESS,
     RESTART,
     Lazy,
-    key_values,
     print_json,
+    read_key_values,
     show_progress,
 )
 
@@ -88,14 +88,14 @@ def montecarlo(
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
     of_simulator = tables.settings(simulator=True)
-    for key, value in key_values(pairs).items():
+    for key, value in read_key_values(pairs).items():
         if key == "seed":
             raise Error("option --set: the seeds are set by --first-seed and --runs")
         tables.check_setting(key, value, source="option --set", simulator=True)
         (sim_settings if key in of_simulator else settings)[key] = value
     wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
     plan = {"form": form, "settings": settings, "sim_settings": sim_settings, "cases": wanted}
-    _study(
+    _run_study(
         name,
         runs,
         first_seed,
@@ -109,7 +109,7 @@ def montecarlo(
     )
 
 
-def _study(
+def _run_study(
     name: str,
     runs: int | None,
     first_seed: int,
@@ -123,14 +123,14 @@ def _study(
 ) -> None:
     """Run a study, write its files and say what it found."""
     from tselab.montecarlo import studies
-    from tselab.montecarlo.engine import Plan
-    from tselab.montecarlo.engine import run as run_all
-    from tselab.montecarlo.pictures import write
+    from tselab.montecarlo.engine import StudyPlan
+    from tselab.montecarlo.engine import run_study as run_all
+    from tselab.montecarlo.pictures import write_study
 
-    study = studies.study(name, plan.get("cases", ()))
-    todo = Plan(study, runs or study.runs, first_seed, **plan)
+    study = studies.make_study(name, plan.get("cases", ()))
+    todo = StudyPlan(study, runs or study.runs, first_seed, **plan)
     rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
-    text, files = write(todo, rows, out)
+    text, files = write_study(todo, rows, out)
     if as_json:
         print_json({"study": name, "text": text, "written": files})
         return
@@ -171,4 +171,4 @@ def paper(
     command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with
     matplotlib, paper.png.
     """
-    _study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)
+    _run_study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

@@ -31,14 +31,15 @@
   ROW(ins_vel_y, 0, -60.0, 60.0, "m/s", "velocity across the car, positive left") \
   ROW(gnss_speed, 0, 0.0, 120.0, "m/s", "speed over ground") \
   ROW(gnss_course, 0, -7.0, 7.0, "rad", \
-      "direction over ground, positive left (against the clock from above), from any zero")
+      "direction over ground, positive left (counter-clockwise from above), from any zero")
 #define PEDALS(ROW) \
-  ROW(brake, 0, 0.0, 1.0, "1", "the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides") \
-  ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", "drive less brake torque of both front wheels") \
-  ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive less brake torque of both rear wheels")
+  ROW(brake, 0, 0.0, 1.0, "1", \
+      "1: the car brakes, 0: it does not (from 0.5 on it does); if missing, accel_x decides") \
+  ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", "drive minus brake torque of both front wheels") \
+  ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive minus brake torque of both rear wheels")
 #define ROADS(ROW) \
   ROW(bank, 0, -0.35, 0.35, "rad", \
-      "whole bank of the road, left side high > 0, in place of what the settings say of it") \
+      "whole bank of the road, left side high > 0, in place of the bank in the settings") \
   ROW(grade, 0, -0.35, 0.35, "rad", "whole slope of the road, uphill > 0, in place of grade_angle")
 #define DRIVER(ROW) \
   ROW(steer_angle, 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left") \
@@ -65,42 +66,49 @@
   NUMBER(sideslip, sideslip, "rad", \
       "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill") \
   NUMBER(sideslip_sd, sideslip_sd, "rad", "its standard deviation") \
-  NUMBER(grip, grip, "1", "friction of the tyres: the most lateral force of an axle over its load; with a " \
-      "tyre_saturation_balance, 1 over the mean of 1/friction of both axles; form 0") \
+  NUMBER(grip, grip, "1", "friction of the tyres: largest lateral force of an axle over its load; with a " \
+      "tyre_saturation_balance, 1 over the mean of 1/friction of both axles; default filter only") \
   NUMBER(grip_sd, grip_sd, "1", "its standard deviation") \
   REASON(grip, grip_reason, grip_valid, "the grip") \
   STIFFNESS(cx_front, stiffness[0], mean[0], "N", "longitudinal stiffness, front axle, mean") \
   STIFFNESS(cx_front_sd, stiffness_sd[0], sd[0], "N", "sd of that mean") \
   STIFFNESS(cx_front_spread, stiffness_spread[0], spread[0], "N", \
-      "form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma)") \
+      "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
+      "sqrt(Sigma)") \
   FLAG(cx_front_spread_seen, spread_seen[0], \
-      "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show") \
+      "1: the spread is learnt (paper's filter); 0: it is the setting, or too small for these sensors and" \
+      " this excitation") \
   REASON(cx_front, reason[0], valid[0], "the stiffness") \
   STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "cornering stiffness, front axle, mean") \
   STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "sd of that mean") \
   STIFFNESS(cy_front_spread, stiffness_spread[1], spread[1], "N/rad", \
-      "form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma)") \
+      "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
+      "sqrt(Sigma)") \
   FLAG(cy_front_spread_seen, spread_seen[1], \
-      "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show") \
+      "1: the spread is learnt (paper's filter); 0: it is the setting, or too small for these sensors and" \
+      " this excitation") \
   REASON(cy_front, reason[1], valid[1], "the stiffness") \
   STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "cornering stiffness, rear axle, mean") \
   STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "sd of that mean") \
   STIFFNESS(cy_rear_spread, stiffness_spread[2], spread[2], "N/rad", \
-      "form 0: model discrepancy, model_sd times the stiffness; form 1: process sd, sqrt(Sigma)") \
+      "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
+      "sqrt(Sigma)") \
   FLAG(cy_rear_spread_seen, spread_seen[2], \
-      "1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show") \
+      "1: the spread is learnt (paper's filter); 0: it is the setting, or too small for these sensors and" \
+      " this excitation") \
   REASON(cy_rear, reason[2], valid[2], "the stiffness") \
-  NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: what it reads too much") \
+  NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: measured minus true value") \
   NUMBER(bias_accel_x_sd, bias_sd[0], "m/s2", "its standard deviation") \
-  NUMBER(bias_accel_y, bias[1], "m/s2", "bias of accel_y: what it reads too much") \
+  NUMBER(bias_accel_y, bias[1], "m/s2", "bias of accel_y: measured minus true value") \
   NUMBER(bias_accel_y_sd, bias_sd[1], "m/s2", "its standard deviation") \
-  NUMBER(bias_yaw_rate, bias[2], "rad/s", "bias of yaw_rate: what it reads too much") \
+  NUMBER(bias_yaw_rate, bias[2], "rad/s", "bias of yaw_rate: measured minus true value") \
   NUMBER(bias_yaw_rate_sd, bias_sd[2], "rad/s", "its standard deviation") \
-  NUMBER(noise_accel_x, noise[0], "1", "noise of accel_x as found: its sd over the setting, form 0") \
-  NUMBER(noise_accel_y, noise[1], "1", "noise of accel_y as found") \
-  NUMBER(noise_yaw_rate, noise[2], "1", "noise of yaw_rate as found") \
-  NUMBER(noise_wheel_front, noise[3], "1", "noise of wheel_speed_front as found") \
-  NUMBER(noise_wheel_rear, noise[4], "1", "noise of wheel_speed_rear as found") \
+  NUMBER(noise_accel_x, noise[0], "1", \
+      "estimated noise sd of accel_x over the setting, default filter only") \
+  NUMBER(noise_accel_y, noise[1], "1", "estimated noise sd of accel_y over the setting") \
+  NUMBER(noise_yaw_rate, noise[2], "1", "estimated noise sd of yaw_rate over the setting") \
+  NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front over the setting") \
+  NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear over the setting") \
   NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", "probability: tyres as before") \
   NUMBER(p_changed, regime[TSE_REGIME_CHANGED], "1", \
       "probability: all tyres changed within the last 2 s, another road") \
@@ -109,46 +117,44 @@
   NUMBER(p_fault, regime[TSE_REGIME_FAULT], "1", "probability: a channel has an offset, is frozen or noisy") \
   NUMBER(p_sliding, regime[TSE_REGIME_SLIDING], "1", "probability: wheels lock or spin") \
   NUMBER(p_restarted, regime[TSE_REGIME_RESTARTED], "1", \
-      "probability: all was started over within the last 2 s") \
-  NUMBER(change_age, change_age, "s", "time since the last change ; 0 while there was none") \
-  NUMBER(change_probability, change_probability, "1", \
-      "probability that nothing has happened since that change") \
+      "probability: the filter started over within the last 2 s") \
+  NUMBER(change_age, change_age, "s", "time since the last change; 0 before the first one") \
+  NUMBER(change_probability, change_probability, "1", "probability that nothing has changed since then") \
   CODE(change_kind, change_kind, "ChangeKind", \
       "0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over") \
   NUMBER(change_cx_front, change_ratio[0], "1", "longitudinal stiffness now over that before the change") \
   NUMBER(change_cy_front, change_ratio[1], "1", "front cornering stiffness now over that before the change") \
   NUMBER(change_cy_rear, change_ratio[2], "1", "rear cornering stiffness now over that before the change") \
   CODE(fault_channel, fault_channel, "FaultChannel", \
-      "0 none, else 1 + place among the channels of that which is likeliest at fault") \
+      "0: none; else 1 + index of the channel that is most probably at fault") \
   NUMBER(discrepancy_accel_x, discrepancy[0], "m/s2", \
-      "model discrepancy of accel_x: sd of what the model does not explain") \
+      "model discrepancy of accel_x: sd of the part that the model does not explain") \
   NUMBER(discrepancy_accel_y, discrepancy[1], "m/s2", "model discrepancy of accel_y") \
   NUMBER(discrepancy_yaw_rate, discrepancy[2], "rad/s", "model discrepancy of yaw_rate") \
   NUMBER(innovation_accel_x, innovation[0], "m/s2", \
-      "innovation: what accel_x read less what was predicted; 0 where it was not used; form 0") \
+      "innovation of accel_x: measured minus predicted value; 0 where it was not used; default filter only") \
   NUMBER(innovation_accel_y, innovation[1], "m/s2", "innovation of accel_y") \
   NUMBER(innovation_yaw_rate, innovation[2], "rad/s", "innovation of yaw_rate") \
   NUMBER(innovation_wheel_front, innovation[3], "m/s", "innovation of the front wheel speed times radius") \
   NUMBER(innovation_wheel_rear, innovation[4], "m/s", "innovation of the rear wheel speed times radius") \
   NUMBER(nis_accel_x, nis[0], "1", \
-      "normalised innovation squared of accel_x, without what lasts: 1 on average where model and " \
-      "settings fit; 0 where it was not used; form 0") \
+      "normalised innovation squared of accel_x, without lasting errors: 1 on average where model and " \
+      "settings fit; 0 where it was not used; default filter only") \
   NUMBER(nis_accel_y, nis[1], "1", "normalised innovation squared of accel_y") \
   NUMBER(nis_yaw_rate, nis[2], "1", "normalised innovation squared of yaw_rate") \
   NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \
   NUMBER(nis_wheel_rear, nis[4], "1", "normalised innovation squared of the rear wheel speed") \
   NUMBER(lag_steer, lag_steer, "s", \
-      "how late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form" \
-      " 0") \
+      "estimated lag of the steering behind the IMU, of bus, steering and tyres together; below 0: it " \
+      "leads; default filter only") \
   NUMBER(lag_steer_sd, lag_steer_sd, "s", "its standard deviation") \
   NUMBER(estimate_age, estimate_age, "s", \
-      "how long before this row the time lies that the estimates speak of (settings ..._latency)") \
-  NUMBER(n_eff, n_eff, "1", "effective number of particles, 1/sum q^2 of their weights; 1 in form 0") \
+      "age of the estimates: time of this row minus the time they refer to (settings ..._latency)") \
+  NUMBER(n_eff, n_eff, "1", "effective number of particles, 1/sum q^2 of their weights; default filter: 1") \
   NUMBER(log_evidence, log_evidence, "nat", \
       "log density of this row's measurements given the rows before; 0 where none was used") \
   CODE(status, status, "Status", \
-      "0 ok; above: done, with the caution of this code (tse_status); whether to use a stiffness says its" \
-      " reason") \
+      "0: ok; above: the code of a caution (tse_status); use a stiffness only if it is valid") \
   STIFFNESS(cx_front_secant, stiffness_secant[0], secant[0], "N", \
       "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load") \
   STIFFNESS(cy_front_secant, stiffness_secant[1], secant[1], "N/rad", \
@@ -156,8 +162,8 @@
   STIFFNESS(cy_rear_secant, stiffness_secant[2], secant[2], "N/rad", \
       "cornering stiffness in effect, rear axle: force over slip at this row's slip and load") \
   NUMBER(fault_factor, fault_factor, "1", \
-      "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none " \
-      "or no factor: exchanged, stuck, late")
+      "factor by which the implausible channel is too large: 57.3 degrees for radians, -1 a sign; 0: " \
+      "none, or it is exchanged, stuck or late")
 #define TRUTHS(NUMBER, STIFFNESS) \
   NUMBER(true, vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
   NUMBER(true, vel_y, vel_y, "m/s", "lateral velocity of the centre of gravity") \
@@ -179,11 +185,11 @@
   NUMBER(true, bias_yaw_rate, bias[2], "rad/s", "bias of yaw_rate")
 #define STATUSES(ROW) \
   ROW(TSE_E_BUILD, "TSE_E_BUILD", \
-      "this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, " \
-      "without -ffast-math") \
+      "this build rounds differently from the tested ones: compile without -ffast-math, with -ffp-" \
+      "contract=off") \
   ROW(TSE_E_FORMAT, "TSE_E_FORMAT", \
-      "a setting leads to numbers that do not fit the fixed-point format of this build; double and float " \
-      "hold them") \
+      "a setting leads to numbers that do not fit the fixed-point format of this build; use double or " \
+      "float") \
   ROW(TSE_E_OLD, "TSE_E_OLD", \
       "the learnt state was written by an older version of this library; learn anew") \
   ROW(TSE_E_VEHICLE, "TSE_E_VEHICLE", "the learnt state belongs to another vehicle") \
@@ -200,7 +206,7 @@
   ROW(TSE_OK, "TSE_OK", "ok") \
   ROW(TSE_W_NOT_VALID, "TSE_W_NOT_VALID", "at least one stiffness is not valid; its reason says why") \
   ROW(TSE_W_STARTING, "TSE_W_STARTING", \
-      "too little seen since the start; spread and validity are not settled") \
+      "too few informative rows since the start; spread and validity are not settled") \
   ROW(TSE_W_MISSING_CHANNEL, "TSE_W_MISSING_CHANNEL", "a measurement was missing; the others were used") \
   ROW(TSE_W_HELD, "TSE_W_HELD", \
       "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
@@ -209,9 +215,10 @@
       "a step too long to bridge, or sensors that jump: states restarted from the sensors, what was " \
       "learnt is kept") \
   ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", \
-      "the state was no finite number, by a fault of the memory or an overflow: started over") \
+      "the state was not finite, by a fault of the memory or an overflow: the filter started over") \
   ROW(TSE_W_WAITING, "TSE_W_WAITING", \
-      "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
+      "no step yet: the filter waits for channels that are logged later; estimates are those of the last " \
+      "step, or of the start") \
   ROW(TSE_W_RANGE, "TSE_W_RANGE", \
       "a number reached the end of the range of the number format: it stops there, or the sample was " \
       "dropped") \
@@ -228,10 +235,10 @@
       "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
   ROW(TSE_INPUT_INVALID, "input invalid", "inputs or measurements are missing") \
   ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", \
-      "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state " \
+      "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or measure " \
       "them better") \
   ROW(TSE_MISFIT, "does not fit", \
-      "the sensors say what the model does not explain: calibrate, or look for what is missing") \
+      "the model does not explain the measurements: calibrate, or look for what is missing") \
   ROW(TSE_IMPLAUSIBLE, "implausible", \
       "the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, " \
       "fault_factor)")

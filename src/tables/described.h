@@ -254,7 +254,7 @@ static const tse_field sim_output_fields[] = { CHANNELS(FIELD_ROW) TRUTHS(FIELD_
 static const tse_field replay_log_fields[] = {
   // clang-format off: table replay_log_described
   { "dt", 'p', (int32_t)offsetof(tse_replay_log, dt), 0.0, 1.0, -1.0, "s",
-      "time since the row before, (0, 1]; of the first row not used" },
+      "time since the row before, (0, 1]; not used in the first row" },
   { "steer_angle", 'p', (int32_t)offsetof(tse_replay_log, steer_angle), 0.0, 1.0, -1.0, "rad",
       "mean road-wheel angle as logged, -1.2 .. 1.2" },
   { "wheel_speed_front", 'p', (int32_t)offsetof(tse_replay_log, wheel_speed_front), 0.0, 1.0, -1.0, "rad/s",
@@ -297,9 +297,9 @@ static const tse_field replay_out_fields[] = {
   { "true_yaw_rate", 'o', (int32_t)offsetof(tse_replay_out, true_yaw_rate), 0.0, 1.0, -1.0, "rad/s",
       "yaw rate of the car" },
   { "wheel_torque_front", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_front), 0.0, 1.0, -1.0, "Nm",
-      "drive less brake torque that the front wheels need: slip force times radius, and inertia" },
+      "drive minus brake torque that the front wheels need: slip force times radius, and inertia" },
   { "wheel_torque_rear", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_rear), 0.0, 1.0, -1.0, "Nm",
-      "drive less brake torque that the rear wheels need" },
+      "drive minus brake torque that the rear wheels need" },
   // clang-format on: end of table
 };
 #endif

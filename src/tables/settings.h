@@ -331,8 +331,8 @@
   REAL("filter.initial_yaw_rate_sd", initial_yaw_rate_sd, 0.01, 0.01, 0.0, 2.0, "rad/s", \
       "how uncertain the start of yaw_rate is (mean: first sample, else 0); paper's filter") \
   REAL("filter.stiffness_min", stiffness_min, 0.1, 0.1, 0.02, 0.9, "1", \
-      "no stiffness falls below this share of nominal; form 1 without reflect_draws: only its start does " \
-      "not") \
+      "no stiffness falls below this share of nominal; paper's filter without reflect_draws: only at its " \
+      "start") \
   REAL("filter.stiffness_max", stiffness_max, 5.0, 5.0, 1.1, 20.0, "1", \
       "no stiffness rises above this share of nominal") \
   REAL("filter.hold_speed", hold_speed, 3.0, 3.0, 0.5, 20.0, "m/s", \
@@ -346,7 +346,7 @@
       "filter") \
   REAL("filter.max_gap", max_gap, 0.25, 0.25, 0.01, 1.0, "s", "longer gaps between rows restart the states") \
   REAL("filter.valid_sd", valid_sd, 0.1, 0.1, 0.01, 1.0, "1", \
-      "a stiffness is valid up to this sd of the mean, relative to the mean (form 1: to nominal)") \
+      "a stiffness is valid up to this sd of the mean, relative to the mean (paper's filter: to nominal)") \
   REAL("filter.steady_walk", steady_walk, 0.0005, 0.0005, 0.0, 0.1, "1/sqrt(s)", \
       "random walk of a stiffness that nothing changes, relative: wear, warmth; default filter") \
   WHOLE("filter.form", form, TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, \
@@ -413,7 +413,7 @@
       "friction coefficient at which the tyre forces of an axle saturate; 0: linear tyres") \
   REAL("simulation.substep", substep, 0.001, 0.001, 0.0001, 0.005, "s", "longest integration step") \
   WHOLE("simulation.hold_inputs", hold_inputs, 0, 0, 0, 1, "", \
-      "1: what the driver does at a row is held until the next; 0: it changes linearly between rows") \
+      "1: the driver's inputs are held from row to row; 0: they change linearly between rows") \
   WHOLE("simulation.seed", seed, 1, 1, 0, 2147483647, "", "seed of the random numbers")
 // clang-format on: end of table
 

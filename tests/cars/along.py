@@ -24,7 +24,7 @@ from tse.channels.log import read_frame
 from tse.identify.slip import estimate_longitudinal
 from tse.library.core import Config, NativeFilter
 from tse.log.rows import CheckedLog
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 OFF, SMOOTH, MIN_LINE_ROWS = 0.1, 61, 500  # relative error; rows; rows
 SHOWN = 0.2  # ln: sd below which a log has shown the stiffness
@@ -183,7 +183,9 @@ def main(arguments: list[str]) -> int:
         f"{100 * np.median([abs(r['line']) for r in shown]):.1f} %; 1.96 sd hold in "
         f"{sum(r['held'] for r in runs)} of {len(runs)}."
     )
-    parts.append("\n".join(markdown_table(["car", "manoeuvre", "class", "line", "calibrate", "sd"], rows, 2)))
+    parts.append(
+        "\n".join(format_markdown_table(["car", "manoeuvre", "class", "line", "calibrate", "sd"], rows, 2))
+    )
     if given.cars:
         table = calibrate_cars(given.cars, given.first, given.minutes)
         parts.append(
@@ -191,7 +193,7 @@ def main(arguments: list[str]) -> int:
             "together; error and sd in %."
         )
         parts.append(
-            "\n".join(markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2))
+            "\n".join(format_markdown_table(["car", "driven", "class", "line", "calibrate", "sd"], table, 2))
         )
     if given.straight:
         valid, off, last = np.array([score_straight_road(seed) for seed in range(1, given.straight + 1)]).T

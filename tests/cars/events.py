@@ -28,7 +28,7 @@ from tests.cars.road import LASTS
 from tests.cars.study import PRIOR, RESULTS, estimate_log, read_drive
 from tse.library.core import NOMINAL, STIFFNESS, Config, Library, NativeFilter
 from tse.log.rows import CheckedLog
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")
@@ -201,7 +201,7 @@ def make_table(found: pd.DataFrame) -> list[str]:
         rows.append(
             [scenario, f"{len(by[0])}", moved, *valid, seconds("wrong"), seconds("no slip"), told, shown]
         )
-    return markdown_table(heads, rows)
+    return format_markdown_table(heads, rows)
 
 
 def main(arguments: list[str]) -> int:

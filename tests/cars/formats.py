@@ -18,7 +18,7 @@ from scripts.dev.fixed import build_library
 from tests.cars import ROADS
 from tests.cars.study import estimate_log, format_shares, make_parser, read_drive, score
 from tse.library.core import STIFFNESS, Library
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 REALS = ("double", "float", "fixed")
 
@@ -56,7 +56,7 @@ def make_table(runs: pd.DataFrame) -> list[str]:
         "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
         "from double, rms [sd of the estimate]"
     )
-    return markdown_table(head.split("|"), rows, 6)
+    return format_markdown_table(head.split("|"), rows, 6)
 
 
 def main(arguments: list[str]) -> int:

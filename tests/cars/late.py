@@ -20,7 +20,7 @@ from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, compute_truth, estim
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 LATE, SHARES = 0.12, (0.0, 0.1, 0.2, 0.3)  # s; of the rows
 TENTH, JITTER = 0.1, 0.02  # s between rows; its relative sd
@@ -92,7 +92,7 @@ def make_table(found: pd.DataFrame) -> list[str]:
                 )
             cells.append(" / ".join(values))
         lines.append(cells)
-    return markdown_table(
+    return format_markdown_table(
         ["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4
     )
 

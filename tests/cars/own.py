@@ -28,7 +28,7 @@ from tse.car.vehicle import Vehicle, make_filter_values, read_vehicle
 from tse.channels.log import read_log
 from tse.library.core import Config, NativeFilter
 from tse.log.rows import CheckedLog
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
 # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
@@ -118,7 +118,7 @@ def make_real_table(scratch: Path) -> list[str]:
         "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|"
         "sideslip off by, rms [deg]"
     )
-    return markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
+    return format_markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
 
 
 def main(arguments: list[str]) -> int:

@@ -21,7 +21,7 @@ from tests.cars.logs import PEDALS
 from tests.cars.sensors import make_pedals
 from tests.cars.study import RESULTS, ROADS, estimate_log, format_shares, read_drive, score
 from tse.car.vehicle import read_vehicle
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "both": PEDALS}
 KEY = "cx_front"
@@ -77,7 +77,7 @@ def main(arguments: list[str]) -> int:
         for parts in (table.assign(road="all"), table)
         for key, group in parts.groupby(["driven", "road", "way"], sort=False)
     ]
-    lines = markdown_table(head.split("|"), rows, 3)
+    lines = format_markdown_table(head.split("|"), rows, 3)
     who = read_vehicle(cars[0] / "fit" / "car.toml").name
     text = f"""# Longitudinal stiffness with brake switch and wheel torques
 

@@ -34,7 +34,7 @@ from tests.cars.study import (
 )
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL, STIFFNESS, Library
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 FULL, LITTLE, FIXED = "full", "small", "small, fixed point"
 
@@ -118,7 +118,7 @@ def make_table(runs: pd.DataFrame) -> list[str]:
     head = (
         "road|build|median error [%]|rms error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour"
     )
-    return markdown_table(head.split("|"), rows, 7)
+    return format_markdown_table(head.split("|"), rows, 7)
 
 
 def main(arguments: list[str]) -> int:
@@ -166,7 +166,7 @@ as in [real logs](real.md). Nobody knows these tyres; the speed across is measur
             "log|build|front [kN/rad]|rear [kN/rad]|valid [%]|sideslip off by, rms [deg]|"
             "95 % interval of vel_y holds [%]"
         )
-        text += "\n".join(markdown_table(columns.split("|"), lines, 5)) + "\n"
+        text += "\n".join(format_markdown_table(columns.split("|"), lines, 5)) + "\n"
     given.out.write_text(text, encoding="utf-8")
     print(f"{given.out}: {len(jobs)} drives")
     return 0

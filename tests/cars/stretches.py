@@ -25,9 +25,9 @@ from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.estimation import regimes
 from tse.estimation.estimate import Estimates, estimate
-from tse.estimation.verdict import findings
+from tse.estimation.verdict import make_findings
 from tse.library.core import STIFFNESS, Config
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 OFF, MIN_STRETCH_ROWS, MIN_STRETCH_TIME = 0.1, 100, 5.0  # relative error; rows with a truth; s
 LAST, MEAN, SHOWN, SMOOTHED = (
@@ -43,9 +43,9 @@ Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
 
 def make_answers(est: Estimates, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
     """Yield the answers by estimator, of each stretch and stiffness."""
-    table, changes = est.table, regimes.changes(est.table)
-    found = findings(table, config, changes, uncertainty_sd=est.uncertainty_sd)
-    for s, f in zip(regimes.stretches(table, changes), found, strict=True):
+    table, changes = est.table, regimes.find_changes(est.table)
+    found = make_findings(table, config, changes, uncertainty_sd=est.uncertainty_sd)
+    for s, f in zip(regimes.find_stretches(table, changes), found, strict=True):
         rows = table.iloc[s.rows]
         rows = rows[rows["status"] >= 0]
         for v in f.verdicts:
@@ -117,7 +117,7 @@ def make_table(found: pd.DataFrame) -> list[str]:
         ]
         cells += [[f"{100 * g[c].mean():.0f}" for g in by] for c in ("valid", "off")]
         lines.append([who, *(" / ".join(c) for c in cells)])
-    return markdown_table(["", *columns], lines)
+    return format_markdown_table(["", *columns], lines)
 
 
 def main(arguments: list[str]) -> int:

@@ -32,7 +32,7 @@ from tse.channels.log import read_log
 from tse.identify.unknowns import LATENCY_SUFFIX
 from tse.library.core import NOMINAL, STIFFNESS, Config, Library, NativeFilter
 from tse.log.rows import CheckedLog
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
 TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_axle"}
@@ -333,7 +333,7 @@ def make_table(runs: pd.DataFrame) -> list[str]:
         "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|"
         "changes an hour|rows at fault [%]"
     )
-    return markdown_table(head.split("|"), lines, 6)
+    return format_markdown_table(head.split("|"), lines, 6)
 
 
 def format_shares(
@@ -358,7 +358,7 @@ def make_latency_table(found: pd.DataFrame) -> list[str]:
     head = (
         "channel|shown in|error, median of those [ms]|within 2 ms [%]|within 5 ms [%]|95 % interval holds [%]"
     )
-    return markdown_table(head.split("|"), rows)
+    return format_markdown_table(head.split("|"), rows)
 
 
 def make_physical_table(found: pd.DataFrame) -> list[str]:
@@ -376,7 +376,7 @@ def make_physical_table(found: pd.DataFrame) -> list[str]:
         "number|shown in|off by, before: median, largest|off by, found: median, largest|"
         "95 % interval holds [%]"
     )
-    return markdown_table(head.split("|"), rows)
+    return format_markdown_table(head.split("|"), rows)
 
 
 def make_parser(about: str | None, table_file: str) -> argparse.ArgumentParser:

@@ -23,7 +23,7 @@ from tse.car.config import make_config
 from tse.car.vehicle import make_filter_values, make_vehicle
 from tse.channels.log import read_frame
 from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, SimConfig
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 from tse.simulation import maneuvers
 from tse.simulation.simulate import simulate
 
@@ -89,7 +89,7 @@ def make_table(runs: pd.DataFrame, by: str) -> list[str]:
     rows = [
         [str(v), *(format_shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)
     ]
-    return markdown_table(
+    return format_markdown_table(
         [by, "valid [%]", "of these off [%]", "of these outside [%]", "of all outside [%]"], rows, 5
     )
 

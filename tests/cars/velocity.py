@@ -31,7 +31,7 @@ from tests.cars.study import (
 from tse.channels.log import read_log
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
 REAL = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs")
@@ -125,7 +125,7 @@ def make_real_table(data: Path) -> list[str]:
                 f"{count_changes(out, t > SETTLED)}",
             ]
             lines.append(cells)
-    return markdown_table([*head.split("|"), "changes reported"], lines, 2)
+    return format_markdown_table([*head.split("|"), "changes reported"], lines, 2)
 
 
 def make_car_table(drives: Path) -> list[str]:
@@ -161,7 +161,7 @@ def make_car_table(drives: Path) -> list[str]:
             for of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))
         ]
         lines.append([road, who, way, *sideslips, errors, *parts, f"{100 * group['left out'].mean():.1f}"])
-    return markdown_table(
+    return format_markdown_table(
         [*head.split("|"), "valid [%]", "of these off [%]", "interval holds [%]", "left out [%]"], lines, 3
     )
 

@@ -25,7 +25,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from tse.library.core import INPUT, OUTPUT, SIM_INPUT, Config, NativeFilter, convert_stiffness, library
 from tse.library.files import lock_file
-from tselab.fmu_build import FMI, PLATFORMS, compile_for, lock_of, native, version_of, zig
+from tselab.fmu_build import FMI, PLATFORMS, compile_for, get_lock, get_native_platform, read_version, run_zig
 
 ROOT = Path(__file__).resolve().parents[2]
 ESTIMATOR, VEHICLE = "TireStiffnessEstimator", "SingleTrackVehicle"
@@ -68,7 +68,7 @@ def build(folder: str = "fmu", *options: str) -> Path:
     Only what changed is built again.
     """
     where = ROOT / "build" / folder
-    with lock_file(lock_of(where)):  # of other processes that test, and of `tselab fmu build`
+    with lock_file(get_lock(where)):  # of other processes that test, and of `tselab fmu build`
         _build(where, *options)
     return where / "fmu"
 
@@ -111,9 +111,11 @@ class Unit:
     @property
     def binary(self) -> Path:
         return next(
-            (self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob(
-                "*.*"
-            )
+            (
+                self.folder
+                / "binaries"
+                / get_native_platform("2" if self.description.fmiVersion == "2.0" else "3")
+            ).glob("*.*")
         )
 
 
@@ -434,7 +436,7 @@ def build_library(target: str, of: Unit) -> Path:
     result = make_scratch_folder() / target / of.fmu.stem / (of.identifier + platform.suffix)
     result.parent.mkdir(parents=True, exist_ok=True)
     sources = ROOT / "build" / "fmu" / "fmu" / of.fmu.stem / "sources"
-    result.write_bytes(compile_for(platform, sources, CACHE, version_of(of.fmu.stem)))
+    result.write_bytes(compile_for(platform, sources, CACHE, read_version(of.fmu.stem)))
     return result
 
 
@@ -456,7 +458,7 @@ def build_client(target: str) -> Path:
         "-o",
         str(program),
     ]
-    zig([*arguments, *([] if target == "win64" else ["-ldl"])], Path(__file__).parent, CACHE)
+    run_zig([*arguments, *([] if target == "win64" else ["-ldl"])], Path(__file__).parent, CACHE)
     return program
 
 

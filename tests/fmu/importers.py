@@ -42,10 +42,10 @@ from fmu_support import (
 from lxml import etree
 
 from tse.library.core import Config, SimConfig
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 from tse.simulation import maneuvers
 from tse.simulation.simulate import HISTORIES, drive
-from tselab.fmu_build import PLATFORMS, build, version_of
+from tselab.fmu_build import PLATFORMS, build, read_version
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
@@ -196,7 +196,7 @@ def list_outputs(of: Unit) -> list[str]:
 
 def run_fmpy(of: Unit) -> list[list[float]]:
     rows, inputs, outputs = [], make_inputs(of), list_outputs(of)
-    with (Instance3 if version_of(of.fmu.stem) == "3" else Instance)(of) as fmu:
+    with (Instance3 if read_version(of.fmu.stem) == "3" else Instance)(of) as fmu:
         fmu.start()
         for i in range(STEPS):
             fmu.set({n: v[i] for n, v in inputs.items()})
@@ -313,7 +313,7 @@ def run_foreign(target: str, of: Unit) -> np.ndarray:
         ",".join(format_bits(x) for x in (i * STEP, *(v[i] for v in inputs.values()))) for i in range(STEPS)
     ]
     (of.folder / "input.csv").write_text("\n".join(lines) + "\n")
-    binary = of.folder / "binaries" / to.folder(version_of(of.fmu.stem)) / (of.identifier + to.suffix)
+    binary = of.folder / "binaries" / to.folder(read_version(of.fmu.stem)) / (of.identifier + to.suffix)
     try:
         command = make_client_command(target)
         files = of.folder / "input.csv", of.folder / "output.csv"
@@ -347,7 +347,7 @@ def compare(of: Unit) -> list[Row]:
 
 def compare_one(client: str, of: Unit, reference: np.ndarray) -> Row:
     """Run one of CLIENTS on one FMU."""
-    fmi = version_of(of.fmu.stem)
+    fmi = read_version(of.fmu.stem)
     if client in PYTHON:
         package = PYTHON[client][0]
         if why := find_obstacle(client, fmi):
@@ -403,7 +403,8 @@ def make_validators_table(verdicts: dict[str, Sequence[Verdict]]) -> str:
             [name, number, *(str(len(ran[n][name].findings)) if name in ran[n] else "-" for n in ran)]
         )
     return (
-        "\n".join(markdown_table(["validator", "version", *(f"{n}: findings" for n in ran)], rows, 2)) + "\n"
+        "\n".join(format_markdown_table(["validator", "version", *(f"{n}: findings" for n in ran)], rows, 2))
+        + "\n"
     )
 
 
@@ -416,7 +417,7 @@ def make_clients_table(found: dict[str, list[Row]], heads: list[str]) -> str:
     table = []
     for name, number in {r.client: r.version for rows in ran.values() for r in rows.values()}.items():
         table.append([name, number, *(ran[n][name].says if name in ran[n] else "-" for n in ran)])
-    return "\n".join(markdown_table(["client", "version", *heads], table, len(heads) + 2)) + "\n"
+    return "\n".join(format_markdown_table(["client", "version", *heads], table, len(heads) + 2)) + "\n"
 
 
 def main() -> int:

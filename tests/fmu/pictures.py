@@ -12,8 +12,8 @@ from fmu_support import CHANNELS, ESTIMATOR, ROOT, VEHICLE, Instance, load_unit
 
 from tse.estimation.verdict import NAMES
 from tse.library.core import STIFFNESS
-from tse.report.tables import markdown_table
-from tselab.montecarlo.pictures import demo_picture
+from tse.report.tables import format_markdown_table
+from tselab.montecarlo.pictures import draw_demo
 
 DURATION, STEP = 60.0, 0.01  # s
 ROAD_CHANGE = (30.0, 0.7)  # s, level
@@ -60,7 +60,7 @@ def run_study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
 def main() -> None:
     est, truth, log = run_study()
     picture = ROOT / "scripts" / "results" / "fmu.png"
-    demo_picture(picture, est, truth, log)
+    draw_demo(picture, est, truth, log)
     shrink_picture(picture)
     time, rows = est["time"], []
     for s in STIFFNESS:
@@ -69,7 +69,7 @@ def main() -> None:
         rms = [f"{100 * np.sqrt((error[part] ** 2).mean()):.2f} %" for part in parts]
         rows.append([NAMES[s], *rms, f"{100 * est[f'{s}_valid'].mean():.0f} % of the time"])
     head = ["", "RMS error, 10 s to the road change", "RMS error, last 20 s", "valid"]
-    print("\n".join(markdown_table(head, rows)))
+    print("\n".join(format_markdown_table(head, rows)))
 
 
 if __name__ == "__main__":

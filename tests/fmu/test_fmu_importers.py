@@ -39,7 +39,7 @@ from fmu_support import (
 )
 
 from tse.library.files import lock_file
-from tselab.fmu_build import lock_of
+from tselab.fmu_build import get_lock
 
 STOP = 2.0
 
@@ -300,7 +300,7 @@ def load_estimator(real: str) -> Unit:
 def find_library(real: str) -> Path:
     """Return the shared library of this format, built likewise."""
     where = ROOT / "build" / f"lab-{real}-test"
-    with lock_file(lock_of(where)):
+    with lock_file(get_lock(where)):
         options = [f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug"]
         generator = (
             [] if (where / "CMakeCache.txt").is_file() or not shutil.which("ninja") else ["-G", "Ninja"]

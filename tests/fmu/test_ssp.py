@@ -14,7 +14,7 @@ from fmu_support import ESTIMATOR, VEHICLE, Instance, load_unit
 
 from tse.library.errors import UserError
 from tselab.cli import cli
-from tselab.fmu import parameter_set, parameters_of
+from tselab.fmu import format_parameter_set, read_parameters
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
 ROOT = Path(__file__).resolve().parents[2]
@@ -79,8 +79,8 @@ def read_known_car(ssp):
 def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
     from tse.library.core import Config
 
-    parameters = parameters_of(ssp.with_name("TireStiffnessEstimator.fmu"))
-    text = parameter_set(parameters, Config.exact().as_dict(), "the car of the paper's study")
+    parameters = read_parameters(ssp.with_name("TireStiffnessEstimator.fmu"))
+    text = format_parameter_set(parameters, Config.exact().as_dict(), "the car of the paper's study")
     assert (ROOT / "fmu" / "vehicle.ssv").read_text(encoding="utf-8") == text
 
 
@@ -99,7 +99,7 @@ def test_a_vehicle_file_becomes_the_parameters_of_its_settings(of, ssp, tmp_path
     assert done.exception is None, done.exception
     given = {p.name: p for p in read_ssv(str(tmp_path / "car.ssv")).parameters}  # against the XML schema
     config, _ = make_config(read_vehicle(tmp_path / "car.toml"), None)
-    parameters = {p.name: p for p in parameters_of(ssp.with_name(of)) if p.name != "vehicle.exact"}
+    parameters = {p.name: p for p in read_parameters(ssp.with_name(of)) if p.name != "vehicle.exact"}
     assert "vehicle.exact" not in given and len(given) >= 11  # of an ordinary car
     assert {name.partition(".")[2].replace(".", "_") for name in parameters} == set(config.as_dict())
     for name, p in parameters.items():
@@ -116,7 +116,7 @@ def test_what_is_not_the_estimator_is_refused(ssp, tmp_path):
         (tmp_path / "none.fmu", "no such file"),
     ):
         with pytest.raises(UserError, match=words):
-            parameters_of(path)
+            read_parameters(path)
 
 
 def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp):

@@ -245,7 +245,7 @@ def make_runs() -> bytes:
 def make_plan() -> object:
     from tselab.montecarlo import engine, studies
 
-    return engine.Plan(studies.study("robust", ()), 1, 1, "default", {}, {}, ())
+    return engine.StudyPlan(studies.make_study("robust", ()), 1, 1, "default", {}, {}, ())
 
 
 def read_runs(data: bytes, folder: Path) -> None:
@@ -253,7 +253,7 @@ def read_runs(data: bytes, folder: Path) -> None:
 
     (folder / engine.RUNS).write_bytes(data)
     good = json.loads(make_runs().split(b" ", 2)[2])
-    if any(rows != good for rows in engine.read(folder / engine.RUNS, make_plan().units).values()):
+    if any(rows != good for rows in engine.read_runs(folder / engine.RUNS, make_plan().units).values()):
         raise Broken("runs that nobody made")
 
 

@@ -72,7 +72,7 @@ def write_bus_log(csv: Path, path: Path) -> None:
 def run(asked: tuple[int, str]) -> dict:
     """Run a car both ways; return the names of the car and of the sensors."""
     from tests.gap.generator import Spec, make_cases
-    from tse.gaps.run.workflow import run as gap
+    from tse.gaps.run.workflow import run_workflow as gap
 
     seed, hidden = asked
     case = next(make_cases([Spec(hidden or "clean", {hidden: 1.0} if hidden else {}, seed)]))

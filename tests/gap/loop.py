@@ -61,7 +61,7 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     from tse.car.vehicle import list_known_stiffness, read_vehicle
     from tse.channels.log import read_log
     from tse.gaps.run import add
-    from tse.gaps.run.workflow import run as gap
+    from tse.gaps.run.workflow import run_workflow as gap
     from tse.library.core import NOMINAL
 
     seed, ids = asked
@@ -72,7 +72,7 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
         out.mkdir()
         fitted = sorted(folder.glob("log_*.csv"))
         result = gap(fitted, folder / "car.toml")
-        improved, _ = add.write(out, folder / "car.toml", result.problem, result)
+        improved, _ = add.write_vehicle(out, folder / "car.toml", result.problem, result)
         calibrated = calibrate_logs([read_log(p) for p in fitted], read_vehicle(folder / "car.toml"))
         output.write(out / "calibrated.toml", calibrated, [p.name for p in fitted])
         known = {

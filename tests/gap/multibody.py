@@ -36,8 +36,8 @@ from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb as rates
 from vehiclemodels.vehicle_parameters import VehicleParameters, setup_vehicle_parameters
 
 from tests.gap.runs import run_in_processes
-from tse.gaps.run.workflow import run as gap
-from tse.report.results import plain
+from tse.gaps.run.workflow import run_workflow as gap
+from tse.report.results import convert_to_plain
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "multibody"
@@ -696,7 +696,9 @@ def run(car: int) -> dict:
         verdict = gap(logs, folder / "car.toml", held).as_json()
         done.write_text(
             json.dumps(
-                plain({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")})
+                convert_to_plain(
+                    {k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")}
+                )
             )
         )
     return json.loads(done.read_text())

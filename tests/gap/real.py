@@ -29,7 +29,7 @@ def make_row(folder: Path) -> str:
     """Return verdict and text of a log, and rms over noise of its last third, before
     and after."""
     from tse.gaps.run.output import write_all
-    from tse.gaps.run.workflow import run
+    from tse.gaps.run.workflow import run_workflow
 
     with tempfile.TemporaryDirectory() as name:
         table = pd.read_csv(folder / "data.csv")
@@ -40,7 +40,7 @@ def make_row(folder: Path) -> str:
         start, out = time.perf_counter(), Path(name) / "out"
         out.mkdir()
         before = sum(os.times()[:4])
-        result = run(
+        result = run_workflow(
             [Path(name) / "fitted.csv"], folder / "vehicle.toml", [Path(name) / "held_out.csv"], JOBS
         )
         write_all(out, result, folder / "vehicle.toml", JOBS)

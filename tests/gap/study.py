@@ -24,7 +24,7 @@ import numpy as np
 
 from tests.gap.runs import run_in_processes
 from tse.library.core import Config
-from tselab.montecarlo.summary import clopper_pearson
+from tselab.montecarlo.summary import compute_clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-study"
@@ -40,7 +40,7 @@ SEEDS, SIZES = 1, 0  # seeds of each case at typical size, at half and double: o
 def run(spec_json: str) -> dict:
     """Run one case: generate, run the workflow, keep the results."""
     from tests.gap.generator import Spec, make_cases
-    from tse.gaps.run.workflow import run as gap
+    from tse.gaps.run.workflow import run_workflow as gap
 
     spec = Spec(**json.loads(spec_json))
     case = next(make_cases([spec]))
@@ -145,7 +145,7 @@ def compute_size_error(case: dict) -> float:
 
 def format_interval(k: int, n: int) -> str:
     """Return the exact 95 % interval."""
-    low, high = clopper_pearson(k, n)
+    low, high = compute_clopper_pearson(k, n)
     return f"{100 * low:.0f} .. {100 * high:.0f} %"
 
 

@@ -50,12 +50,12 @@ def run(asked: tuple[str, str, float | None]) -> None:
     the truth."""
     from tests.gap.generator import make_cases, study
     from tse.car.vehicle import read_vehicle
-    from tse.gaps.catalogue import catalogue
-    from tse.gaps.fit import fit
-    from tse.gaps.infer.excerpt import excerpt
-    from tse.gaps.infer.naming import name
+    from tse.gaps.catalogue import load_catalogue
+    from tse.gaps.fit import fit_parameters
+    from tse.gaps.infer.excerpt import choose_excerpt
+    from tse.gaps.infer.naming import name_effects
     from tse.gaps.problem import STIFFNESS, Problem
-    from tse.gaps.run.workflow import read
+    from tse.gaps.run.workflow import read_logs
     from tse.identify.data import prepare_all
 
     case, constant, value = asked
@@ -68,9 +68,11 @@ def run(asked: tuple[str, str, float | None]) -> None:
         if value is not None:
             stack.enter_context(change_constant(constant, value))
         folder = made.write(Path(temporary) / "case")
-        logs, config = read(sorted(folder.glob("log_*.csv")), read_vehicle(folder / "car.toml"))
+        logs, config = read_logs(sorted(folder.glob("log_*.csv")), read_vehicle(folder / "car.toml"))
         problem = Problem(prepare_all(logs, config), config)
-        found = name(excerpt(problem, fit(problem, STIFFNESS, {})), list(catalogue().values()))
+        found = name_effects(
+            choose_excerpt(problem, fit_parameters(problem, STIFFNESS, {})), list(load_catalogue().values())
+        )
     truth = [e["id"] for e in made.truth["effects"]]
     named = {n.effect.id: (n.probability, n.look_alikes) for n in found.named}
     right = [t for t in truth if any(is_same(t, n) or t in alike for n, (_, alike) in named.items())]

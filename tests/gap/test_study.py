@@ -17,15 +17,15 @@ import pytest
 from generator import Spec, make_cases
 
 from tests.gap import scale, study
-from tse.gaps.catalogue import catalogue
-from tse.gaps.run.workflow import run
+from tse.gaps.catalogue import load_catalogue
+from tse.gaps.run.workflow import run_workflow
 
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
 FEW = ("sine_sweep", "brake_in_turn")
 HELD_OUT = ("slalom",)
 
 
-def run_workflow(
+def run_on_logs(
     tmp_path: Path,
     effects: dict[str, float],
     seed: int,
@@ -41,14 +41,14 @@ def run_workflow(
         make_cases([Spec("case", effects, seed, manoeuvres=manoeuvres, hold_out=hold_out, duration=20)])
     )
     folder = case.write(tmp_path / "case")
-    result = run(
+    result = run_workflow(
         sorted(folder.glob("log_*.csv")), folder / "car.toml", sorted(folder.glob("hold_out_*.csv")), jobs=2
     )
     return result.as_json(), case.truth, result.exit_code
 
 
 def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
-    verdict, _, code = run_workflow(tmp_path, {}, 101, MANOEUVRES)
+    verdict, _, code = run_on_logs(tmp_path, {}, 101, MANOEUVRES)
     assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
     assert max(verdict["gap"]["fit"]["after"].values()) < 1.2
     # no speed, no torque in the log
@@ -60,7 +60,7 @@ def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
     ("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")]
 )
 def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key: str) -> None:
-    verdict, truth, code = run_workflow(tmp_path, {effect: 1.0}, 2, FEW)
+    verdict, truth, code = run_on_logs(tmp_path, {effect: 1.0}, 2, FEW)
     assert verdict["verdict"] == "named", json.dumps(verdict["words"])
     named = max(verdict["effects"], key=lambda e: e["evidence"])
     assert named["id"] == effect and code in (10, 11)
@@ -71,7 +71,7 @@ def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key
 
 
 def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
-    verdict, _, code = run_workflow(tmp_path, {"low_grip_patch": 2.0}, 1, FEW, ())
+    verdict, _, code = run_on_logs(tmp_path, {"low_grip_patch": 2.0}, 1, FEW, ())
     assert verdict["verdict"] != "named" or verdict["closed"] < 0.5, verdict["words"]
     assert code in (0, 20)
 
@@ -173,7 +173,7 @@ def test_the_truth_has_every_effect_that_may_be_missing_and_no_other(multibody):
     """Exact kinematics is the model: a table that expects its name would be wrong."""
     car = multibody.parameters(2)
     ids = [e["id"] for e in multibody.truth(car)["effects"]]
-    assert sorted(ids) == sorted(catalogue())
+    assert sorted(ids) == sorted(load_catalogue())
 
 
 def test_the_table_says_sizes_beside_the_cars(multibody):

@@ -1,4 +1,4 @@
-"""Write small logs of a car that has an effect, made with the replay of the library.
+"""Write small logs of a car that has an effect, made with the replay of the make_candidates.
 
 Steering and wheel speeds are those of the planning manoeuvres. The sensors' readings have
 noise and biases. All is seeded.
@@ -11,7 +11,7 @@ import pandas as pd
 
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
-from tse.gaps.drives import Candidate, library, prepared
+from tse.gaps.drives import Candidate, make_candidates, prepare_candidate
 from tse.gaps.problem import Problem
 from tse.identify.data import prepare
 from tse.library.core import Config, Replay
@@ -77,7 +77,7 @@ def make_problem(vehicle: Path, *logs: Path) -> Problem:
 
 
 def find_candidate(config: Config, name: str) -> Candidate:
-    return next(c for c in library(config) if c.name == name)
+    return next(c for c in make_candidates(config) if c.name == name)
 
 
 def write_log(
@@ -95,7 +95,7 @@ def write_log(
     with the noise they have.
     """
     config = Config.exact(read_vehicle(vehicle).values)
-    log = prepared(find_candidate(config, DRIVES.get(drive, drive)), config)[0]
+    log = prepare_candidate(find_candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)
     rng = np.random.default_rng(seed)
     inputs = {k: x[:n] for k, x in log.inputs.items()}

@@ -19,9 +19,9 @@ import pytest
 
 import tse
 from conftest import tselab
-from tse.estimation.estimate import est_columns
+from tse.estimation.estimate import list_est_columns
 from tse.library.core import INPUT, NOMINAL, OUTPUT, STATUS, Config, library
-from tselab.montecarlo.studies import study
+from tselab.montecarlo.studies import make_study
 
 ROOT = Path(__file__).resolve().parents[2]
 REPLAY = ROOT / "tests" / "replay"
@@ -89,7 +89,7 @@ def test_a_frame_gives_what_the_command_writes(drive, result, tmp_path):
     assert done.code == 0, done.err
     result.to_csv(tmp_path / "api.csv")
     assert (tmp_path / "api.csv").read_bytes() == (tmp_path / "command.csv").read_bytes()
-    assert list(result.table) == est_columns() and len(result) == 2001
+    assert list(result.table) == list_est_columns() and len(result) == 2001
     for line in result.words:
         assert line in done.out
 
@@ -643,7 +643,7 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
 )
 def test_an_estimator_that_is_not_there_is_refused(name, text):
     with pytest.raises(tse.Error) as error:
-        study(f"stress+{name}")
+        make_study(f"stress+{name}")
     assert text in str(error.value)
 
 

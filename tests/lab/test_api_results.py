@@ -17,7 +17,7 @@ from conftest import tselab_here
 from tse.channels.signals import read_signals
 from tse.gaps.run import workflow
 from tse.readers.recording import ReadOptions
-from tse.report.report import figures_of
+from tse.report.report import read_figures
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = {
@@ -90,7 +90,7 @@ def test_an_estimate_draws_and_writes_the_page_of_the_command(folder, tmp_path):
     assert result.to_frame() is result.table and len(result.log) == len(result)
     page = show_result(result, tmp_path / "api.html")
     command = (tmp_path / "command.html").read_text(encoding="utf-8")
-    for mine, theirs in zip(figures_of(page), figures_of(command), strict=True):
+    for mine, theirs in zip(read_figures(page), read_figures(command), strict=True):
         assert [t.get("name") for t in mine["data"]] == [t.get("name") for t in theirs["data"]]
     result.to_csv(tmp_path / "api.csv")
     assert (tmp_path / "api.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
@@ -205,7 +205,7 @@ def test_gap_takes_logs_as_they_are_and_a_vehicle_as_its_file_has_it(folder, tmp
         raise Stop
 
     taken: list = []
-    monkeypatch.setattr(workflow, "run", run)
+    monkeypatch.setattr(workflow, "run_workflow", run)
     log = tse.read_log(folder / "log.csv", CAR)
     with pytest.raises(Stop):
         tse.gap(log, CAR, out=tmp_path)

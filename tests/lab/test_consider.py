@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from conftest import simulated
-from tse.estimation.verdict import of_uncertainty
+from tse.estimation.verdict import list_uncertain_parameters
 from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter
 
 ROWS, DT = 6000, 0.01
@@ -235,14 +235,17 @@ def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
         assert together == pytest.approx(added, rel=0.2), key
     table = pd.DataFrame({k: out[k] * getattr(CAR, NOMINAL[s]) for s in STIFFNESS for k in (s, f"{s}_sd")})
     alone = {name: sd for name, sd in parts.items() if name in told}
-    words = of_uncertainty(table, Config.exact(BASE | told), alone)
+    words = list_uncertain_parameters(table, Config.exact(BASE | told), alone)
     assert [w.split(":")[0] for w in words][-2:] == ["front cornering stiffness", "rear cornering stiffness"]
     assert "is parameter uncertainty: " in words[-1] and "mass_sd 8 %" in words[-1]
-    assert of_uncertainty(table, Config.exact(BASE), {name: 0 * sd for name, sd in parts.items()}) == []
     assert (
-        of_uncertainty(table[:0], Config.exact(BASE), parts)
+        list_uncertain_parameters(table, Config.exact(BASE), {name: 0 * sd for name, sd in parts.items()})
         == []
-        == of_uncertainty(table, Config.exact(BASE), {})
+    )
+    assert (
+        list_uncertain_parameters(table[:0], Config.exact(BASE), parts)
+        == []
+        == list_uncertain_parameters(table, Config.exact(BASE), {})
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import tselab
 from conftest import tselab_here
-from tse.estimation.estimate import block_of
+from tse.estimation.estimate import make_block
 from tse.library.core import (
     INPUT,
     NOMINAL,
@@ -131,7 +131,7 @@ def test_table_converts_to_newton_as_the_library_does():
     config = Config.exact({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
     output = NativeFilter(config).estimate_rows(row())[0]
     mean, sd, spread = convert_stiffness(config, output)
-    table = block_of(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
+    table = make_block(np.zeros(1), np.array([output], library().dtype(OUTPUT)), config)
     for i, s in enumerate(STIFFNESS):
         assert NOMINAL[s] in Config.exact()
         assert table[s][0] == pytest.approx(float(mean[i]), rel=1e-6)

@@ -12,7 +12,7 @@ from test_consider import DT, ROWS, delay_by, make_log
 
 from conftest import RAN, simulated, tselab_here
 from tse.car.vehicle import is_set, read_vehicle
-from tse.gaps.catalogue import signed_delays
+from tse.gaps.catalogue import list_signed_delays
 from tse.identify.knots import PROFILES
 from tse.library.core import (
     REPLAY_LOG,
@@ -85,7 +85,7 @@ def test_roads_with_a_profile_are_those_of_the_catalogue():
 def test_effects_that_are_early_below_a_size_have_a_title_for_it():
     early = {e.id: e.early_below for e in library().effects.values() if e.early}
     assert early == {"steering_delay": 0.0, "steering_lag": 0.02, "imu_delay": 0.0}
-    assert signed_delays() == {"steering_delay_time", "imu_delay_time"}
+    assert list_signed_delays() == {"steering_delay_time", "imu_delay_time"}
 
 
 def test_effects_of_a_vehicle_file_are_settings(tmp_path):

@@ -24,11 +24,11 @@ from tse.car.vehicle import make_default_vehicle, read_vehicle
 from tse.channels.log import read_log
 from tse.estimation import estimate as module
 from tse.estimation.estimate import estimate_to
-from tse.estimation.verdict import remarks, verdicts
+from tse.estimation.verdict import list_remarks, make_verdicts
 from tse.library.errors import UserError
 from tse.log.rows import CheckedLog, Reading, average, list_columns
 from tse.report import results
-from tse.report.results import run_facts
+from tse.report.results import list_run_facts
 from tse.runs import single
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
@@ -145,8 +145,8 @@ def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, mo
         assert (tmp_path / "x.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
         assert sum(seen) == len(est) == len(log) and max(seen) <= block
         assert est.learnt == whole.learnt and not est.interrupted
-        for f in (lambda e: [v.text for v in verdicts(e.table, config)], lambda e: remarks(e.table),
-                  lambda e: run_facts(e, log, make_default_vehicle(), config)):  # fmt: skip
+        for f in (lambda e: [v.text for v in make_verdicts(e.table, config)], lambda e: list_remarks(e.table),
+                  lambda e: list_run_facts(e, log, make_default_vehicle(), config)):  # fmt: skip
             assert f(est) == f(whole)
 
 
@@ -166,11 +166,14 @@ def test_an_error_on_the_way_leaves_the_file_as_it_was(prepared, tmp_path, monke
 def test_a_run_that_is_stopped_before_its_first_row_has_a_header_and_nothing_to_say(
     prepared, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(module, "_stop_flag", lambda: nullcontext(lambda: True))
+    monkeypatch.setattr(module, "_catch_interrupt", lambda: nullcontext(lambda: True))
     est = module.estimate_to(tmp_path / "est.csv", *prepared)
     assert est.interrupted and len(est) == 0 and est.learnt is None
-    assert (tmp_path / "est.csv").read_text() == ",".join(module.est_columns()) + "\n"
-    assert remarks(est.table) == [] and [v.level for v in verdicts(est.table, prepared[1])] == ["none"] * 3
+    assert (tmp_path / "est.csv").read_text() == ",".join(module.list_est_columns()) + "\n"
+    assert (
+        list_remarks(est.table) == []
+        and [v.level for v in make_verdicts(est.table, prepared[1])] == ["none"] * 3
+    )
     assert len(module.estimate(*prepared)) == 0
 
 
@@ -650,8 +653,10 @@ def test_after_ctrl_c_no_second_pass_begins(drive, monkeypatch):
         return replace(estimate_to(*args), interrupted=True)
 
     monkeypatch.setattr(single, "estimate_to", stopped)
-    monkeypatch.setattr(single, "implausible", lambda _: "odd")
-    ran = single.run(single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None)
+    monkeypatch.setattr(single, "describe_implausible", lambda _: "odd")
+    ran = single.run_prepared(
+        single.prepare_run(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None
+    )
     assert len(passes) == 1 and ran.notes[0] == "odd"
 
 
@@ -660,14 +665,17 @@ def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, mo
 
     This is known only at the end, and holds for all rows.
     """
-    prepared = single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {})
-    assert results.exit_code(single.run(prepared, None, None).findings) != results.NOTHING
+    prepared = single.prepare_run(drive.log, drive.vehicle, None, None, {}, "default", {})
+    assert results.choose_exit_code(single.run_prepared(prepared, None, None).findings) != results.NOTHING
     late = "steer_angle comes 60 ms later than the vehicle file says. Stiffness is wrong by it"
-    monkeypatch.setattr(single, "late_steering", lambda *_: [late])
-    ran = single.run(single.prepare(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None)
+    monkeypatch.setattr(single, "check_steering_lag", lambda *_: [late])
+    ran = single.run_prepared(
+        single.prepare_run(drive.log, drive.vehicle, None, None, {}, "default", {}), None, None
+    )
     valid = [f"{s}_valid" for s in ("cx_front", "cy_front", "cy_rear", "grip")]
     assert (
-        results.exit_code(ran.findings) == results.NOTHING and not ran.estimate.table[valid].to_numpy().any()
+        results.choose_exit_code(ran.findings) == results.NOTHING
+        and not ran.estimate.table[valid].to_numpy().any()
     )
     assert sum(late in note for note in ran.notes) == 1 and (ran.estimate.table["status"] == 10).mean() > 0.3
 
@@ -675,9 +683,9 @@ def test_a_log_of_which_stiffness_is_said_to_be_wrong_has_no_valid_row(drive, mo
 def test_strict_holds_for_the_car_that_was_calibrated_on_the_log(drive, monkeypatch):
     says = iter([[], ["odd"]])
     monkeypatch.setattr(single, "check_car", lambda *_: next(says))
-    monkeypatch.setattr(single, "uncalibrated", lambda _: True)
+    monkeypatch.setattr(single, "is_uncalibrated", lambda _: True)
     monkeypatch.setattr(single, "calibrate_once", lambda *_: single.keep_class("of a test"))
     with pytest.raises(UserError, match="option --strict: odd"):
-        single.prepare(
+        single.prepare_run(
             drive.log, drive.vehicle, None, None, {}, "default", {}, Reading(strict=True), single.Calibrate()
         )

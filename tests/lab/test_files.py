@@ -17,7 +17,7 @@ import pytest
 
 from conftest import COMMAND, tselab_here
 from tse.estimation import estimate
-from tse.estimation.estimate import csv_header, csv_rows
+from tse.estimation.estimate import make_csv_header, make_csv_rows
 from tse.library import files
 from tse.library.errors import UserError
 
@@ -317,7 +317,7 @@ def test_where_none_can_be_kept_each_process_has_its_own(there, home):
 
 
 def write_csv(table) -> str:
-    return (csv_header(table) + csv_rows(table)).decode()
+    return (make_csv_header(table) + make_csv_rows(table)).decode()
 
 
 def write_by_pandas(table: pd.DataFrame) -> str:
@@ -346,7 +346,7 @@ def test_numbers_have_the_shortest_digits_and_every_bit(kind):
             kind
         )
     x = x[np.isfinite(x)]
-    texts = csv_rows({"x": x}).decode().split()
+    texts = make_csv_rows({"x": x}).decode().split()
     back = np.array([float(c) for c in texts]).astype(kind)
     assert np.array_equal(back.view(np.uint8), x.view(np.uint8))
     assert all(Decimal(c) == Decimal(str(v)) for c, v in zip(texts, x, strict=True))
@@ -379,8 +379,8 @@ def test_what_is_usual_is_written_without_arrow_and_as_arrow_writes_it(monkeypat
     tables = [t | {"time": np.where(t["time"] < 1e-5, 0.0, t["time"])} for t in tables]
     expected = [estimate._write_rows_by_arrow(t) for t in tables]
     monkeypatch.delattr(estimate, "_write_rows_by_arrow")
-    assert [csv_rows(t) for t in tables] == expected
-    assert [csv_rows(pd.DataFrame(t)) for t in tables] == expected
+    assert [make_csv_rows(t) for t in tables] == expected
+    assert [make_csv_rows(pd.DataFrame(t)) for t in tables] == expected
 
 
 @pytest.mark.parametrize(
@@ -391,12 +391,12 @@ def test_what_orjson_writes_otherwise_is_written_by_arrow(odd):
     table = draw_usual_columns(3, 4) | {
         "odd": np.array([odd, odd, odd, odd if isinstance(odd, str | bool) else 2], kind)
     }
-    assert csv_rows(table) == estimate._write_rows_by_arrow(table)
+    assert make_csv_rows(table) == estimate._write_rows_by_arrow(table)
 
 
 def test_missing_cells_are_empty():
     reals, words = np.array([1.5, np.nan, 2.5]), pd.Categorical(["a", None, "b"])
-    assert csv_rows({"x": reals, "y": reals, "w": words}) == b"1.5,1.5,a\n,,\n2.5,2.5,b\n"
+    assert make_csv_rows({"x": reals, "y": reals, "w": words}) == b"1.5,1.5,a\n,,\n2.5,2.5,b\n"
 
 
 MIXED = pd.DataFrame(
@@ -433,6 +433,6 @@ def test_a_table_without_rows_has_its_header():
 
 
 def test_parts_put_together_are_the_whole():
-    parts = b"".join(csv_rows(MIXED.iloc[i : i + 1]) for i in range(3))
-    assert parts == csv_rows(MIXED)
+    parts = b"".join(make_csv_rows(MIXED.iloc[i : i + 1]) for i in range(3))
+    assert parts == make_csv_rows(MIXED)
     assert pd.read_csv(io.BytesIO(parts), header=None).shape == (3, len(MIXED.columns))

@@ -26,12 +26,12 @@ from tse.library.core import STIFFNESS, Config, SimConfig
 from tse.library.errors import Interrupted, UserError
 from tse.library.processes import LocalPool, check_workers
 from tse.log.rows import Reading
-from tse.report.report import figures_of
+from tse.report.report import read_figures
 from tse.runs import work as module
-from tse.runs.find import Drive, drives, started
-from tse.runs.keep import Store, unlike
-from tse.runs.run import Plan, outcome_of, run
-from tse.runs.work import Task, code_of
+from tse.runs.find import Drive, find_drives, find_start
+from tse.runs.keep import Store, find_unlike_tyres
+from tse.runs.run import FleetPlan, get_outcome, run_drives
+from tse.runs.work import Task, read_code_version
 from tse.simulation import maneuvers
 from tse.simulation.simulate import simulate
 
@@ -154,7 +154,7 @@ def test_the_page_links_to_every_report_and_names_the_softest_car_first(done):
     assert re.search(r"<td>(front|rear), in bends \d+ ± \d+ kN/rad</td>", page)
     assert "Logs that could not be used" in page and "2024-05-02 empty.csv" in page
 
-    assert [len(f["data"]) for f in figures_of(page)] == [3, 3, 3]  # all cars, and the trend of each
+    assert [len(f["data"]) for f in read_figures(page)] == [3, 3, 3]  # all cars, and the trend of each
 
 
 def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_path):
@@ -232,7 +232,7 @@ def make_task(log: Path) -> Task:
         None,
         False,
         (),
-        code_of(),
+        read_code_version(),
     )
 
 
@@ -241,21 +241,21 @@ def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(tmp_path):
     with LocalPool(kill_this_process, 2) as workers:
         for name in ("a", "deadly", "b"):
             workers.submit(make_task(tmp_path / name))
-        found = {t.log.name: outcome_of(t, result) for t, result in (workers.next() for _ in range(3))}
+        found = {t.log.name: get_outcome(t, result) for t, result in (workers.next() for _ in range(3))}
     assert {name for name, o in found.items() if o.error} == {"deadly"} and "memory" in found["deadly"].error
 
 
 def test_which_car_a_log_is_of(logs, tmp_path):
     """By the folder, by the table, by a word."""
     car = logs / "car.toml"
-    mine = drives([str(logs / "logs")], car, None, None, tmp_path)
+    mine = find_drives([str(logs / "logs")], car, None, None, tmp_path)
     assert [d.car for d in mine] == ["golf"] * 4 + ["up"] * 5
-    assert {d.car for d in drives([str(logs / "logs" / "up")], car, None, None, tmp_path)} == {"up"}
-    assert {d.car for d in drives([str(logs / "logs")], car, None, "mine", tmp_path)} == {"mine"}
-    assert len(drives([str(logs / "logs" / "*" / "*-01.csv")], car, None, None, tmp_path)) == 2
+    assert {d.car for d in find_drives([str(logs / "logs" / "up")], car, None, None, tmp_path)} == {"up"}
+    assert {d.car for d in find_drives([str(logs / "logs")], car, None, "mine", tmp_path)} == {"mine"}
+    assert len(find_drives([str(logs / "logs" / "*" / "*-01.csv")], car, None, None, tmp_path)) == 2
     table = tmp_path / "cars.csv"
     table.write_text(f"log,vehicle,car\n{logs}/logs/golf,{car},GO 1\n{logs}/logs/up/*.csv,{car},\n")
-    mine = drives([str(logs / "logs")], None, table, None, tmp_path)
+    mine = find_drives([str(logs / "logs")], None, table, None, tmp_path)
     assert {d.car for d in mine if not d.error} == {"GO 1", "car"}
     # one name of many files: what one car teaches is nothing to the other
     for name in CARS:
@@ -263,12 +263,12 @@ def test_which_car_a_log_is_of(logs, tmp_path):
         shutil.copy(car, tmp_path / name / "vehicle.toml")
     rows = "".join(f"{logs}/logs/{name},{name}/vehicle.toml\n" for name in CARS)
     (tmp_path / "two.csv").write_text(f"log,vehicle\n{rows}")
-    two = drives([str(logs / "logs")], None, tmp_path / "two.csv", None, tmp_path)
+    two = find_drives([str(logs / "logs")], None, tmp_path / "two.csv", None, tmp_path)
     assert {d.car for d in two} == {"golf/vehicle", "up/vehicle"}
     odd = tmp_path / "[x] #1"  # above the table, and in it
     shutil.copytree(logs / "logs" / "golf", odd / "#2")
     (odd / "cars.csv").write_text("# mine\nlog,vehicle,car\n./#2/*.csv,../golf/vehicle.toml,GO #3\n")
-    assert {d.car for d in drives([str(odd)], None, odd / "cars.csv", None, tmp_path)} == {"GO #3"}
+    assert {d.car for d in find_drives([str(odd)], None, odd / "cars.csv", None, tmp_path)} == {"GO #3"}
     (lost,) = (d for d in mine if d.error)
     assert lost.log.suffix == ".mf4" and "no row of cars.csv is for this log" in lost.error
 
@@ -309,7 +309,7 @@ def test_when_a_drive_began(tmp_path):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True, parents=True)
         path.write_bytes(content)
-        when, source = started(path)
+        when, source = find_start(path)
         return pd.Timestamp(when, unit="s").isoformat(), source
 
     assert at("drive_20240501-081502.csv") == ("2024-05-01T08:15:02", "name")
@@ -329,9 +329,9 @@ def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(LocalPool, "next", stop)
-    found = drives([str(logs / "logs")], logs / "car.toml", None, None, tmp_path)
+    found = find_drives([str(logs / "logs")], logs / "car.toml", None, None, tmp_path)
     with pytest.raises(Interrupted, match=r"keeps the 0 of 9 logs .* the same command goes on"):
-        run(found, Plan(Reading(), reports=False), Store(tmp_path, False), 1)
+        run_drives(found, FleetPlan(Reading(), reports=False), Store(tmp_path, False), 1)
 
 
 def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path):
@@ -404,14 +404,16 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
         raise ZeroDivisionError("of ours")
 
     monkeypatch.setattr(module, "_run_task", fail)
-    assert "internal error: ZeroDivisionError: of ours" in module.work(make_task(tmp_path / "a")).error
+    assert "internal error: ZeroDivisionError: of ours" in module.run_task(make_task(tmp_path / "a")).error
     with pytest.raises(UserError, match="install the same on all"):
-        module.work(replace(make_task(tmp_path / "a"), code=("0", "0")))
+        module.run_task(replace(make_task(tmp_path / "a"), code=("0", "0")))
 
 
 def test_a_link_in_a_circle_is_a_row_with_its_error(tmp_path):
     (tmp_path / "loop.csv").symlink_to("loop.csv")
-    assert [d.log.name for d in drives([str(tmp_path)], None, None, None, tmp_path / "out")] == ["loop.csv"]
+    assert [d.log.name for d in find_drives([str(tmp_path)], None, None, None, tmp_path / "out")] == [
+        "loop.csv"
+    ]
 
 
 @pytest.mark.parametrize(("text", "says"), [
@@ -425,10 +427,10 @@ def test_a_table_of_cars_of_any_spreadsheet(text, says, tmp_path):
     table.write_text(text)
     if says:
         with pytest.raises(UserError, match=says):
-            drives([str(tmp_path)], None, table, None, tmp_path / "out")
+            find_drives([str(tmp_path)], None, table, None, tmp_path / "out")
     else:
         assert (
-            drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle
+            find_drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle
             == (tmp_path / "car.toml").resolve()
         )
 
@@ -456,9 +458,9 @@ def test_a_log_of_another_car_is_said():
         }
         for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))
     ]
-    found = unlike(pd.DataFrame(rows))
+    found = find_unlike_tyres(pd.DataFrame(rows))
     assert list(found) == ["4"] and "front cornering stiffness 1.9 times theirs" in found["4"]
-    assert unlike(pd.DataFrame(rows[:3])) == {}
+    assert find_unlike_tyres(pd.DataFrame(rows[:3])) == {}
 
 
 # ---- Work in other processes that is interrupted.

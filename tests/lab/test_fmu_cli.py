@@ -133,13 +133,13 @@ def test_build_refuses_a_file_and_a_platform_that_nobody_knows(tmp_path):
 def test_slices_are_joined_as_the_loader_of_macos_wants_them():
     x86 = struct.pack("<III", 0xFEEDFACF, 0x01000007, 3) + b"x" * 5000
     arm = struct.pack("<III", 0xFEEDFACF, 0x0100000C, 0) + b"a" * 777
-    joined = platforms.universal([x86, arm])
+    joined = platforms.join_slices([x86, arm])
     assert struct.unpack_from(">II", joined) == (0xCAFEBABE, 2)
     for i, (piece, bits) in enumerate(((x86, 12), (arm, 14))):
         cpu, subtype, offset, size, align = struct.unpack_from(">5I", joined, 8 + 20 * i)
         assert (cpu, subtype) == struct.unpack_from("<II", piece, 4) and align == bits
         assert offset % (1 << bits) == 0 and joined[offset : offset + size] == piece
-    assert platforms.universal([arm]) == arm
+    assert platforms.join_slices([arm]) == arm
 
 
 def read_slices(data: bytes) -> list:
@@ -186,9 +186,9 @@ OLDEST = {"linux64": (2, 2, 5), "aarch64-linux": (2, 17)}  # glibc that a binary
 
 @pytest.mark.parametrize("name", [*FMUS, *FMUS3])
 def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, name):
-    fmi = build.version_of(name)
+    fmi = build.read_version(name)
     header = (
-        build.checkout() / ".venv" / "share" / f"fmi{fmi}" / "headers" / f"fmi{fmi}Functions.h"
+        build.find_checkout() / ".venv" / "share" / f"fmi{fmi}" / "headers" / f"fmi{fmi}Functions.h"
     ).read_text()
     required = re.findall(rf"^ *FMI{fmi}_Export \w+\s+(fmi{fmi}\w+);", header, flags=re.M)
     if fmi == "2":  # an FMU for co-simulation alone has not those of model exchange
@@ -198,7 +198,7 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, n
     wanted = (
         MACHINES
         if fmi == "2"
-        else {p: MACHINES[p] for p in {platforms.native(), *PLATFORMS3} & set(MACHINES)}
+        else {p: MACHINES[p] for p in {platforms.get_native_platform(), *PLATFORMS3} & set(MACHINES)}
     )
     assert set(binaries) == {platforms.PLATFORMS[p].folder(fmi) for p in wanted}
     for platform, machines in wanted.items():
@@ -223,4 +223,4 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere, n
                 )
             if isinstance(b, lief.MachO.Binary) and b.abstract.header.architecture == ARM:
                 assert b.has_code_signature  # macOS on arm64 loads nothing else
-        assert b"/tmp/" not in data and str(build.checkout()).encode() not in data
+        assert b"/tmp/" not in data and str(build.find_checkout()).encode() not in data

@@ -21,11 +21,11 @@ from tse.car.vehicle import read_vehicle
 from tse.channels.agree import read_agreeing
 from tse.channels.log import read_log
 from tse.estimation.estimate import write_table
-from tse.gaps.catalogue import catalogue
-from tse.gaps.fit import fit
+from tse.gaps.catalogue import load_catalogue
+from tse.gaps.fit import fit_parameters
 from tse.gaps.infer import excerpt as ex
 from tse.gaps.infer.hypotheses import NAME_AT
-from tse.gaps.infer.naming import Named, name
+from tse.gaps.infer.naming import Named, name_effects
 from tse.gaps.parallel import is_copy, run_in_processes
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
@@ -34,7 +34,7 @@ from tse.library.core import Config, Replay
 from tse.library.errors import UserError
 from tse.log.noise import find_new_values
 from tse.log.rows import MEASURES, CheckedLog, Reading
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 
 TIME = 0.005 * np.arange(4000)
 SIGNAL = np.sin(1.7 * TIME) + 0.3 * np.sin(11.0 * TIME)
@@ -158,15 +158,15 @@ def test_pieces_are_chosen_about_as_well_as_by_trying_all():
         return np.linalg.slogdet(np.eye(4) + sum(says[k] for k in chosen))[1]
 
     most = max(worth(c) for c in combinations(range(8), 3))
-    chosen = ex.best(says, [1.0] * 8, 3.0)
+    chosen = ex.choose_best(says, [1.0] * 8, 3.0)
     assert len(chosen) == 3
     assert worth(chosen) > 0.9 * most
 
 
 def test_what_was_shown_once_adds_less_than_what_was_not():
     turns, brakes = np.diag([100.0, 0.0]), np.diag([0.0, 30.0])
-    assert ex.best([turns, turns, brakes], [1.0] * 3, 2.0) == [0, 2]
-    assert ex.best([], [], 2.0) == []
+    assert ex.choose_best([turns, turns, brakes], [1.0] * 3, 2.0) == [0, 2]
+    assert ex.choose_best([], [], 2.0) == []
 
 
 @pytest.fixture(scope="module")
@@ -191,10 +191,10 @@ def long_log(tmp_path_factory):
 
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
-    baseline = fit(problem, STIFFNESS, {})
+    baseline = fit_parameters(problem, STIFFNESS, {})
     with change_constant("gaps.infer.excerpt.MAX_SECONDS", 60.0):
         assert ex.is_long(problem)
-        few = ex.excerpt(problem, baseline)
+        few = ex.choose_excerpt(problem, baseline)
     log = few.logs[0]
     assert 60.0 <= sum(log.seconds for log in few.logs) < 80.0
     turning = np.abs(log.inputs["steer_angle"]) > 0.005
@@ -208,7 +208,7 @@ def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config.exact())], Config.exact())
     with change_constant("gaps.infer.excerpt.MAX_SECONDS", 200.0):
         assert not ex.is_long(problem)
-        assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
+        assert ex.choose_excerpt(problem, fit_parameters(problem, STIFFNESS, {})) is problem
 
 
 def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
@@ -222,7 +222,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
         for k, d in enumerate(("sweep", "brakes"))
     ]
     with change_constant("gaps.infer.excerpt.MAX_SECONDS", 20.0):
-        result = workflow.run(logs, vehicle, jobs=2)
+        result = workflow.run_workflow(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]
     assert named["id"] == "body_roll"
@@ -262,8 +262,8 @@ class Clean:
             columns[c] = x + bias + getattr(config, f"{c}_sd") * rng.standard_normal(len(x))
         path = self.vehicle.parent / "hidden.csv"
         write_table(pd.DataFrame(columns), path)
-        read, config = workflow.read([path], read_vehicle(self.vehicle))
-        return name(Problem(prepare_all(read, config), config), list(catalogue().values())).named
+        read, config = workflow.read_logs([path], read_vehicle(self.vehicle))
+        return name_effects(Problem(prepare_all(read, config), config), list(load_catalogue().values())).named
 
 
 @pytest.fixture(scope="module")
@@ -271,10 +271,10 @@ def clean(tmp_path_factory) -> Clean:
     folder = tmp_path_factory.mktemp("detect")
     vehicle = write_car(folder)
     log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=30.0)
-    result = workflow.run([log], vehicle)
+    result = workflow.run_workflow([log], vehicle)
     assert result.verdict == "none"
-    told = json.loads(json.dumps(plain(result.as_json()), allow_nan=False))["undetectable"]
-    read, _ = workflow.read([log], read_vehicle(vehicle))
+    told = json.loads(json.dumps(convert_to_plain(result.as_json()), allow_nan=False))["undetectable"]
+    read, _ = workflow.read_logs([log], read_vehicle(vehicle))
     return Clean(vehicle, result.problem, read[0], {d["id"]: d for d in told})
 
 
@@ -298,5 +298,5 @@ def test_no_size_is_told_that_the_model_does_not_take(clean):
     """A slope over zero says of the longitudinal relaxation 6.6 m; the limit is 2 m."""
     assert clean.undetectable["longitudinal_relaxation"]["smallest"] is None
     for e, told in clean.undetectable.items():
-        p = next(p for p in catalogue()[e].parameters if p.name == told["parameter"])
+        p = next(p for p in load_catalogue()[e].parameters if p.name == told["parameter"])
         assert told["smallest"] is None or told["smallest"] <= max(p.high, -p.low), e

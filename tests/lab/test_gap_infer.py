@@ -17,13 +17,19 @@ from scipy.stats import multivariate_normal, norm
 
 from gap_logs import make_problem, write_car, write_log
 from tse.car.vehicle import read_vehicle
-from tse.gaps.catalogue import Own, Parameter, catalogue, of_the_car
-from tse.gaps.fit import fit as gap_fit
+from tse.gaps.catalogue import CatalogueParameter, Own, drop_log_values, load_catalogue
+from tse.gaps.fit import fit_parameters as gap_fit
 from tse.gaps.infer import folds, naming, roads
-from tse.gaps.infer.hypotheses import Hypothesis, hypotheses, known_of, latencies, ln_size
-from tse.gaps.infer.naming import Named, Probability, matters, settings
+from tse.gaps.infer.hypotheses import (
+    Hypothesis,
+    apply_priors,
+    compute_ln_size_prior,
+    make_hypotheses,
+    make_latencies,
+)
+from tse.gaps.infer.naming import Named, Probability, compute_relevance, convert_to_settings
 from tse.gaps.infer.remainder import Remainder
-from tse.gaps.infer.search import Around, Search, judge, ln_likelihood, together
+from tse.gaps.infer.search import Around, Search, compute_error_duration, compute_ln_likelihood, judge_set
 from tse.gaps.infer.space import LASTING, Space
 from tse.gaps.problem import STIFFNESS, Problem, Rows
 from tse.gaps.run import workflow
@@ -42,7 +48,7 @@ class Linear:
     It is linear in the compliance of front and rear and in an effect.
     """
 
-    effect: Parameter
+    effect: CatalogueParameter
     size: float
 
     def __post_init__(self) -> None:
@@ -67,7 +73,7 @@ class Linear:
         return left - left.mean()
 
     def jacobian(
-        self, values: dict[str, float], base: np.ndarray, parameters: list[Parameter], reach: float
+        self, values: dict[str, float], base: np.ndarray, parameters: list[CatalogueParameter], reach: float
     ) -> np.ndarray:
         by = {p.name: 1e-6 * p.scale for p in parameters}
         moved = [self.residuals(values | {n: values[n] + h}) for n, h in by.items()]
@@ -78,13 +84,13 @@ class Linear:
 
 def make_one_effect(of: float = 1.0) -> tuple[Hypothesis, Linear]:
     """Return an effect of one strength and no shape, `of` times its typical size."""
-    h = next(h for h in hypotheses() if h.id == "mass")
+    h = next(h for h in make_hypotheses() if h.id == "mass")
     (p,) = h.effect.fitted
     return h, Linear(p, of * p.scale)
 
 
 def compute_channel_likelihood(square: float) -> float:
-    return ln_likelihood(square, N)
+    return compute_ln_likelihood(square, N)
 
 
 @pytest.mark.parametrize("rms", [0.8, 1.1, 1.5, 6.0, 40.0])
@@ -115,10 +121,10 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
     0.05 nats: the search ends at a tenth of a sd. The effect is off or on; its strength
     is unknown in both cases. The residual is noise, whose likelihood is normal.
     """
-    variance = 1.0 + together() * LASTING**2
+    variance = 1.0 + compute_error_duration() * LASTING**2
     for size, members in ((0.0, ()), (1.0, ("mass",))):
         h, problem = make_one_effect(size)
-        j = judge(problem, [h], members, {})
+        j = judge_set(problem, [h], members, {})
         a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in j.space.names])
         a = a - a.mean(axis=0)
         y = problem.measured - problem.measured.mean() - a @ j.space.mean
@@ -134,7 +140,7 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
 def test_slopes_of_one_fit_have_the_evidence_of_another_set() -> None:
     """Exact for what is linear: a tenth of a nat, at which fits end."""
     h, problem = make_one_effect(0.3)
-    with_it, nothing = judge(problem, [h], ["mass"], {}), judge(problem, [h], [], {})
+    with_it, nothing = judge_set(problem, [h], ["mass"], {}), judge_set(problem, [h], [], {})
     assert Around(with_it).judge(with_it.ids).evidence == pytest.approx(with_it.evidence, abs=1e-9)
     assert Around(with_it).judge(nothing.ids).evidence == pytest.approx(nothing.evidence, abs=0.1)
     assert Around(nothing).judge(with_it.ids).evidence == pytest.approx(with_it.evidence, abs=0.1)
@@ -159,7 +165,7 @@ def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
     1 %: the biases are those of all rows.
     """
     h, problem = make_one_effect()
-    j = judge(problem, [h], ["mass"], {})
+    j = judge_set(problem, [h], ["mass"], {})
     a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in j.space.names])
     a = a - a.mean(axis=0)
     y = problem.measured - problem.measured.mean()
@@ -170,12 +176,12 @@ def test_what_folds_leave_is_what_fits_without_them_leave() -> None:
         table = np.vstack([a[rows] / sd, np.diag(1.0 / j.space.sd)])
         x = np.linalg.lstsq(table, np.append(y[rows] / sd, j.space.mean / j.space.sd), rcond=None)[0]
         left += float(np.sum((y[~rows] - a[~rows] @ x) ** 2))
-    assert folds.held_out(j)["accel_y"] == pytest.approx(left, rel=0.01)
+    assert folds.compute_held_out(j)["accel_y"] == pytest.approx(left, rel=0.01)
 
 
 def make_large_set(*ids: str) -> SimpleNamespace:
     """Return a set in which every effect has its typical size, known to a percent."""
-    effects = [SimpleNamespace(id=i, effect=catalogue()[i]) for i in ids]
+    effects = [SimpleNamespace(id=i, effect=load_catalogue()[i]) for i in ids]
     strengths = [p for h in effects for p in h.effect.strengths]
     values, sd = ({p.name: share * p.scale for p in strengths} for share in (1.0, 0.01))
     return SimpleNamespace(effects=effects, values=values, sd=lambda: sd)
@@ -188,7 +194,7 @@ def test_a_size_is_there_as_far_as_it_is_more_than_negligible() -> None:
     drawn = np.random.default_rng(0).standard_normal(1_000_000)
     for size, sd in ((1.0, 0.5), (0.5, 0.3), (-1.2, 1.0), (3.0, 0.1)):  # of what is negligible
         one.values[p.name], one.sd()[p.name] = size * p.negligible, sd * p.negligible
-        assert matters(one, one.effects[0]) == pytest.approx(
+        assert compute_relevance(one, one.effects[0]) == pytest.approx(
             np.mean(np.abs(size + sd * drawn) > 1.0), abs=0.002
         )
 
@@ -209,21 +215,22 @@ def test_effects_that_share_the_probability_are_each_others_look_alikes() -> Non
     assert found.effects["yaw_inertia"] == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize("effect", sorted(h.id for h in hypotheses()))
+@pytest.mark.parametrize("effect", sorted(h.id for h in make_hypotheses()))
 def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
     """1 %: what lies beyond a hundred times the typical sizes."""
-    h = next(h for h in hypotheses() if h.id == effect)
+    h = next(h for h in make_hypotheses() if h.id == effect)
     for p in h.effect.strengths:
         top = max(abs(p.typical_low - p.default), abs(p.typical_high - p.default))
         edges = np.geomspace(1e-4 * top, 100 * top, 60)
         mass = sum(
-            quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0]
+            quad(lambda x, p=p, s=s: np.exp(compute_ln_size_prior(p, s * x)), a, b)[0]
             for s in (-1, 1)
             for a, b in pairwise(edges)
         )
         assert mass == pytest.approx(1.0, abs=0.01), p.name
         assert (
-            ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0
+            compute_ln_size_prior(p, p.scale * (p.sign or 1))
+            > compute_ln_size_prior(p, 10 * p.scale * (p.sign or 1)) + 5.0
         )  # no car has that
 
 
@@ -234,11 +241,11 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
     cause.
     """
     path = write_car(tmp_path)
-    assert known_of(read_vehicle(path)) == list(catalogue().values())  # all is 0: nothing is said
+    assert apply_priors(read_vehicle(path)) == list(load_catalogue().values())  # all is 0: nothing is said
     text = path.read_text(encoding="utf-8").replace("\nmass_sd = 0.0", "\nmass_sd = 0.01")
     path.write_text(text.replace("yaw_inertia_sd = 0.0", "yaw_inertia_sd = 0.2"), encoding="utf-8")
-    effects = known_of(read_vehicle(path))
-    heavy = next(h for h in hypotheses(effects) if h.id == "mass")
+    effects = apply_priors(read_vehicle(path))
+    heavy = next(h for h in make_hypotheses(effects) if h.id == "mass")
     for size in (0.0, -0.15):
         assert heavy.ln_prior({"mass_change": size}) == pytest.approx(norm.logpdf(size, 0.0, 0.01))
     logs = [
@@ -246,8 +253,11 @@ def test_what_the_file_says_of_a_number_is_the_prior_of_its_size(tmp_path: Path)
         for k, d in enumerate(("sweep", "steps"))
     ]
     problem = make_problem(path, *logs)
-    for asked, names in ((list(catalogue().values()), {"mass", "yaw_inertia"}), (effects, {"yaw_inertia"})):
-        (named,) = naming.name(problem, asked).named
+    for asked, names in (
+        (list(load_catalogue().values()), {"mass", "yaw_inertia"}),
+        (effects, {"yaw_inertia"}),
+    ):
+        (named,) = naming.name_effects(problem, asked).named
         assert {named.effect.id, *named.look_alikes} == names
 
 
@@ -270,7 +280,7 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
         {"steering_delay_time": 0.015},
         {"imu_delay_time": -0.02, "accel_y_latency": 0.01},
     ):
-        told = settings(late, values)
+        told = convert_to_settings(late, values)
         assert all(v >= 0 for k, v in told.items() if not k.endswith("_latency"))
         shifted = late.predict(values)
         if any(v < 0 for v in values.values()):
@@ -313,12 +323,12 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
 
 def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
     values = {"cy_rear": 0.9, Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01, Own("grade", 0, 0): 0.02}
-    assert of_the_car(values) == {"cy_rear": 0.9}
+    assert drop_log_values(values) == {"cy_rear": 0.9}
     assert [str(k) for k in values] == ["cy_rear", "bank@0:0", "bank@0:1", "grade@0:0"]
 
 
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
-    names = {p.name for e in latencies() for p in e.parameters} | {"steering_delay_time"}
+    names = {p.name for e in make_latencies() for p in e.parameters} | {"steering_delay_time"}
     assert late.model(dict.fromkeys(names, 0.01)).as_dict() == late.config.as_dict() | {
         "stiffness_drift_time": late.nominal["stiffness_drift_time"]
     }
@@ -331,7 +341,7 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     table = pd.read_csv(log)
     table["steer_angle"] = table["steer_angle"].shift(2)
     table.dropna().to_csv(log, index=False, float_format="%.9g")
-    result = workflow.run([log], vehicle, jobs=2)
+    result = workflow.run_workflow([log], vehicle, jobs=2)
     verdict = result.as_json()
     assert [e["id"] for e in verdict["effects"]] == ["body_roll"], result.words
     assert verdict["effects"][0]["probability"] > 0.9
@@ -350,15 +360,15 @@ def test_a_road_that_leans_into_its_curves_is_no_scale_of_accel_y(tmp_path: Path
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"bank_superelevation": 0.12}, 5)
         for d in ("sweep", "steps")
     ]
-    result = workflow.run(logs, vehicle, jobs=2)
+    result = workflow.run_workflow(logs, vehicle, jobs=2)
     assert [e["id"] for e in result.as_json()["effects"]] == ["superelevation"], result.words
     (named,) = [n for n in result.naming.named if not n.message]
     low, high = named.ci95["bank_superelevation"]
     assert low < 0.12 < high and high - low < 0.08
-    written = settings(result.problem, result.naming.final.values)
+    written = convert_to_settings(result.problem, result.naming.final.values)
     assert written["bank_superelevation"] == named.values["bank_superelevation"]
     left = [Remainder("yaw_rate", 3.0, "disturbance", "")]
-    assert workflow.judge(result, [], left)[1] == 20
+    assert workflow.judge_run(result, [], left)[1] == 20
 
 
 def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_path: Path) -> None:
@@ -370,15 +380,15 @@ def test_a_hill_is_found_with_the_car_and_a_delay_beside_it_keeps_its_name(tmp_p
     table["accel_x"] += 9.81 * 0.08 * np.sin(2 * np.pi * table["time"] / 12.0)
     table.to_csv(path, index=False)
     read = read_vehicle(vehicle)
-    logs, config = workflow.read([path], read)
-    found = roads.find([prepare(log, config) for log in logs], config, read, 1)
+    logs, config = workflow.read_logs([path], read)
+    found = roads.find_roads([prepare(log, config) for log in logs], config, read, 1)
     assert [r.effect.id for r in found.found] == ["grade"]
     assert found.found[0].size == pytest.approx(
         0.057, abs=0.012
     )  # knots are 2 s apart, and a prior of 0.03 rad holds them
     problem = Problem(found.logs, config)
-    level = naming.plain_car(make_problem(vehicle, path))
-    names = naming.name(problem, [catalogue()["imu_delay"]], baseline=level, roads=found.found)
+    level = naming.fit_plain_car(make_problem(vehicle, path))
+    names = naming.name_effects(problem, [load_catalogue()["imu_delay"]], baseline=level, roads=found.found)
     late = next(n for n in names.named if n.effect.id == "imu_delay")
     assert late.values["imu_delay_time"] == pytest.approx(0.008, abs=0.002)
     assert names.named[-1].effect.id == "grade"
@@ -388,8 +398,8 @@ def test_a_level_road_has_no_name(tmp_path: Path) -> None:
     vehicle = write_car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 4)
     read = read_vehicle(vehicle)
-    logs, config = workflow.read([log], read)
-    found = roads.find([prepare(log, config) for log in logs], config, read, 1)
+    logs, config = workflow.read_logs([log], read)
+    found = roads.find_roads([prepare(log, config) for log in logs], config, read, 1)
     assert found.found == [] and found.fit is None and not found.logs[0].road
 
 
@@ -406,12 +416,14 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
     }
     named = []
     for effect, (x, half) in sizes.items():
-        key = catalogue()[effect].strengths[0].name
-        named.append(Named(catalogue()[effect], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
+        key = load_catalogue()[effect].strengths[0].name
+        named.append(Named(load_catalogue()[effect], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
     values = {k: v for n in named for k, v in n.values.items()}
     found = {
         s["id"]: s
-        for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))
+        for s in workflow.list_sensor_corrections(
+            late, SimpleNamespace(named=named, final=SimpleNamespace(values=values))
+        )
     }
     expected = {
         "steer_angle_latency": (0.03, np.hypot(0.002, 0.001)),
@@ -436,19 +448,19 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: p
         tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.002}, 3
     )
     problem = make_problem(vehicle, log)
-    asked = [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]
-    found = naming.name(problem, asked)
+    asked = [load_catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]
+    found = naming.name_effects(problem, asked)
     assert [n.effect.id for n in found.named] == ["body_roll"]
     why = {p["id"]: p["why"] for p in found.possible}
     assert "gyro_scale" not in why and set(why.values()) <= {"below 90 %"}
-    less = naming.without(problem, found, frozenset(), "a reason")
+    less = naming.drop_names(problem, found, frozenset(), "a reason")
     assert {p["id"]: p["why"] for p in less.possible} == {"body_roll": "a reason"} | why
     assert naming.MIN_CLOSED < found.named[0].alone <= 1.0
     monkeypatch.setattr(naming, "MIN_CLOSED", 1.1)
-    idle = naming.name(problem, asked)
+    idle = naming.name_effects(problem, asked)
     assert (
         not idle.named
-        and {p["id"]: p["why"] for p in idle.possible}["body_roll"] == "it closes next to nothing"
+        and {p["id"]: p["why"] for p in idle.possible}["body_roll"] == "it closes almost nothing"
     )
 
 
@@ -458,17 +470,17 @@ def test_a_road_is_kept_whatever_names_are_not(tmp_path: Path) -> None:
     level = make_problem(vehicle, log)
     profile = {"grade": 0.01 * np.sin(level.logs[0].distance / 50)}
     problem = level.of([replace(level.logs[0], road=profile)])
-    baseline, fitted = naming.plain_car(level), naming.plain_car(problem)
-    road = roads.FoundRoad(catalogue()["grade"], 0.007, (0.006, 0.008), 40.0, 0.99)
+    baseline, fitted = naming.fit_plain_car(level), naming.fit_plain_car(problem)
+    road = roads.FoundRoad(load_catalogue()["grade"], 0.007, (0.006, 0.008), 40.0, 0.99)
     assert (
-        naming.named_roads(problem, baseline, fitted, [road]) == []
+        naming.name_roads(problem, baseline, fitted, [road]) == []
     )  # the log was driven on a level road: it closes nothing
-    (named,) = naming.named_roads(problem, fitted, baseline, [road])  # and the other way round
+    (named,) = naming.name_roads(problem, fitted, baseline, [road])  # and the other way round
     assert named.values == {"grade_angle": 0.007} and 0.0 <= named.share <= 1.0
     found = naming.Naming(baseline, baseline, [named], 0.5, [], [], True)
-    kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
+    kept = naming.drop_names(problem, found, frozenset({"grade"}), "a reason")
     assert kept.named == [named] and kept.possible == []
-    assert kept.final.values == naming.plain_car(problem).values
+    assert kept.final.values == naming.fit_plain_car(problem).values
 
 
 def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
@@ -490,7 +502,7 @@ def test_the_plain_car_is_least_squares(tmp_path: Path) -> None:
     best = minimize(
         left, np.zeros(3), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6 * left(np.zeros(3))}
     )
-    plain = naming.plain_car(problem).residuals
+    plain = naming.fit_plain_car(problem).residuals
     assert float(plain @ plain) == pytest.approx(best.fun, rel=2e-3)
 
 
@@ -499,62 +511,93 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
 
     A negative delay is a late message.
     """
-    bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)
-    assert not bank.message
-    assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._sentence(bank)
-    assert "rms, the same on 3 laps (bank)" in workflow._sentence(bank, 3)
-    grade = Named(catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99)
-    assert "or accel_x wanders by 0.2 m/s2" in workflow._sentence(grade)
-    assert "wanders" not in workflow._sentence(grade, 2)  # a road is the same again, a sensor is not
-    assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
-    delay = Named(
-        catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0
+    bank = Named(
+        load_catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99
     )
-    assert delay.message and "logged late" in workflow._sentence(delay)
+    assert not bank.message
+    assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._describe_name(
+        bank
+    )
+    assert "rms, the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
+    grade = Named(
+        load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
+    )
+    assert "or accel_x wanders by 0.2 m/s2" in workflow._describe_name(grade)
+    assert "wanders" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
+    assert workflow._convert_name(bank)["parameters"].keys() == {"angle"}
+    delay = Named(
+        load_catalogue()["imu_delay"],
+        {"imu_delay_time": -0.02},
+        {"imu_delay_time": (-0.021, -0.019)},
+        0.5,
+        40.0,
+    )
+    assert not bank.message
+    assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._describe_name(
+        bank
+    )
+    assert "rms, the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
+    grade = Named(
+        load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
+    )
+    assert "or accel_x wanders by 0.2 m/s2" in workflow._describe_name(grade)
+    assert "wanders" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
+    assert workflow._convert_name(bank)["parameters"].keys() == {"angle"}
+    delay = Named(
+        load_catalogue()["imu_delay"],
+        {"imu_delay_time": -0.02},
+        {"imu_delay_time": (-0.021, -0.019)},
+        0.5,
+        40.0,
+    )
+    assert delay.message and "logged late" in workflow._describe_name(delay)
 
 
 def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem) -> None:
     """And a gap of the held-out logs is no all-clear."""
-    baseline = naming.plain_car(late)
+    baseline = naming.fit_plain_car(late)
 
     def judged(probability: float | None, elsewhere: list[Remainder]) -> tuple[int, list[str]]:
         values, ci95 = {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}
         named = (
             []
             if probability is None
-            else [Named(catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
+            else [Named(load_catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
         )
         found = naming.Naming(baseline, baseline, named, 0.4, [], [], True)
-        return workflow.judge(workflow.Found(found), [], [], elsewhere)[1:]
+        return workflow.judge_run(workflow.Found(found), [], [], elsewhere)[1:]
 
     sure, unsure = judged(0.95, []), judged(0.61, [])
     assert sure[0] == 10 and sure[1][0].startswith("gravity in accel_y")
     assert unsure[0] == 11 and unsure[1][0].startswith("possibly ")
     assert judged(None, [])[0] == 0
     swing = 5.0 * np.sin(np.pi * late.rows.time)
-    assert len(workflow.what_is_left(late, replace(baseline, residuals=baseline.residuals + swing))) == 3
     assert (
-        workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
+        len(workflow.find_excess_remainders(late, replace(baseline, residuals=baseline.residuals + swing)))
+        == 3
+    )
+    assert (
+        workflow.find_excess_remainders(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
     )  # noise, though larger
     code, words = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
-    assert code == 20 and "yaw_rate 3.08 times the noise" in words[-1]
+    assert code == 20 and "yaw_rate 3.08 times the sensor noise" in words[-1]
     assert "Nothing" not in " ".join(words) and "nothing is missing" not in " ".join(words)
 
 
 def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left(late: Problem) -> None:
     """Nor is more likely than not an all-clear."""
-    baseline = naming.plain_car(late)
+    baseline = naming.fit_plain_car(late)
     left = [Remainder("yaw_rate", 3.0, "disturbance", "")]
 
     def name_of(effect: str, closed: float) -> Named:
-        (p,) = catalogue()[effect].strengths[:1]
-        return Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)
+        (p,) = load_catalogue()[effect].strengths[:1]
+        return Named(load_catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)
 
     def code(effect: str, closed: float, remains: list[Remainder], possible: float = 0.0) -> int:
         named = [name_of(effect, closed)] if closed else []
         maybe = [{"id": effect, "probability": possible, "why": "below 90 %"}] if possible else []
         found = naming.Naming(baseline, baseline, named, closed, maybe, [], True)
-        return workflow.judge(workflow.Found(found), [], remains)[1]
+        return workflow.judge_run(workflow.Found(found), [], remains)[1]
 
     assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (
         10,
@@ -565,12 +608,14 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
     for closes, wanted in ((0.2, 10), (0.1, 20)):  # of the 0.3 that the road leaves
         names = [name_of("body_roll", closes), name_of("grade", 0.7)]
         both = naming.Naming(baseline, baseline, names, 0.7 + closes, [], [], True)
-        assert workflow.judge(workflow.Found(both), [], left)[1] == wanted
+        assert workflow.judge_run(workflow.Found(both), [], left)[1] == wanted
     roll = name_of("body_roll", 0.9)
     beside = SimpleNamespace(formula=SimpleNamespace(text="", place=""), words=[])
     found = workflow.Found(naming.Naming(baseline, baseline, [roll], 0.9, [], [], True), beside)
-    assert workflow.judge(found, [], [])[1] == 10
-    assert workflow.judge(found, [], [], left)[1] == 20  # held-out logs that names and formula do not explain
+    assert workflow.judge_run(found, [], [])[1] == 10
+    assert (
+        workflow.judge_run(found, [], [], left)[1] == 20
+    )  # held-out logs that names and formula do not explain
     assert (
         code("body_roll", 0.0, [], 0.61),
         code("body_roll", 0.0, [], 0.3),
@@ -582,18 +627,22 @@ def test_the_friction_of_each_axle_is_said_where_they_differ() -> None:
     """1/(inverse friction (1 +- balance))."""
     size = {"tyre_saturation_inverse_friction": 0.8, "tyre_saturation_balance": 0.2}
     named = Named(
-        catalogue()["tyre_saturation"], size, {k: (x - 0.01, x + 0.01) for k, x in size.items()}, 0.5, 40.0
+        load_catalogue()["tyre_saturation"],
+        size,
+        {k: (x - 0.01, x + 0.01) for k, x in size.items()},
+        0.5,
+        40.0,
     )
-    assert "friction 1.04 in front and 1.56 in the rear" in workflow._sentence(named)
+    assert "friction 1.04 in front and 1.56 in the rear" in workflow._describe_name(named)
     same = replace(named, values=size | {"tyre_saturation_balance": 0.0})
-    assert "in the rear" not in workflow._sentence(same)
+    assert "in the rear" not in workflow._describe_name(same)
 
 
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     """Of the IMU, as far as a log can say; a lag of a steering is one."""
     lag = {
         t: Named(
-            catalogue()["steering_lag"],
+            load_catalogue()["steering_lag"],
             {"steering_lag_time": t},
             {"steering_lag_time": (t - 0.002, t + 0.002)},
             0.5,
@@ -609,6 +658,6 @@ def test_a_fit_of_a_parameter_that_changes_nothing_ends_with_numbers(tmp_path: P
     """scipy's trust region divides by the slope."""
     vehicle = write_car(tmp_path)
     problem = make_problem(vehicle, write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 1, 20.0))
-    idle = Parameter("formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere")
+    idle = Own("formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere")
     found = gap_fit(problem, [*STIFFNESS, idle], {})
     assert all(np.isfinite(v) for v in found.values.values())

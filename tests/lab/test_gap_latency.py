@@ -53,7 +53,7 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
     """
     found = {}
     for name, (log, vehicle) in logs.items():
-        read, config = workflow.read([log], read_vehicle(vehicle))
+        read, config = workflow.read_logs([log], read_vehicle(vehicle))
         found[name] = remove_latencies(prepare(read[0], config), config)
     there = np.searchsorted(found["in time"].time, found["told"].time - 1e-6)
     steer = {who: log.inputs["steer_angle"] for who, log in found.items()}
@@ -71,7 +71,7 @@ def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str
 
     Without them, a latency is found, and no physical effect that does not exist.
     """
-    results = {name: workflow.run([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
+    results = {name: workflow.run_workflow([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
     named = {
         name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {}
         for name, r in results.items()

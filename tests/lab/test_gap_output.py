@@ -19,7 +19,7 @@ from tse.car.vehicle import make_filter_values, read_vehicle
 from tse.gaps.run.output import COLUMNS
 from tse.library.core import Config, library
 from tse.log.rows import MEASURES
-from tse.report.report import figures_of
+from tse.report.report import read_figures
 from tselab.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -218,7 +218,7 @@ def test_report_stands_alone_and_shows_all_sections(case):
     for title in titles:
         assert title in html, title
     assert case.verdict["words"][0] in html.replace("&#39;", "'")
-    figures = figures_of(html)
+    figures = read_figures(html)
     overlay = next(f for f in figures if f["layout"].get("updatemenus"))
     labels = [b["label"] for b in overlay["layout"]["updatemenus"][0]["buttons"]]
     assert labels == ["brakes", "sweep", "held (held out)"]
@@ -298,7 +298,7 @@ def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_pa
         "--jobs",
         2,
     )
-    assert "The held-out logs are not explained" in done.out
+    assert "The model does not explain the held-out logs" in done.out
     assert re.search(
         r"<li>Held-out logs: [^<]*times the noise", (out / "report.html").read_text(encoding="utf-8")
     )

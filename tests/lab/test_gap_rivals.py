@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tse.gaps.catalogue import catalogue
+from tse.gaps.catalogue import load_catalogue
 from tse.gaps.infer import rivals
-from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, make_hypotheses
 from tse.gaps.infer.naming import Named
-from tse.gaps.infer.rivals import Worlds, price_of
-from tse.gaps.infer.search import together
+from tse.gaps.infer.rivals import Worlds, compute_name_price
+from tse.gaps.infer.search import compute_error_duration
 from tse.gaps.infer.space import LASTING
 
 ROWS = 3000
@@ -48,17 +48,19 @@ def make_worlds(*known):
 
 
 def test_a_name_costs_its_prior_odds_and_its_size():
-    known = {h.id: h for h in hypotheses()}
-    assert price_of("mass") == pytest.approx(SIZE_COST - known["mass"].odds)
-    assert price_of("mass") > price_of("body_roll") > SIZE_COST  # every car rolls
-    assert price_of("grade") == pytest.approx(
+    known = {h.id: h for h in make_hypotheses()}
+    assert compute_name_price("mass") == pytest.approx(SIZE_COST - known["mass"].odds)
+    assert compute_name_price("mass") > compute_name_price("body_roll") > SIZE_COST  # every car rolls
+    assert compute_name_price("grade") == pytest.approx(
         SIZE_COST + np.log(9.0)
     )  # a road is no hypothesis of the search
 
 
 def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
     w = make_worlds((make_naming(1.0, "mass"),), (make_naming(1.0, "mass", "body_roll"),))
-    assert w.known[0].probability / w.known[1].probability == pytest.approx(np.exp(price_of("body_roll")))
+    assert w.known[0].probability / w.known[1].probability == pytest.approx(
+        np.exp(compute_name_price("body_roll"))
+    )
     assert w.with_name("mass") == pytest.approx(1.0)
     assert w.best() is w.known[0]
 
@@ -70,7 +72,8 @@ def test_near_the_noise_a_square_counts_as_much_as_everywhere_there():
     ratio = np.log(w.known[1].probability) - np.log(w.known[0].probability)
     fall = 0.21 * float(np.sum(fit(1.0).residuals ** 2))
     assert ratio == pytest.approx(
-        0.5 * fall / (1.0 + together() * LASTING**2) - sum(map(price_of, names)), rel=1e-6
+        0.5 * fall / (1.0 + compute_error_duration() * LASTING**2) - sum(map(compute_name_price, names)),
+        rel=1e-6,
     )
 
 
@@ -92,7 +95,7 @@ def test_one_name_that_closes_as_much_as_a_formula_stands():
     w = make_worlds((make_naming(2.0, "mass"),), (empty, make_formula_result(2.0, 5)))
     assert w.with_name("mass") > NAME_AT
     assert w.known[1].probability / w.known[0].probability == pytest.approx(
-        np.exp(price_of("mass") - 10.0 - np.log(4.0))
+        np.exp(compute_name_price("mass") - 10.0 - np.log(4.0))
     )
 
 
@@ -144,14 +147,14 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
     monkeypatch.setattr(
         rivals,
-        "discover",
+        "discover_formula",
         lambda _p, last, *_: found if last is nothing.final else SimpleNamespace(formula=None),
     )
-    monkeypatch.setattr(rivals, "on_all", lambda _p, _last, discovery: discovery)
+    monkeypatch.setattr(rivals, "refit_on_all", lambda _p, _last, discovery: discovery)
     monkeypatch.setattr(
-        rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing
+        rivals.name, "drop_names", lambda _p, _n, names, why: kept.append((names, why)) or nothing
     )
-    _, names, shown = rivals.explained(make_one_log_problem(), None, one, lambda _: None)
+    _, names, shown = rivals.explain_remainder(make_one_log_problem(), None, one, lambda _: None)
     share = sum(r["probability"] for r in shown if r["ids"] == ["mass"])
     assert NAME_AT < share < NAME_AT / 0.95
     assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
@@ -159,29 +162,33 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
 
 def test_a_name_that_a_formula_leaves_nothing_of_is_not_kept(monkeypatch):
     """Beside the formula its interval, as wide as before, holds zero."""
-    effect = catalogue()["gyro_scale"]
+    effect = load_catalogue()["gyro_scale"]
     (p,) = effect.strengths
     named = [Named(effect, {p.name: x}, {p.name: (x - 0.01, x + 0.01)}, 0.5, 40.0) for x in (0.02, 0.03)]
     both = SimpleNamespace(named=named)
     found = SimpleNamespace(fit=SimpleNamespace(values={p.name: 0.005}), formula=SimpleNamespace(text="k*x"))
     fewer, kept = SimpleNamespace(named=[], final=None), []
-    monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or fewer)
-    monkeypatch.setattr(rivals, "on_all", lambda _p, _last, discovery: discovery)
-    assert rivals.beside(None, both, found) == (found, fewer) and kept == [(frozenset(), rivals.INSTEAD)]
+    monkeypatch.setattr(
+        rivals.name, "drop_names", lambda _p, _n, names, why: kept.append((names, why)) or fewer
+    )
+    monkeypatch.setattr(rivals, "refit_on_all", lambda _p, _last, discovery: discovery)
+    assert rivals.find_formula_beside(None, both, found) == (found, fewer) and kept == [
+        (frozenset(), rivals.INSTEAD)
+    ]
     found.fit.values = {p.name: 0.02}
-    assert rivals.beside(None, both, found) == (found, both)
+    assert rivals.find_formula_beside(None, both, found) == (found, both)
 
 
 def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
     one, nothing, kept = make_naming(9.7, "mass"), make_naming(10.0), []
     one.baseline, one.closed = fit(10.0), 0.07
-    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
+    monkeypatch.setattr(rivals, "refit_world", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
-    monkeypatch.setattr(rivals, "discover", lambda *_: SimpleNamespace(formula=None))
+    monkeypatch.setattr(rivals, "discover_formula", lambda *_: SimpleNamespace(formula=None))
     monkeypatch.setattr(
-        rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing
+        rivals.name, "drop_names", lambda _p, _n, names, why: kept.append((names, why)) or nothing
     )
-    _, names, _ = rivals.explained(make_one_log_problem(), None, one, lambda _: None)
+    _, names, _ = rivals.explain_remainder(make_one_log_problem(), None, one, lambda _: None)
     assert not names.named and kept == [(frozenset(), "the names together close less than 20 % of the gap")]
 
 
@@ -196,10 +203,10 @@ def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     found = SimpleNamespace(
         fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"]
     )
-    monkeypatch.setattr(rivals, "discover", lambda *_: found)
-    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
+    monkeypatch.setattr(rivals, "discover_formula", lambda *_: found)
+    monkeypatch.setattr(rivals, "refit_world", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
-    last, names, shown = rivals.explained(make_one_log_problem(), None, short, lambda _: None)
+    last, names, shown = rivals.explain_remainder(make_one_log_problem(), None, short, lambda _: None)
     assert last is found and not names.named
     assert [r["formula"] for r in shown] == [None, "k*x"]  # the likelier first
     assert sum(r["probability"] for r in shown) == pytest.approx(1.0)

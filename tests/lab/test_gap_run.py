@@ -17,16 +17,16 @@ from tse.car.config import make_config
 from tse.car.vehicle import get_unknown_car, read_vehicle
 from tse.channels.log import read_log
 from tse.estimation.estimate import estimate
-from tse.gaps.catalogue import catalogue
-from tse.gaps.drives import library, prepared
-from tse.gaps.fit import fit
+from tse.gaps.catalogue import load_catalogue
+from tse.gaps.drives import make_candidates, prepare_candidate
+from tse.gaps.fit import fit_parameters
 from tse.gaps.infer.naming import Naming
 from tse.gaps.problem import STIFFNESS as PARAMETERS
 from tse.gaps.problem import Problem
 from tse.gaps.run import add, workflow
 from tse.gaps.run import plan as planning
-from tse.gaps.run.check import check
-from tse.gaps.run.posterior import UNCERTAIN, posterior
+from tse.gaps.run.check import check_model
+from tse.gaps.run.posterior import UNCERTAIN, compute_posterior
 from tse.identify.data import prepare
 from tse.identify.slip import estimate_longitudinal
 from tse.identify.unknowns import make_prior
@@ -49,7 +49,9 @@ def vehicle(folder):
 def few(monkeypatch):
     """Three manoeuvres instead of all."""
     monkeypatch.setattr(
-        planning, "library", lambda config: [c for c in library(config) if c.name in DRIVES.values()]
+        planning,
+        "make_candidates",
+        lambda config: [c for c in make_candidates(config) if c.name in DRIVES.values()],
     )
 
 
@@ -57,7 +59,7 @@ def few(monkeypatch):
 
 
 def test_exact_aliases_cannot_be_separated(few, vehicle):
-    found = planning.plan("mass,yaw_inertia", vehicle)
+    found = planning.make_plan("mass,yaw_inertia", vehicle)
     assert not found.separable and len(found.options) == len(DRIVES)
     assert all(
         o.shows > 8 for o in found.options if "sweep" in o.name
@@ -66,7 +68,7 @@ def test_exact_aliases_cannot_be_separated(few, vehicle):
 
 
 def test_relaxation_and_steering_lag_are_told_apart_by_quick_steering(few, vehicle):
-    found = planning.plan("relaxation,steering_lag", vehicle)
+    found = planning.make_plan("relaxation,steering_lag", vehicle)
     assert found.separable and found.options[0].nats > 8
     nats = {o.name: o.nats for o in found.options}
     assert nats[DRIVES["sweep"]] > 10 * nats[DRIVES["brakes"]]
@@ -74,21 +76,21 @@ def test_relaxation_and_steering_lag_are_told_apart_by_quick_steering(few, vehic
 
 
 def test_time_needed_is_that_of_8_nats(few, vehicle):
-    option = planning.plan("imu_delay,steering_delay", vehicle).options[0]
+    option = planning.make_plan("imu_delay,steering_delay", vehicle).options[0]
     assert option.needed == pytest.approx(8 * option.seconds / option.nats)
 
 
 def test_plan_does_not_depend_on_the_jobs(few, vehicle):
-    one, three = (planning.plan("conicity,steering_offset", vehicle, jobs).options for jobs in (1, 3))
+    one, three = (planning.make_plan("conicity,steering_offset", vehicle, jobs).options for jobs in (1, 3))
     assert one == three
 
 
 def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
     config = Config.exact(read_vehicle(vehicle).values)
-    candidates = library(config)
+    candidates = make_candidates(config)
     assert len({c.name for c in candidates}) == len(candidates) > 30
     for c in candidates:
-        problem = Problem(prepared(c, config), config)
+        problem = Problem(prepare_candidate(c, config), config)
         ay = problem.channels({}, ("accel_y",))["accel_y"]
         assert np.all(np.isfinite(ay)) and np.max(np.abs(ay)) < 9, c.name
         if "straight" in c.name:
@@ -105,8 +107,8 @@ def test_axles_do_not_brace_in_bends(vehicle):
     """
     c = Config.exact()
     assert c.exact_kinematics_share == 1.0
-    for candidate in library(c):
-        for log, (_, speed) in zip(prepared(candidate, c), candidate.pieces, strict=True):
+    for candidate in make_candidates(c):
+        for log, (_, speed) in zip(prepare_candidate(candidate, c), candidate.pieces, strict=True):
             n, torques = len(log.time), ("wheel_torque_front", "wheel_torque_rear")
             found = Replay(("vel_x", *torques), dt=np.full(n, 0.01), **log.inputs).run(
                 c, wheel_inertia_front=0.0, wheel_inertia_rear=0.0
@@ -123,9 +125,9 @@ def test_axles_do_not_brace_in_bends(vehicle):
 
 
 def test_check_sees_what_quick_steering_shows_and_names_what_is_missing(folder, vehicle):
-    found = check([write_log(folder / "sweep.csv", vehicle, "sweep", {}, 1)], vehicle)
+    found = check_model([write_log(folder / "sweep.csv", vehicle, "sweep", {}, 1)], vehicle)
     effects = {d.id: d for d in found.effects}
-    assert set(effects) == set(catalogue())
+    assert set(effects) == set(load_catalogue())
     assert effects["relaxation"].visible and effects["imu_delay"].visible
     assert not effects["rolling_resistance"].visible and not effects["combined_slip"].visible
     assert effects["steering_compliance"].absorbed > 0.9 > effects["imu_lever_arm"].absorbed
@@ -185,11 +187,11 @@ def case(tmp_path_factory):
         write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)
     ]
     problem = make_problem(vehicle, *paths)
-    found = fit(problem, PARAMETERS, {})
+    found = fit_parameters(problem, PARAMETERS, {})
     naming = Naming(found, found, [], 0.0, [], [], True)
     improved = folder / "improved.toml"
     improved.write_text(
-        add.improved(read_vehicle(vehicle), problem, workflow.Found(naming)), encoding="utf-8"
+        add.make_vehicle_toml(read_vehicle(vehicle), problem, workflow.Found(naming)), encoding="utf-8"
     )
     return folder, vehicle, problem, found, improved
 
@@ -214,7 +216,7 @@ def test_what_no_log_shows_and_what_may_be_missing_instead_is_in_the_interval(ca
     light.values["mass_sd"], heavy.values["mass_sd"] = 0.0, 0.08
     spread = np.outer([0.01, 0.03, -0.02], [0.01, 0.03, -0.02])
     known = [
-        posterior(problem, found, car, {}, (), s)
+        compute_posterior(problem, found, car, {}, (), s)
         for car, s in ((light, None), (heavy, None), (light, spread))
     ]
     for i, key in enumerate(NOMINAL):
@@ -228,7 +230,10 @@ def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
     _, vehicle, problem, found, improved = case
     alone = read_vehicle(vehicle)
     alone.values |= dict.fromkeys(UNCERTAIN, 0.0) | {"model_sd": 0.1}
-    narrow, wide = posterior(problem, found, alone, {}), posterior(problem, found, read_vehicle(vehicle), {})
+    narrow, wide = (
+        compute_posterior(problem, found, alone, {}),
+        compute_posterior(problem, found, read_vehicle(vehicle), {}),
+    )
     assert set(narrow.names) == set(STIFFNESS) < set(wide.names)
     for key, true in STIFFNESS.items():
         assert wide.sd(key) > narrow.sd(key)
@@ -254,14 +259,18 @@ def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
     late = {"steering_lag_time": 0.1}
     path = write_log(tmp_path / "late.csv", vehicle, "sweep", late, 5, 20.0)
     other = problem.of([prepare(read_log(path), problem.config)])
-    assert posterior(other, fit(other, PARAMETERS, {}), car, {}).model_sd > 1.2 * explained
-    found = fit(other.holding(late), PARAMETERS, {})  # what a formula explains is what the estimator does not
-    assert posterior(other, found, car, late).model_sd > 1.2 * explained
-    assert posterior(other.holding(late), found, car, {}).model_sd == pytest.approx(explained, rel=0.3)
+    assert compute_posterior(other, fit_parameters(other, PARAMETERS, {}), car, {}).model_sd > 1.2 * explained
+    found = fit_parameters(
+        other.holding(late), PARAMETERS, {}
+    )  # what a formula explains is what the estimator does not
+    assert compute_posterior(other, found, car, late).model_sd > 1.2 * explained
+    assert compute_posterior(other.holding(late), found, car, {}).model_sd == pytest.approx(
+        explained, rel=0.3
+    )
 
 
 def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
-    """The fit claims a third less, as on a RAV4's log.
+    """The fit_parameters claims a third less, as on a RAV4's log.
 
     Nothing of it is written where accel_x is not explained.
     """
@@ -273,8 +282,8 @@ def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
     table.to_csv(tmp_path / "rough.csv", index=False)
     log, car = read_log(tmp_path / "rough.csv"), read_vehicle(vehicle)
     other = problem.of([prepare(log, problem.config)])
-    found = fit(other, PARAMETERS, {})
-    known = posterior(other, found, car, {}, [log])
+    found = fit_parameters(other, PARAMETERS, {})
+    known = compute_posterior(other, found, car, {}, [log])
     assert found.values["cx_front"] < 0.7 * STIFFNESS["cx_front"]
     mean, sd = estimate_longitudinal(problem.config, found.values, [log], car)
     assert known.stiffness["cx_front"] == pytest.approx(np.exp(mean)) and sd > 0.3
@@ -288,7 +297,7 @@ def test_an_exactly_known_car_stays_so(case):
     exact.values |= dict.fromkeys(
         (k for k in exact.values if k in Config.exact().fields and k.endswith("_sd")), 0.0
     )
-    assert set(posterior(problem, found, exact, {}).uncertainty(exact).values()) == {0.0}
+    assert set(compute_posterior(problem, found, exact, {}).uncertainty(exact).values()) == {0.0}
 
 
 def test_the_estimator_is_better_and_valid_on_a_drive_that_nobody_fitted(case):

@@ -12,9 +12,9 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from gap_logs import STIFFNESS, make_problem, write_car, write_log
-from tse.gaps.fit import fit
+from tse.gaps.fit import fit_parameters
 from tse.gaps.infer import where
-from tse.gaps.infer.remainder import is_noise, without_spikes, without_walk
+from tse.gaps.infer.remainder import is_noise, remove_spikes, remove_walk
 from tse.gaps.problem import STIFFNESS as PARAMETERS
 from tse.identify.data import BLOCK_TIME
 from tse.library.core import Config
@@ -24,14 +24,14 @@ STEP = 0.04  # s, a block
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
-    """Two logs of the car as the vehicle file says, and their fit."""
+    """Two logs of the car as the vehicle file says, and their fit_parameters."""
     folder = tmp_path_factory.mktemp("where")
     vehicle = write_car(folder)
     paths = [
         write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "steps"), 31)
     ]
     problem = make_problem(vehicle, *paths)
-    return problem, fit(problem, PARAMETERS, {})
+    return problem, fit_parameters(problem, PARAMETERS, {})
 
 
 def draw_drift(n: int, tau: float, rng: np.random.Generator) -> np.ndarray:
@@ -93,7 +93,7 @@ def make_disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
         )
         residuals[ay_rows] += problem.weight[ay_rows] * ay
         residuals[r_rows] += problem.weight[r_rows] * r
-    return where.entries(problem, replace(baseline, residuals=residuals))
+    return where.find_entries(problem, replace(baseline, residuals=residuals))
 
 
 @pytest.mark.parametrize(("place", "size"), [
@@ -132,7 +132,7 @@ def test_what_follows_the_steering_is_not_the_road(clean):
 
 def test_nothing_gives_no_entry_evidence(clean):
     problem, baseline = clean
-    assert max(e.nats for e in where.entries(problem, baseline)) < 8
+    assert max(e.nats for e in where.find_entries(problem, baseline)) < 8
 
 
 # ---- the remainder
@@ -170,14 +170,14 @@ def test_what_lasts_swings_or_comes_and_goes_is_not(seed: int) -> None:
 def test_a_walk_of_the_bias_is_taken_out_and_little_else(seed: int) -> None:
     step = 0.05
     walk = np.concatenate([np.cumsum(step * draw_white(seed + 10 + i)[:750]) for i in range(4)])
-    rest = without_walk(draw_white(seed) + walk, LOG, step)
+    rest = remove_walk(draw_white(seed) + walk, LOG, step)
     assert np.sqrt(np.mean(rest**2)) < 1.05
     swing = np.sin(2 * np.pi * 0.5 * BLOCK_TIME * np.arange(len(LOG)))
-    assert np.sqrt(np.mean(without_walk(swing, LOG, step) ** 2)) > 0.85 * np.sqrt(np.mean(swing**2))
+    assert np.sqrt(np.mean(remove_walk(swing, LOG, step) ** 2)) > 0.85 * np.sqrt(np.mean(swing**2))
 
 
 def test_a_bias_that_stays_is_no_walk() -> None:
-    np.testing.assert_array_equal(without_walk(draw_white(1), LOG, 0.0), draw_white(1))
+    np.testing.assert_array_equal(remove_walk(draw_white(1), LOG, 0.0), draw_white(1))
 
 
 def test_lone_spikes_go_and_what_lasts_two_blocks_stays() -> None:
@@ -185,7 +185,7 @@ def test_lone_spikes_go_and_what_lasts_two_blocks_stays() -> None:
     spiked = x.copy()
     spiked[[100, 800, 1600]] += 15.0
     spiked[2000:2003] += 15.0
-    rest = without_spikes(spiked, LOG)
+    rest = remove_spikes(spiked, LOG)
     assert np.abs(rest[[100, 800, 1600]]).max() < 3.0
     np.testing.assert_array_equal(rest[2000:2003], spiked[2000:2003])
     assert np.mean(rest != spiked) < 0.005

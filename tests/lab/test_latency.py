@@ -13,7 +13,7 @@ from tse.estimation import regimes
 from tse.library.core import STIFFNESS, Config, NativeFilter, SettingError, library
 from tse.library.errors import UserError
 from tse.report import plots
-from tse.report.report import figures_of
+from tse.report.report import read_figures
 
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
@@ -190,14 +190,14 @@ def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tup
     _, est, table, page = run
     traces = {
         t["name"]: t
-        for figure in figures_of(page)
+        for figure in read_figures(page)
         for t in figure["data"]
         if t["name"] in ("ref_vel_y", "estimate")
     }
     assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"].to_numpy())
     spoken = regimes.estimate_times(est)
     assert spoken == pytest.approx(table["time"].to_numpy() - 0.04, abs=1e-6)
-    for figure in figures_of(page):
+    for figure in read_figures(page):
         for trace in figure["data"]:
             if trace["name"] == "estimate":
                 assert np.asarray(trace["x"]) == pytest.approx(spoken, abs=1e-6)

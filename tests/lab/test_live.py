@@ -29,7 +29,7 @@ from tse.channels.log import read_log
 from tse.channels.signals import read_signals
 from tse.library.errors import UserError
 from tse.log.rows import Reading
-from tse.streaming.drive import LiveDrive, bus_opener
+from tse.streaming.drive import LiveDrive, make_bus_opener
 from tse.streaming.page import Page
 
 can = pytest.importorskip("can")
@@ -107,7 +107,7 @@ class Sender(threading.Thread):
 
 
 def make_opener(channel: str):
-    return bus_opener("virtual", channel, preserve_timestamps=True)
+    return make_bus_opener("virtual", channel, preserve_timestamps=True)
 
 
 def make_live(folder, channel, out=None, signals=True, say=lambda _: None, **more):
@@ -525,7 +525,7 @@ def test_the_page_in_a_browser(folder, trip):
         done = subprocess.run([str(x) for x in how], capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
         seen = json.loads(done.stdout)
-        answer = [line.strip() for line in tse.estimation.answer.answer(live.now(), live.config)]
+        answer = [line.strip() for line in tse.estimation.answer.make_answer(live.now(), live.config)]
     finally:
         page.close()
         live.close()

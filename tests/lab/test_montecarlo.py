@@ -20,17 +20,17 @@ from conftest import COMMAND, tselab, tselab_here
 from tse.library.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
 from tse.library.errors import UserError
 from tselab.montecarlo import STUDIES, engine, estimators, scores, studies, summary
-from tselab.montecarlo.case import Case, Drive, drive
-from tselab.montecarlo.pictures import write
+from tselab.montecarlo.case import Case, CaseDrive, simulate_case
+from tselab.montecarlo.pictures import write_study
 
 
-def make_plan(study: str, *cases: str, runs: int = 1, **more) -> engine.Plan:
-    return engine.Plan(studies.study(study, cases), runs, **more)
+def make_plan(study: str, *cases: str, runs: int = 1, **more) -> engine.StudyPlan:
+    return engine.StudyPlan(studies.make_study(study, cases), runs, **more)
 
 
-def simulate_case(case: Case, seed: int = 1, **sim: float) -> Drive:
+def drive_case(case: Case, seed: int = 1, **sim: float) -> CaseDrive:
     p = make_plan("stress")
-    return drive(case, seed, lambda about: engine.configure("tse", p, about), sim)
+    return simulate_case(case, seed, lambda about: engine.configure_unit("tse", p, about), sim)
 
 
 def drop_times(table: pd.DataFrame) -> pd.DataFrame:
@@ -42,18 +42,19 @@ def drop_times(table: pd.DataFrame) -> pd.DataFrame:
 
 def test_running_mean_is_the_mean_at_first_and_fades_later():
     x = np.array([1.0, 3.0, 5.0, 1.0])
-    assert scores.running_mean(x, 2.0) == pytest.approx([1, 2, 3.5, 2.25])  # gains 1, 1/2, 1/2, 1/2
-    assert scores.running_mean(x, 10.0) == pytest.approx([1, 2, 3, 2.5])
+    assert scores.compute_running_mean(x, 2.0) == pytest.approx([1, 2, 3.5, 2.25])  # gains 1, 1/2, 1/2, 1/2
+    assert scores.compute_running_mean(x, 10.0) == pytest.approx([1, 2, 3, 2.5])
 
 
 def test_longest_run_is_counted():
     assert (
-        scores.longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3 and scores.longest(np.zeros(4, bool)) == 0
+        scores.find_longest_run(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3
+        and scores.find_longest_run(np.zeros(4, bool)) == 0
     )
 
 
 def test_interval_of_a_share_is_clopper_pearson():
-    assert summary.clopper_pearson(0, 60) == (0, pytest.approx(1 - 0.025 ** (1 / 60)))
+    assert summary.compute_clopper_pearson(0, 60) == (0, pytest.approx(1 - 0.025 ** (1 / 60)))
 
 
 def test_best_sd_is_that_of_a_mean_over_the_memory():
@@ -61,41 +62,43 @@ def test_best_sd_is_that_of_a_mean_over_the_memory():
     spread = np.full(n, 0.05)
     waves = np.where(np.arange(n) % 2, 3.0, -3.0)
     every = np.ones(n, bool)
-    sd = scores.best_sd(waves, every, spread, memory)
+    sd = scores.compute_best_sd(waves, every, spread, memory)
     assert sd[-1] == pytest.approx(np.sqrt((1 + 9 * 0.05**2) / (memory * 9)), rel=1e-3)
-    assert np.isinf(scores.best_sd(np.full(n, 3.0), every, spread, memory)[-1])  # constant: never seen
+    assert np.isinf(
+        scores.compute_best_sd(np.full(n, 3.0), every, spread, memory)[-1]
+    )  # constant: never seen
     held = every.copy()
     held[1000:2000] = False
-    sd = scores.best_sd(waves, held, spread, memory)
+    sd = scores.compute_best_sd(waves, held, spread, memory)
     assert np.isinf(sd[1000:2000]).all() and np.isfinite(sd[2000:]).all()
 
 
 def test_a_stretch_is_wrong_on_end_for_as_many_rows_as_are_judged_in_it():
     wrong = np.array([1, 1, 1, 1, 0, 1, 1, 1], bool)
     judged = np.array([1, 0, 0, 1, 1, 1, 1, 1], bool)
-    assert scores.wrong_on_end(wrong, judged) == 3  # 2 of the first four, 3 of the last three
-    assert scores.wrong_on_end(wrong, ~judged) == 2
-    assert scores.wrong_on_end(np.zeros(8, bool), judged) == 0
+    assert scores.count_wrong_rows(wrong, judged) == 3  # 2 of the first four, 3 of the last three
+    assert scores.count_wrong_rows(wrong, ~judged) == 2
+    assert scores.count_wrong_rows(np.zeros(8, bool), judged) == 0
 
 
 def test_settling_is_the_time_until_the_error_stays_small_for_a_while_or_for_good():
     t = np.arange(8.0)
     error = np.array([0.3, 0.05, 0.3, 0.02, 0.02, 0.5, 0.05, 0.0])
     for hold, (first, good) in {1.0: (1, 1), 1.5: (3, 3), 2.5: (3, 6), np.inf: (3, 6)}.items():
-        assert scores.settling(t, error, 0.0, 5.0, hold) == first  # what lasts to the end lasts
-        assert scores.settling(t, error, 0.0, np.inf, hold) == good
+        assert scores.compute_settling_time(t, error, 0.0, 5.0, hold) == first  # what lasts to the end lasts
+        assert scores.compute_settling_time(t, error, 0.0, np.inf, hold) == good
     for hold in (1.0, np.inf):
-        assert scores.settling(t, error, 3.0, 5.0, hold) == 0
-        assert scores.settling(t, np.full(8, np.nan), 0.0, np.inf, hold) == np.inf
-        assert scores.settling(t, np.full(8, 0.05), 0.0, np.inf, hold) == 0
-    assert scores.settling(t, error, 3.0, 6.0) == 0  # 2 s, and then off once more
-    assert scores.settling(t, error, 3.0, 6.0, np.inf) == np.inf
-    assert scores.settling(t, error, 5.0, 6.0) == np.inf
+        assert scores.compute_settling_time(t, error, 3.0, 5.0, hold) == 0
+        assert scores.compute_settling_time(t, np.full(8, np.nan), 0.0, np.inf, hold) == np.inf
+        assert scores.compute_settling_time(t, np.full(8, 0.05), 0.0, np.inf, hold) == 0
+    assert scores.compute_settling_time(t, error, 3.0, 6.0) == 0  # 2 s, and then off once more
+    assert scores.compute_settling_time(t, error, 3.0, 6.0, np.inf) == np.inf
+    assert scores.compute_settling_time(t, error, 5.0, 6.0) == np.inf
 
 
 def test_after_waits_from_the_last_moment():
     t = np.arange(0, 10, 1.0)
-    settled = scores.after(t, np.array([0.0, 4.5, 5.0]), 3.0)
+    settled = scores.find_rows_after(t, np.array([0.0, 4.5, 5.0]), 3.0)
     assert list(np.flatnonzero(settled)) == [3, 4, 8, 9]
 
 
@@ -105,7 +108,7 @@ CODES = {f.name: code for code, f in library().codes(REASON).items()}
 
 def make_constant_drive(
     rows: int, names: np.dtype, event: float
-) -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+) -> tuple[CaseDrive, Case, scores.Knowable, np.ndarray]:
     """Return rows of a known truth of 0.8, with an estimate that is right, and an event.
 
     The estimate is valid, and its sd is 1 %.
@@ -118,7 +121,7 @@ def make_constant_drive(
     inputs = np.zeros(rows, library().dtype(INPUT))
     inputs["dt"] = STEP
     config, no = Config.exact({"sample_time": STEP}), np.zeros(rows, bool)
-    d = Drive(time_, inputs, truth, np.ones(rows), no, {}, config, config, SimConfig())
+    d = CaseDrive(time_, inputs, truth, np.ones(rows), no, {}, config, config, SimConfig())
     known = scores.Knowable(
         np.full((rows, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd
     )
@@ -126,7 +129,7 @@ def make_constant_drive(
 
 
 @pytest.fixture
-def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+def still() -> tuple[CaseDrive, Case, scores.Knowable, np.ndarray]:
     """40 s, with a spread of 5 % that is seen from 20 s on."""
     d, case, known, estimate = make_constant_drive(ROWS, library().dtype(OUTPUT), 20.0)
     for key in STIFFNESS:
@@ -137,7 +140,7 @@ def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
 
 
 def test_a_right_estimate_scores_nothing(still):
-    row = scores.score(*still)
+    row = scores.score_run(*still)
     assert row["diverged"] == row["diverged_any"] == 0
     assert (row["noise_accel_x"], row["noise_accel_y"], row["noise_yaw_rate"]) == (0, 2, 0)
     for key in STIFFNESS:
@@ -161,7 +164,7 @@ def test_error_bias_and_coverage_are_those_of_the_window(still):
     estimate["cy_rear"][inside] = np.where(
         np.arange(inside.sum()) % 2, 0.8 * 1.01, 0.8 * 0.97
     )  # 76 of 151 rows
-    row = scores.score(d, case, known, estimate)
+    row = scores.score_run(d, case, known, estimate)
     assert row["cy_front_mean_square"] == pytest.approx(9)
     assert row["cy_front_bias"] == pytest.approx(3)
     assert row["cy_front_covered"] == 0  # 3 % is beyond 1.96 times 1 %
@@ -173,7 +176,7 @@ def test_diverged_counts_only_what_could_be_known(still):
     d, case, known, estimate = still
     wrong = (d.time > 30) & (d.time < 33.05)  # 30 rows, 3 s
     estimate["cx_front"][wrong] = 0.8 * 1.25
-    row = scores.score(d, case, known, estimate)
+    row = scores.score_run(d, case, known, estimate)
     assert (
         row["diverged"] == row["cx_front_diverged"] == row["diverged_any"] == 1
         and row["cy_rear_diverged"] == 0
@@ -181,18 +184,18 @@ def test_diverged_counts_only_what_could_be_known(still):
     assert row["cx_front_worst"] == pytest.approx(25)
 
     dark = replace(known, best_sd=np.where(wrong[:, None], 1.0, known.best_sd))
-    row = scores.score(d, case, dark, estimate)
+    row = scores.score_run(d, case, dark, estimate)
     assert (row["diverged"], row["diverged_any"]) == (0, 1)
     for name in ("corrupted", "beyond"):
-        row = scores.score(d, case, replace(known, **{name: wrong}), estimate)
+        row = scores.score_run(d, case, replace(known, **{name: wrong}), estimate)
         assert (row["diverged"], row["diverged_any"]) == (0, 1), name
-    row = scores.score(d, case, replace(known, settled=d.time >= 40), estimate)
+    row = scores.score_run(d, case, replace(known, settled=d.time >= 40), estimate)
     assert (row["diverged"], row["diverged_any"]) == (0, 0)
 
     estimate["cx_front"][d.time > 32.0] = 0.8  # shorter than 2 s: not on end
-    assert scores.score(d, case, known, estimate)["diverged_any"] == 0
+    assert scores.score_run(d, case, known, estimate)["diverged_any"] == 0
     estimate["cx_front"][d.time > 30] = np.nan  # no estimate is a wrong one
-    assert scores.score(d, case, known, estimate)["diverged"] == 1
+    assert scores.score_run(d, case, known, estimate)["diverged"] == 1
 
 
 def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
@@ -206,7 +209,7 @@ def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
     best[300:335, 2] = 1.0  # nothing shows cy_rear: 20 rows say so, 5 say something else, 5 claim to know
     corrupted = known.corrupted.copy()
     corrupted[235:245] = corrupted[330:335] = True  # the last 5 of them are corrupted besides
-    row = scores.score(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
+    row = scores.score_run(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
     assert (row["cx_front_false_valid"], row["cx_front_false_valid_of"]) == (50, ROWS - 50)
     assert (row["cy_front_false_invalid"], row["cy_front_false_invalid_of"]) == (35, ROWS - 100 - 15)
     assert (row["cy_front_corrupted_reported"], row["cy_front_corrupted_reported_of"]) == (5, 15)
@@ -214,7 +217,7 @@ def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
         "TSE_W_MISSING_CHANNEL"
     )  # valid by the others, and says so
     estimate["status"][243] = library().status("TSE_W_RECOVERED")
-    again = scores.score(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
+    again = scores.score_run(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
     assert again["cy_front_corrupted_reported"] == 8
     assert (row["cy_rear_reason_right"], row["cy_rear_reason_right_of"]) == (20, 30)
     assert row["cy_rear_valid_unobservable"] == 5
@@ -238,8 +241,8 @@ def test_grey_is_neither_observable_nor_unobservable(still):
 
 def test_regressors_are_what_the_accelerometer_feels():
     quiet = {"noise": 1.0, **dict.fromkeys(studies.SPREADS, 0.0)}
-    d = simulate_case(replace(studies.NOMINAL, build=studies._waves(5.0), sim=quiet))
-    phi, use = scores.regressors(d)
+    d = drive_case(replace(studies.NOMINAL, build=studies._make_square_waves(5.0), sim=quiet))
+    phi, use = scores.compute_regressors(d)
     c, steer = d.config, d.truth["steer_angle"]
     x, y = c.accel_x_sd * phi[:, 0], c.accel_y_sd * phi[:, 1:].sum(axis=1)
     front_y = c.accel_y_sd * phi[:, 1]
@@ -255,7 +258,7 @@ def test_regressors_are_what_the_accelerometer_feels():
 
 def test_low_excitation_has_half_a_percent_of_slip():
     quiet = dict.fromkeys(studies.SPREADS, 0.0)
-    d = simulate_case(replace(studies.LOW, sim=quiet))
+    d = drive_case(replace(studies.LOW, sim=quiet))
     t = d.truth
     roll = d.config.wheel_radius_front * t["true_wheel_speed_front"]
     slip = (roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
@@ -264,7 +267,7 @@ def test_low_excitation_has_half_a_percent_of_slip():
     assert np.abs(t["steer_angle"]).max() == studies.LOW_STEER
 
 
-@pytest.mark.parametrize("kind", ["dropout", "stuck"])
+@pytest.mark.parametrize("kind", ["drop_channel", "freeze_channel"])
 def test_a_corruption_of_each_length_and_nothing_else(kind):
     t = np.round(np.arange(0, studies.SLOTS_END, 0.01), 9)
     clean = np.zeros(len(t), library().dtype(INPUT))
@@ -281,14 +284,14 @@ def test_a_corruption_of_each_length_and_nothing_else(kind):
     ).all()
     for a, b in zip(edges[::2], edges[1::2], strict=True):
         part = rows["accel_x"][a:b]
-        assert np.isnan(part).all() if kind == "dropout" else (part == clean["accel_x"][a - 1]).all()
+        assert np.isnan(part).all() if kind == "drop_channel" else (part == clean["accel_x"][a - 1]).all()
     again = clean.copy()
     assert (getattr(studies, kind)(t, again, np.random.default_rng(2), "accel_x") != hit).any()
 
 
 def test_outliers_hit_one_in_a_hundred():
     rows = np.zeros(20000, library().dtype(INPUT))
-    unusable = studies.outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
+    unusable = studies.add_outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
     assert not unusable.any() and not rows["steer_angle"].any()
     for name in ("accel_x", "accel_y", "yaw_rate"):
         hit = rows[name] != 0
@@ -298,35 +301,37 @@ def test_outliers_hit_one_in_a_hundred():
 
 
 def test_every_stress_case_can_be_driven_and_looks_at_rows_it_has():
-    for case in studies.study("stress").cases:
+    for case in studies.make_study("stress").cases:
         if case.name.startswith("stuck-") or case.name in ("highway", "stop-and-go"):
             continue  # as dropout-; long
-        d = simulate_case(case, 3)
+        d = drive_case(case, 3)
         assert np.isfinite([d.truth[n] for n in ("true_vel_x", "true_vel_y", "true_yaw_rate")]).all(), (
             case.name
         )
-        assert scores.inside(d.time, case.windows).any() and max((*case.events, 0)) < d.time[-1], case.name
+        assert scores.find_rows_inside(d.time, case.windows).any() and max((*case.events, 0)) < d.time[-1], (
+            case.name
+        )
         assert np.abs(d.truth["true_vel_y"]).max() < 3, case.name  # nobody spins
-        known = scores.knowable(d, case)
+        known = scores.find_knowable(d, case)
         assert known.judged[:, 0].any(), case.name  # else divergence could not be seen
 
 
 def test_reverse_drives_backwards_and_is_logged_so():
-    d = simulate_case(studies.study("stress", ("reverse",)).cases[0])
+    d = drive_case(studies.make_study("stress", ("reverse",)).cases[0])
     assert d.truth["true_vel_x"].min() < -2.5 and d.rows["wheel_speed_front"].min() < -5
-    assert np.isinf(scores.knowable(d, studies.NOMINAL).best_sd[d.truth["true_vel_x"] < -0.5]).all()
+    assert np.isinf(scores.find_knowable(d, studies.NOMINAL).best_sd[d.truth["true_vel_x"] < -0.5]).all()
 
 
 def test_the_brakes_of_an_open_loop_manoeuvre_reach_the_wheels():
-    lock = next(c for c in studies._cases()["stress"] if c.name == "wheel-lock")
-    d = simulate_case(replace(lock, sim={}))  # tyres without a limit: no wheel locks, but the car slows down
+    lock = next(c for c in studies._make_cases()["stress"] if c.name == "wheel-lock")
+    d = drive_case(replace(lock, sim={}))  # tyres without a limit: no wheel locks, but the car slows down
     start, end = np.searchsorted(d.time, [studies.PULSES[0], studies.PULSES[0] + studies.LOCK_FOR])
     assert d.truth["true_vel_x"][start] - d.truth["true_vel_x"][end] > 3
 
 
 def test_wheels_lock_and_spin_for_about_a_second():
-    for case in studies.study("stress", ("wheel-lock", "wheel-spin")).cases:
-        t = (d := simulate_case(case)).truth
+    for case in studies.make_study("stress", ("wheel-lock", "wheel-spin")).cases:
+        t = (d := drive_case(case)).truth
         roll = d.car.wheel_radius_front * t["true_wheel_speed_front"]
         slip = np.abs(roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
         for start in studies.PULSES:
@@ -336,53 +341,59 @@ def test_wheels_lock_and_spin_for_about_a_second():
 
 
 def test_the_truth_of_tyres_that_saturate_is_their_secant():
-    assert scores.grip(np.array([0.0, 0.3, 3.0, 6.0])) == pytest.approx([1, 1 - 0.1 + 0.01 / 3, 1 / 3, 1 / 6])
+    assert scores.compute_grip(np.array([0.0, 0.3, 3.0, 6.0])) == pytest.approx(
+        [1, 1 - 0.1 + 0.01 / 3, 1 / 3, 1 / 6]
+    )
     quiet = {"noise": 1.0, "friction": 0.9, **dict.fromkeys(studies.SPREADS, 0.0)}
-    d = simulate_case(replace(studies.NOMINAL, sim=quiet))
-    phi, use = scores.regressors(d)
+    d = drive_case(replace(studies.NOMINAL, sim=quiet))
+    phi, use = scores.compute_regressors(d)
     c, rows = d.car, slice(1500, 3000)
-    force_y = (c.accel_y_sd * phi[:, 1:] * scores.grip(use)).sum(
+    force_y = (c.accel_y_sd * phi[:, 1:] * scores.compute_grip(use)).sum(
         axis=1
     )  # no other stiffness explains what is felt
-    x = c.accel_x_sd * phi[:, 0] * scores.grip(use[:, 0])
+    x = c.accel_x_sd * phi[:, 0] * scores.compute_grip(use[:, 0])
     assert d.truth["true_accel_y"][rows] == pytest.approx(
         (force_y + x * d.truth["steer_angle"])[rows], abs=0.03
     )
-    level = scores.knowable(d, studies.NOMINAL).level[rows]
+    level = scores.find_knowable(d, studies.NOMINAL).level[rows]
     assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[
         :, 1
     ].mean()  # drive and steering in front
     one = np.ones(len(use), bool)
-    assert (scores.felt(d.stiffness, phi, 0 * use, one, 100.0) == d.stiffness).all()
+    assert (scores.compute_felt_stiffness(d.stiffness, phi, 0 * use, one, 100.0) == d.stiffness).all()
     alone = np.zeros_like(use)
     alone[:, 1] = 0.3
-    assert scores.felt(d.stiffness, phi, alone, one, 100.0)[rows, 2] == pytest.approx(1 - 0.1 + 0.01 / 3)
+    assert scores.compute_felt_stiffness(d.stiffness, phi, alone, one, 100.0)[rows, 2] == pytest.approx(
+        1 - 0.1 + 0.01 / 3
+    )
     alone[2000:, 1] = 5.0  # beyond: nobody should learn from it
-    assert scores.felt(d.stiffness, phi, alone, one, 100.0)[rows, 2] == pytest.approx(1 - 0.1 + 0.01 / 3)
+    assert scores.compute_felt_stiffness(d.stiffness, phi, alone, one, 100.0)[rows, 2] == pytest.approx(
+        1 - 0.1 + 0.01 / 3
+    )
 
 
 def test_nothing_is_judged_before_two_memories_are_full():
     for name, first in (("nominal", scores.SETTLE_AFTER), ("forgetting-0.999", 20.0)):
-        case = studies.study("stress", (name,)).cases[0]
-        d = simulate_case(case)
-        settled = scores.knowable(d, case).settled
+        case = studies.make_study("stress", (name,)).cases[0]
+        d = drive_case(case)
+        settled = scores.find_knowable(d, case).settled
         assert d.time[settled.argmax()] == pytest.approx(first) and min(a for a, _ in case.windows) >= 15
 
 
 def test_what_a_case_is_about_wins_over_the_users_settings():
     p = make_plan("stress", "forgetting-0.98", settings={"forgetting": 0.995, "particles": 64})
     about = p.study.cases[0].config
-    config = engine.configure("tse", p, about)
+    config = engine.configure_unit("tse", p, about)
     assert (config.forgetting, config.particles, config.initial_cx_front) == (0.98, 64, 0.7)
-    assert engine.configure("robust-100", p, about).particles == 100
-    robust, printed = (engine.configure(name, p, about) for name in ("robust", "printed"))
+    assert engine.configure_unit("robust-100", p, about).particles == 100
+    robust, printed = (engine.configure_unit(name, p, about) for name in ("robust", "printed"))
     assert (
         (robust.form, printed.form) == (1, 1)
         and robust.forgetting_mean == 0.98
         and printed.initial_vel_x == 22
     )
     with pytest.raises(UserError, match="no estimator 'nonsense'"):
-        engine.configure("nonsense", p, about)
+        engine.configure_unit("nonsense", p, about)
 
 
 # ---- all runs
@@ -390,7 +401,7 @@ def test_what_a_case_is_about_wins_over_the_users_settings():
 
 def test_runs_go_on_after_a_stop_and_a_cut_line(tmp_path, monkeypatch):
     p = make_plan("stress", "nominal", "outliers", runs=2, settings={"particles": 32})
-    whole = drop_times(engine.run(p, tmp_path / "whole"))
+    whole = drop_times(engine.run_study(p, tmp_path / "whole"))
     assert list(whole["seed"]) == [1, 2, 1, 2] and list(whole["case"]) == ["nominal"] * 2 + ["outliers"] * 2
 
     real, done = engine.run_unit, []
@@ -403,24 +414,26 @@ def test_runs_go_on_after_a_stop_and_a_cut_line(tmp_path, monkeypatch):
 
     monkeypatch.setattr(engine, "run_unit", stops)
     with pytest.raises(engine.Interrupted, match=r"keeps the 2 of 4 runs .* the same command goes on"):
-        engine.run(p, tmp_path / "cut")
+        engine.run_study(p, tmp_path / "cut")
     path = tmp_path / "cut" / engine.RUNS
     path.write_bytes(path.read_bytes()[:-20])  # the second run is cut
     done.clear()
     monkeypatch.setattr(engine, "run_unit", lambda unit: done.append(unit) or real(unit))
-    assert drop_times(engine.run(p, tmp_path / "cut")).equals(whole)
+    assert drop_times(engine.run_study(p, tmp_path / "cut")).equals(whole)
     assert [(u.case, u.seed) for u in done] == [("nominal", 2), ("outliers", 1), ("outliers", 2)]
     done.clear()
     more = drop_times(
-        engine.run(replace(p, runs=3), tmp_path / "cut")
+        engine.run_study(replace(p, runs=3), tmp_path / "cut")
     )  # more runs are added to what is there
-    assert [u.seed for u in done] == [3, 3] and drop_times(engine.run(p, tmp_path / "cut")).equals(whole)
+    assert [u.seed for u in done] == [3, 3] and drop_times(engine.run_study(p, tmp_path / "cut")).equals(
+        whole
+    )
     assert len(more) == 6
 
 
 def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp_path, monkeypatch):
     p = make_plan("stress", "nominal", settings={"particles": 32}, runs=2)
-    first = drop_times(engine.run(p, tmp_path))
+    first = drop_times(engine.run_study(p, tmp_path))
     others = [
         replace(p, settings={"particles": 48}),
         replace(p, form="paper"),
@@ -428,21 +441,21 @@ def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp
         make_plan("stress+robust", "nominal", settings={"particles": 32}, runs=2),
     ]
     for other in others:
-        assert engine.read(tmp_path / engine.RUNS, other.units) == {}
-    for name in ("library_hash", "code"):
+        assert engine.read_runs(tmp_path / engine.RUNS, other.units) == {}
+    for name in ("hash_library", "hash_code"):
         with monkeypatch.context() as m:
             m.setattr(engine, name, lambda: "f" * 64)
-            assert engine.read(tmp_path / engine.RUNS, p.units) == {}
-    assert len(engine.run(others[0], tmp_path)) == 2
+            assert engine.read_runs(tmp_path / engine.RUNS, p.units) == {}
+    assert len(engine.run_study(others[0], tmp_path)) == 2
     path = tmp_path / engine.RUNS
     path.write_text(path.read_text().replace('"seed": 2', '"seed": 3'))  # no sum fits this any more
-    assert len(engine.read(path, p.units)) == 1
+    assert len(engine.read_runs(path, p.units)) == 1
     monkeypatch.setattr(
         engine, "run_unit", lambda unit, real=engine.run_unit: real(unit) if unit.seed == 2 else 1 / 0
     )
-    assert drop_times(engine.run(p, tmp_path)).equals(first)
+    assert drop_times(engine.run_study(p, tmp_path)).equals(first)
     with pytest.raises(RuntimeError, match="case nominal, seed 1: ZeroDivisionError"):
-        engine.run(p, tmp_path, restart=True)
+        engine.run_study(p, tmp_path, restart=True)
 
 
 def test_a_process_with_another_library_refuses():
@@ -456,7 +469,9 @@ def test_a_process_with_another_library_refuses():
 def alone(tmp_path_factory) -> pd.DataFrame:
     """In one process."""
     return drop_times(
-        engine.run(make_plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone"))
+        engine.run_study(
+            make_plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone")
+        )
     )
 
 
@@ -496,7 +511,7 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
     options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, **options) as cluster:
         p = make_plan("stress", "nominal", "paper-prior", runs=2)
-        table = engine.run(p, tmp_path, scheduler=cluster.scheduler_address)
+        table = engine.run_study(p, tmp_path, scheduler=cluster.scheduler_address)
     pd.testing.assert_frame_equal(drop_times(table), alone)
 
 
@@ -570,13 +585,13 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path, address):
     with pytest.raises(
         UserError, match="option --scheduler: no Dask scheduler answers at " + re.escape(address)
     ):
-        engine.run(make_plan("stress", "nominal"), tmp_path, scheduler=address)
+        engine.run_study(make_plan("stress", "nominal"), tmp_path, scheduler=address)
 
 
 def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"pip install 'tse\[cluster\]'"):
-        engine.run(make_plan("stress", "nominal"), tmp_path, scheduler="tcp://127.0.0.1:9")
+        engine.run_study(make_plan("stress", "nominal"), tmp_path, scheduler="tcp://127.0.0.1:9")
 
 
 # ---- numbers for people
@@ -585,15 +600,15 @@ def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
 def test_the_intervals_hold_what_they_should():
     rng = np.random.default_rng(3)
     x = rng.standard_normal(200)
-    mean, half = summary.mean_interval(x)
+    mean, half = summary.compute_mean_interval(x)
     assert (mean - half, mean + half) == pytest.approx(stats.t.interval(0.95, 199, x.mean(), stats.sem(x)))
-    low, high = summary.bootstrap(x**2)
+    low, high = summary.bootstrap_interval(x**2)
     assert low < 1.0 < high and high - low == pytest.approx(2 * 1.96 * np.sqrt(2 / 200) / 2, rel=0.25)
-    assert all(np.isnan(summary.bootstrap(x[:1])))
+    assert all(np.isnan(summary.bootstrap_interval(x[:1])))
     pair = np.stack([4 * x**2, x**2])  # on the same data the ratio is exact, whatever the data are
-    assert summary.bootstrap(pair, summary.rms_ratio) == pytest.approx((2, 2))
+    assert summary.bootstrap_interval(pair, summary.compute_rms_ratio) == pytest.approx((2, 2))
     pair = np.stack([x, -x])  # runs are drawn with all that belongs to them
-    assert summary.bootstrap(pair, lambda p: p.sum(axis=0).mean(axis=-1)) == pytest.approx((0, 0))
+    assert summary.bootstrap_interval(pair, lambda p: p.sum(axis=0).mean(axis=-1)) == pytest.approx((0, 0))
 
 
 @pytest.mark.filterwarnings("ignore::FutureWarning")
@@ -601,9 +616,12 @@ def test_the_normality_check_tells_normal_from_not():
     rng = np.random.default_rng(5)
     normal, not_normal = rng.standard_normal(100), rng.exponential(size=100)
     for x in (normal, not_normal):
-        a, _ = summary.anderson_darling(x)
+        a, _ = summary.compute_anderson_darling(x)
         assert a == pytest.approx(stats.anderson(x, "norm").statistic * (1 + 0.75 / 100 + 2.25 / 100**2))
-    assert summary.anderson_darling(normal)[1] > 0.05 and summary.anderson_darling(not_normal)[1] < 0.001
+    assert (
+        summary.compute_anderson_darling(normal)[1] > 0.05
+        and summary.compute_anderson_darling(not_normal)[1] < 0.001
+    )
 
 
 # ---- a small part of each study
@@ -627,8 +645,8 @@ def test_there_is_a_small_part_of_each_study():
 def test_a_small_part_of_each_study(name, tmp_path):
     cases, runs = SMALL[name]
     p = make_plan(name, *cases, runs=runs)
-    rows = engine.run(p, tmp_path)
-    text, files = write(p, rows, tmp_path)
+    rows = engine.run_study(p, tmp_path)
+    text, files = write_study(p, rows, tmp_path)
     assert {f.name for f in files} == {
         f"{name}.{end}" for end in ("csv", "md", *(["png"] if name == "paper" else []))
     }

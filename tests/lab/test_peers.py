@@ -42,7 +42,7 @@ class Drive:
         return np.array([self.truth[f"true_{s}"] / getattr(self.config, NOMINAL[s]) for s in STIFFNESS]).T
 
     def run(self, kind: str) -> np.ndarray:
-        return peers.run(kind, self.rows, self.config, self.known)
+        return peers.run_peer(kind, self.rows, self.config, self.known)
 
 
 def drive(
@@ -230,7 +230,7 @@ def test_estimates_equal_weighted_least_squares_over_the_whole_window(monkeypatc
     y[0, 2] = window.start[2]
     y[~use & (np.arange(window.ROWS) > 0)[:, None]] = np.nan
 
-    out = peers.run("ekf", window.rows(y), window.config, window.known)
+    out = peers.run_peer("ekf", window.rows(y), window.config, window.known)
 
     a, information = window.information(use)
     foretold = window.trajectory(np.zeros((len(window.sd), 1)))
@@ -285,7 +285,8 @@ def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
     for name in MEASURES:
         d.rows[name][flip] = np.nan
     yaw = [
-        peers.run("ekf", d.rows, d.config, replace(d.known, held=held))["yaw_rate"] for held in (True, False)
+        peers.run_peer("ekf", d.rows, d.config, replace(d.known, held=held))["yaw_rate"]
+        for held in (True, False)
     ]
     turned = np.abs([y[flip] - y[flip - 1] for y in yaw])
     assert turned[0] < 5e-4 and turned[1] > 0.002, turned
@@ -399,7 +400,7 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
         duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD)
     )
     known = replace(d.known, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
-    mean, sd = get_estimates(out := peers.run("known", d.rows, d.config, known))
+    mean, sd = get_estimates(out := peers.run_peer("known", d.rows, d.config, known))
     event = np.searchsorted(d.time, 8.0 - 1e-9)
     assert (sd[event] > 3 * sd[event - 1]).all()
     for part in (slice(200, event), slice(event, None)):
@@ -415,5 +416,5 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
     spread = [out[f"{s}_spread"][late].mean() for s in STIFFNESS]
     assert spread == pytest.approx([SPREAD * level] * 3, rel=0.02)
 
-    deaf = get_estimates(peers.run("known", d.rows, d.config, replace(known, changes=())))[0]
+    deaf = get_estimates(peers.run_peer("known", d.rows, d.config, replace(known, changes=())))[0]
     assert (np.abs(deaf / d.mean - 1)[event + 50] > 0.10).all()

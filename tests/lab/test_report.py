@@ -13,14 +13,14 @@ from test_what_happened import make_table as table_of_events
 from conftest import tselab_here
 from tse.car.vehicle import make_default_vehicle
 from tse.estimation.estimate import Estimates
-from tse.estimation.regimes import REGIMES, changes, spells
-from tse.estimation.verdict import late_steering, others, remarks, verdicts
-from tse.gaps.run.pictures import overlay
+from tse.estimation.regimes import REGIMES, find_changes, find_spells
+from tse.estimation.verdict import check_steering_lag, list_other_quantities, list_remarks, make_verdicts
+from tse.gaps.run.pictures import draw_overlay
 from tse.library.core import STIFFNESS, Config
 from tse.log.rows import CheckedLog, list_columns
 from tse.report import plots
 from tse.report.plots import match_reference
-from tse.report.report import figures_of, write_report
+from tse.report.report import read_figures, write_report
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_loads_nothing_and_stays_small(page):
 
 
 def test_figures_hold_stiffness_states_inputs_and_health(page):
-    figures = figures_of(page[0])
+    figures = read_figures(page[0])
     names = [{trace["name"] for trace in figure["data"]} for figure in figures]
     assert {"mean, valid", "95 % interval", "nominal", "reference"} <= names[0]
     assert {"estimate", "95 % interval", "measured", "ref_vel_x", "ref_vel_y", "ref_yaw_rate"} <= names[1]
@@ -109,7 +109,7 @@ def make_table(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1,
 
 
 def make_verdict(*args, **more):
-    return verdicts(make_table(*args, **more), Config.exact())
+    return make_verdicts(make_table(*args, **more), Config.exact())
 
 
 def test_verdict_gives_value_band_share_and_distance_to_nominal():
@@ -129,14 +129,14 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
     table = make_table([1] * 90 + [0] * 10, "uncertain")
     table["cy_front"] = 98e3 + 100.0 * np.arange(100)
     table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
-    end, median = (verdicts(table, Config.exact({"form": form}))[1] for form in (0, 1))
+    end, median = (make_verdicts(table, Config.exact({"form": form}))[1] for form in (0, 1))
     assert end.value == pytest.approx(98 + 8.9) and end.band == pytest.approx(1.96 * (3 - 0.89))
     assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (
         end.value - end.band,
         end.value + end.band,
     )
     table["cy_front"] = np.where(np.arange(100) < 60, 98e3, 70e3)  # another road: no number is that of both
-    assert verdicts(table, Config.exact({"form": 1}))[1].value == pytest.approx(70)
+    assert make_verdicts(table, Config.exact({"form": 1}))[1].value == pytest.approx(70)
 
 
 @pytest.mark.parametrize(
@@ -149,13 +149,13 @@ def test_a_log_that_ends_with_a_channel_at_fault_is_good_in_part(reason: str, le
 
 def test_grip_and_sideslip_have_their_intervals():
     table = make_table([1] * 100, "")
-    assert others(table, Config.exact({"grip_sd": 0.2})) == []  # a table without them
+    assert list_other_quantities(table, Config.exact({"grip_sd": 0.2})) == []  # a table without them
     angle = np.where(np.arange(100) == 40, -0.05, 0.01)
     table = table.assign(
         grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002
     )
     table.loc[70, ["sideslip", "status"]] = [0.5, 4]  # held
-    grip, slip = others(table, Config.exact({"grip_sd": 0.2}))
+    grip, slip = list_other_quantities(table, Config.exact({"grip_sd": 0.2}))
     assert (
         grip.line()
         == "Grip: 0.90 ± 0.20 (95 %), not valid: uncertain, the tyres were not driven near their limit"
@@ -164,23 +164,25 @@ def test_grip_and_sideslip_have_their_intervals():
         slip.line()
         == "Sideslip angle: -2.86 ± 0.22 deg (95 %), the largest, at 40.0 s; median interval ± 0.22"
     )
-    assert [q.key for q in others(table, Config.exact())] == [
+    assert [q.key for q in list_other_quantities(table, Config.exact())] == [
         "sideslip"
     ]  # a grip that is assumed exact is no estimate
-    assert others(table, Config.exact({"grip_sd": 0.2, "form": 1})) == []
-    known = others(table.assign(grip_valid=1, grip_reason="valid"), Config.exact({"grip_sd": 0.2}))[0]
+    assert list_other_quantities(table, Config.exact({"grip_sd": 0.2, "form": 1})) == []
+    known = list_other_quantities(
+        table.assign(grip_valid=1, grip_reason="valid"), Config.exact({"grip_sd": 0.2})
+    )[0]
     assert known.line() == "Grip: 0.90 ± 0.20 (95 %), valid 100 % of the time"
 
 
 def test_remarks_name_noise_and_contradictions():
-    assert remarks(make_table([1] * 100, "")) == remarks(make_table([1] * 100, "", noise=1.2)) == []
-    assert remarks(make_table([1] * 100, "", noise=2.94)) == [
+    assert list_remarks(make_table([1] * 100, "")) == list_remarks(make_table([1] * 100, "", noise=1.2)) == []
+    assert list_remarks(make_table([1] * 100, "", noise=2.94)) == [
         "accel_x is noisier than the settings say: x2.9"
     ]
-    assert remarks(make_table([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
+    assert list_remarks(make_table([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "sensor fault")) == [
         "a sensor was probably at fault 2 times, in 10 % of the log: not valid there"
     ]
-    assert "at fault once, in under 1 % of" in remarks(make_table([1] * 400 + [0], "sensor fault"))[0]
+    assert "at fault once, in under 1 % of" in list_remarks(make_table([1] * 400 + [0], "sensor fault"))[0]
 
 
 @pytest.mark.parametrize(
@@ -188,11 +190,11 @@ def test_remarks_name_noise_and_contradictions():
 )
 def test_a_steering_angle_that_is_not_as_late_as_calibrated_is_named(late, said):
     table = make_table([1] * 100, "")
-    assert late_steering(table, Config.exact({"steer_lag_sd": 0.008})) == []  # a table without it
-    found = late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.008}))
+    assert check_steering_lag(table, Config.exact({"steer_lag_sd": 0.008})) == []  # a table without it
+    found = check_steering_lag(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.008}))
     assert [said in text for text in found] == ([True] if said else [])
     assert (
-        late_steering(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.0})) == []
+        check_steering_lag(table.assign(lag_steer=late), Config.exact({"steer_lag_sd": 0.0})) == []
     )  # known exactly: no state
 
 
@@ -205,9 +207,9 @@ def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
     for key in ("cx_front", "cy_front", "cy_rear"):
         table.loc[50:59, f"{key}_reason"] = "held"
     table = table.assign(p_fault=np.where(np.arange(100) // 20 == 2, 0.99, 0.01), fault_channel=4)
-    (spell,) = spells(table)
+    (spell,) = find_spells(table)
     assert (spell.start, spell.end) == (table.time[40], table.time[59])
-    assert remarks(table) == ["a sensor was probably at fault once, in 20 % of the log: not valid there"]
+    assert list_remarks(table) == ["a sensor was probably at fault once, in 20 % of the log: not valid there"]
 
 
 def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
@@ -220,7 +222,7 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
         )
         assert done.code == 0, done.err
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
-        names = {trace["name"] for trace in figures_of(page)[3]["data"]}
+        names = {trace["name"] for trace in read_figures(page)[3]["data"]}
         assert ("noise_accel_y" in names) == noisy
         for text in (done.err, page):
             assert ("accel_y is noisier than the settings say: x" in text) == noisy
@@ -237,7 +239,7 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
     )
 
     refused = make_table([0] * 5, "row refused").assign(status=-3)
-    assert [(v.level, v.text) for v in verdicts(refused, Config.exact())] == [
+    assert [(v.level, v.text) for v in make_verdicts(refused, Config.exact())] == [
         ("none", "no value: row refused, the rows were refused")
     ] * 3
 
@@ -292,11 +294,11 @@ def test_the_card_says_what_held_and_beside_it_what_the_end_says(tmp_path):
 
 def make_figures(data: plots.Data, table: pd.DataFrame) -> list[plots.Figure]:
     made = [
-        plots.stiffness_figure(data, table, Config.exact()),
-        plots.states_figure(data),
-        plots.inputs_figure(data),
-        plots.health_figure(data),
-        plots.others_figure(data),
+        plots.draw_stiffness(data, table, Config.exact()),
+        plots.draw_states(data),
+        plots.draw_inputs(data),
+        plots.draw_health(data),
+        plots.draw_other_references(data),
     ]
     return [f for f in made if f is not None]
 
@@ -306,7 +308,7 @@ def test_every_peak_survives_in_its_place(n, stride):
     y = np.random.default_rng(n).standard_normal(n)
     y[n // 2] = 50.0
     y[n // 3] = -50.0
-    thinned, at = plots.thin(y, stride), plots.pick_rows(n, stride)
+    thinned, at = plots.thin_rows(y, stride), plots.pick_rows(n, stride)
     assert len(thinned) == len(at) == 2 * -(-n // stride)
     assert np.all(np.diff(at) >= 0) and at[0] == 0 and at[-1] < n
     for i, value in enumerate(thinned):
@@ -319,14 +321,14 @@ def test_every_peak_survives_in_its_place(n, stride):
 
 def test_what_is_missing_leaves_a_gap_only_where_nothing_is_left():
     y = np.array([np.nan, 1.0, 2.0, np.nan, *[np.nan] * 4, 3.0, np.nan, np.nan, np.nan])
-    assert np.array_equal(plots.thin(y, 4), [1, 2, np.nan, np.nan, 3, 3], equal_nan=True)
+    assert np.array_equal(plots.thin_rows(y, 4), [1, 2, np.nan, np.nan, 3, 3], equal_nan=True)
 
 
 def test_what_a_screen_can_show_is_not_thinned():
     y = np.arange(7.0)
-    assert plots.thin(y, plots.stride_of(plots.MAX_POINTS)) is y
+    assert plots.thin_rows(y, plots.find_block_stride(plots.MAX_POINTS)) is y
     for n in (plots.MAX_POINTS + 1, 10**5, 360_000, 8 * 10**6):
-        stride = plots.stride_of(n)
+        stride = plots.find_block_stride(n)
         assert stride & (stride - 1) == 0 and plots.MAX_POINTS / 2 * 0.9 < 2 * n / stride <= plots.MAX_POINTS
 
 
@@ -381,7 +383,7 @@ def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
     x, drawn = plots.thin_line(time, y, 3_000, 1.0)
     assert len(x) == len(drawn) <= 3_100
     assert np.nanmax(drawn) == 7.0 and np.nanmin(drawn) == -9.0
-    assert abs(x[np.nanargmax(drawn)] - time[3_001]) < 0.04 * plots.stride_for(20_000, 3_000)
+    assert abs(x[np.nanargmax(drawn)] - time[3_001]) < 0.04 * plots.find_stride(20_000, 3_000)
     assert np.isnan(drawn).sum() == 1 and np.all(np.diff(x) >= 0)
     same = plots.thin_line(time[:100], y[:100], 3_000, 1.0)
     assert np.array_equal(same[0], time[:100]) and np.array_equal(same[1], y[:100])
@@ -404,7 +406,7 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
         table[column] = 0.0
     table.loc[12_345, "measured"] = 30.0
-    lines = {trace.name: np.asarray(trace.y, float) for trace in overlay(table).data}
+    lines = {trace.name: np.asarray(trace.y, float) for trace in draw_overlay(table).data}
     assert np.nanmax(lines["measured"]) == 30.0 and len(lines["measured"]) <= 3_100
     assert np.nanmax(lines["before"]) == 0.0
 
@@ -443,14 +445,14 @@ def test_the_plot_names_what_happened_and_plotly_takes_it():
     table.loc[2000:2200, ["p_steady", "p_fault", "fault_channel"]] = [0.05, 0.95, 6]
     data = plots.Data(log)
     data.add(table)
-    figure = plots.stiffness_figure(data, table, Config.exact(), changes(table), spells(table))
+    figure = plots.draw_stiffness(data, table, Config.exact(), find_changes(table), find_spells(table))
     go.Figure(figure.as_dict())
     texts = [a["text"] for a in figure.layout["annotations"]]
     assert "road changed at 36.03 s, 97 %" in texts and "yaw_rate at fault 20.00 .. 22.00 s, 95 %" in texts
     assert set(REGIMES.values()) <= {t["name"] for t in figure.data}
     lines = [s for s in figure.layout["shapes"] if s["type"] == "line"]
     assert [s["x0"] for s in lines] == [pytest.approx(36.03)]
-    health = plots.health_figure(data)
+    health = plots.draw_health(data)
     go.Figure(health.as_dict())
     assert {"discrepancy_accel_x", "discrepancy_yaw_rate"} <= {t["name"] for t in health.data}
 

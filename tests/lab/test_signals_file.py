@@ -17,7 +17,7 @@ from tse.channels.agree import check_car, check_units, find_false_stops, select_
 from tse.channels.log import read_log
 from tse.channels.proposal import propose
 from tse.channels.signals import read_signals
-from tse.estimation.verdict import contradictions, implausible
+from tse.estimation.verdict import describe_implausible, list_contradictions
 from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import Reading
@@ -668,12 +668,12 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
     reasons = np.array(["starting"] * 10 + ["implausible"] * 60 + ["valid"] * 30)
     table = pd.DataFrame(dict.fromkeys(("cx_front_reason", "cy_front_reason", "cy_rear_reason"), reasons))
     table = table.assign(fault_channel=4, fault_factor=-1.0)
-    assert implausible(table) == ""
-    assert implausible(table.iloc[:70]).endswith(
+    assert describe_implausible(table) == ""
+    assert describe_implausible(table.iloc[:70]).endswith(
         "accel_x seems to have the other sign (factor -1, about 1 is expected)"
     )
-    assert "in 67 % of the rows that drive" in implausible(table.iloc[np.r_[0:10, 70:100, 10:70]])
-    assert implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
+    assert "in 67 % of the rows that drive" in describe_implausible(table.iloc[np.r_[0:10, 70:100, 10:70]])
+    assert describe_implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
 
 
 @pytest.mark.parametrize(
@@ -688,10 +688,10 @@ def test_a_channel_that_fails_leaves_what_was_valid_before(before: float, factor
     table = pd.DataFrame(
         {"time": time} | dict.fromkeys(names, reasons) | {"fault_channel": 6, "fault_factor": factor}
     )
-    assert bool(implausible(table)) == whole
-    (said,) = contradictions(table)
+    assert bool(describe_implausible(table)) == whole
+    (said,) = list_contradictions(table)
     assert said.startswith(f"the channels contradict each other from {before + 0.1:.1f} to 89.9 s: yaw_rate ")
-    assert contradictions(table[reasons == "valid"]) == []
+    assert list_contradictions(table[reasons == "valid"]) == []
 
 
 def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):

@@ -1,4 +1,4 @@
-"""The account of a drive from made-up tables: changes, spells, stretches, sentences."""
+"""The account of a drive from made-up tables: changes, find_spells, find_stretches, sentences."""
 
 import json
 
@@ -10,9 +10,17 @@ from scipy.interpolate import make_smoothing_spline
 import tse
 from conftest import tselab_here
 from tse.estimation.estimate import Estimates
-from tse.estimation.regimes import REGIMES, Change, changes, percent, spells, stretches, words
-from tse.estimation.smooth import backward, fixed, smooth
-from tse.estimation.verdict import findings
+from tse.estimation.regimes import (
+    REGIMES,
+    Change,
+    describe_events,
+    find_changes,
+    find_spells,
+    find_stretches,
+    format_percent,
+)
+from tse.estimation.smooth import compute_fixed_parts, smooth_backward, smooth_stretch
+from tse.estimation.verdict import make_findings
 from tse.identify.data import solve_smoothing_spline
 from tse.library.core import NOMINAL as SETTING
 from tse.library.core import STIFFNESS, Config
@@ -72,17 +80,17 @@ ROAD = [(0, 36.1, None), (36.1, 60, (36.03, 1, 0.97, 0.7))]
 def test_a_table_without_the_columns_has_no_events_and_is_one_stretch():
     table = make_table(CALM)[["time", "status", *(f"{s}{p}" for s in STIFFNESS for p in
                             ("", "_sd", "_spread", "_valid", "_spread_seen", "_reason"))]]  # fmt: skip
-    assert changes(table) == [] and spells(table) == [] and words([], []) == []
-    (stretch,) = stretches(table, [])
+    assert find_changes(table) == [] and find_spells(table) == [] and describe_events([], []) == []
+    (stretch,) = find_stretches(table, [])
     assert stretch.rows == slice(0, 6000) and (stretch.start, stretch.end) == (0.0, pytest.approx(59.99))
-    (finding,) = findings(table, Config.exact(), [])
+    (finding,) = make_findings(table, Config.exact(), [])
     assert finding.title == "" and finding.lines()[1].startswith("Front cornering stiffness: 120 kN/rad")
     empty = make_table(CALM).iloc[:0]
-    assert changes(empty) == [] and spells(empty) == [] and stretches(empty, []) == []
+    assert find_changes(empty) == [] and find_spells(empty) == [] and find_stretches(empty, []) == []
 
 
 def test_a_change_has_time_kind_probability_and_what_it_did():
-    (change,) = changes(make_table(ROAD))
+    (change,) = find_changes(make_table(ROAD))
     assert (
         change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
     )
@@ -105,7 +113,7 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     ],
 )
 def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, touched):
-    (change,) = changes(make_table([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
+    (change,) = find_changes(make_table([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
     assert change.what == what and len(change.ratio) == touched and bool(change.effect) == bool(touched)
 
 
@@ -115,7 +123,7 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
         (10.3, 11, (10.2, 1, 0.95, 0.75)),
         (11, 60, (10.1, 1, 0.99, 0.7)),
     ]
-    (change,) = changes(make_table(told))
+    (change,) = find_changes(make_table(told))
     assert (
         change.time == pytest.approx(10.1)
         and change.kind == 1
@@ -157,7 +165,7 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
     ],
 )
 def test_changes_are_told_once_each(told, expected):
-    assert [(c.time, c.kind, c.probability) for c in changes(make_table(told))] == [
+    assert [(c.time, c.kind, c.probability) for c in find_changes(make_table(told))] == [
         pytest.approx(e) for e in expected
     ]
 
@@ -165,7 +173,7 @@ def test_changes_are_told_once_each(told, expected):
 def test_single_precision_tells_the_same():
     table = make_table([(3000.1, 3600, (3000.03, 1, 0.97, 0.7))], seconds=3600, step=0.1)
     small = table.astype({c: np.float32 for c in table.select_dtypes("float64") if c != "time"})
-    (change,) = changes(small)
+    (change,) = find_changes(small)
     assert change.time == pytest.approx(3000.03, abs=2e-3) and change.label.endswith("97 %")
 
 
@@ -182,7 +190,7 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
     table.loc[during(22, 23), ["p_fault", "fault_channel"]] = [0.99, 4]
     table.loc[during(40, 41) | during(50, 52), "p_sliding"] = 0.92
     table.loc[during(55, 56), "p_sliding"] = 0.3
-    found = spells(table)
+    found = find_spells(table)
     assert [(s.what, s.channel, round(s.start, 2), round(s.end, 2)) for s in found] == [
         ("sliding", "", 5, 6.99),
         ("fault", "yaw_rate", 19.5, 21.99),
@@ -191,13 +199,15 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
         ("sliding", "", 50, 51.99),
     ]
     assert found[1].label == "yaw_rate at fault 19.50 .. 21.99 s, 90 %"
-    assert words([], found)[0] == "sliding 3 times, 5.0 s in all, first at 5.00 s"
+    assert describe_events([], found)[0] == "sliding 3 times, 5.0 s in all, first at 5.00 s"
 
 
 def pieces(*times: float, seconds: float = 60.0) -> list[tuple[float, float, int, int]]:
     table = make_table(CALM, seconds)
     found = [Change(t, 1, 0.9, {}) for t in times]
-    return [(round(s.start, 1), round(s.end, 1), s.rows.start, s.rows.stop) for s in stretches(table, found)]
+    return [
+        (round(s.start, 1), round(s.end, 1), s.rows.start, s.rows.stop) for s in find_stretches(table, found)
+    ]
 
 
 def test_stretches_lie_between_changes_and_short_ones_join_a_neighbour():
@@ -212,8 +222,8 @@ def test_stretches_lie_between_changes_and_short_ones_join_a_neighbour():
 
 def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
     table = make_table(ROAD, valid=lambda t: (t < 30) | (t > 48))
-    found = changes(table)
-    one, two = findings(table, Config.exact(), found)
+    found = find_changes(table)
+    one, two = make_findings(table, Config.exact(), found)
     assert one.title == "From 0.0 .. 36.0 s"
     front = one.verdicts[1]
     assert front.value == pytest.approx(120) and front.band == pytest.approx(1.96 * 1.2)
@@ -231,7 +241,7 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
     table = make_table(ROAD, valid=lambda t: t < 30)
-    _, two = findings(table, Config.exact(), changes(table))
+    _, two = make_findings(table, Config.exact(), find_changes(table))
     title, *lines = two.lines()
     assert title == "From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"
     assert lines[1].startswith("  Front cornering stiffness: 84 kN/rad ± 2 (95 %), not valid: not excited: ")
@@ -241,7 +251,7 @@ def test_a_stretch_on_which_nothing_is_valid_says_so():
     ("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")]
 )
 def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
-    assert percent(share) == text
+    assert format_percent(share) == text
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
@@ -256,7 +266,7 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(make_table(every_5_s, 200), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
-    assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
+    assert done.out.count("From ") == 12 and "and 28 more find_stretches, which --report lists" in done.out
 
 
 def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path, monkeypatch):
@@ -317,7 +327,7 @@ def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_pat
     done = tselab_here(
         "estimate", "--verbose", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path
     )
-    times = [c.time for c in changes(pd.read_csv(tmp_path / "e.csv"))]
+    times = [c.time for c in find_changes(pd.read_csv(tmp_path / "e.csv"))]
     assert times == [pytest.approx(40.0, abs=1.0)] if level < 1 else times == []
 
 
@@ -370,7 +380,7 @@ def test_it_is_batch_least_squares_of_the_random_walk(seed):
     )  # the filter has opened the state here, and nobody says so but its variance
     z, mean, var = estimate_random_walk(rng, opened, noise)
     expected, expected_var = solve_least_squares(z, opened, noise)
-    found, found_var = backward(mean, var, walk)
+    found, found_var = smooth_backward(mean, var, walk)
     np.testing.assert_allclose(found, expected, atol=1e-10)
     np.testing.assert_allclose(found_var, expected_var, atol=1e-12)
     assert np.abs(mean - expected).max() > 0.01  # the filter alone is something else
@@ -390,18 +400,20 @@ def test_what_is_fixed_does_not_shrink_and_the_rest_is_least_squares():
         table[f"{key}_sd"] = table[key] * np.sqrt(var + part**2)
         told["one"][a], told["other"][a] = (np.exp(mean[-1]) * part * x for x in (0.6, 0.8))
     expected, expected_var = solve_least_squares(z, walk, noise)
-    for key, found in fixed(table, config, told).items():
+    for key, found in compute_fixed_parts(table, config, told).items():
         assert found == pytest.approx(part**2)
-        value, sd = smooth(table, key, config, found)
+        value, sd = smooth_stretch(table, key, config, found)
         assert value == pytest.approx(NOMINAL[key] * np.exp(expected.mean()))
         assert (
             sd / value == pytest.approx(np.sqrt(expected_var.mean() + part**2 + expected.var()))
             and sd / value > part
         )
         more = table.loc[table.index.repeat(10)].assign(time=(np.arange(10 * n) + 0.5) * step / 10)
-        assert smooth(more, key, config, found) == pytest.approx((value, sd))  # as often as it is read
+        assert smooth_stretch(more, key, config, found) == pytest.approx(
+            (value, sd)
+        )  # as often as it is read
         refused = pd.concat([table, table.assign(status=-1, time=99.0) * [1, 1, *[9] * 6]])
-        assert smooth(refused, key, config, found) == pytest.approx((value, sd))
+        assert smooth_stretch(refused, key, config, found) == pytest.approx((value, sd))
 
 
 def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_it():
@@ -412,7 +424,7 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
         table.loc[doubt, key] *= np.linspace(1, 0.75, doubt.sum())
         table.loc[doubt, f"{key}_sd"] = table.loc[doubt, key] * np.linspace(0.01, 0.15, doubt.sum())
     found = [Change(36.03, 1, 0.97, {})]
-    one, two = findings(table, Config.exact(), found)
+    one, two = make_findings(table, Config.exact(), found)
     assert one.verdicts[1].value < 95  # of the last row
     for f, level in ((one, 1.0), (two, 0.7)):
         for v in f.verdicts:
@@ -421,7 +433,7 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
                 and v.smoothed_reason == "valid"
             )
     assert one.lines()[2].endswith("; smoothed over the stretch 119 ± 8, valid")
-    rows = results.rows("log", Estimates(table, False), [one, two], found, ())
+    rows = results.make_rows("log", Estimates(table, False), [one, two], found, ())
     assert [r["change_probability"] for r in rows[3:]] == pytest.approx([0.97] * 3)
     assert rows[3]["start"] == pytest.approx(36.03)
     assert rows[1]["smoothed_low"] < 1.2e5 < rows[1]["smoothed_high"] and rows[0]["change"] is None
@@ -440,14 +452,14 @@ def make_moving_table(since: float, keys, to: float = 0.9, sd: float = 0.01) -> 
 @pytest.mark.parametrize("keys", [STIFFNESS, ("cx_front",)], ids=["all", "one"])
 def test_a_change_began_where_the_estimates_began_to_move(keys):
     table = make_moving_table(33.0, keys)
-    found = changes(table)
+    found = find_changes(table)
     assert [c.time for c in found] == [pytest.approx(33.0, abs=0.5)] and found[0].believed == pytest.approx(
         36.03
     )
     assert all(
         ratio == pytest.approx(0.7, abs=0.02) for ratio, _ in found[0].ratio.values()
     )  # over that of before it began
-    one, two = findings(table, Config.exact(), found)
+    one, two = make_findings(table, Config.exact(), found)
     assert one.stretch.end == two.stretch.start == found[0].time
     assert table["time"].iloc[two.stretch.rows.start] == pytest.approx(
         36.03
@@ -457,13 +469,13 @@ def test_a_change_began_where_the_estimates_began_to_move(keys):
 
 
 def test_what_is_learnt_or_creeps_before_a_change_did_not_begin_it():
-    assert [c.time for c in changes(make_moving_table(1.0, STIFFNESS, 0.95))] == [
+    assert [c.time for c in find_changes(make_moving_table(1.0, STIFFNESS, 0.95))] == [
         pytest.approx(36.03)
     ]  # 0.5 % of the way in a second
     table = make_moving_table(33.0, STIFFNESS)
     for key in STIFFNESS:  # as far as it was uncertain
         table[f"{key}_sd"] = table[key] * np.interp(table["time"], [33, 36.09], [0.08, 0.01])
-    assert [c.time for c in changes(table)] == [pytest.approx(36.03)]
+    assert [c.time for c in find_changes(table)] == [pytest.approx(36.03)]
 
 
 def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
@@ -472,7 +484,7 @@ def test_a_change_does_not_begin_before_the_one_before_it_is_believed():
     moving = table["time"].between(28, 32.99)
     for key in STIFFNESS:
         table.loc[moving, key] = NOMINAL[key] * np.linspace(1, 0.6, moving.sum())
-    first, second = changes(table)
+    first, second = find_changes(table)
     assert first.time < first.believed <= second.time < second.believed == pytest.approx(33.0)
 
 
@@ -490,18 +502,18 @@ def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason
     table = make_table([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
     for key in STIFFNESS:
         table[f"{key}_sd"], table[f"{key}_reason"] = sd * table[key], rows
-    (found,) = findings(table, Config.exact(), [])
+    (found,) = make_findings(table, Config.exact(), [])
     assert [v.smoothed_reason for v in found.verdicts] == [reason] * 3
     assert all(v.smoothed_band == pytest.approx(1.96 * sd * v.smoothed, rel=0.1) for v in found.verdicts)
 
 
 def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_nothing():
     table = make_table(ROAD)
-    (found,) = findings(table, Config.exact(), changes(table), ["a sign"])
+    (found,) = make_findings(table, Config.exact(), find_changes(table), ["a sign"])
     assert all(v.smoothed_reason == "contradicted" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(table.assign(status=-1), Config.exact(), [])
+    (found,) = make_findings(table.assign(status=-1), Config.exact(), [])
     assert all(v.smoothed_reason == "" and np.isnan(v.smoothed) for v in found.verdicts)
-    (found,) = findings(make_table([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
+    (found,) = make_findings(make_table([(0.0, 60.0, None)]), Config.exact(Config.settings_of("paper")), [])
     assert all(
         v.smoothed_reason == "" and "smoothed" not in v.text for v in found.verdicts
     )  # particles forget
@@ -550,7 +562,7 @@ def test_a_log_with_no_valid_row_has_an_answer_with_its_reason(tmp_path):
     assert len(lines) == 3 and all(
         "; smoothed over the log " in x and ", not valid: " in x.split("smoothed")[1] for x in lines
     )
-    said = json.loads(tselab_here(*run, "--json", cwd=tmp_path).out)["stretches"][0]["stiffness"]
+    said = json.loads(tselab_here(*run, "--json", cwd=tmp_path).out)["find_stretches"][0]["stiffness"]
     table = pd.read_csv(tmp_path / "t.csv").set_index("stiffness")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     estimates = pd.read_csv(tmp_path / "e.csv")

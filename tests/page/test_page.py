@@ -26,7 +26,7 @@ from tse.estimation.estimate import write_table  # noqa: E402
 from tse.library.core import Config, SimConfig  # noqa: E402
 from tse.library.errors import UserError  # noqa: E402
 from tse.runs import single  # noqa: E402
-from tse.runs.single import prepare  # noqa: E402
+from tse.runs.single import prepare_run  # noqa: E402
 from tse.simulation import maneuvers  # noqa: E402
 from tse.simulation.simulate import simulate  # noqa: E402
 
@@ -252,7 +252,9 @@ def run_tselab(folder, log, car):
             f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: update it"
         )
     (folder / "vehicle.toml").write_text(car)
-    single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
+    single.run_prepared(
+        prepare_run(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None
+    )
     return (folder / "est.csv").read_bytes()
 
 
@@ -438,7 +440,9 @@ def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(s
     )
     here = seen["checks"][name]
     try:
-        expected = prepare(Path(checks[name]), tmp_path / "car.toml", None, None, {}, "default", {}).warnings
+        expected = prepare_run(
+            Path(checks[name]), tmp_path / "car.toml", None, None, {}, "default", {}
+        ).warnings
     except UserError:  # values outside their range: the page refuses them, too
         assert "outside the allowed range" in here["wrong"]
         return

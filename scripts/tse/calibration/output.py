@@ -29,7 +29,7 @@ from tse.identify.vehicle_file import format_vehicle as vehicle_toml
 from tse.library import __version__
 from tse.library.core import NOMINAL
 from tse.library.files import write_atomically
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 
 MAX_ROLL_STEER_SD = 0.03  # of a calibrated car
 
@@ -170,7 +170,7 @@ def write(path: Path, result: CalibrationResult, logs: list[str]) -> Path:
         file.write(format_calibrated(result, logs, formula))
     numbers = path.with_suffix(".json")
     with write_atomically(numbers) as file:
-        json.dump(plain(to_json(result)), file, indent=1, allow_nan=False)
+        json.dump(convert_to_plain(to_json(result)), file, indent=1, allow_nan=False)
         file.write("\n")
     return numbers
 

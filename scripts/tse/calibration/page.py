@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from tse.calibration.result import CalibrationResult, Proof
 from tse.identify.unknowns import MEASURED
-from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, ORANGE, layout
+from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, ORANGE, set_layout
 from tse.report.report import write_page
 
 
@@ -86,7 +86,7 @@ def draw_bands(result: CalibrationResult) -> go.Figure:
             )
     figure.update_yaxes(categoryorder="array", categoryarray=[f.name for f in rows], automargin=True)
     figure.update_xaxes(title="found less known before, in its sd")
-    return layout(figure, 160 + 20 * len(rows), title_text=None)
+    return set_layout(figure, 160 + 20 * len(rows), title_text=None)
 
 
 def draw_misfit(proofs: Sequence[Proof]) -> go.Figure:
@@ -108,4 +108,4 @@ def draw_misfit(proofs: Sequence[Proof]) -> go.Figure:
             )  # fmt: skip
             figure.add_trace(bars, row=1, col=column)
     figure.update_yaxes(autorange="reversed", automargin=True)
-    return layout(figure, 190 + 44 * len(names), bargap=0.3)
+    return set_layout(figure, 190 + 44 * len(names), bargap=0.3)

@@ -446,7 +446,7 @@ def _guess_torque(recording: Recording, axle: str) -> Guess | None:
         )
         if named and unit_kind(c.unit) == "torque":
             guess = Guess(f"wheel_torque_{axle}", (c.name,), c.unit, "by the log")
-            guess.figures.append("by its name and unit: drive less brake torque of both wheels is needed")
+            guess.figures.append("by its name and unit: drive minus brake torque of both wheels is needed")
             guess.unsure.append("the signal, by its name alone")
             return guess
     return None

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tse.car.vehicle import DRIVEN
-from tse.estimation.regimes import percent
+from tse.estimation.regimes import format_percent
 from tse.estimation.verdict import CONTRADICTED, Finding, Verdict
 from tse.library.core import Config
 
@@ -36,12 +36,13 @@ WHY_NOT = {
 MAX_STRETCHES = 2  # of a road that changed: the last ones
 
 
-def answer(found: Sequence[Finding], config: Config) -> list[str]:
+def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
     """Return three lines for each of the last stretches of road, under its title if there
     are several.
 
-    The value is held() of the stretch. The longitudinal stiffness is that of the driven
-    axle, which shows it."""
+    The value is that of compute_held_stiffness(). The longitudinal stiffness is that of
+    the driven axle, which shows it.
+    """
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
     lines = []
@@ -65,7 +66,7 @@ def answer(found: Sequence[Finding], config: Config) -> list[str]:
     return lines
 
 
-def held(v: Verdict) -> tuple[float, float]:
+def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
     """Return the stiffness of a stretch of road, and half of its 95 % interval.
 
     The smoothed value; the value at the end for a particle filter, and if rows are valid
@@ -74,9 +75,9 @@ def held(v: Verdict) -> tuple[float, float]:
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
 
-def beside(v: Verdict) -> str:
-    """Return the rest of the verdict, for the line beside held()."""
-    if held(v)[0] == v.value or not np.isfinite(v.smoothed):
+def describe_rest(v: Verdict) -> str:
+    """Return the rest of the verdict, for the line beside compute_held_stiffness()."""
+    if compute_held_stiffness(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"
 
@@ -85,15 +86,15 @@ def _make_cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
     """Return place, value with 95 % interval, and whether to act on it. `rear`: the rear
     axle drives."""
     where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
-    value, band = held(v)
+    value, band = compute_held_stiffness(v)
     if not np.isfinite(value):
-        return where, "-", f"not usable: {why_not(v.key, v.reason)}"
+        return where, "-", f"not usable: {explain_reason(v.key, v.reason)}"
     number = f"{value:4.0f} ± {max(band, 0.5):.0f} {v.unit}"
     if v.level == "none":
-        return where, number, f"not usable: {why_not(v.key, v.reason)}"
-    return where, number, f"usable, valid {percent(v.valid)} of the time"
+        return where, number, f"not usable: {explain_reason(v.key, v.reason)}"
+    return where, number, f"usable, valid {format_percent(v.valid)} of the time"
 
 
-def why_not(key: str, reason: str) -> str:
+def explain_reason(key: str, reason: str) -> str:
     """Return the reason why a stiffness is not usable, in a few words."""
     return WHY_NOT.get(reason, LITTLE[key] if reason in ("", "uncertain", "not excited") else reason)

@@ -94,12 +94,12 @@ SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}  # sizes of numbers that orjso
 MAX_WHOLE = 1 << 24  # larger whole numbers may have no single-precision value
 
 
-def csv_header(table: Columns) -> bytes:
+def make_csv_header(table: Columns) -> bytes:
     """Return the line of the column names."""
     return pd.DataFrame(columns=list(table)).to_csv(index=False, lineterminator="\n").encode()
 
 
-def csv_rows(table: Columns) -> bytes:
+def make_csv_rows(table: Columns) -> bytes:
     """Return the lines of the rows. A number has the shortest digits that give the same
     bits back; missing values are empty cells."""
     columns = [getattr(column, "array", column) for _, column in table.items()]
@@ -239,7 +239,7 @@ class Estimates:
         return sum(self.statuses.values())
 
 
-def est_fields() -> list[Field]:
+def list_est_fields() -> list[Field]:
     """Return the outputs of the library in the order of EST.csv: later additions last, so
     that columns keep their places."""
     return sorted(library().fields(OUTPUT), key=lambda f: _find_generation(f.name))
@@ -259,9 +259,9 @@ def _find_generation(name: str) -> int:
 
 
 @functools.lru_cache(maxsize=1)
-def est_columns() -> list[str]:
+def list_est_columns() -> list[str]:
     """Return the columns of EST.csv, in order."""
-    names = [f.name for f in est_fields()]
+    names = [f.name for f in list_est_fields()]
     reasons = [f"{s}_reason" for s in STIFFNESS]
     of = {g: [n for n in names if _find_generation(n) == g] for g in range(5)}
     return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason", *of[4]]
@@ -324,15 +324,15 @@ def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], o
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
-        with write_atomically(path, "wb") as file, _Parquet(file, single(head)) as rows:
-            yield lambda block: rows.add(single(block))
+        with write_atomically(path, "wb") as file, _Parquet(file, convert_to_single(head)) as rows:
+            yield lambda block: rows.add(convert_to_single(block))
     else:
         with write_atomically(path, "wb") as file:
-            file.write(csv_header(head))
-            yield lambda block: file.write(csv_rows(single(block)))
+            file.write(make_csv_header(head))
+            yield lambda block: file.write(make_csv_rows(convert_to_single(block)))
 
 
-def single(block: Columns) -> Block:
+def convert_to_single(block: Columns) -> Block:
     """Return estimates in single precision, as they are written: more digits mean
     nothing, and double size and time of the file."""
     return {
@@ -386,7 +386,7 @@ def _run(
         learnt.load(filter_)
     done = 0
     with (
-        _stop_flag() as stopped,
+        _catch_interrupt() as stopped,
         tqdm(
             total=len(log),
             unit="row",
@@ -406,14 +406,14 @@ def _run(
                 bar.update(last - first)
                 first = last
             if contradicted:
-                contradict(outputs[:first])
+                mark_implausible(outputs[:first])
             if first:
-                take(block_of(log.time[done : done + first], outputs[:first], config))
+                take(make_block(log.time[done : done + first], outputs[:first], config))
             done += first
     return filter_.save_learnt(), filter_.uncertainty_sd()
 
 
-def contradict(outputs: np.ndarray) -> None:
+def mark_implausible(outputs: np.ndarray) -> None:
     """Make valid rows implausible, with the status and reason that the library uses."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
@@ -426,10 +426,10 @@ def contradict(outputs: np.ndarray) -> None:
 
 def _make_head(config: Config) -> Block:
     """Return the table without rows."""
-    return block_of(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
+    return make_block(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
 
 
-def block_of(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
+def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
     """Return outputs of the library as columns of EST.csv: stiffness in N and N/rad,
     validity as 1 or 0, reasons as words."""
     refused = outputs["status"] < 0
@@ -445,7 +445,7 @@ def block_of(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
             columns[f.name] = value
     for s in (*STIFFNESS, GRIP):
         columns[f"{s}_reason"] = _name_reasons(outputs[f"{s}_valid"], refused)
-    return {name: columns[name] for name in est_columns()}
+    return {name: columns[name] for name in list_est_columns()}
 
 
 def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
@@ -453,25 +453,25 @@ def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
     words = [f.name for _, f in sorted(library().codes(REASON).items())]  # the codes count from 0
     known = (codes >= 0) & (codes < len(words))
     place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
-    return pd.Categorical.from_codes(place, dtype=_categories((*words, "unknown", REFUSED)))
+    return pd.Categorical.from_codes(place, dtype=_make_categories((*words, "unknown", REFUSED)))
 
 
 @functools.lru_cache(maxsize=1)
-def _categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
+def _make_categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
     return pd.CategoricalDtype(words)
 
 
 def write_estimates(table: pd.DataFrame, path: Path) -> None:
     """Write EST.csv of a table with all columns."""
-    write_table(pd.DataFrame(single(table)), path)
+    write_table(pd.DataFrame(convert_to_single(table)), path)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write CSV with the shortest digits that give the same bits back."""
     with write_atomically(path, "wb") as file:
-        file.write(csv_header(table))
+        file.write(make_csv_header(table))
         for start in range(0, len(table), BLOCK):
-            file.write(csv_rows(table.iloc[start : start + BLOCK]))
+            file.write(make_csv_rows(table.iloc[start : start + BLOCK]))
 
 
 # Columns that verdicts, remarks and events need, in the smallest types: 360 000 rows an
@@ -528,7 +528,7 @@ class Summary:
 
 
 @contextmanager
-def _stop_flag() -> Iterator[Callable[[], bool]]:
+def _catch_interrupt() -> Iterator[Callable[[], bool]]:
     """While open, let the first Ctrl-C only raise a flag; the second acts as usual."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False

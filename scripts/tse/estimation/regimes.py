@@ -67,7 +67,7 @@ class Change:
 
     @property
     def label(self) -> str:
-        known = f", {percent(self.probability)}" if np.isfinite(self.probability) else ""
+        known = f", {format_percent(self.probability)}" if np.isfinite(self.probability) else ""
         return f"{self.what} at {self.time:.2f} s{known}"
 
     @property
@@ -96,7 +96,7 @@ class Spell:
 
     @property
     def label(self) -> str:
-        return f"{self.name} {self.start:.2f} .. {self.end:.2f} s, {percent(self.probability)}"
+        return f"{self.name} {self.start:.2f} .. {self.end:.2f} s, {format_percent(self.probability)}"
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def estimate_times(table: pd.DataFrame) -> np.ndarray:
     return time - np.nan_to_num(age) if np.any(age > 0) else time
 
 
-def changes(table: pd.DataFrame) -> list[Change]:
+def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
     Every row reports the age of the last change that the filter believes in. Reports
@@ -173,7 +173,9 @@ def _make_change(
         value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
         if np.isfinite(value):
             value = float(columns[key][last] / columns[key][began]) if began < before else value
-            sd = float(np.hypot(_relative_sd(columns, key, began), _relative_sd(columns, key, last)))
+            sd = float(
+                np.hypot(_compute_relative_sd(columns, key, began), _compute_relative_sd(columns, key, last))
+            )
             ratio[key] = (value, value * sd)
     likely = max(float(np.median(probability[rows])), float(probability[last]))
     return Change(float(times[began]) if began < before else time, kind, likely, ratio, time)
@@ -206,12 +208,12 @@ def _find_begin(
     return first + int(np.argmax(gone - CREEP * (time[before] - time[first : before + 1])))
 
 
-def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
+def _compute_relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
     mean = float(columns[key][row]) if key in columns else 0.0
     return float(columns[f"{key}_sd"][row]) / mean if f"{key}_sd" in columns and mean > 0 else float("nan")
 
 
-def spells(table: pd.DataFrame) -> list[Spell]:
+def find_spells(table: pd.DataFrame) -> list[Spell]:
     """Return the intervals in which a channel was at fault or wheels slid, by their
     start."""
     if table.empty:
@@ -224,11 +226,11 @@ def spells(table: pd.DataFrame) -> list[Spell]:
         p = table[column].to_numpy()
         likely = p >= LIKELY
         if column == "p_fault" and "fault_channel" in table:
-            channel = _fill_names(table["fault_channel"].to_numpy(), spans(time, likely))
+            channel = _fill_names(table["fault_channel"].to_numpy(), find_spans(time, likely))
             for number in np.unique(channel[likely]).tolist():
-                found += _find_spells(time, p, likely & (channel == number), what, channel_name(number))
+                found += _make_spells(time, p, likely & (channel == number), what, find_channel_name(number))
         else:
-            found += _find_spells(time, p, likely, what, "")
+            found += _make_spells(time, p, likely, what, "")
     return sorted(found, key=lambda s: s.start)
 
 
@@ -243,7 +245,7 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
     return found
 
 
-def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
+def find_spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
     """Return first row and row after the last of each run of rows; shorter gaps than
     MAX_GAP are bridged."""
     found: list[tuple[int, int]] = []
@@ -254,20 +256,20 @@ def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
     return found
 
 
-def _find_spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
+def _make_spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
     return [
         Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel)
-        for a, b in spans(time, where)
+        for a, b in find_spans(time, where)
     ]
 
 
-def channel_name(number: int) -> str:
+def find_channel_name(number: int) -> str:
     """Return the name of the channel with this fault_channel; empty for 0."""
     channels = [*library().channels, *library().optional]
     return channels[number - 1].name if 0 < number <= len(channels) else ""
 
 
-def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
+def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
     """Return the stretches between changes. A stretch shorter than MIN_STRETCH joins the
     next one, the last one the one before it."""
     if table.empty:
@@ -298,7 +300,7 @@ def _join(one: Stretch, other: Stretch) -> Stretch:
     return Stretch(one.start, other.end, longest.rows)
 
 
-def words(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
+def describe_events(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
     """Return a line for each change, and for each kind of spell their number."""
     lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
     for name in dict.fromkeys(s.name for s in times):
@@ -311,7 +313,7 @@ def words(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
     return lines
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """Return a share in percent; "under 1 %" and "over 99 %" near the ends."""
     if 0 < share < 0.01:
         return "under 1 %"

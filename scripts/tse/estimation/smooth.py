@@ -21,7 +21,7 @@ MIN_FREE = 0.01
 Array = npt.NDArray[np.float64]
 
 
-def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
+def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
     """Smooth a random walk that a Kalman filter has estimated.
 
     Parameters
@@ -52,7 +52,7 @@ def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
     return np.array(m), np.array(p)
 
 
-def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
+def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
     """Return the part of each stiffness' relative variance that no row changes: model
     error and uncertain parameters of the car.
 
@@ -80,7 +80,7 @@ def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> di
     }
 
 
-def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:
+def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:
     """Return the stiffness on a stretch of road, and the sd of a row drawn at random.
 
     Parameters
@@ -93,7 +93,7 @@ def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[f
     config : Config
         Settings of the run: steady_walk.
     part : float
-        Part of the relative variance that is common to all rows; see fixed().
+        Part of the relative variance that is common to all rows (compute_fixed_parts()).
 
     Returns
     -------
@@ -112,6 +112,6 @@ def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[f
         return float("nan"), float("nan")
     whole = (sd / mean) ** 2
     free = np.maximum(whole - part, MIN_FREE * whole)
-    logs, var = backward(np.log(mean), free, config.steady_walk**2 * np.maximum(np.diff(time), 0.0))
+    logs, var = smooth_backward(np.log(mean), free, config.steady_walk**2 * np.maximum(np.diff(time), 0.0))
     value = float(np.exp(np.mean(logs)))
     return value, value * float(np.sqrt(np.mean(var + whole - free) + np.var(logs)))

@@ -11,13 +11,13 @@ from tse.estimation.regimes import (
     LIKELY,
     Change,
     Stretch,
-    channel_name,
     estimate_times,
-    percent,
-    spans,
-    stretches,
+    find_channel_name,
+    find_spans,
+    find_stretches,
+    format_percent,
 )
-from tse.estimation.smooth import fixed, smooth
+from tse.estimation.smooth import compute_fixed_parts, smooth_stretch
 from tse.library.core import GRIP, NOMINAL, STIFFNESS, Config, library
 from tse.log.rows import MEASURES
 
@@ -130,13 +130,13 @@ class Quantity:
         return f"{self.name}: {self.shown}{unit} (95 %), {self.text}"
 
 
-def verdicts(
+def make_verdicts(
     table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
 ) -> list[Verdict]:
     """Return the verdict on each stiffness, of the whole log or of a stretch.
 
-    `parts`: smooth.fixed(); with it the smoothed values are added."""
-    found = [_verdict(table, config, key, whole) for key in STIFFNESS]
+    `parts`: smooth.compute_fixed_parts(); with it the smoothed values are added."""
+    found = [_make_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
         _add_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
         for v in found
@@ -146,7 +146,7 @@ def verdicts(
 def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
     """Add the smoothed value. It is valid if rows are valid and its sd is within
     valid_sd."""
-    value, sd = smooth(rows, v.key, config, part)
+    value, sd = smooth_stretch(rows, v.key, config, part)
     if not value > 0:
         return v
     if sd > config.valid_sd * value:
@@ -192,7 +192,7 @@ class Finding:
         return [f"{self.title}:{' ' if self.nothing else ''}{self.nothing}", *(f"  {line}" for line in found)]
 
 
-def findings(
+def make_findings(
     table: pd.DataFrame,
     config: Config,
     found: Sequence[Change],
@@ -210,15 +210,20 @@ def findings(
     check_car(). The filter cannot distinguish a permanently wrong channel from a
     different car, so no stiffness of such a log is valid."""
     if contradictions:
-        return [Finding(None, [_contradict(v) for v in verdicts(table, config)])]
-    pieces, parts = stretches(table, found), fixed(table, config, uncertainty_sd or {})
+        return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
+    pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
     if len(pieces) < 2:
-        return [Finding(None, verdicts(table, config, parts=parts), others(table, config))]
+        return [
+            Finding(None, make_verdicts(table, config, parts=parts), list_other_quantities(table, config))
+        ]
     each = [(s, table.iloc[s.rows]) for s in pieces]
-    return [Finding(s, verdicts(rows, config, False, parts), others(rows, config)) for s, rows in each]
+    return [
+        Finding(s, make_verdicts(rows, config, False, parts), list_other_quantities(rows, config))
+        for s, rows in each
+    ]
 
 
-def implausible(table: pd.DataFrame) -> str:
+def describe_implausible(table: pd.DataFrame) -> str:
     """Return the contradiction of the channels that the filter finds, in words; empty if
     most driven rows and the last one are not implausible.
 
@@ -235,8 +240,8 @@ def implausible(table: pd.DataFrame) -> str:
         or against[-1] != np.flatnonzero(drives)[-1]
     ):
         return ""
-    share, last = percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
-    wheels = channel_name(int(last["fault_channel"])).startswith("wheel_speed")
+    share, last = format_percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
+    wheels = find_channel_name(int(last["fault_channel"])).startswith("wheel_speed")
     if not wheels and last["fault_factor"] == 0 and _sum_driven(table, drives)[against[0]] > AGREED:
         return ""
     return (
@@ -247,7 +252,7 @@ def implausible(table: pd.DataFrame) -> str:
 
 def _name_contradiction(row: pd.Series) -> str:
     """Return the contradiction of an implausible row, in words."""
-    channel, factor = channel_name(int(row["fault_channel"])), float(row["fault_factor"])
+    channel, factor = find_channel_name(int(row["fault_channel"])), float(row["fault_factor"])
     wheels = channel.startswith("wheel_speed")
     if wheels and factor == 0:
         return "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
@@ -260,11 +265,11 @@ def _name_contradiction(row: pd.Series) -> str:
     return f"{named} to be {factor:.3g} times the true value{also}"
 
 
-def contradictions(table: pd.DataFrame) -> list[str]:
+def list_contradictions(table: pd.DataFrame) -> list[str]:
     """Return where the channels contradict each other in part of a log, in words."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
     time, said = estimate_times(table), []
-    for first, after in spans(time, rows):
+    for first, after in find_spans(time, rows):
         last = table.iloc[np.flatnonzero(rows[first:after])[-1] + first]
         said.append(
             f"from {time[first]:.1f} to {time[after - 1]:.1f} s: {_name_contradiction(last)}: not valid there"
@@ -280,7 +285,7 @@ def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
     return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 
-def _contradict(v: Verdict) -> Verdict:
+def _mark_contradicted(v: Verdict) -> Verdict:
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
     return replace(
@@ -296,7 +301,7 @@ def _contradict(v: Verdict) -> Verdict:
     )
 
 
-def remarks(table: pd.DataFrame) -> list[str]:
+def list_remarks(table: pd.DataFrame) -> list[str]:
     """Return what the filter has found about the sensors, in words."""
     found = []
     learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
@@ -307,7 +312,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
     if "p_fault" in table:  # of a standing car the reason is "held", although the fault lasts
         off |= table["p_fault"].to_numpy() >= LIKELY
-    changes = regimes.changes(table)
+    changes = regimes.find_changes(table)
     if len(changes) >= MANY_CHANGES and len(changes) * CHANGE_INTERVAL > (
         seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])
     ):
@@ -316,17 +321,17 @@ def remarks(table: pd.DataFrame) -> list[str]:
             "a channel or the vehicle "
             "file is wrong (latency, offset, steering ratio, another car)"
         )
-    times = len(spans(estimate_times(table), off))
+    times = len(find_spans(estimate_times(table), off))
     if times:
         often = "once" if times == 1 else f"{times} times"
         found.append(
-            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not "
+            f"a sensor was probably at fault {often}, in {format_percent(float(off.mean()))} of the log: not "
             "valid there"
         )
     return found
 
 
-def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
+def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
     """Return a sentence if the lag of the steering angle contradicts the vehicle file."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
@@ -341,7 +346,7 @@ def late_steering(table: pd.DataFrame, config: Config) -> list[str]:
     ]
 
 
-def of_uncertainty(
+def list_uncertain_parameters(
     table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]
 ) -> list[str]:
     """Return a sentence for each interval that comes mostly from uncertain parameters,
@@ -359,16 +364,16 @@ def of_uncertainty(
             continue
         most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]
         mean, sd = (float(x) for x in last)
-        names = ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
+        names = ", ".join(f"{name} {format_percent(1.96 * parts[name] / mean)}" for name in most)
+        half = format_percent(1.96 * sd / mean)
         found.append(
-            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, "
-            "is parameter uncertainty: "
-            f"{names} (state in [uncertainty] what is known better; a calibration finds all but mass_sd)"
+            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {half}, is parameter uncertainty"
+            f": {names} (enter better values in [uncertainty]; a calibration finds all but mass_sd)"
         )
     return found
 
 
-def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
+def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
     """Return the verdict with the value of the last valid row, or of the last row if
     hardly any is valid.
 
@@ -392,10 +397,10 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
     value, band = at(mean), 1.96 * at(sd)
     parts = [f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %)"]
     if known:
-        parts[0] += f", valid {percent(share)} of the time"
+        parts[0] += f", valid {format_percent(share)} of the time"
     else:
         limit = (
-            f", its sd {percent(band / 1.96 / value)}, limit {percent(config.valid_sd)}"
+            f", its sd {format_percent(band / 1.96 / value)}, limit {format_percent(config.valid_sd)}"
             if reason in LIMITED
             else ""
         )
@@ -449,14 +454,14 @@ def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
     return last if time[-1] - last > RECENT else None
 
 
-def others(table: pd.DataFrame, config: Config) -> list[Quantity]:
+def list_other_quantities(table: pd.DataFrame, config: Config) -> list[Quantity]:
     """Return the verdicts on grip, if estimated, and on the largest sideslip angle."""
     if config.form or f"{GRIP}_sd" not in table:
         return []
-    return [q for q in (_grip(table, config), _sideslip(table)) if q is not None]
+    return [q for q in (_find_grip(table, config), _find_largest_sideslip(table)) if q is not None]
 
 
-def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
+def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
     """Return the grip of the last valid row, or of the last row."""
     valid = table[f"{GRIP}_valid"].to_numpy() == 1
     rows = np.flatnonzero(valid if valid.any() else _is_used(table))
@@ -467,7 +472,7 @@ def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
     value, sd = (float(table[c].iloc[at]) for c in (GRIP, f"{GRIP}_sd"))
     why = _explain(reason, GRIP)
     text = (
-        f"valid {percent(share)} of the time"
+        f"valid {format_percent(share)} of the time"
         if share > 0
         else f"not valid: {reason}{f', {why}' if why else ''}"
     )
@@ -476,7 +481,7 @@ def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
     )
 
 
-def _sideslip(table: pd.DataFrame) -> Quantity | None:
+def _find_largest_sideslip(table: pd.DataFrame) -> Quantity | None:
     """Return the sideslip angle that exceeds its own interval by most, of rows with a
     valid motion."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())

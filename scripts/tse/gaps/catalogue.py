@@ -29,13 +29,13 @@ class Own:
 Key = str | Own
 
 
-def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
+def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
     """Return the fitted values of the car, without those of one log."""
     return {k: v for k, v in values.items() if not isinstance(k, Own)}
 
 
 @dataclass(frozen=True)
-class Parameter:
+class CatalogueParameter:
     """One number that is fitted: a stiffness, or a parameter of an effect."""
 
     name: Key  # its setting, or a value of one log
@@ -75,7 +75,7 @@ class Effect:
     title: str
     channels: str
     relatives: tuple[str, ...]  # ids of its look-alikes in the catalogue
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[CatalogueParameter, ...]
     # how often cars have it: the column of src/tables/effects.toml
     occurrence: str = "SENSOR"
     # title of a value below early_below, which is of messages or the IMU; "": none
@@ -83,11 +83,11 @@ class Effect:
     early_below: float = 0.0
 
     @property
-    def strengths(self) -> tuple[Parameter, ...]:
+    def strengths(self) -> tuple[CatalogueParameter, ...]:
         return tuple(p for p in self.parameters if p.strength)
 
     @property
-    def shapes(self) -> tuple[Parameter, ...]:
+    def shapes(self) -> tuple[CatalogueParameter, ...]:
         """Shapes that a log can tell from the strength.
 
         The others keep their settings.
@@ -95,12 +95,12 @@ class Effect:
         return tuple(p for p in self.parameters if not p.strength and not p.given)
 
     @property
-    def fitted(self) -> tuple[Parameter, ...]:
+    def fitted(self) -> tuple[CatalogueParameter, ...]:
         return (*self.strengths, *self.shapes)
 
 
 @functools.cache
-def catalogue() -> dict[str, Effect]:
+def load_catalogue() -> dict[str, Effect]:
     """Return the effects that a vehicle file may lack by their ids, in the library's
     order.
     """
@@ -112,7 +112,7 @@ def catalogue() -> dict[str, Effect]:
             e.channels,
             tuple(x for x in e.look_alikes if x in rows),
             tuple(
-                Parameter(
+                CatalogueParameter(
                     p.setting,
                     p.name,
                     p.strength,
@@ -137,10 +137,10 @@ def catalogue() -> dict[str, Effect]:
 
 
 @functools.cache
-def signed_delays() -> frozenset[str]:
+def list_signed_delays() -> frozenset[str]:
     """Return the settings of delays that a fit may make negative: a negative delay is an
     early message.
     """
     return frozenset(
-        p.name for e in catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low
+        p.name for e in load_catalogue().values() if e.early for p in e.strengths if e.early_below <= p.low
     )

@@ -41,14 +41,14 @@ class Candidate:
         return sum(STEP * (len(steer) - 1) - BURN_IN for steer, _ in self.pieces)
 
 
-def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
+def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]:
     """Return a drive as the workflow takes logs. Measurements are put in later."""
     logs = []
     rows = round(BLOCK_TIME / STEP)
     for i, (steer, speed) in enumerate(candidate.pieces):
         n = len(steer) // rows * rows
         time = STEP * np.arange(n)
-        inputs = {"steer_angle": steer[:n]} | _wheels(config, steer[:n], speed[:n])
+        inputs = {"steer_angle": steer[:n]} | _compute_wheel_speeds(config, steer[:n], speed[:n])
         assert set(inputs) == set(DRIVES)
         used = time >= BURN_IN
         noise = {c: getattr(config, f"{c}_sd") for c in MEASURES}
@@ -61,7 +61,7 @@ def prepared(candidate: Candidate, config: Config) -> list[PreparedLog]:
     return logs
 
 
-def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
     """Return the wheel speeds of the nominal car, rad/s, at these angles and speeds.
 
     Straight driving gives the lateral motion, which hardly depends on them. It gives the
@@ -87,12 +87,12 @@ def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.nda
     return wheels
 
 
-def library(config: Config) -> list[Candidate]:
+def make_candidates(config: Config) -> list[Candidate]:
     """Return every manoeuvre in every size."""
-    return list(_all(config))
+    return list(_generate_candidates(config))
 
 
-def _all(c: Config) -> Iterator[Candidate]:
+def _generate_candidates(c: Config) -> Iterator[Candidate]:
     t = np.arange(round(DURATION / STEP) + 1) * STEP
     short = np.arange(round(0.5 * DURATION / STEP) + 1) * STEP
 
@@ -138,11 +138,15 @@ def _all(c: Config) -> Iterator[Candidate]:
             steer = steady(v, 2.5) * np.sin(2 * np.pi * f * t)
             yield Candidate(f"slalom of {f:g} Hz, at {v:g} m/s", ((steer, at(v)(t)),))
         for depth in (1.5, 3.0):
-            yield Candidate(f"steps of brake and throttle, {depth:g} m/s2, straight, about {v:g} m/s",
-                            ((straight(t), pulses(t, v, depth)),))  # fmt: skip
+            yield Candidate(
+                f"steps of brake and throttle, {depth:g} m/s2, straight, about {v:g} m/s",
+                ((straight(t), pulses(t, v, depth)),),
+            )
         turn = steady(v, 3.0) * make_square(t, 12.0)
-        yield Candidate(f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
-                        ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),))  # fmt: skip
+        yield Candidate(
+            f"brake and throttle of 3 m/s2 in turns of 3 m/s2, about {v:g} m/s",
+            ((gaussian_filter1d(turn, 10 * HAND / STEP), pulses(t, v, 3.0)),),
+        )
         yield Candidate(f"straight on at {v:g} m/s", ((straight(t), at(v)(t)),))
     for name, steer in (
         ("steering sine sweep 0.2 .. 3 Hz, 3 m/s2", sweep),

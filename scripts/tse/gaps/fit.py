@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tse.gaps.catalogue import Key, Parameter
+from tse.gaps.catalogue import CatalogueParameter, Key
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
@@ -29,15 +29,15 @@ SEED = 1  # of the bootstrap
 class Fit:
     """A fitted model."""
 
-    parameters: list[Parameter]
+    parameters: list[CatalogueParameter]
     values: dict[Key, float]
     residuals: np.ndarray
     jacobian: np.ndarray
 
 
-def fit(
+def fit_parameters(
     problem: Problem,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[CatalogueParameter],
     start: Mapping[Key, float],
     most: int = 12,
     tolerance: float = TOLERANCE,
@@ -84,7 +84,7 @@ def fit(
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
 
 
-def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
+def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return the integrated autocorrelation of each channel, in blocks, at least 1.
 
     So many blocks of residual count as one independent block.
@@ -108,14 +108,14 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     return found
 
 
-def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
+def compute_gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return the rms of the residual over the noise of the sensor, by channel; 1 is
     noise.
     """
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
-def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
+def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Return the energy above the noise of the sensors, by channel.
 
     A floor under the noise does not make the gap smaller.
@@ -126,18 +126,18 @@ def excess_of(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     }
 
 
-def excess(problem: Problem, residuals: np.ndarray) -> float:
+def compute_excess(problem: Problem, residuals: np.ndarray) -> float:
     """Return the energy above the noise of the sensors, of all channels."""
-    return sum(excess_of(problem, residuals).values())
+    return sum(compute_channel_excess(problem, residuals).values())
 
 
-def covariance(problem: Problem, f: Fit) -> np.ndarray:
+def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
     """Return the covariance of the parameters, with correlated residuals.
 
     It is a sandwich with the autocorrelation of each channel. The covariance of the noise
     alone is 2 to 15 times too small where the forms of the model differ.
     """
-    length = lengths(problem, f.residuals)
+    length = compute_correlation_lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
     for channel, t in length.items():
         rows = problem.rows.of(channel)
@@ -151,7 +151,7 @@ def covariance(problem: Problem, f: Fit) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Change:
+class ChannelChange:
     """One channel before and after."""
 
     before: float  # rms over noise
@@ -164,7 +164,7 @@ class Change:
         return self.ci95[1] < 0.0
 
 
-def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, Change]:
+def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, ChannelChange]:
     """Compare two models by whitened residuals of the same logs, by channel. Seeded."""
     rng = np.random.default_rng(SEED)
     found = {}
@@ -176,7 +176,7 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
         draws = rng.integers(0, len(count), (DRAWS, len(count)))
         n0, n1 = e0[draws].sum(axis=1), e1[draws].sum(axis=1)
         ratio = np.sqrt(n1 / np.maximum(n0, 1e-300)) - 1.0
-        found[c] = Change(
+        found[c] = ChannelChange(
             float(np.sqrt(e0.sum() / count.sum())),
             float(np.sqrt(e1.sum() / count.sum())),
             float(np.sqrt(e1.sum() / max(e0.sum(), 1e-300)) - 1.0),

@@ -44,20 +44,20 @@ def run_in_processes(
             # Python 3.12 warns of threads in what is copied: they sleep, and copies use
             # none of their locks
             warnings.simplefilter("ignore", DeprecationWarning)
-            with multiprocessing.get_context("fork").Pool(min(jobs, len(asked)), _begin) as copies:
-                return copies.map(_one, range(len(asked)), chunksize=1)
+            with multiprocessing.get_context("fork").Pool(min(jobs, len(asked)), _begin_worker) as copies:
+                return copies.map(_run_one, range(len(asked)), chunksize=1)
     finally:
         _work = None
 
 
-def _begin() -> None:
+def _begin_worker() -> None:
     global _copy
     _copy = True
     # it is this process's, which ends its copies
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _one(k: int) -> Any:
+def _run_one(k: int) -> Any:
     assert _work is not None
     do, asked = _work
     return do(asked[k])

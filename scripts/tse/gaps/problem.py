@@ -3,7 +3,7 @@ sensors' noise.
 
 Stiffness and effect parameters are the same over all logs; the bias of each sensor is one
 number per log, found in closed form (residuals are linear in it). Residuals are means
-over average_blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
+over blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
 has residuals of size one.
 """
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, Key, Own, Parameter, of_the_car, signed_delays
+from tse.gaps.catalogue import CatalogueParameter, Effect, Key, Own, drop_log_values, list_signed_delays
 from tse.gaps.parallel import is_copy
 from tse.identify.data import COMPARED_CHANNELS, PreparedLog, average_blocks, simulate
 from tse.identify.knots import KNOT_DISTANCE, KNOT_SD, PROFILES
@@ -24,7 +24,9 @@ from tse.library.core import NOMINAL, Config
 from tse.log.rows import MEASURES
 
 STIFFNESS = tuple(
-    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
+    CatalogueParameter(
+        name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's"
+    )
     for name in NOMINAL
 )
 
@@ -59,7 +61,7 @@ class Problem:
         # values that are not fitted, and not those of the settings
         self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
-        self.given = {name: self.nominal[name] for name in signed_delays()}
+        self.given = {name: self.nominal[name] for name in list_signed_delays()}
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
@@ -92,13 +94,13 @@ class Problem:
 
     # ---- parameters
 
-    def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
+    def strengths(self, effect: Effect) -> tuple[CatalogueParameter, ...]:
         """Return the fitted strengths of an effect, or the road profiles of the logs."""
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
         return tuple(
-            Parameter(
+            CatalogueParameter(
                 Own(effect.id, i, k),
                 "profile",
                 True,
@@ -114,10 +116,10 @@ class Problem:
                 prior,
             )
             for i in range(len(self.logs))
-            for k in range(self._knots(i))
+            for k in range(self._count_knots(i))
         )
 
-    def _knots(self, i: int) -> int:
+    def _count_knots(self, i: int) -> int:
         return int(self.logs[i].distance[-1] // KNOT_DISTANCE) + 2
 
     # ---- layout
@@ -186,8 +188,8 @@ class Problem:
 
     def model(self, values: Mapping[Key, float]) -> Config:
         """Return the settings of the effects."""
-        values = of_the_car(self.fixed | dict(values))
-        others = {*NOMINAL, *LATENT, *signed_delays()}
+        values = drop_log_values(self.fixed | dict(values))
+        others = {*NOMINAL, *LATENT, *list_signed_delays()}
         return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
@@ -202,7 +204,7 @@ class Problem:
         the whole IMU is behind the channels that drive the model.
         """
         values = self.fixed | dict(values)
-        if LATENT.isdisjoint(values) and signed_delays().isdisjoint(values):
+        if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
         steering = (
@@ -224,7 +226,7 @@ class Problem:
         # mostly none: this is asked often
         own = [k for k in values if isinstance(k, Own) and k.log == i]
         for effect in PROFILES if own else ():
-            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
+            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._count_knots(i))]
             if any(knots):
                 found[effect] = np.interp(self.logs[i].distance, KNOT_DISTANCE * np.arange(len(knots)), knots)
         return found
@@ -277,7 +279,7 @@ class Problem:
         return difference - mean[self.rows.group]
 
     def moved(
-        self, values: Mapping[Key, float], parameters: Sequence[Parameter], reach: float = 1.0
+        self, values: Mapping[Key, float], parameters: Sequence[CatalogueParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
         """Yield moves of parameters, `reach` times their steps, and predict() with them.
 
@@ -285,7 +287,7 @@ class Problem:
         one of each log.
         """
 
-        def shifted(p: Parameter) -> float:
+        def shifted(p: CatalogueParameter) -> float:
             x, h = values.get(p.name, p.default), reach * p.step
             return h if p.low <= x + h <= p.high else -h
 
@@ -303,7 +305,7 @@ class Problem:
         self,
         values: Mapping[Key, float],
         base: np.ndarray,
-        parameters: Sequence[Parameter],
+        parameters: Sequence[CatalogueParameter],
         reach: float = 1.0,
     ) -> np.ndarray:
         """Return the slopes of the whitened residuals, by finite differences."""

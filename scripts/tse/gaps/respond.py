@@ -19,7 +19,7 @@ ROAD = "bank"
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
-def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
+def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
     """Return the signals of formulas and dt, s, of each log, a value a block.
 
     They are from inputs and simulation, by their names in formulas.
@@ -34,14 +34,14 @@ def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.
     for i in range(len(problem.logs)):
         first = rows.group[rows.log == i].min() if (rows.log == i).any() else -1
         mine = rows.group == first
-        s = {n: _filled(x[mine]) for n, x in simulated.items()}
+        s = {n: _fill_gaps(x[mine]) for n, x in simulated.items()}
         s["yaw_rate"] = s.pop("true_yaw_rate")
-        s["steer_angle"] = _filled(steer[mine])
+        s["steer_angle"] = _fill_gaps(steer[mine])
         v = np.maximum(s["vel_x"], MIN_FIT_SPEED)
         s["slip_angle_front"] = s["steer_angle"] - (s["vel_y"] + c.lf * s["yaw_rate"]) / v
         s["slip_angle_rear"] = (c.lr * s["yaw_rate"] - s["vel_y"]) / v
         for a in ("front", "rear"):
-            s[f"slip_{a}"] = _filled(wheels[a][mine]) / v - 1.0
+            s[f"slip_{a}"] = _fill_gaps(wheels[a][mine]) / v - 1.0
         time = rows.time[mine].astype(float)
         s["time"] = time
         s["dt"] = np.clip(np.diff(time, prepend=time[0] - BLOCK_TIME), 0.01, 1.0)
@@ -49,7 +49,7 @@ def signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.
     return found
 
 
-def _filled(x: np.ndarray) -> np.ndarray:
+def _fill_gaps(x: np.ndarray) -> np.ndarray:
     """Return blocks with gaps filled by their neighbours."""
     bad = ~np.isfinite(x)
     if bad.any() and not bad.all():
@@ -58,7 +58,7 @@ def _filled(x: np.ndarray) -> np.ndarray:
     return np.nan_to_num(x)
 
 
-def responses(
+def compute_responses(
     problem: Problem,
     values: Mapping[str, float],
     at: list[dict[str, np.ndarray]],
@@ -67,13 +67,13 @@ def responses(
 ) -> np.ndarray:
     """Return the change of the whitened residuals by a unit of each form at a place.
 
-    Its shape is (entries, forms). `at` is that of signals(). `forms` is an array (blocks,
-    forms) of each log, in the unit of the place.
+    Its shape is (entries, forms). `at` is that of compute_signals(). `forms` is an array
+    (blocks, forms) of each log, in the unit of the place.
     """
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
     for i, (s, u) in enumerate(zip(at, forms, strict=True)):
-        for channel, x in _moved(c, problem.stiffness(values), s, place, u).items():
+        for channel, x in _move_simulation(c, problem.stiffness(values), s, place, u).items():
             mine = (rows.log == i) & rows.of(channel)
             if mine.any():
                 change[mine] = x
@@ -83,7 +83,7 @@ def responses(
     return white
 
 
-def _moved(
+def _move_simulation(
     c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the simulation with a form. `k` is the stiffness over the settings'."""

@@ -15,7 +15,7 @@ sum C of the longitudinal stiffnesses,
 A car follows its wheels with the lag m v/C. So y is the difference between the wheel
 speeds and those that the accelerometer implies. The reason: wheel speeds drive the
 simulation, and its acceleration contains the slope of their noise. Soft tyres and late
-wheels compute_moving_average that noise, and would fit accel_x better than the true car does. C is that
+wheels average that noise, and would fit accel_x better than the true car does. C is that
 of the prior: it defines the comparison and is not searched.
 
 Between wheels and accel_x only the difference of the latencies counts. accel_y and

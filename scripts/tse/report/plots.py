@@ -55,7 +55,7 @@ LOOKS = {  # of every figure
 AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
 
 
-def layout(figure: Any, height: int, **more: object) -> Any:
+def set_layout(figure: Any, height: int, **more: object) -> Any:
     """Give a figure of plotly the looks of these pages."""
     figure.update_layout(height=height, margin={"l": 66, "r": 18, "t": 64, "b": 48}, **LOOKS)
     figure.update_layout(**more)
@@ -67,7 +67,7 @@ def layout(figure: Any, height: int, **more: object) -> Any:
     return figure
 
 
-def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
+def draw_lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
     """Return a figure of rows, each with a title, and name, time and values of each
     line."""
     import plotly.graph_objects as go
@@ -94,7 +94,7 @@ STYLE = {
 
 
 @contextmanager
-def picture_of(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
+def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
     """Give matplotlib's pyplot; write the figure that the block draws as PNG."""
     try:
         import matplotlib
@@ -130,7 +130,7 @@ def match_reference(column: str) -> str | None:
     return None
 
 
-def thin(y: np.ndarray, stride: int) -> np.ndarray:
+def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
     """Return min and max of every `stride` values of a line, in their order, so that
     peaks survive. `y`: a line, or lines as rows."""
     if stride == 1:
@@ -146,35 +146,37 @@ def thin(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pick_rows(rows: int, stride: int) -> np.ndarray:
-    """Return the rows at which the values of thin() are drawn."""
+    """Return the rows at which the values of thin_rows() are drawn."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
     return np.minimum(np.stack([first, first + stride // 2], axis=1).ravel(), rows - 1)
 
 
-def stride_for(rows: int, most: int) -> int:
-    """Return the stride of thin() that leaves at most about `most` points of a line."""
+def find_stride(rows: int, most: int) -> int:
+    """Return the stride of thin_rows() that leaves about `most` points of a line."""
     return 1 if rows <= most else -(-2 * rows // most)
 
 
 def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a line of about `most` points with its peaks, broken by NaN where `time`
     jumps by more than `hole` s."""
-    stride = stride_for(len(y), most)
+    stride = find_stride(len(y), most)
     xs, ys = [], []
     for part in np.split(np.arange(len(y)), 1 + np.flatnonzero(np.diff(time) > hole)):
         if xs:
             xs.append(time[part[:1]])
             ys.append(np.array([np.nan]))
         xs.append(time[part][pick_rows(len(part), stride)] if len(part) else time[part])
-        ys.append(thin(y[part], stride))
+        ys.append(thin_rows(y[part], stride))
     return np.concatenate(xs), np.concatenate(ys)
 
 
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return the row of the min of y in every `stride` rows, twice, as thin() has its
-    values: for lines that belong together."""
+    """Return the row of the min of y in every `stride` rows, twice.
+
+    These are the rows of thin_rows(), for lines that belong together.
+    """
     if stride == 1:
         return np.arange(len(y))
     rest = np.full(-len(y) % stride, np.inf)
@@ -182,7 +184,7 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
     return np.repeat(buckets.argmin(axis=1) + stride * np.arange(len(buckets)), 2)
 
 
-def stride_of(rows: int) -> int:
+def find_block_stride(rows: int) -> int:
     """Return a stride that is a power of two, so that blocks of a run are whole
     numbers of strides."""
     return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
@@ -193,7 +195,7 @@ class Data:
     estimates block by block; all but the last block are a multiple of `stride` rows."""
 
     def __init__(self, log: CheckedLog):
-        self.stride = stride_of(len(log))
+        self.stride = find_block_stride(len(log))
         self.rows = 0
         self._log = log
         self._lines: dict[str, list[np.ndarray]] = {}
@@ -204,9 +206,9 @@ class Data:
         columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
         at = pick_rows(count, self.stride)
-        lines = drawn(columns)
+        lines = compute_drawn_lines(columns)
         for name, y in zip(
-            lines, thin(np.array(list(lines.values())), self.stride).astype(np.float32), strict=True
+            lines, thin_rows(np.array(list(lines.values())), self.stride).astype(np.float32), strict=True
         ):
             self._lines.setdefault(name, []).append(y)
         if all(p in columns for p in REGIMES):
@@ -237,7 +239,7 @@ class Data:
         return time - age if np.any(age > 0) else time
 
     def line(self, name: str) -> np.ndarray:
-        """Return a line of drawn()."""
+        """Return a line of compute_drawn_lines()."""
         return np.concatenate(self._lines[name])
 
     def __contains__(self, name: str) -> bool:
@@ -252,7 +254,7 @@ class Data:
         column = self._log.data[name] if name in self._log.data else self._log.ref[name]
         y = column.to_numpy()[: self.rows]
         return np.concatenate(
-            [thin(y[i : i + THIN_ROWS], self.stride) for i in range(0, max(len(y), 1), THIN_ROWS)]
+            [thin_rows(y[i : i + THIN_ROWS], self.stride) for i in range(0, max(len(y), 1), THIN_ROWS)]
         )
 
     def references(self, quantity: str | None) -> list[str]:
@@ -279,7 +281,7 @@ OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age"
 PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", "noise") for c in MEASURES))
 
 
-def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the lines that are drawn of rows of EST.csv, in the units of the plots.
     `x_low` and `x_high` are the 95 % interval."""
     lines = {}
@@ -415,7 +417,7 @@ def _draw_band(
         )
 
 
-def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None:
+def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None:
     """Shade the intervals where `where` is true. If there are too many, bridge the
     shortest gaps."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
@@ -445,7 +447,7 @@ def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None
     ]
 
 
-def stiffness_figure(
+def draw_stiffness(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
     """Return means with their 95 % intervals, of particle filters the spread, too:
@@ -505,7 +507,7 @@ def stiffness_figure(
             _draw_line(
                 figure, row, d.logged_time, y, "reference", ORANGE, first and i == 0, width=1.8, dash="dash"
             )
-        shade(figure, row, time, table[f"{key}_valid"].to_numpy() != 1)
+        shade_intervals(figure, row, time, table[f"{key}_valid"].to_numpy() != 1)
         mean = table[key].to_numpy() / 1000
         top = (
             np.nanmax([1.5 * nominal, 1.25 * np.nanquantile(mean, 0.99)])
@@ -515,7 +517,7 @@ def stiffness_figure(
         figure.y_axis(row)["range"] = [0, float(min(top, 6 * nominal))]
     if regimes:
         _draw_regimes(figure, len(STIFFNESS) + 1, d)
-    mark(figure, len(titles), changes, spells)
+    mark_events(figure, len(titles), changes, spells)
     return figure
 
 
@@ -538,7 +540,7 @@ def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
     figure.y_axis(row).update(range=[0, 1], tickformat=".0%", dtick=0.5)
 
 
-def mark(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
+def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
     """Draw a line through all rows for each change, with its name in `row`; the same
     for the most probable spells."""
     figure.layout["shapes"] += [
@@ -575,7 +577,7 @@ def mark(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[S
     ]
 
 
-def states_figure(d: Data, grip: bool = False) -> Figure:
+def draw_states(d: Data, grip: bool = False) -> Figure:
     """Return states with their 95 % intervals, references and measured values. `grip`:
     it is estimated."""
     rows = [
@@ -610,7 +612,7 @@ def states_figure(d: Data, grip: bool = False) -> Figure:
     return figure
 
 
-def inputs_figure(d: Data) -> Figure:
+def draw_inputs(d: Data) -> Figure:
     """Return the channels of the log."""
     rows = [
         ("Steering angle [rad]", ["steer_angle"]),
@@ -644,7 +646,7 @@ UNEXPLAINED = (
 )
 
 
-def health_figure(d: Data) -> Figure:
+def draw_health(d: Data) -> Figure:
     """Return biases, log-likelihood, innovations or effective particles, status; the
     estimated noise where it differs from the settings; the model discrepancy, if the
     estimates have it."""
@@ -711,7 +713,7 @@ def health_figure(d: Data) -> Figure:
     return figure
 
 
-def others_figure(d: Data) -> Figure | None:
+def draw_other_references(d: Data) -> Figure | None:
     """Return reference columns that belong to no quantity of the estimator; None:
     there are none."""
     names = d.references(None)

@@ -14,15 +14,15 @@ from markupsafe import Markup
 
 from tse.car.vehicle import Vehicle
 from tse.estimation import regimes
-from tse.estimation.answer import beside, held
+from tse.estimation.answer import compute_held_stiffness, describe_rest
 from tse.estimation.estimate import Estimates
-from tse.estimation.verdict import Finding, findings
+from tse.estimation.verdict import Finding, make_findings
 from tse.library import __version__
 from tse.library.core import Config, library
 from tse.library.files import write_atomically
 from tse.log.rows import CheckedLog
 from tse.report import plots
-from tse.report.results import run_facts
+from tse.report.results import list_run_facts
 
 MAX_CARDS = 6  # stretches of road with a card; the table has all
 MAX_TABLE_EVENTS = 200  # in the table
@@ -44,41 +44,41 @@ def write_report(
 
     `data`: lines that were collected during the run; `judged`: its changes and
     findings. Without them both are made from the table of `est`. `contradictions`: as
-    in verdict.findings()."""
+    in verdict.make_findings()."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
     if judged is None:
-        changes = regimes.changes(est.table)
-        judged = changes, findings(est.table, config, changes, contradictions, est.uncertainty_sd)
-    (changes, found), spells = judged, regimes.spells(est.table)
+        changes = regimes.find_changes(est.table)
+        judged = changes, make_findings(est.table, config, changes, contradictions, est.uncertainty_sd)
+    (changes, found), spells = judged, regimes.find_spells(est.table)
     sections = [
         (
             "Stiffness",
             "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to "
             "reset; all plots "
             "share the time axis.",
-            plots.stiffness_figure(data, est.table, config, changes, spells),
+            plots.draw_stiffness(data, est.table, config, changes, spells),
         ),
         (
             "States",
             "Estimates against the reference columns of the log, where there are any.",
-            plots.states_figure(data, config.form == 0 and config.grip_sd > 0),
+            plots.draw_states(data, config.form == 0 and config.grip_sd > 0),
         ),
         (
             "Inputs and measurements",
             "The log as it was read; references are off until their legend entry is clicked.",
-            plots.inputs_figure(data),
+            plots.draw_inputs(data),
         ),
         (
             "Health of the filter",
             "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
-            plots.health_figure(data),
+            plots.draw_health(data),
         ),
         (
             "Other reference columns",
             "Columns of the log that start with ref_ and match no estimate.",
-            plots.others_figure(data),
+            plots.draw_other_references(data),
         ),
     ]
     write_page(
@@ -90,11 +90,11 @@ def write_report(
         findings=found,
         spread=config.form != 0,
         most=MAX_CARDS,
-        events=events(changes, spells),
-        facts=run_facts(est, log, vehicle, config, data.stride),
+        events=list_events(changes, spells),
+        facts=list_run_facts(est, log, vehicle, config, data.stride),
         changed=[(config.fields[name], value) for name, value in config.changed().items()],
         notes=notes,
-        filters={"held": held, "beside": beside},
+        filters={"held": compute_held_stiffness, "beside": describe_rest},
     )
 
 
@@ -116,8 +116,8 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
             {"id": f"plot{i}", "title": title, "text": text, "height": height}
             for i, ((title, text, _), height) in enumerate(zip(shown, heights, strict=True))
         ],
-        figures=packed(orjson.dumps(figures, option=orjson.OPT_SERIALIZE_NUMPY)),
-        plotly=packed(pkgutil.get_data("plotly", "package_data/plotly.min.js") or b"") if shown else "",
+        figures=pack_text(orjson.dumps(figures, option=orjson.OPT_SERIALIZE_NUMPY)),
+        plotly=pack_text(pkgutil.get_data("plotly", "package_data/plotly.min.js") or b"") if shown else "",
         library=library(),
         version=__version__,
         **words,
@@ -126,23 +126,23 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
         file.write(page)
 
 
-def events(
+def list_events(
     changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]
 ) -> list[tuple[str, str, str, str]]:
     """Return the events in order of time: when, what, probability, effect."""
     rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
     rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
     likeliest = sorted(rows, key=lambda r: -r[3])[:MAX_TABLE_EVENTS]
-    return [(when, what, regimes.percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
+    return [(when, what, regimes.format_percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
 
 
-def packed(text: str | bytes) -> Markup:
+def pack_text(text: str | bytes) -> Markup:
     """Return text compressed, in letters that need no escaping."""
     data = text.encode() if isinstance(text, str) else text
     return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
 
 
-def figures_of(page: str) -> list[dict]:
+def read_figures(page: str) -> list[dict]:
     """Return the figures inside a report, unpacked, for tests and scripts."""
     packed = page.split('id="figures">', 1)[1].split("<", 1)[0]
     return json.loads(gzip.decompress(base64.b64decode(packed)))

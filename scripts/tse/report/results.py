@@ -51,7 +51,7 @@ COLUMNS: dict[str, str] = {
 }
 
 
-def exit_code(found: Sequence[Finding]) -> int:
+def choose_exit_code(found: Sequence[Finding]) -> int:
     """Return USABLE if every stiffness is usable on some stretch, NOTHING if none has
     a value on any, else IN_PART."""
     best: dict[str, str] = {}
@@ -61,7 +61,7 @@ def exit_code(found: Sequence[Finding]) -> int:
     return USABLE if levels == {"good"} else NOTHING if levels == {"none"} else IN_PART
 
 
-def rows(
+def make_rows(
     log: Path,
     est: Estimates,
     found: Sequence[Finding],
@@ -132,17 +132,17 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
     }
 
 
-def document(
+def make_document(
     log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return an estimate as a JSON document. `said`: further entries, such as vehicle,
     notes and files."""
-    changes, spells = regimes.changes(est.table), regimes.spells(est.table)
+    changes, spells = regimes.find_changes(est.table), regimes.find_spells(est.table)
     time = est.table["time"]
     keys, per = ("stretch", "start", "end"), len(found[0].verdicts)
     table = [
         {k: x for k, x in r.items() if k not in ("log", "warnings")}
-        for r in rows(log, est, found, changes, ())
+        for r in make_rows(log, est, found, changes, ())
     ]
     return {
         "tselab": __version__,
@@ -151,8 +151,8 @@ def document(
         **said,
         "rows": len(est),
         "seconds": float(time.iloc[-1] - time.iloc[0]) if len(est) else 0.0,
-        "usable": CODES[exit_code(found)],
-        "exit_code": exit_code(found),
+        "usable": CODES[choose_exit_code(found)],
+        "exit_code": choose_exit_code(found),
         "settings": dict(config.changed()),
         "stretches": [
             {
@@ -172,14 +172,14 @@ def _drop_keys(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
     return {k: x for k, x in row.items() if k not in keys}
 
 
-def plain(x: Any) -> Any:
+def convert_to_plain(x: Any) -> Any:
     """Return data in types of JSON: NaN is None, paths are texts."""
     if isinstance(x, Mapping):
-        return {str(k): plain(v) for k, v in x.items()}
+        return {str(k): convert_to_plain(v) for k, v in x.items()}
     if isinstance(x, (list, tuple, set)):
-        return [plain(v) for v in x]
+        return [convert_to_plain(v) for v in x]
     if isinstance(x, np.generic):
-        return plain(x.item())
+        return convert_to_plain(x.item())
     if isinstance(x, float):
         return x if np.isfinite(x) else None
     return str(x) if isinstance(x, Path) else x
@@ -188,9 +188,9 @@ def plain(x: Any) -> Any:
 # ---- tables
 
 
-def as_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
+def make_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
     """Return rows as a data frame with these columns and types, in this order."""
-    return pd.DataFrame([plain(r) for r in table], columns=list(columns)).astype(dict(columns))
+    return pd.DataFrame([convert_to_plain(r) for r in table], columns=list(columns)).astype(dict(columns))
 
 
 def write_rows(
@@ -198,7 +198,7 @@ def write_rows(
 ) -> None:
     """Write rows as Parquet or CSV, by the name. `columns`: order and types; None:
     those of the first row."""
-    frame = as_frame(table, columns) if columns else pd.DataFrame([plain(r) for r in table])
+    frame = make_frame(table, columns) if columns else pd.DataFrame([convert_to_plain(r) for r in table])
     with write_atomically(path, "wb") as file:
         if is_parquet(path):
             frame.to_parquet(file, index=False)
@@ -209,7 +209,7 @@ def write_rows(
 # ---- facts of a run, for the terminal and the report
 
 
-def run_facts(
+def list_run_facts(
     est: Estimates, log: CheckedLog, vehicle: Vehicle, config: Config, stride: int = 1
 ) -> list[tuple[str, str]]:
     """Return the facts of a run: a name and a value each."""

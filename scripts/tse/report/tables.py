@@ -10,7 +10,7 @@ from tse.car.vehicle import (
     list_uncertainty_settings,
     list_vehicle_settings,
 )
-from tse.estimation.estimate import est_columns, est_fields
+from tse.estimation.estimate import list_est_columns, list_est_fields
 from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Config, Field, library
 
 
@@ -28,7 +28,7 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
     return "\n".join(lines)
 
 
-def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
+def format_markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
     """Return the lines of a table in Markdown. All but the first `left` columns are
     numbers."""
     lines = ["|" + "|".join(f" {c} " if c else " " for c in cells) + "|" for cells in (head, *rows)]
@@ -46,7 +46,7 @@ def settings_table(which: int = CONFIG) -> str:
     return text_table(rows, right=(1,))
 
 
-def log_columns() -> list[list[str]]:
+def list_log_columns() -> list[list[str]]:
     """Return name, unit, range and meaning of each column of a log."""
     rows = [["time", "s", "increasing", "time of the row"]]
     return rows + [[f.name, f.unit, f"{f.low:g} .. {f.high:g}", f.text] for f in library().channels]
@@ -54,20 +54,20 @@ def log_columns() -> list[list[str]]:
 
 def log_columns_table() -> str:
     """Return the columns of a log as text."""
-    return text_table(log_columns())
+    return text_table(list_log_columns())
 
 
-def estimate_columns() -> list[list[str]]:
+def list_estimate_columns() -> list[list[str]]:
     """Return name, unit and meaning of each column of EST.csv after time."""
     rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
-    for f in est_fields():
+    for f in list_est_fields():
         rows[f.name] = [f.name, _find_unit(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
-    return [rows[name] for name in est_columns() if name != "time"]
+    return [rows[name] for name in list_est_columns() if name != "time"]
 
 
 def est_columns_table() -> str:
     """Return the columns of EST.csv as text."""
-    return text_table(estimate_columns())
+    return text_table(list_estimate_columns())
 
 
 def codes_table() -> str:

@@ -45,7 +45,7 @@ class Drive:
     error: str = ""  # reason why it cannot be run
 
 
-def drives(
+def find_drives(
     words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path
 ) -> list[Drive]:
     """Return all logs, car by car in order of time.
@@ -54,7 +54,7 @@ def drives(
     have `vehicle`, and each folder of logs is a car, or all belong to `car`."""
     logs = _find_logs(words, out, table)
     found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
-    timed = [replace(d, start=s, start_from=f) for d in found for s, f in (started(d.log),)]
+    timed = [replace(d, start=s, start_from=f) for d in found for s, f in (find_start(d.log),)]
     return sorted(timed, key=lambda d: (d.car, d.start, str(d.log)))
 
 
@@ -208,7 +208,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
 # ---- time
 
 
-def started(path: Path) -> tuple[float, str]:
+def find_start(path: Path) -> tuple[float, str]:
     """Return the start of a drive, s since 1970, and its source: the log, its name, or
     the time of the file."""
     for source, of in (("log", _read_log_start), ("name", _read_name_date)):

@@ -61,7 +61,8 @@ class Store:
 
     def name(self, drive: Drive) -> str:
         """Return the name of the files of a log: readable, and unique."""
-        return f"{_clean_name(drive.car)}-{_clean_name(drive.log.stem)}-{_shorten_digest(str(resolve_path(drive.log)))}"
+        digest = _shorten_digest(str(resolve_path(drive.log)))
+        return f"{_clean_name(drive.car)}-{_clean_name(drive.log.stem)}-{digest}"
 
     def estimates(self, drive: Drive) -> Path:
         (self.out / ESTIMATES).mkdir(exist_ok=True)
@@ -88,7 +89,7 @@ class Store:
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
                 kept is None
-                or kept["key"] != key_of(task)
+                or kept["key"] != compute_key(task)
                 or (kept["report"] and not (self.out / kept["report"]).is_file())
             ):
                 return None
@@ -109,7 +110,7 @@ class Store:
             outcome.report = None
         said = {k: v for k, v in vars(outcome).items() if k != "report"}
         said["learnt"] = base64.b64encode(outcome.learnt or b"").decode()
-        kept = results.plain({"key": key_of(task), "report": report, "outcome": said})
+        kept = results.convert_to_plain({"key": compute_key(task), "report": report, "outcome": said})
         write_sealed(self.out / DONE / f"{self.name(drive)}.json", kept)
         return Done(drive, outcome, report)
 
@@ -122,13 +123,13 @@ class Store:
                 write_learnt(
                     self.out / LEARNT / f"{_name_car_files(car)}.tse", mine[-1].outcome.learnt or b""
                 )
-        frame = table(done)
+        frame = make_table(done)
         with write_atomically(self.out / TABLE, "wb") as file:
             frame.to_parquet(file, index=False)
         return frame
 
 
-def table(done: Sequence[Done]) -> pd.DataFrame:
+def make_table(done: Sequence[Done]) -> pd.DataFrame:
     """Return a row per log, stretch of road and stiffness; for a log that cannot be
     read one row with its error."""
     rows: list[dict[str, Any]] = []
@@ -146,14 +147,14 @@ def table(done: Sequence[Done]) -> pd.DataFrame:
             rows.append({**about, "error": d.outcome.error or "no row could be used", "usable": "no"})
         rows += [{**row, **about} for row in d.outcome.rows]
     frame = pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict(COLUMNS))
-    for log, text in unlike(frame).items():
+    for log, text in find_unlike_tyres(frame).items():
         mine = frame["log"] == log
         before = frame.loc[mine, "warnings"]
         frame.loc[mine, "warnings"] = (before.fillna("") + "\n" + text).str.strip()
     return frame
 
 
-def unlike(frame: pd.DataFrame) -> dict[str, str]:
+def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     """Return a sentence for each log whose tyres are much stiffer than in the other logs
     of its car.
 
@@ -180,7 +181,7 @@ def unlike(frame: pd.DataFrame) -> dict[str, str]:
     }
 
 
-def key_of(task: Task) -> str:
+def compute_key(task: Task) -> str:
     """Return a digest of everything that an outcome depends on. Logs count by size and
     time: to read them takes as long as to run them."""
     digest = hashlib.sha256()

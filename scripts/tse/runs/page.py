@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tse.estimation.answer import WHERE, why_not
+from tse.estimation.answer import WHERE, explain_reason
 from tse.estimation.verdict import NAMES
 from tse.library.core import STIFFNESS
 from tse.report.plots import BLUE, GREEN, ORANGE, Figure
 from tse.report.report import write_page
 from tse.report.results import CODES, KILO
 from tse.runs.keep import TABLE, Done
-from tse.runs.run import each
+from tse.runs.run import group_by_car
 
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
@@ -86,7 +86,7 @@ class Car:
         return sum(d.outcome.seconds for d in self.done) / 3600
 
 
-def cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
+def list_cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
     """Return all cars, the softest first."""
     known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
     last = known.groupby(["car", "stiffness"], sort=False).tail(1)
@@ -97,23 +97,25 @@ def cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
     why: dict[str, dict[str, str]] = {}
     for r in table[table["stiffness"].notna()].groupby(["car", "stiffness"], sort=False).tail(1).itertuples():
         if r.stiffness not in of.get(r.car, {}):
-            why.setdefault(r.car, {})[r.stiffness] = why_not(
+            why.setdefault(r.car, {})[r.stiffness] = explain_reason(
                 r.stiffness, r.reason if isinstance(r.reason, str) else ""
             )
-    found = (Car(name, mine, of.get(name, {}), why.get(name, {})) for name, mine in each(done))
+    found = (Car(name, mine, of.get(name, {}), why.get(name, {})) for name, mine in group_by_car(done))
     return sorted(found, key=lambda c: (c.place, c.name))
 
 
-def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> None:
+def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> None:
     """Write the page."""
-    all_cars = cars(done, table)
+    all_cars = list_cars(done, table)
     sections = []
     if any(c.last for c in all_cars):
         text = "The last estimate of each car with its 95 % interval; the softest first."
-        sections.append(("Cars", text, distribution(all_cars)))
+        sections.append(("Cars", text, draw_distribution(all_cars)))
     drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MAX_TRENDS]
     for c in drawn:
-        sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", trend(c, table)))
+        sections.append(
+            (f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", draw_trend(c, table))
+        )
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
     write_page(
         path,
@@ -145,7 +147,7 @@ def _collect_remarks(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
     return found
 
 
-def distribution(all_cars: Sequence[Car]) -> Figure:
+def draw_distribution(all_cars: Sequence[Car]) -> Figure:
     """Return a figure of the last values of every car."""
     figure = Figure(PANELS, [260, 180])
     for key in STIFFNESS:
@@ -165,7 +167,7 @@ def distribution(all_cars: Sequence[Car]) -> Figure:
     return figure
 
 
-def trend(car: Car, table: pd.DataFrame) -> Figure:
+def draw_trend(car: Car, table: pd.DataFrame) -> Figure:
     """Return a figure of all stretches of a car over time."""
     figure = Figure(PANELS, [220, 160])
     mine = table[

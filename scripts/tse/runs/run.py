@@ -26,13 +26,13 @@ from tse.library.processes import (
 from tse.log.rows import Reading
 from tse.runs.find import Drive
 from tse.runs.keep import Done, Store
-from tse.runs.work import Outcome, Task, code_of, work
+from tse.runs.work import Outcome, Task, read_code_version, run_task
 
 MAX_CALIBRATION_LOGS = 4  # max number of logs of a car that calibrate it
 
 
 @dataclass(frozen=True)
-class Plan:
+class FleetPlan:
     """Options that all logs share."""
 
     reading: Reading
@@ -46,9 +46,9 @@ class Plan:
     calibrate: bool = True  # an uncalibrated car, on its first logs
 
 
-def run(
+def run_drives(
     drives: Sequence[Drive],
-    plan: Plan,
+    plan: FleetPlan,
     store: Store,
     jobs: int = 1,
     scheduler: str | None = None,
@@ -85,7 +85,7 @@ def run(
                     if running and workers is not None:
                         task, result = workers.next()
                         chain = running.pop(task.log)
-                        keep(chain.take(task, outcome_of(task, result)))
+                        keep(chain.take(task, get_outcome(task, result)))
                         waiting.append(chain)
         except KeyboardInterrupt:
             kept = f"{store.out} keeps the {len(done)} of {len(drives)} logs that are done"
@@ -95,11 +95,11 @@ def run(
 
 def _open_workers(jobs: int, scheduler: str | None) -> Workers:
     if scheduler is not None:
-        return DaskCluster(work, scheduler, check_workers)
-    return LocalPool(work, jobs) if jobs else InProcess(work)
+        return DaskCluster(run_task, scheduler, check_workers)
+    return LocalPool(run_task, jobs) if jobs else InProcess(run_task)
 
 
-def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:
+def get_outcome(task: Task, result: Callable[[], Outcome]) -> Outcome:
     """Return the outcome of a log, also if its process died."""
     try:
         return result()
@@ -122,7 +122,7 @@ def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
 class _Chain:
     """The drives of a car, and the learnt state of the last one."""
 
-    def __init__(self, drives: Sequence[Drive], plan: Plan, store: Store):
+    def __init__(self, drives: Sequence[Drive], plan: FleetPlan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
         self.calibrated: dict[Path, Path] = {}  # vehicle file -> the calibrated one
         self.learnt: bytes | None = None
@@ -169,7 +169,7 @@ class _Chain:
             age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0,
             report=plan.reports,
             estimates=self.store.estimates(drive) if plan.estimates else None,
-            code=code_of(),
+            code=read_code_version(),
             calibrate=plan.calibrate and vehicle == drive.vehicle,
             others=tuple((_resolve_path(d.log), _resolve_path(d.signals or reading.signals)) for d in mine)
             if vehicle == drive.vehicle
@@ -194,7 +194,7 @@ def _resolve_path(path: Path | None) -> Any:
     return resolve_path(path) if path is not None else None
 
 
-def each(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:
+def group_by_car(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:
     """Yield the logs car by car, in order of time."""
     for car in dict.fromkeys(d.drive.car for d in done):
         yield car, [d for d in done if d.drive.car == car]

@@ -34,12 +34,12 @@ from tse.estimation.estimate import Estimates, Learnt, estimate, estimate_to
 from tse.estimation.regimes import Change
 from tse.estimation.verdict import (
     Finding,
-    contradictions,
-    findings,
-    implausible,
-    late_steering,
-    of_uncertainty,
-    remarks,
+    check_steering_lag,
+    describe_implausible,
+    list_contradictions,
+    list_remarks,
+    list_uncertain_parameters,
+    make_findings,
 )
 from tse.library.core import Config
 from tse.library.errors import UserError
@@ -77,7 +77,7 @@ class Calibrate:
     goes_on: bool = False
 
 
-def prepare(
+def prepare_run(
     log_path: Path,
     vehicle_path: Path,
     config_path: Path | None,
@@ -94,7 +94,7 @@ def prepare(
     reading = replace(reading or Reading(), car=vehicle)
     log = read_log(log_path, reading=reading)
     strict = reading.strict
-    return assemble(
+    return assemble_run(
         vehicle,
         log,
         config_path,
@@ -108,7 +108,7 @@ def prepare(
     )
 
 
-def assemble(
+def assemble_run(
     vehicle: Vehicle,
     log: CheckedLog,
     config_path: Path | None,
@@ -161,7 +161,7 @@ def assemble(
                 if not calibrate.goes_on:
                     raise
                 found = keep_class(STOPPED)
-        made = assemble(
+        made = assemble_run(
             found.apply_to(stated),
             level,
             config_path,
@@ -212,7 +212,7 @@ class Run:
     started_from: str | None = None  # the learnt state, and its age
 
 
-def run(
+def run_prepared(
     prepared: Prepared,
     out: Path | None,
     report: Path | None,
@@ -242,8 +242,8 @@ def run(
     if find_contradiction(prepared, est.table) and not est.interrupted:
         est, drawn = estimate_once()
     notes = collect_notes(prepared, est)
-    changes = regimes.changes(est.table)
-    found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
+    changes = regimes.find_changes(est.table)
+    found = make_findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
     if report is not None and len(est):
         from tse.report.report import write_report
 
@@ -264,9 +264,11 @@ def run(
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
     """Return whether the rows show a contradiction that the preparation did not. It is
     added to the warnings."""
-    late = late_steering(table, prepared.config)
+    late = check_steering_lag(table, prepared.config)
     said = (
-        "" if prepared.warnings else implausible(table) or (f"check steer_angle: {late[0]}" if late else "")
+        ""
+        if prepared.warnings
+        else describe_implausible(table) or (f"check steer_angle: {late[0]}" if late else "")
     )
     if said and prepared.doubts:
         prepared.warnings += prepared.doubts
@@ -288,8 +290,8 @@ def collect_notes(prepared: Prepared, est: Estimates) -> list[str]:
         )
     return [
         *notes,
-        *remarks(est.table),
-        *(contradictions(est.table) if not prepared.warnings else []),
-        *(late_steering(est.table, prepared.config) if not prepared.warnings else []),
-        *of_uncertainty(est.table, prepared.config, est.uncertainty_sd),
+        *list_remarks(est.table),
+        *(list_contradictions(est.table) if not prepared.warnings else []),
+        *(check_steering_lag(est.table, prepared.config) if not prepared.warnings else []),
+        *list_uncertain_parameters(est.table, prepared.config, est.uncertainty_sd),
     ]

@@ -19,7 +19,7 @@ from tse.library.errors import UserError
 from tse.log.rows import CheckedLog, Reading
 from tse.report import results
 from tse.runs import single
-from tse.runs.single import Calibrate, prepare
+from tse.runs.single import Calibrate, prepare_run
 
 
 class Mismatch(UserError):
@@ -48,7 +48,7 @@ class Task:
     estimates: Path | None
     calibrate: bool  # an uncalibrated car, on this log and on `others`, each with its signals
     others: tuple[tuple[Path, Path | None], ...]
-    code: tuple[str, str]  # code_of() of the sender
+    code: tuple[str, str]  # read_code_version() of the sender
 
 
 @dataclass
@@ -60,26 +60,27 @@ class Outcome:
     learnt: bytes | None = None
     report: bytes | None = None
     seconds: float = 0.0  # duration of the log
-    code: int = 4  # results.exit_code()
+    code: int = 4  # results.choose_exit_code()
     notes: list[str] = field(default_factory=list)
     calibrated: str = ""  # text of the vehicle file that this log has calibrated
 
 
-def code_of() -> tuple[str, str]:
+def read_code_version() -> tuple[str, str]:
     """Return version of tselab and digest of the library of this process."""
 
     return __version__, hash_library()
 
 
-def work(task: Task) -> Outcome:
+def run_task(task: Task) -> Outcome:
     """Run one log. A log that cannot be used is an outcome, not an exception."""
-    if code_of() != task.code:
+    version, digest = read_code_version()
+    if (version, digest) != task.code:
         raise Mismatch(
-            f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
+            f"a worker has tselab {version}, library {digest[:8]}; asked is {task.code[0]}, "
             f"{task.code[1][:8]}: install the same on all"
         )
     try:
-        return _run_task(task)
+        return _run_log(task)
     except UserError as error:
         return Outcome(error=str(error))
     except MemoryError:
@@ -96,7 +97,7 @@ def work(task: Task) -> Outcome:
         )
 
 
-def _run_task(task: Task) -> Outcome:
+def _run_log(task: Task) -> Outcome:
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     itself, of_others = None, list[str]()
@@ -106,7 +107,7 @@ def _run_task(task: Task) -> Outcome:
             with suppress(UserError):
                 others += read_agreeing([log], of_others, replace(reading, signals=signals, car=car))
         itself = Calibrate(others=others)
-    prepared = prepare(
+    prepared = prepare_run(
         task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself
     )
     made = prepared.own.text if prepared.own else ""
@@ -121,11 +122,11 @@ def _run_task(task: Task) -> Outcome:
             learnt = None
     with tempfile.TemporaryDirectory() as scratch:
         report = Path(scratch) / "report.html" if task.report else None
-        ran = single.run(prepared, task.estimates, report, learnt)
+        ran = single.run_prepared(prepared, task.estimates, report, learnt)
         page = report.read_bytes() if report is not None and ran.reported else None
     time = ran.estimate.table["time"]
     return Outcome(
-        rows=results.rows(
+        rows=results.make_rows(
             task.log,
             ran.estimate,
             ran.findings,
@@ -137,7 +138,7 @@ def _run_task(task: Task) -> Outcome:
         else ran.estimate.learnt,  # nothing is learnt from contradicting channels
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
-        code=results.exit_code(ran.findings),
+        code=results.choose_exit_code(ran.findings),
         notes=[*prepared.vehicle.found, *of_others, *ran.notes],
         calibrated=made,
     )

@@ -31,14 +31,14 @@ from tse.estimation.estimate import (
     SUMMARY,
     Estimates,
     Learnt,
-    block_of,
-    contradict,
-    csv_header,
-    csv_rows,
-    single,
+    convert_to_single,
+    make_block,
+    make_csv_header,
+    make_csv_rows,
+    mark_implausible,
 )
 from tse.estimation.regimes import Change
-from tse.estimation.verdict import Finding, Verdict, findings, implausible
+from tse.estimation.verdict import Finding, Verdict, describe_implausible, make_findings
 from tse.library.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, NativeFilter, library
 from tse.library.errors import UserError
 from tse.library.files import make_directory
@@ -167,7 +167,7 @@ class Reader(threading.Thread):
         self._ended.wait(REOPENED)
 
 
-def bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
+def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
     """Return a function that opens a bus of python-can. It raises UserError with the
     message of the driver."""
     can = import_optional("can", "can", f"live, interface {interface}")
@@ -271,7 +271,7 @@ class LiveDrive:
     Parameters
     ----------
     open_bus : callable
-        Returns a bus of python-can (bus_opener()).
+        Returns a bus of python-can (make_bus_opener()).
     databases : sequence of Path
         What its frames mean.
     vehicle : Vehicle
@@ -404,7 +404,7 @@ class LiveDrive:
         if self.stream is None:
             self._listen(came, now)
             if self.stream is None:
-                return np.zeros(0), self._no_outputs()
+                return np.zeros(0), self._make_no_outputs()
             came, self._listened = self._listened, []  # all frames so far
         made = []
         for part in _cut_pieces(came) or [[]]:
@@ -425,7 +425,7 @@ class LiveDrive:
                 self._next_check = self.drive.time + CHECKED
                 self._agree(list(self._columns))
 
-    def _no_outputs(self) -> np.ndarray:
+    def _make_no_outputs(self) -> np.ndarray:
         return np.zeros(0, library().dtype(OUTPUT))
 
     def _look_at_bus(self, came: Sequence[Arrived], now: float) -> None:
@@ -533,15 +533,15 @@ class LiveDrive:
             self._say_once(text)
         stream.notes.clear()
         if not len(times):
-            return times, self._no_outputs()
+            return times, self._make_no_outputs()
         if self.filter is None:
             self._start(float(times[0]))
         times = times - self._origin
-        rows = self._inputs(times, columns)
+        rows = self._make_inputs(times, columns)
         outputs = self.filter.outputs(len(rows))
         self.filter.step_into(rows, outputs)
         if self.drive.contradicted:
-            contradict(outputs)
+            mark_implausible(outputs)
         took = time.monotonic()
         if came and len(times) < 0.5 / self.config.sample_time:  # more rows: they waited for the signals
             self.drive.delays += [took - came[0].at] * len(times)
@@ -579,7 +579,7 @@ class LiveDrive:
             "filter.toml", "\n".join([*lines, *(f"{k} = {v!r}" for k, v in changed.items()), ""]).encode()
         )
 
-    def _inputs(self, times: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
+    def _make_inputs(self, times: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
         """Return rows as the library takes them."""
         lib = library()
         rows = np.zeros(len(times), lib.dtype(INPUT))
@@ -620,14 +620,14 @@ class LiveDrive:
         times, outputs = np.concatenate([t for t, _, _ in new]), np.concatenate([o for _, _, o in new])
         columns = {"time": times, **{n: np.concatenate([c[n] for _, c, _ in new]) for n in new[0][1]}}
         rows = zip(*(x.tolist() for x in columns.values()), strict=True)
-        block = block_of(times, outputs, self.config)
+        block = make_block(times, outputs, self.config)
         if not self._written:
             self.record.write("rows.csv", (",".join(columns) + "\n").encode())
-            self.record.write("rows.est.csv", csv_header(block))
+            self.record.write("rows.est.csv", make_csv_header(block))
         self.record.write(
             "rows.csv", "".join(",".join(_format_cell(x) for x in row) + "\n" for row in rows).encode()
         )
-        self.record.write("rows.est.csv", csv_rows(single(block)))
+        self.record.write("rows.est.csv", make_csv_rows(convert_to_single(block)))
         self._columns.append(columns)
         while sum(len(x["time"]) for x in self._columns) > MAX_CHECKED:
             self._columns.popleft()
@@ -643,7 +643,7 @@ class LiveDrive:
         """Return the columns of SUMMARY of all written rows; of a long drive every
         n-th row."""
         frames = [pd.DataFrame(x) for x in self._table]
-        nothing = block_of(np.zeros(0), self._no_outputs(), self.config)
+        nothing = make_block(np.zeros(0), self._make_no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
 
     # ---- events
@@ -659,14 +659,14 @@ class LiveDrive:
             return
         table = pd.concat([pd.DataFrame(x) for x in tail], ignore_index=True)
         table = table[table["time"] > self.drive.time - HAPPENED].reset_index(drop=True)
-        for c in regimes.changes(table):
+        for c in regimes.find_changes(table):
             if c.time < self.drive.time - SETTLED and not self._is_said(c.what, c.time):
                 self.say(f"{c.label}{': ' if c.effect else ''}{c.effect}")
-        for s in regimes.spells(table):
+        for s in regimes.find_spells(table):
             goes_on = s.end > self.drive.time - SETTLED
             if s.end - s.start > SETTLED and not self._is_said(s.name, s.start, s.end):
                 self.say(
-                    f"{s.name} since {s.start:.2f} s, {regimes.percent(s.probability)}"
+                    f"{s.name} since {s.start:.2f} s, {regimes.format_percent(s.probability)}"
                     if goes_on
                     else s.label
                 )
@@ -714,12 +714,12 @@ class LiveDrive:
         against = list(self.drive.contradicted)
         if not len(table):
             return Estimates(table, False), [], [], against
-        if not against and (said := implausible(table)):
+        if not against and (said := describe_implausible(table)):
             against.append(said)
-        changes = regimes.changes(table)
+        changes = regimes.find_changes(table)
         taught = self.filter.save_learnt() if self.filter is not None and not against else None
         est = Estimates(table, False, taught, sd, dict(self.drive.statuses))
-        return est, findings(table, self.config, changes, against, sd), changes, against
+        return est, make_findings(table, self.config, changes, against, sd), changes, against
 
     def now(self) -> list[Finding]:
         """Return the findings of the last row."""
@@ -813,7 +813,7 @@ def _warm_up(config: Config) -> None:
     """Load what is loaded at its first use, so that the first frame does not wait."""
     for wanted in ("rad", "rad/s", "m/s2"):
         unit_factor(wanted, wanted)
-    csv_rows(single(block_of(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))
+    make_csv_rows(convert_to_single(make_block(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))
 
 
 def _format_cell(x: float) -> str:

@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 
 from tse.car.vehicle import DRIVEN
-from tse.estimation.answer import answer
+from tse.estimation.answer import make_answer
 from tse.estimation.regimes import REGIMES
 from tse.library.core import NOMINAL, REASON, STIFFNESS, library
 from tse.streaming.drive import LiveDrive
@@ -101,10 +101,10 @@ class Page:
         if to.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
             to.send_error(403)  # another site that resolves its name to this machine
         elif asked.path == "/":
-            self._send(to, "text/html; charset=utf-8", page_text().encode())
+            self._send(to, "text/html; charset=utf-8", read_page().encode())
         elif asked.path == "/rows":
             query = {k: int(v[0]) if v[0].isdigit() else 0 for k, v in parse_qs(asked.query).items()}
-            found = self._state(query.get("from", 0), query.get("events", 0))
+            found = self._make_state(query.get("from", 0), query.get("events", 0))
             self._send(to, "application/json", json.dumps(found).encode())
         else:
             to.send_error(404)
@@ -118,7 +118,7 @@ class Page:
         to.end_headers()
         to.wfile.write(body)
 
-    def _state(self, first: int, events: int) -> dict[str, Any]:
+    def _make_state(self, first: int, events: int) -> dict[str, Any]:
         """Return rows and sentences since row `first` and sentence `events`."""
         with self._lock:
             count = self._gone + len(self._columns["time"])
@@ -139,7 +139,7 @@ class Page:
             "reasons": self._reasons,
             "car": self._car,
             "along": "Rear" if self._rear else "Front",
-            "answer": answer(self._live.now(), self._live.config),
+            "answer": make_answer(self._live.now(), self._live.config),
             "state": f"{drive.time:.0f} s, {drive.rows} rows, {drive.frames} frames, "
             f"{1e3 * drive.delay:.0f} ms behind",
             "events": said[events:],
@@ -147,7 +147,7 @@ class Page:
         }
 
 
-def page_text() -> str:
+def read_page() -> str:
     """Return the page, with style and script in it."""
     text = (TEMPLATES / "live.html").read_text(encoding="utf-8")
     for mark, name in (("/* @style@ */", "page.css"), ("/* @script@ */", "draw.js")):

@@ -44,7 +44,7 @@ class Case:
 
 
 @dataclass
-class Drive:
+class CaseDrive:
     """One simulated drive, as it was and as it was logged."""
 
     time: np.ndarray
@@ -65,9 +65,9 @@ class Drive:
         return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
 
 
-def drive(
+def simulate_case(
     case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]
-) -> Drive:
+) -> CaseDrive:
     """Drive the case with a seed. `configure` completes what the case says about the
     estimator; what the case is about wins over the user's settings."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
@@ -86,7 +86,7 @@ def drive(
     for f in library().channels:
         rows[f.name] = truth[f.name]
     corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(len(rows), bool)
-    return Drive(
+    return CaseDrive(
         maneuver.time,
         rows,
         truth,

@@ -31,7 +31,7 @@ from tse.library.processes import run_in_processes, treat_kill_as_interrupt
 from tse.log.rows import MEASURES
 from tse.simulation import maneuvers, simulate
 from tselab.montecarlo import estimators, scores, studies
-from tselab.montecarlo.case import Case, Drive, drive
+from tselab.montecarlo.case import Case, CaseDrive, simulate_case
 from tselab.montecarlo.studies import Study
 
 RUNS = "runs.jsonl"
@@ -41,7 +41,7 @@ TIMES = ["simulate_s", "estimate_s"]  # differ from run to run
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """What is to be run."""
 
     study: Study
@@ -76,15 +76,15 @@ class Unit(NamedTuple):
     @property
     def mark(self) -> str:
         """Of all that decides its numbers."""
-        return _hash(json.dumps([*self, code()], sort_keys=True))
+        return _hash(json.dumps([*self, hash_code()], sort_keys=True))
 
 
 # ---- one unit
 
 
 @functools.cache
-def _study(name: str) -> Study:
-    return studies.study(name)
+def _load_study(name: str) -> Study:
+    return studies.make_study(name)
 
 
 def run_unit(unit: Unit) -> list[dict[str, Any]]:
@@ -94,40 +94,40 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
             f"the tse library {library().path} is not, or no longer, the one that the study began with; "
             "start it again"
         )
-    case = _study(unit.study).case(unit.case)
+    case = _load_study(unit.study).case(unit.case)
     start = time.perf_counter()
-    d = drive(case, unit.seed, lambda about: configure("tse", unit, about), unit.sim_settings)
-    known = scores.knowable(d, case)
+    d = simulate_case(case, unit.seed, lambda about: configure_unit("tse", unit, about), unit.sim_settings)
+    known = scores.find_knowable(d, case)
     simulated = time.perf_counter() - start
     rows = []
     for name in case.estimators:
-        config = configure(name, unit, d.about)
+        config = configure_unit(name, unit, d.about)
         start = time.perf_counter()
-        estimate = estimators.run(name, d, config)
+        estimate = estimators.run_estimator(name, d, config)
         took = time.perf_counter() - start
         row: dict[str, Any] = {"case": unit.case, "estimator": name, "seed": unit.seed}
-        row |= scores.score(d, case, known, estimate)
+        row |= scores.score_run(d, case, known, estimate)
         row |= {"seconds": float(d.time[-1] - d.time[0]), "steps": len(d.rows)}
         rows.append(row | {"simulate_s": simulated, "estimate_s": took})
     return rows
 
 
-def trace(plan: Plan, case: Case, seed: int, name: str) -> tuple[Drive, np.ndarray]:
+def trace_run(plan: StudyPlan, case: Case, seed: int, name: str) -> tuple[CaseDrive, np.ndarray]:
     """One run once more, with all its rows: for a picture."""
-    d = drive(case, seed, lambda about: configure("tse", plan, about), plan.sim_settings)
-    return d, estimators.run(name, d, configure(name, plan, d.about))
+    d = simulate_case(case, seed, lambda about: configure_unit("tse", plan, about), plan.sim_settings)
+    return d, estimators.run_estimator(name, d, configure_unit(name, plan, d.about))
 
 
-def configure(name: str, unit: Unit | Plan, about: Mapping[str, float]) -> Config:
+def configure_unit(name: str, unit: Unit | StudyPlan, about: Mapping[str, float]) -> Config:
     """The settings of an estimator in a unit."""
-    return estimators.configure(name, unit.form, unit.settings, about)
+    return estimators.configure_estimator(name, unit.form, unit.settings, about)
 
 
 # ---- all units
 
 
-def run(
-    plan: Plan,
+def run_study(
+    plan: StudyPlan,
     out: Path,
     jobs: int = 1,
     scheduler: str | None = None,
@@ -144,7 +144,7 @@ def run(
     path, units = out / RUNS, plan.units
     if restart:
         path.unlink(missing_ok=True)
-    done = read(path, units)
+    done = read_runs(path, units)
     left = [u for u in units if u.mark not in done]
     _append(path, "\n")  # the last line may be cut
     with tqdm(
@@ -156,7 +156,7 @@ def run(
                 contextlib.closing(run_in_processes(run_unit, left, jobs, scheduler)) as results,
             ):
                 for unit, result in results:
-                    done[unit.mark] = _said_where(unit, result)
+                    done[unit.mark] = _locate_error(unit, result)
                     text = json.dumps(done[unit.mark], default=float)
                     _append(path, f"{unit.mark} {_hash(text)} {text}\n")
                     bar.update()
@@ -166,7 +166,7 @@ def run(
                 f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, the same "
                 "command goes on from there"
             ) from None
-    table = pd.DataFrame([row for u in units for row in done[u.mark]], columns=columns(plan.study.name))
+    table = pd.DataFrame([row for u in units for row in done[u.mark]], columns=list_columns(plan.study.name))
     order = [(c.name, e) for c in plan.study.cases for e in c.estimators]
     rank = [order.index(key) for key in zip(table["case"], table["estimator"], strict=True)]
     table = table.iloc[np.lexsort((table["seed"], rank))].reset_index(drop=True)
@@ -175,7 +175,7 @@ def run(
     return table
 
 
-def read(path: Path, units: list[Unit]) -> dict[str, list[dict[str, Any]]]:
+def read_runs(path: Path, units: list[Unit]) -> dict[str, list[dict[str, Any]]]:
     """The rows of those of the units that are there, by their marks."""
     wanted, found = {u.mark for u in units}, {}
     if path.exists():
@@ -195,7 +195,7 @@ def _append(path: Path, text: str) -> None:
         raise UserError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _said_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
+def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
     try:
         return result()
     except UserError:
@@ -204,10 +204,10 @@ def _said_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
         raise RuntimeError(f"case {unit.case}, seed {unit.seed}: {type(error).__name__}: {error}") from error
 
 
-def columns(study: str) -> list[str]:
+def list_columns(study: str) -> list[str]:
     """Columns of runs.csv."""
     names = list(KEYS)
-    cases = _study(study).cases
+    cases = _load_study(study).cases
     events = max(len(c.events) for c in cases) + 1
     windows = range(max(len(c.windows) for c in cases))
     for key in STIFFNESS:
@@ -228,7 +228,7 @@ def columns(study: str) -> list[str]:
 
 
 @functools.cache
-def code() -> str:
+def hash_code() -> str:
     """What makes the numbers beside the library and the settings: the files of studies,
     manoeuvres and other filters."""
     files = {

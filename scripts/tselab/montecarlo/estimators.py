@@ -10,7 +10,7 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config, NativeFilter, library
 from tse.library.errors import UserError
 from tselab.montecarlo import peers
-from tselab.montecarlo.case import START, Drive
+from tselab.montecarlo.case import START, CaseDrive
 from tselab.montecarlo.peers import Known
 
 # Variants of the robust form, robust-NAME: what was tried.
@@ -48,11 +48,11 @@ TEXTS = {
 }
 
 
-def overrides(name: str) -> dict[str, float]:
+def get_overrides(name: str) -> dict[str, float]:
     """The settings in which an estimator differs from `tse`, beside its form.
     'robust-100' has 100 particles."""
     if is_yours(name):
-        _yours(name)
+        _load_yours(name)
         return {}
     if name == "printed":
         return PRINTED
@@ -68,12 +68,14 @@ def overrides(name: str) -> dict[str, float]:
     raise UserError(f"there is no estimator '{name}'")
 
 
-def configure(name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]) -> Config:
+def configure_estimator(
+    name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
+) -> Config:
     """Settings of an estimator: start and form, then the user's, then what the case is
     about, then its own."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORMS.get(family, form))
-    return Config.exact({**START, **forms, **settings, **about, **overrides(name)})
+    return Config.exact({**START, **forms, **settings, **about, **get_overrides(name)})
 
 
 def is_yours(name: str) -> bool:
@@ -81,7 +83,7 @@ def is_yours(name: str) -> bool:
     return all(part.isidentifier() for part in name.split(".")) and "." in name
 
 
-def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
+def _load_yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
     module, _, function = name.rpartition(".")
     try:
         found = getattr(importlib.import_module(module), function)
@@ -94,11 +96,11 @@ def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
     return found
 
 
-def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
+def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
     """Given the log and the settings of car and sensors that tse has; returned: stiffness
     in N and N/rad, as columns of EST.csv."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
-    answer = _yours(name)(log, config.as_dict())
+    answer = _load_yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
     if missing := [s for s in (f"{s}{end}" for s in STIFFNESS for end in ("", "_sd")) if s not in fields]:
         raise UserError(f"the estimator '{name}' does not give {', '.join(missing)}")
@@ -113,16 +115,16 @@ def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
     return out
 
 
-def run(name: str, d: Drive, config: Config) -> np.ndarray:
+def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
     """Estimate a drive; return cx_front, cx_front_sd, ... of every row."""
     if is_yours(name):
         return _run_yours(name, d, config)
     if name in PEERS:
-        return peers.run(name, d.rows, config, _known(d, config, name == "known"))
+        return peers.run_peer(name, d.rows, config, _make_known(d, config, name == "known"))
     return NativeFilter(config).estimate_rows(d.rows)
 
 
-def _known(d: Drive, config: Config, changes: bool = False) -> Known:
+def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
     """The true covariances, as they are at the start; with `changes` for a filter that
     knows of the changes of level."""
 

@@ -47,7 +47,7 @@ class Known:
     ] = ()  # s since the first row: another mean stiffness from here on; only "known" uses it
 
 
-def accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
+def compute_accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
     """aX, aY, yaw acceleration (1)-(4) of columns of states, stiffness deviations w (5),
     inputs u."""
     v, (delta, front, rear) = np.maximum(x[0], LOW_SPEED), u
@@ -63,7 +63,7 @@ def accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarra
 
 def observe(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
     """aX, aY and yaw rate, without bias."""
-    return np.array([*accelerations(c, x, w, u)[:2], x[2]])
+    return np.array([*compute_accelerations(c, x, w, u)[:2], x[2]])
 
 
 def move(
@@ -72,7 +72,7 @@ def move(
     """Return states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
 
     def rate(x: np.ndarray, share: float) -> np.ndarray:
-        a = accelerations(c, x, w, u + share * (to - u))
+        a = compute_accelerations(c, x, w, u + share * (to - u))
         return a + np.array([x[1] * x[2], -x[0] * x[2], 0 * x[2]])
 
     speed = max(
@@ -94,13 +94,13 @@ def move(
     return x
 
 
-def _held(u: np.ndarray) -> np.ndarray:
+def _hold_inputs(u: np.ndarray) -> np.ndarray:
     """A missing input keeps its last value (the first known one at the start)."""
     last = np.maximum.accumulate(np.where(np.isfinite(u), np.arange(len(u))[:, None], -1), axis=0)
     return np.nan_to_num(np.take_along_axis(u, np.where(last < 0, np.isfinite(u).argmax(0), last), 0))
 
 
-def _conditions(
+def _find_conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows at which states start anew, and measurements to learn from, as the filters of
@@ -117,7 +117,7 @@ def _conditions(
     return restart, usable
 
 
-def _derivative(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _differentiate(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return f(x, w) and its derivative by the twelve states, by complex steps."""
     step = 1j * TINY * np.eye(6)
     y = f(x[:, None] + step[:3], w[:, None] + step[3:])  # type: ignore[operator]
@@ -125,7 +125,7 @@ def _derivative(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np
     return y[:, 0].real, np.hstack([d, np.zeros((3, 3)), d[:, 3:]])
 
 
-def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
+def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
     """Estimates after each row, stiffness relative to nominal. kind: "ekf", or "known",
     which knows when the mean changes, opens it then and never forgets in between; rows:
     as Filter.inputs(), NaN = missing."""
@@ -133,8 +133,8 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))
     driven = np.isfinite(inputs).all(1)
-    u, out = _held(inputs), np.zeros(len(rows), OUTPUT)
-    restart, usable = _conditions(c, dt, u, y, driven)
+    u, out = _hold_inputs(inputs), np.zeros(len(rows), OUTPUT)
+    restart, usable = _find_conditions(c, dt, u, y, driven)
     sd = lambda form, names: np.array([getattr(c, form.format(name)) for name in names]) ** 2  # noqa: E731
     start_x, walk, r = (
         sd("initial_{}_sd", STATES),
@@ -151,7 +151,7 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
             to = np.where([known.held, False, False], u[row - 1], u[row])
             after = lambda x, w: move(c, x, w, u[row - 1], to, dt[row])  # noqa: B023, E731
             f = np.eye(12)
-            z[X], f[X] = _derivative(after, z[X], z[MU] + z[EPS])
+            z[X], f[X] = _differentiate(after, z[X], z[MU] + z[EPS])
             f[EPS], z[EPS] = 0, 0
             p = f @ p @ f.T + np.diag(np.concatenate([np.zeros(6), walk * dt[row], eps]))
             if again := not (np.isfinite(z).all() and np.isfinite(p).all()):
@@ -176,7 +176,7 @@ def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray
             eps = (np.array(known.spread) * level) ** 2
             p[EPS, EPS] = np.diag(eps)
         if len(use):
-            measured, h = _derivative(lambda x, w: observe(c, x, w, u[row]), z[X], z[MU] + z[EPS])  # noqa: B023
+            measured, h = _differentiate(lambda x, w: observe(c, x, w, u[row]), z[X], z[MU] + z[EPS])  # noqa: B023
             h[:, B] = np.eye(3)
             ph = p @ h[use].T
             gain = np.linalg.solve(h[use] @ ph + np.diag(r[use]), ph.T).T

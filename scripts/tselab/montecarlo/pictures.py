@@ -16,20 +16,20 @@ from tse.estimation.verdict import NAMES, UNITS
 from tse.library import __version__
 from tse.library.core import STIFFNESS, library
 from tse.library.files import write_atomically
-from tse.report.plots import BLUE, GREEN, GREY, INK, ORANGE, picture_of
+from tse.report.plots import BLUE, GREEN, GREY, INK, ORANGE, open_picture
 from tselab.montecarlo import summary
-from tselab.montecarlo.case import Drive
-from tselab.montecarlo.engine import Plan, trace
-from tselab.montecarlo.summary import HEADS, Table, of, overview, summarise
+from tselab.montecarlo.case import CaseDrive
+from tselab.montecarlo.engine import StudyPlan, trace_run
+from tselab.montecarlo.summary import HEADS, Table, make_overview, select_runs, summarise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFrame) -> None:
+def draw_demo(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFrame) -> None:
     """True and estimated stiffness with band, above what the driver does."""
-    with picture_of(path) as plt:
+    with open_picture(path) as plt:
         figure, axes = plt.subplots(
             4, 1, figsize=(9, 7.6), dpi=200, sharex=True, height_ratios=[1, 1, 1, 0.62], layout="constrained"
         )
@@ -122,19 +122,19 @@ PAPER_STYLE = {
 }
 
 
-def draw(plan: Plan, runs: pd.DataFrame, path: Path) -> bool:
+def draw_paper(plan: StudyPlan, runs: pd.DataFrame, path: Path) -> bool:
     """Draw the paper's figures; False without matplotlib."""
     if importlib.util.find_spec("matplotlib") is None:
         return False
-    with picture_of(path, PAPER_STYLE):
-        figure = _paper(plan, runs)
+    with open_picture(path, PAPER_STYLE):
+        figure = _draw_figures(plan, runs)
         named = {n: h for axis in figure.axes for h, n in zip(*axis.get_legend_handles_labels(), strict=True)}
         columns = max(1, min(len(named), int(14 * figure.get_figwidth() / (max(map(len, named)) + 8))))
         figure.legend(named.values(), named.keys(), loc="outside upper right", ncols=columns)
     return True
 
 
-def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
+def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
     """The paper's Fig. 1 .. 4, a column per filter."""
     import matplotlib.pyplot as plt
 
@@ -148,13 +148,13 @@ def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
         row = iter(axes[:, column])
         if waves:
             name = waves.estimators[column]
-            _fig1(next(row), name, *trace(plan, waves, plan.first_seed, name))
-            _fig2(next(row), name, of(runs, waves.name, name)["cy_front_bias_w0"].to_numpy())
+            _draw_fig1(next(row), name, *trace_run(plan, waves, plan.first_seed, name))
+            _draw_fig2(next(row), name, select_runs(runs, waves.name, name)["cy_front_bias_w0"].to_numpy())
         if lanes:
             name = lanes.estimators[column]
-            d, y = trace(plan, lanes, plan.first_seed, name)
+            d, y = trace_run(plan, lanes, plan.first_seed, name)
             for key in STIFFNESS:
-                _fig3(next(row), key, name, d, y)
+                _draw_fig3(next(row), key, name, d, y)
             for state, label, unit in STATES:
                 axis = next(row)
                 axis.plot(d.time, unit * d.truth[f"true_{state}"], color=INK, lw=1.0, label="truth")
@@ -163,7 +163,7 @@ def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
     return figure
 
 
-def _fig1(axis: Axes, name: str, d: Drive, y: np.ndarray) -> None:
+def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
     """Normalised longitudinal stiffness and its standard deviation from sample to sample;
     the default filter has none: that of the mean instead."""
     axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
@@ -177,7 +177,7 @@ def _fig1(axis: Axes, name: str, d: Drive, y: np.ndarray) -> None:
     axis.set(title=f"Fig. 1, {TITLES[name]}: Cx", xlabel="time, s", ylabel="normalised", ylim=(0.0, 1.4))
 
 
-def _fig2(axis: Axes, name: str, x: np.ndarray) -> None:
+def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
     """Probability of the mean error of the front lateral stiffness, with the normal
     distribution of its mean and sd."""
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
@@ -199,7 +199,7 @@ def _fig2(axis: Axes, name: str, x: np.ndarray) -> None:
     axis.set(title=f"Fig. 2, {TITLES[name]}: Cy front", xlabel=f"mean error, {ERROR}", ylabel="probability")
 
 
-def _fig3(axis: Axes, key: str, name: str, d: Drive, y: np.ndarray) -> None:
+def _draw_fig3(axis: Axes, key: str, name: str, d: CaseDrive, y: np.ndarray) -> None:
     """Normalised stiffness and its sd, with the prior 20 % too low."""
     mean, sd = y[key], y[f"{key}_sd"]
     axis.plot(d.time, d.stiffness[:, STIFFNESS.index(key)], color=INK, lw=1.0, label="truth")
@@ -214,24 +214,24 @@ def _fig3(axis: Axes, key: str, name: str, d: Drive, y: np.ndarray) -> None:
 # ---- NAME.csv, NAME.md and, of the paper, with matplotlib, NAME.png
 
 
-def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
+def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     """Write all files. Returned: the Markdown, and which files."""
     lines = summarise(plan, runs)
-    tables = summary.findings(plan, runs, lines)
+    tables = summary.make_findings(plan, runs, lines)
     if plan.study.base not in ("paper", "robust"):  # their own tables say it all
-        tables += [overview(plan, lines), *summary.changes(plan, lines)]
-    facts = run_facts(plan, lines)
-    text = markdown(plan, facts, tables)
+        tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
+    facts = list_run_facts(plan, lines)
+    text = format_markdown(plan, facts, tables)
     path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "png")}
     write_table(lines, path["csv"])
     with write_atomically(path["md"]) as file:
         file.write(text)
-    if plan.study.base != "paper" or not draw(plan, runs, path["png"]):
+    if plan.study.base != "paper" or not draw_paper(plan, runs, path["png"]):
         del path["png"]
     return text, list(path.values())
 
 
-def command(plan: Plan) -> str:
+def format_command(plan: StudyPlan) -> str:
     """What to type for the same result."""
     parts = [f"tselab montecarlo --study {plan.study.name} --runs {plan.runs}"]
     if plan.study.name == "paper":
@@ -243,7 +243,7 @@ def command(plan: Plan) -> str:
     return " ".join(parts)
 
 
-def run_facts(plan: Plan, lines: pd.DataFrame) -> list[tuple[str, str]]:
+def list_run_facts(plan: StudyPlan, lines: pd.DataFrame) -> list[tuple[str, str]]:
     """What is needed to repeat it, and what it cost."""
     lib, first = library(), lines.iloc[0]
     seeds = f"seeds {plan.seeds[0]} .. {plan.seeds[-1]}" if plan.runs > 1 else f"seed {plan.first_seed}"
@@ -251,7 +251,7 @@ def run_facts(plan: Plan, lines: pd.DataFrame) -> list[tuple[str, str]]:
     return [
         ("Runs", f"{plan.runs} of each case, {seeds}"),
         ("Settings", f"form {plan.form}" + "".join(f", {s}" for s in settings)),
-        ("Command", f"`{command(plan)}`"),
+        ("Command", f"`{format_command(plan)}`"),
         ("Library", f"tse {lib.version}, {lib.format}; tselab {__version__}"),
         (
             "Cost",
@@ -261,7 +261,7 @@ def run_facts(plan: Plan, lines: pd.DataFrame) -> list[tuple[str, str]]:
     ]
 
 
-def markdown(plan: Plan, facts: list[tuple[str, str]], tables: list[Table]) -> str:
+def format_markdown(plan: StudyPlan, facts: list[tuple[str, str]], tables: list[Table]) -> str:
     """The result as text."""
     lines = [f"# {plan.study.title}", "", *(f"- {name}: {value}" for name, value in facts)]
     for table in tables:

@@ -1,6 +1,6 @@
 """One drive and one estimate of it become a row of numbers. All errors are shares of the
 true mean stiffness at that row. Of tyres that saturate the truth is their secant: the
-linear model has no other stiffness to find (felt()).
+linear model has no other stiffness to find (compute_felt_stiffness()).
 
 Whether an estimate may be blamed for being wrong, or for saying that it does not know,
 depends on what could be known. That is judged from the simulator's truth: from the
@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from tse.library.core import REASON, STIFFNESS, library
 from tse.log.rows import MEASURES
-from tselab.montecarlo.case import LINEAR, Case, Drive, G
+from tselab.montecarlo.case import LINEAR, Case, CaseDrive, G
 
 DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0  # share of the mean stiffness, s
 SETTLE_AFTER = 10.0  # s after start, event or disturbance, before errors are judged
@@ -68,7 +68,7 @@ class Knowable:
         return self.observable & (self.settled & ~self.corrupted & ~self.beyond)[:, None]
 
 
-def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
+def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
     """From the truth: phi (n, 3) in true sigma per unit of w, and the tyre forces over
     the friction limit (n, 2)."""
     c, truth = d.car, d.truth
@@ -103,14 +103,14 @@ def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
     return phi, use
 
 
-def grip(use: np.ndarray) -> np.ndarray:
+def compute_grip(use: np.ndarray) -> np.ndarray:
     """Secant of the simulator's tyre over its stiffness, as grip() in
     src/host/simulate.c. use: linear force over the limit."""
     z = use / 3
     return np.where(z < 1, 1 - z + z**2 / 3, 1 / np.maximum(use, 1e-9))
 
 
-def felt(
+def compute_felt_stiffness(
     mean: np.ndarray,
     phi: np.ndarray,
     use: np.ndarray,
@@ -131,12 +131,14 @@ def felt(
     for i, axle in enumerate((0, 0, 1)):
         weight = phi[rows, i] ** 2
         with np.errstate(invalid="ignore"):
-            share = running_mean(weight * grip(use[rows, axle]), memory) / running_mean(weight, memory)
+            share = compute_running_mean(
+                weight * compute_grip(use[rows, axle]), memory
+            ) / compute_running_mean(weight, memory)
         secant[:, i] = np.nan_to_num(share, nan=1.0)[latest]
     return mean * secant
 
 
-def running_mean(x: np.ndarray, window: float) -> np.ndarray:
+def compute_running_mean(x: np.ndarray, window: float) -> np.ndarray:
     """Mean of what has been, with a memory of `window` rows: gain 1/min(window, rows so
     far)."""
     first = min(len(x), int(window))
@@ -148,29 +150,29 @@ def running_mean(x: np.ndarray, window: float) -> np.ndarray:
     return np.concatenate([start, rest])
 
 
-def best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, memory: float) -> np.ndarray:
+def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, memory: float) -> np.ndarray:
     """Best-case sd of the mean from the regressor of one stiffness; rows from which
     nothing is learnt do not count."""
     sd = np.full(len(phi), np.inf)
     x = phi[learning]
-    square = running_mean(x**2, 2 * memory)
-    signal = memory * np.maximum(square - running_mean(x, 2 * memory) ** 2, 0.0)
+    square = compute_running_mean(x**2, 2 * memory)
+    signal = memory * np.maximum(square - compute_running_mean(x, 2 * memory) ** 2, 0.0)
     with np.errstate(divide="ignore"):
         sd[learning] = np.sqrt((1 + square * spread[learning] ** 2) / np.where(signal > 1e-12, signal, 0.0))
     return sd
 
 
-def after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
+def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
     """Rows that are at least `wait` after the last of the moments before them. Moments
     need not be rows."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
 
-def knowable(d: Drive, case: Case) -> Knowable:
+def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     """What the truth of the drive says about what could be known."""
     c = d.config
-    phi, use = regressors(d)
+    phi, use = compute_regressors(d)
     wheels = np.column_stack(
         [getattr(c, f"wheel_radius_{a}") * d.truth[f"true_wheel_speed_{a}"] for a in ("front", "rear")]
     )
@@ -180,10 +182,10 @@ def knowable(d: Drive, case: Case) -> Knowable:
         & (np.abs(d.truth["steer_angle"]) <= c.max_steer)
     )
     memory = 1 / (1 - c.forgetting)
-    mean = felt(d.stiffness, phi, use, learning, memory)
-    secant = felt(d.stiffness, phi, use, learning, memory, np.inf)
+    mean = compute_felt_stiffness(d.stiffness, phi, use, learning, memory)
+    secant = compute_felt_stiffness(d.stiffness, phi, use, learning, memory, np.inf)
     sd = [
-        best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
+        compute_best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
         for i, k in enumerate(STIFFNESS)
     ]
     beyond = use.max(axis=1) > LINEAR
@@ -191,28 +193,28 @@ def knowable(d: Drive, case: Case) -> Knowable:
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
     # Before, the filter says "starting", and rightly
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
-    settled = after(d.time, moments, SETTLE_AFTER) & started
+    settled = find_rows_after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
 
 
-def inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.ndarray:
+def find_rows_inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.ndarray:
     """Rows in any of the windows."""
     return np.any([(time >= a - 1e-9) & (time <= b + 1e-9) for a, b in windows], axis=0)
 
 
-def longest(flags: np.ndarray) -> int:
+def find_longest_run(flags: np.ndarray) -> int:
     """Length of the longest run of True."""
-    return wrong_on_end(flags, flags)
+    return count_wrong_rows(flags, flags)
 
 
-def wrong_on_end(wrong: np.ndarray, judged: np.ndarray) -> int:
+def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
     """Most judged rows in any one stretch in which every row, judged or not, is wrong."""
     count = np.cumsum(np.concatenate([[0], wrong & judged]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong.astype(int), [0]])))
     return int((count[edges[1::2]] - count[edges[::2]]).max(initial=0))
 
 
-def settling(
+def compute_settling_time(
     time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
 ) -> float:
     """Seconds from `start` until the error stays below CLOSE for `hold` seconds, with
@@ -228,7 +230,7 @@ def settling(
     return float(max(t[begins[long[0]]] - start, 0.0)) if len(long) else np.inf
 
 
-def _mean(x: np.ndarray) -> float:
+def _compute_mean(x: np.ndarray) -> float:
     """Of the rows that have an estimate: a refused row has none."""
     x = x[np.isfinite(x)]
     return float(x.mean()) if len(x) else np.nan
@@ -237,35 +239,35 @@ def _mean(x: np.ndarray) -> float:
 # ---- changes of regime
 
 
-def clock(d: Drive) -> np.ndarray:
+def compute_log_time(d: CaseDrive) -> np.ndarray:
     """Time as the log has it: with the pauses, during which nothing was driven."""
     now = np.cumsum(d.rows["dt"].astype(float))
     return now - now[0]
 
 
-def reported(d: Drive, estimate: np.ndarray) -> np.ndarray:
+def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
     """When the estimator says that the regime changed, in the time of the drive: each
     change once, whenever it was said."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
     )
-    now = clock(d)
+    now = compute_log_time(d)
     when = np.unique((now - estimate["change_age"].astype(float))[sure])
     if not len(when):
         return when
     return np.interp(when[np.diff(when, prepend=-np.inf) > DISTINCT], now, d.time)
 
 
-def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
+def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
     """Changes reported and false ones; after each event how soon it was detected, how
     soon all stiffnesses were right, and for how long any was called valid and was not."""
     names, time, row = estimate.dtype.names, d.time, {}
-    now = clock(d)
+    now = compute_log_time(d)
     error = np.max(
         [np.abs(estimate[s].astype(float) / k.level[:, i] - 1) for i, s in enumerate(STIFFNESS)], axis=0
     )
     if "change_age" in names:
-        found = reported(d, estimate)
+        found = find_reported(d, estimate)
         true = [(found > e - BEFORE) & (found < e + case.lasts + AFTER) for e in case.events]
         row["changes"], row["false_changes"] = (
             len(found),
@@ -273,7 +275,7 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
         )
     for n, (event, end) in enumerate(itertools.pairwise((*case.events, np.inf)), 1):
         part = (time >= event - 1e-9) & (time < end - 1e-9)
-        row[f"all_settle_{n}"] = settling(time, error, event, end)
+        row[f"all_settle_{n}"] = compute_settling_time(time, error, event, end)
         if "change_age" in names:
             since = now - np.interp(event, time, now)
             says = part & (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0)
@@ -292,11 +294,11 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
     return row
 
 
-def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
+def score_run(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
     """The numbers of one run. Percent; shares as two counts of rows, so that they can be
     pooled."""
     time, step = d.time, d.config.sample_time
-    window = inside(time, case.windows)
+    window = find_rows_inside(time, case.windows)
     truth = k.level
     known = k.judged
     names = estimate.dtype.names
@@ -308,36 +310,38 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
         error = estimate[key].astype(float) / true - 1 if key in names else np.full(len(time), np.nan)
         size = np.abs(error)
         sd = estimate[f"{key}_sd"].astype(float) / true
-        row[f"{key}_mean_square"] = 1e4 * _mean(error[window] ** 2)
-        row[f"{key}_bias"] = 100 * _mean(error[window])
+        row[f"{key}_mean_square"] = 1e4 * _compute_mean(error[window] ** 2)
+        row[f"{key}_bias"] = 100 * _compute_mean(error[window])
         row[f"{key}_covered"] = 100 * np.mean(size[window] <= 1.96 * sd[window]) if key in names else np.nan
-        row[f"{key}_sd_square"] = 1e4 * _mean(sd[window] ** 2)
+        row[f"{key}_sd_square"] = 1e4 * _compute_mean(sd[window] ** 2)
         for n, w in enumerate(case.windows):
-            here = inside(time, (w,))
-            row[f"{key}_mean_square_w{n}"] = 1e4 * _mean(error[here] ** 2)
+            here = find_rows_inside(time, (w,))
+            row[f"{key}_mean_square_w{n}"] = 1e4 * _compute_mean(error[here] ** 2)
             row[f"{key}_covered_w{n}"] = (
                 100 * np.mean(size[here] <= 1.96 * sd[here]) if key in names else np.nan
             )
-            row[f"{key}_bias_w{n}"] = 100 * _mean(error[here])
-            row[f"{key}_off_w{n}"] = int(longest(~(size[here] <= DIVERGED_ERROR)) * step > DIVERGED_FOR)
+            row[f"{key}_bias_w{n}"] = 100 * _compute_mean(error[here])
+            row[f"{key}_off_w{n}"] = int(
+                find_longest_run(~(size[here] <= DIVERGED_ERROR)) * step > DIVERGED_FOR
+            )
             if f"{key}_spread" in names:
-                row[f"{key}_spread_w{n}"] = 100 * _mean(estimate[f"{key}_spread"][here] / true[here])
+                row[f"{key}_spread_w{n}"] = 100 * _compute_mean(estimate[f"{key}_spread"][here] / true[here])
         if f"{key}_spread" in names:
-            row[f"{key}_spread"] = 100 * _mean(estimate[f"{key}_spread"][window] / true[window])
+            row[f"{key}_spread"] = 100 * _compute_mean(estimate[f"{key}_spread"][window] / true[window])
         if f"{key}_spread_seen" in names:
             row[f"{key}_spread_seen"] = 100 * float(np.mean(estimate[f"{key}_spread_seen"][window]))
         if key in names:
             starts = (time[0], *case.events)
             ends = (*case.events, np.inf)
             for n, (a, b) in enumerate(zip(starts, ends, strict=True)):
-                row[f"{key}_settle_{n}"] = settling(time, error, a, b)
-                row[f"{key}_stay_{n}"] = settling(time, error, a, b, np.inf)
+                row[f"{key}_settle_{n}"] = compute_settling_time(time, error, a, b)
+                row[f"{key}_stay_{n}"] = compute_settling_time(time, error, a, b, np.inf)
             wrong = ~(size <= DIVERGED_ERROR)
             row[f"{key}_judged"] = int(known[:, i].sum())
             row[f"{key}_worst"] = 100 * np.max(size[known[:, i]], initial=0.0)
-            row[f"{key}_diverged"] = int(wrong_on_end(wrong, known[:, i]) * step > DIVERGED_FOR)
+            row[f"{key}_diverged"] = int(count_wrong_rows(wrong, known[:, i]) * step > DIVERGED_FOR)
             diverged = max(diverged, row[f"{key}_diverged"])
-            diverged_any = max(diverged_any, int(longest(wrong & k.settled) * step > DIVERGED_FOR))
+            diverged_any = max(diverged_any, int(find_longest_run(wrong & k.settled) * step > DIVERGED_FOR))
         if f"{key}_valid" in names:
             refused = estimate["status"] < 0
             missing = estimate["status"] == library().status("TSE_W_MISSING_CHANNEL")
@@ -357,14 +361,14 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
                 row[f"{key}_{name}"], row[f"{key}_{name}_of"] = int(of.sum()), int(among.sum())
     for state in STATES:
         if state in names:
-            row[f"{state}_square"] = _mean(
+            row[f"{state}_square"] = _compute_mean(
                 (estimate[state] - d.truth[f"true_{state}"])[window].astype(float) ** 2
             )
     if STIFFNESS[0] in names:
         row["diverged"], row["diverged_any"] = diverged, diverged_any
-        row |= regimes(d, case, k, estimate)
+        row |= score_regimes(d, case, k, estimate)
     if "status" in names:
         for channel in MEASURES:
-            row[f"noise_{channel}"] = _mean(estimate[f"noise_{channel}"][window])
+            row[f"noise_{channel}"] = _compute_mean(estimate[f"noise_{channel}"][window])
         row["recoveries"] = int((estimate["status"] == library().status("TSE_W_RECOVERED")).sum())
     return row

@@ -13,7 +13,7 @@ from tse.simulation import maneuvers
 from tse.simulation.maneuvers import Maneuver, make_square
 from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
-from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
+from tselab.montecarlo.estimators import PEERS, VARIANTS, get_overrides
 
 # ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver;
 # and errors of logs.
@@ -22,7 +22,7 @@ STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
 
 
-def square_waves(
+def drive_square_waves(
     car: Config,
     sim: SimConfig,
     rng: np.random.Generator,
@@ -36,11 +36,11 @@ def square_waves(
     m = maneuvers.build(
         "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
     )
-    torque = torque_of_slip(car, sim, LOW_SLIP) if torque is None else torque
+    torque = find_torque(car, sim, LOW_SLIP) if torque is None else torque
     return replace(m, wheel_torque_front=torque * np.sign(m.wheel_torque_front))
 
 
-def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
+def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
     """Steady front torque that makes this slip on the front axle: its wheels and, through
     the car, the rear wheels take their part of it."""
     force = car.longitudinal_stiffness_front * slip
@@ -50,7 +50,9 @@ def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
     return force * car.wheel_radius_front * (car.mass + front + rear) / (car.mass + rear)
 
 
-def listed(car: Config, sim: SimConfig, rng: np.random.Generator, *, name: str, duration: float) -> Maneuver:
+def drive_listed(
+    car: Config, sim: SimConfig, rng: np.random.Generator, *, name: str, duration: float
+) -> Maneuver:
     """A manoeuvre of `tselab simulate`."""
     return maneuvers.build(name, car, sample_time=car.sample_time, duration=duration, seed=sim.seed)
 
@@ -59,9 +61,9 @@ LANE_CHANGE = (302.0, 3.0, 0.015)  # start and length, s; rad
 HIGHWAY_END = 315.0
 
 
-def highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+def drive_highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """Five minutes of straight highway, then one lane change of 4 m."""
-    m = listed(car, sim, rng, name="straight", duration=HIGHWAY_END)
+    m = drive_listed(car, sim, rng, name="straight", duration=HIGHWAY_END)
     start, length, amplitude = LANE_CHANGE
     share = (m.time - start) / length
     sine = np.where((share >= 0) & (share < 1), np.sin(2 * np.pi * share), 0.0)
@@ -71,7 +73,7 @@ def highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
 REVERSE_END = 60.0
 
 
-def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """From standstill 3 m/s backwards with steering, back to standstill, launch to 18
     m/s, then the paper's square waves."""
     t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
@@ -91,10 +93,10 @@ LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # Nm on the front brakes, s
 SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # Nm on the front wheels, s
 
 
-def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+def drive_wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """Square waves; twice the brakes lock the front wheels for a second, and the speed is
     taken back afterwards."""
-    m = square_waves(car, sim, rng, duration=PULSES_END)
+    m = drive_square_waves(car, sim, rng, duration=PULSES_END)
     torque, brake = m.wheel_torque_front.copy(), np.zeros_like(m.time)
     for start in PULSES:
         locked = (m.time >= start) & (m.time < start + LOCK_FOR)
@@ -104,10 +106,10 @@ def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuve
     return replace(m, wheel_torque_front=torque, brake_torque_front=brake)
 
 
-def wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """Square waves; twice too much torque spins the front wheels, and the speed is given
     back afterwards."""
-    m = square_waves(car, sim, rng, duration=PULSES_END)
+    m = drive_square_waves(car, sim, rng, duration=PULSES_END)
     torque = m.wheel_torque_front.copy()
     for start in PULSES:
         torque[(m.time >= start) & (m.time < start + SPIN_FOR)] = SPIN_TORQUE
@@ -119,7 +121,7 @@ PAPER_SPEED, PAPER_SD = 22.0, 1.0  # m/s: x0 and P0 of the paper, also of the la
 APPROACH, LANES_END = 10.0, 48.0  # s
 
 
-def paper_waves(
+def drive_paper_waves(
     car: Config,
     sim: SimConfig,
     rng: np.random.Generator,
@@ -130,13 +132,13 @@ def paper_waves(
     """The paper's square waves, from a state drawn from the paper's p0."""
     speed = PAPER_SPEED + PAPER_SD * rng.standard_normal()
     sim.vel_y = PAPER_SD * rng.standard_normal()
-    return replace(square_waves(car, sim, rng, duration=duration, road=road), speed=speed)
+    return replace(drive_square_waves(car, sim, rng, duration=duration, road=road), speed=speed)
 
 
-def paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+def drive_paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
     """After the paper's IV-B: ten seconds straight on, accelerating twice; from 13 s on
     double lane changes."""
-    m = listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
+    m = drive_listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
     t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
     before = len(t) - len(m.time)
     drive = np.select([(t >= 1) & (t < 4), (t >= 6) & (t < 9)], [1.0, 1.0], 0.0)  # m/s2
@@ -149,7 +151,7 @@ def paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuv
 # ---- regimes: what happens to the road while driving
 
 
-def slow_change(
+def drive_slow_change(
     car: Config,
     sim: SimConfig,
     rng: np.random.Generator,
@@ -160,14 +162,14 @@ def slow_change(
     after: float,
 ) -> Maneuver:
     """Square waves; all stiffness goes linearly to `level` within `length`."""
-    m = square_waves(car, sim, rng, duration=start + length + after)
+    m = drive_square_waves(car, sim, rng, duration=start + length + after)
     return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
 
 
 LANE_PERIOD = (6.0, 12.0)  # s: of keeping the lane
 
 
-def _waving(
+def _make_waves(
     t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
 ) -> np.ndarray:
     """Two slow sines of random period and phase that add up to `size`."""
@@ -182,7 +184,7 @@ LATERAL = (0.5, 2.5)  # m/s2, largest of a part
 WAVE = 1.0  # m/s2 up and down, of square waves
 
 
-def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
+def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
     """Parts of lane keeping, square waves, random steering and straight roads, at speeds
     that change in between: what a car does as long as nothing happens."""
     t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
@@ -202,7 +204,7 @@ def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration:
         size = rng.uniform(*LATERAL) * (car.lf + car.lr + gradient * fast**2) / fast**2
         kind = rng.integers(4)
         if kind == 0:
-            steer[part] = _waving(now, rng, (size, size), LANE_PERIOD)
+            steer[part] = _make_waves(now, rng, (size, size), LANE_PERIOD)
         elif kind == 1:
             steer[part] = size * make_square(now, rng.uniform(3.0, 6.0))
             period = (end - start) / round((end - start) / rng.uniform(4.0, 8.0))
@@ -225,7 +227,7 @@ FIRST, SLOT, JITTER = 15.0, 20.0, 2.0  # s: one corruption in each slot, and tim
 SLOTS_END = FIRST + SLOT * len(LENGTHS)
 
 
-def _stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[int, int]]:
+def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[int, int]]:
     """Rows [a, b) of one corruption of each length, in random order at random times."""
     found = []
     for slot, length in enumerate(rng.permutation(LENGTHS)):
@@ -235,25 +237,25 @@ def _stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[int, in
     return found
 
 
-def dropout(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
+def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
     """The channel is missing for 0.1, 0.5, 2 and 5 s."""
     corrupted = np.zeros(len(time), bool)
-    for a, b in _stretches(time, rng):
+    for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = np.nan
         corrupted[a:b] = True
     return corrupted
 
 
-def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
+def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
     """The channel repeats its last value for 0.1, 0.5, 2 and 5 s."""
     corrupted = np.zeros(len(time), bool)
-    for a, b in _stretches(time, rng):
+    for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = rows[channel][a - 1]
         corrupted[a:b] = True
     return corrupted
 
 
-def outliers(
+def add_outliers(
     time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float
 ) -> np.ndarray:
     """Single samples of the inertial channels are far off. An estimator has to live with
@@ -288,36 +290,45 @@ class Study:
         return next(c for c in self.cases if c.name == name)
 
 
-def _waves(duration: float = 30.0, **more: object) -> partial:
-    return partial(square_waves, duration=duration, **more)
+def _make_square_waves(duration: float = 30.0, **more: object) -> partial:
+    return partial(drive_square_waves, duration=duration, **more)
 
 
-def _paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
+def _draw_paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
     return {"initial_vel_x": sim.speed + rng.standard_normal()}
 
 
-NOMINAL = Case("nominal", "square waves, all as assumed", _waves())
-NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _waves(), sim={"noise": 3.0})
-NOISE_THIRD = Case("noise-third", "sensor noise a third of the setting", _waves(), sim={"noise": 1 / 3})
-LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=LOW_STEER, torque=None))
+NOMINAL = Case("nominal", "square waves, all as assumed", _make_square_waves())
+NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _make_square_waves(), sim={"noise": 3.0})
+NOISE_THIRD = Case(
+    "noise-third", "sensor noise a third of the setting", _make_square_waves(), sim={"noise": 1 / 3}
+)
+LOW = Case(
+    "low-excitation", "slip 0.5 %, steering 0.005 rad", _make_square_waves(steer=LOW_STEER, torque=None)
+)
 OUTLIERS = Case(
     "outliers",
     "1 % of the inertial samples 10 sigma off",
-    _waves(),
-    corrupt=partial(outliers, share=0.01, sigmas=10.0),
+    _make_square_waves(),
+    corrupt=partial(add_outliers, share=0.01, sigmas=10.0),
 )
-ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((20.0, 0.7),)), events=(20.0,))
+ROAD = Case(
+    "road-change",
+    "all stiffness to 70 % at 20 s",
+    _make_square_waves(40.0, road=((20.0, 0.7),)),
+    events=(20.0,),
+)
 
 ROAD_03 = Case(
     "road-0.3",
     "road to 30 % at 20 s and back at 40 s",
-    _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
+    _make_square_waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
     events=(20.0, 40.0),
     windows=((30.0, 39.99), (50.0, 60.0)),
 )
 
 
-def _stress() -> tuple[Case, ...]:
+def _make_stress_cases() -> tuple[Case, ...]:
     imu_bias = {
         "true_bias_accel_x": 0.1,
         "true_bias_accel_y": 0.1,
@@ -327,45 +338,45 @@ def _stress() -> tuple[Case, ...]:
     after_15 = ((FIRST, SLOTS_END),)
     pulses = ((PULSES[0] - 5, PULSES[0]), (PULSES_END - 15, PULSES_END))
     friction = {"sim": {"friction": 0.9}, "windows": pulses}
-    slots = _waves(SLOTS_END)
+    slots = _make_square_waves(SLOTS_END)
     return (
         NOMINAL,
         Case(
             "paper-prior",
             "vx starts 1 m/s sd off",
-            _waves(),
-            draw=_paper_prior,
+            _make_square_waves(),
+            draw=_draw_paper_prior,
             config={"initial_vel_x_from_wheels": 0, "initial_vel_x_sd": 1.0},
         ),
-        Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}),
+        Case("vy-start", "vy starts 10 sigma off", _make_square_waves(), sim={"vel_y": 1.0}),
         NOISE_3X,
         NOISE_THIRD,
         Case(
             "wheel-noise-known",
             "wheel speeds noisy by 0.05 rad/s, in the settings",
-            _waves(),
+            _make_square_waves(),
             sim={"wheel_speed_sd": 0.05},
             config={"wheel_noise_sd": 0.05},
         ),
         Case(
             "wheel-noise-unknown",
             "wheel speeds noisy by 0.05 rad/s, not in the settings",
-            _waves(),
+            _make_square_waves(),
             sim={"wheel_speed_sd": 0.05},
         ),
         OUTLIERS,
-        Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _waves(), sim=imu_bias),
+        Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _make_square_waves(), sim=imu_bias),
         LOW,
         replace(
             LOW,
             name="low-excitation-250",
             title="torque 250 Nm, steering 0.005 rad",
-            build=_waves(steer=LOW_STEER, torque=250.0),
+            build=_make_square_waves(steer=LOW_STEER, torque=250.0),
         ),
         Case(
             "highway",
             "5 min straight, then a lane change",
-            highway,
+            drive_highway,
             windows=((LANE_CHANGE[0] + LANE_CHANGE[1], HIGHWAY_END),),
         ),
         replace(ROAD_03, windows=((30.0, 40.0), (50.0, 60.0))),
@@ -373,19 +384,19 @@ def _stress() -> tuple[Case, ...]:
             Case(
                 f"spread-{s:g}",
                 f"stiffness scatters by {s:g} %",
-                _waves(),
+                _make_square_waves(),
                 sim=dict.fromkeys(SPREADS, s / 100),
             )
             for s in (1, 5, 15)
         ),
         *(
-            Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f})
+            Case(f"forgetting-{f:g}", f"forgetting {f:g}", _make_square_waves(), config={"forgetting": f})
             for f in (0.98, 0.99, 0.995)
         ),
         Case(
             "forgetting-0.999",
             "forgetting 0.999, judged after two memories",
-            _waves(40.0),
+            _make_square_waves(40.0),
             config={"forgetting": 0.999},
             windows=((20.0, 40.0),),
         ),
@@ -394,7 +405,7 @@ def _stress() -> tuple[Case, ...]:
                 f"dropout-{c}",
                 f"{c} missing for 0.1 .. 5 s",
                 slots,
-                corrupt=partial(dropout, channel=c),
+                corrupt=partial(drop_channel, channel=c),
                 windows=after_15,
             )
             for c in (*DRIVES, *MEASURES)
@@ -404,7 +415,7 @@ def _stress() -> tuple[Case, ...]:
                 f"stuck-{c}",
                 f"{c} stuck for 0.1 .. 5 s",
                 slots,
-                corrupt=partial(stuck, channel=c),
+                corrupt=partial(freeze_channel, channel=c),
                 windows=after_15,
             )
             for c in (*DRIVES, *MEASURES)
@@ -412,21 +423,40 @@ def _stress() -> tuple[Case, ...]:
         Case(
             "stop-and-go",
             "standstill, launch, stop, four times",
-            partial(listed, name="stop-and-go", duration=80.0),
+            partial(drive_listed, name="stop-and-go", duration=80.0),
             windows=((20.0, 80.0),),
         ),
         Case(
             "reverse",
             "backwards from standstill, launch, square waves",
-            reverse,
+            drive_reverse,
             windows=((45.0, REVERSE_END),),
         ),
-        Case("wheel-lock", "front wheels lock for 1 s, twice; against the secant", wheel_lock, **friction),
-        Case("wheel-spin", "front wheels spin for 1 s, twice; against the secant", wheel_spin, **friction),
-        Case("mass+10", "10 % heavier than assumed", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
-        Case("mass-10", "10 % lighter than assumed", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
+        Case(
+            "wheel-lock", "front wheels lock for 1 s, twice; against the secant", drive_wheel_lock, **friction
+        ),
+        Case(
+            "wheel-spin", "front wheels spin for 1 s, twice; against the secant", drive_wheel_spin, **friction
+        ),
+        Case(
+            "mass+10",
+            "10 % heavier than assumed",
+            _make_square_waves(),
+            car={"mass": 1.1, "yaw_inertia": 1.1},
+        ),
+        Case(
+            "mass-10",
+            "10 % lighter than assumed",
+            _make_square_waves(),
+            car={"mass": 0.9, "yaw_inertia": 0.9},
+        ),
         *(
-            Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
+            Case(
+                f"sample-{ms}ms",
+                f"a row every {ms} ms",
+                _make_square_waves(),
+                config={"sample_time": ms / 1000},
+            )
             for ms in (5, 10, 20, 40)
         ),
     )
@@ -435,7 +465,7 @@ def _stress() -> tuple[Case, ...]:
 SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # s
 
 
-def _regimes() -> tuple[Case, ...]:
+def _make_regime_cases() -> tuple[Case, ...]:
     """What `_stress` does not have. Windows end before an event: its row already has
     another truth."""
     two = ("tse", "known")
@@ -443,7 +473,7 @@ def _regimes() -> tuple[Case, ...]:
         Case(
             "road-0.7",
             "square waves, road to 70 % at 30 s",
-            _waves(60.0, road=((30.0, 0.7),)),
+            _make_square_waves(60.0, road=((30.0, 0.7),)),
             events=(30.0,),
             windows=((15.0, 29.99), (45.0, 60.0)),
             estimators=two,
@@ -452,7 +482,7 @@ def _regimes() -> tuple[Case, ...]:
         Case(
             "slow-20",
             f"stiffness to 70 % within {SLOW:g} s",
-            partial(slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER),
+            partial(drive_slow_change, start=SLOW_START, length=SLOW, level=0.7, after=SLOW_AFTER),
             events=(SLOW_START,),
             lasts=SLOW,
             windows=((SLOW_START, SLOW_START + SLOW + SLOW_AFTER),),
@@ -463,11 +493,11 @@ def _regimes() -> tuple[Case, ...]:
 TEN_MINUTES = 600.0  # s
 
 
-def _false_alarms() -> tuple[Case, ...]:
+def _make_false_alarm_cases() -> tuple[Case, ...]:
     known = Case(
         "false-alarms",
         "ordinary driving",
-        partial(ordinary, duration=TEN_MINUTES),
+        partial(drive_ordinary, duration=TEN_MINUTES),
         windows=((30.0, TEN_MINUTES),),
     )
     return known, replace(
@@ -475,18 +505,18 @@ def _false_alarms() -> tuple[Case, ...]:
     )
 
 
-def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
+def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
     return tuple(replace(c, estimators=estimators) for c in cases)
 
 
-def _paper() -> tuple[Case, ...]:
+def _make_paper_cases() -> tuple[Case, ...]:
     """Sec. IV-A with inputs that change linearly between rows, and with inputs that are
     held; and a twin of the experiment of IV-B, with a prior that is wrong by 20 % on
     either side."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",
-        partial(paper_waves, duration=60.0, road=((30.0, 0.7),)),
+        partial(drive_paper_waves, duration=60.0, road=((30.0, 0.7),)),
         events=(30.0,),
         windows=((15.0, 29.99), (45.0, 60.0)),
         estimators=PAPER,
@@ -494,8 +524,8 @@ def _paper() -> tuple[Case, ...]:
     lanes = Case(
         "iv-b-20",
         "acceleration, double lane changes, prior 20 % too low",
-        paper_lanes,
-        config=_prior(0.8),
+        drive_paper_lanes,
+        config=_make_prior(0.8),
         windows=((0.0, 48.0), (44.0, 48.0)),
         estimators=("paper", "robust", "tse"),
     )
@@ -509,42 +539,50 @@ def _paper() -> tuple[Case, ...]:
             config={"integration": 2},
         ),
         lanes,
-        replace(lanes, name="iv-b+20", title="the same, prior 20 % too high", config=_prior(1.2)),
+        replace(lanes, name="iv-b+20", title="the same, prior 20 % too high", config=_make_prior(1.2)),
     )
 
 
 PAPER = ("printed", "robust", "tse")
 
 
-def _prior(level: float) -> dict[str, float]:
+def _make_prior(level: float) -> dict[str, float]:
     return {f"initial_{s}": level for s in ("cx_front", "cy_front", "cy_rear")} | {"forgetting": 0.995}
 
 
-def _cases() -> dict[str, tuple[Case, ...]]:
+def _make_cases() -> dict[str, tuple[Case, ...]]:
     return {
-        "accuracy": (Case("accuracy", "square waves, start at 70 %", _waves(40.0), windows=((20.0, 40.0),)),),
-        "paper": _paper(),
-        "robust": _with(
+        "accuracy": (
+            Case(
+                "accuracy", "square waves, start at 70 %", _make_square_waves(40.0), windows=((20.0, 40.0),)
+            ),
+        ),
+        "paper": _make_paper_cases(),
+        "robust": _set_estimators(
             ("robust", *(f"robust-{name}" for name in VARIANTS)),
-            *(c for c in _paper() if c.name == "iv-a"),
+            *(c for c in _make_paper_cases() if c.name == "iv-a"),
             ROAD_03,
             NOISE_3X,
         ),
-        "peers": _with(("tse", "robust", "robust-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
-        "stress": _stress(),
-        "regimes": _regimes(),
-        "false-alarms": _false_alarms(),
+        "peers": _set_estimators(
+            ("tse", "robust", "robust-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD
+        ),
+        "stress": _make_stress_cases(),
+        "regimes": _make_regime_cases(),
+        "false-alarms": _make_false_alarm_cases(),
     }
 
 
-def study(name: str, cases: tuple[str, ...] = ()) -> Study:
+def make_study(name: str, cases: tuple[str, ...] = ()) -> Study:
     """A study, or only some of its cases."""
     base, *beside = name.split("+")
     if base not in STUDIES:
         raise UserError(f"option --study: there is no study '{base}'; known: {', '.join(STUDIES)}")
     for other in beside:
-        overrides(other)  # refuses what there is not
-    every = [replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *beside)))) for c in _cases()[base]]
+        get_overrides(other)  # refuses what there is not
+    every = [
+        replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *beside)))) for c in _make_cases()[base]
+    ]
     names = [c.name for c in every]
     if missing := [case for case in cases if case not in names]:
         raise UserError(f"option --cases: study {base} has no case '{missing[0]}'; known: {', '.join(names)}")

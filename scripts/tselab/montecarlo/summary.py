@@ -9,9 +9,9 @@ from scipy import stats
 
 from tse.library.core import STIFFNESS, SimConfig
 from tse.log.rows import MEASURES
-from tse.report.tables import markdown_table
+from tse.report.tables import format_markdown_table
 from tselab.montecarlo import scores
-from tselab.montecarlo.engine import Plan
+from tselab.montecarlo.engine import StudyPlan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, DIVERGED_ERROR, DIVERGED_FOR, OFF, OFF_FOR, SETTLED_FOR, SURE
 
@@ -32,19 +32,19 @@ class Table:
 
     def markdown(self) -> str:
         lines = [f"## {self.title}", "", *([self.text, ""] if self.text else [])]
-        return "\n".join([*lines, *markdown_table(self.head, self.rows, self.left)])
+        return "\n".join([*lines, *format_markdown_table(self.head, self.rows, self.left)])
 
 
 # ---- intervals
 
 
-def root_mean(squares: np.ndarray) -> np.ndarray:
+def compute_rms(squares: np.ndarray) -> np.ndarray:
     """RMS along the last axis."""
     return np.sqrt(squares.mean(axis=-1))
 
 
-def bootstrap(
-    values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = root_mean
+def bootstrap_interval(
+    values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = compute_rms
 ) -> tuple[float, float]:
     """Percentile interval of a statistic over the last axis, which holds the runs: they
     are drawn again as a whole."""
@@ -57,12 +57,12 @@ def bootstrap(
     return float(low), float(high)
 
 
-def rms_ratio(pair: np.ndarray) -> np.ndarray:
+def compute_rms_ratio(pair: np.ndarray) -> np.ndarray:
     """RMS of the first row of squares over that of the second."""
-    return root_mean(pair[0]) / root_mean(pair[1])
+    return compute_rms(pair[0]) / compute_rms(pair[1])
 
 
-def mean_interval(values: Iterable[float]) -> tuple[float, float]:
+def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
     """Mean, and half the width of its t interval."""
     values = np.asarray(values, float)
     if len(values) < 2:
@@ -70,7 +70,7 @@ def mean_interval(values: Iterable[float]) -> tuple[float, float]:
     return float(values.mean()), float(stats.t.ppf((1 + LEVEL) / 2, len(values) - 1) * stats.sem(values))
 
 
-def clopper_pearson(k: int, n: int) -> tuple[float, float]:
+def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
     """Exact interval of a share."""
     interval = stats.binomtest(k, n).proportion_ci(LEVEL, method="exact")
     return float(interval.low), float(interval.high)
@@ -79,23 +79,25 @@ def clopper_pearson(k: int, n: int) -> tuple[float, float]:
 # ---- the table of all cases
 
 
-def summarise(plan: Plan, runs: pd.DataFrame) -> pd.DataFrame:
+def summarise(plan: StudyPlan, runs: pd.DataFrame) -> pd.DataFrame:
     """One line per case and estimator. Percent, seconds."""
     lines = []
     for case in plan.study.cases:
         for name in case.estimators:
-            part = of(runs, case.name, name)
+            part = select_runs(runs, case.name, name)
             if len(part):
-                lines.append({"case": case.name, "estimator": name, "title": case.title} | _line(part))
+                lines.append(
+                    {"case": case.name, "estimator": name, "title": case.title} | _summarise_case(part)
+                )
     return pd.DataFrame(lines)
 
 
-def of(runs: pd.DataFrame, case: str, estimator: str) -> pd.DataFrame:
+def select_runs(runs: pd.DataFrame, case: str, estimator: str) -> pd.DataFrame:
     """The rows of one estimator in one case, by seed."""
     return runs[(runs["case"] == case) & (runs["estimator"] == estimator)]
 
 
-def _line(part: pd.DataFrame) -> dict[str, float]:
+def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
     n = len(part)
     line: dict[str, float] = {
         "runs": n,
@@ -104,18 +106,20 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
     }
     for name in ("diverged", "diverged_any"):
         if part[name].notna().all():
-            low, high = clopper_pearson(int(part[name].sum()), n)
+            low, high = compute_clopper_pearson(int(part[name].sum()), n)
             line |= {name: int(part[name].sum()), f"{name}_low": 100 * low, f"{name}_high": 100 * high}
     line["recoveries"] = part["recoveries"].sum(min_count=1)
     for key in STIFFNESS:
         square = part[f"{key}_mean_square"].to_numpy()
         line[f"{key}_rms"] = np.sqrt(square.mean())
-        line[f"{key}_rms_low"], line[f"{key}_rms_high"] = bootstrap(square)
+        line[f"{key}_rms_low"], line[f"{key}_rms_high"] = bootstrap_interval(square)
         line[f"{key}_rms_median"] = np.sqrt(np.median(square))
-        line[f"{key}_bias"], line[f"{key}_bias_half"] = mean_interval(part[f"{key}_bias"])
-        line[f"{key}_covered"], line[f"{key}_covered_half"] = mean_interval(part[f"{key}_covered"])
+        line[f"{key}_bias"], line[f"{key}_bias_half"] = compute_mean_interval(part[f"{key}_bias"])
+        line[f"{key}_covered"], line[f"{key}_covered_half"] = compute_mean_interval(part[f"{key}_covered"])
         line[f"{key}_sd"] = np.sqrt(part[f"{key}_sd_square"].mean())
-        line[f"{key}_spread"], line[f"{key}_spread_half"] = mean_interval(part[f"{key}_spread"].dropna())
+        line[f"{key}_spread"], line[f"{key}_spread_half"] = compute_mean_interval(
+            part[f"{key}_spread"].dropna()
+        )
         line[f"{key}_spread_seen"] = part[f"{key}_spread_seen"].mean()
         line[f"{key}_diverged"] = part[f"{key}_diverged"].sum(min_count=1)
         line[f"{key}_worst"] = part[f"{key}_worst"].max()
@@ -125,7 +129,7 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
                 line[settle], line[f"{settle}_90"] = part[settle].quantile([0.5, 0.9], interpolation="higher")
                 line[f"{settle}_most"] = part[settle].max()
         for share in scores.SHARES:
-            line[f"{key}_{share}"] = _pooled(part, [key], share)
+            line[f"{key}_{share}"] = _pool_shares(part, [key], share)
     for name in ("changes", "false_changes"):
         line[name] = part[name].sum(min_count=1)
     line["hours"] = part["seconds"].sum() / 3600
@@ -134,7 +138,7 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
             line[name], line[f"{name}_90"] = part[name].quantile([0.5, 0.9], interpolation="higher")
             line[f"{name}_most"] = part[name].max()
     for share in scores.SHARES:
-        line[share] = _pooled(part, STIFFNESS, share)
+        line[share] = _pool_shares(part, STIFFNESS, share)
     for channel in MEASURES:
         line[f"noise_{channel}"] = part[f"noise_{channel}"].mean()
     line["microseconds_per_step"] = 1e6 * (part["estimate_s"] / part["steps"]).median()
@@ -142,7 +146,7 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
     return line
 
 
-def _pooled(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
+def _pool_shares(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
     """Share of all rows of all runs, percent; NaN when there is none."""
     count = sum(part[f"{k}_{share}"].sum() for k in keys)
     among = sum(part[f"{k}_{share}_of"].sum() for k in keys)
@@ -152,40 +156,41 @@ def _pooled(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
 # ---- for people
 
 
-def number(value: float | None, digits: int = 2, sign: str = "") -> str:
+def format_number(value: float | None, digits: int = 2, sign: str = "") -> str:
     """A number; a dash where there is none."""
     if value is None or np.isnan(value):
         return "-"
     return "never" if np.isinf(value) else f"{value:{sign}.{digits}f}"
 
 
-def three(line: pd.Series, what: str, digits: int = 1, sign: str = "") -> str:
+def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") -> str:
     """The three stiffnesses in one cell."""
-    return ", ".join(number(line.get(f"{k}_{what}", np.nan), digits, sign) for k in STIFFNESS)
+    return ", ".join(format_number(line.get(f"{k}_{what}", np.nan), digits, sign) for k in STIFFNESS)
 
 
-def settled(line: pd.Series, event: int) -> list[str]:
+def format_settling(line: pd.Series, event: int) -> list[str]:
     """Two cells: seconds until settled after an event, median and longest; the same for
     good. Of the slowest stiffness."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
         median, most = (max(line.get(f"{n}{end}", np.nan) for n in names) for end in ("", "_most"))
-        cells.append("-" if np.isnan(median) else f"{number(median, 1)} ({number(most, 1)})")
+        cells.append("-" if np.isnan(median) else f"{format_number(median, 1)} ({format_number(most, 1)})")
     return cells
 
 
-def diverged(line: pd.Series) -> str:
+def format_divergence(line: pd.Series) -> str:
     """Count and interval."""
     if np.isnan(line.get("diverged", np.nan)):
         return "-"
     return f"{line['diverged']:.0f} ({line['diverged_low']:.1f} .. {line['diverged_high']:.1f} %)"
 
 
-def _rms(line: pd.Series, key: str) -> str:
+def _format_rms(line: pd.Series, key: str) -> str:
     if np.isnan(line[f"{key}_rms"]):
         return "-"
-    return f"{line[f'{key}_rms']:.2f} ({number(line[f'{key}_rms_low'])} .. {number(line[f'{key}_rms_high'])})"
+    low, high = (format_number(line[f"{key}_rms_{end}"]) for end in ("low", "high"))
+    return f"{line[f'{key}_rms']:.2f} ({low} .. {high})"
 
 
 WRONG = f"{100 * DIVERGED_ERROR:.0f} %"
@@ -212,7 +217,7 @@ LEGEND = (
 )
 
 
-def overview(plan: Plan, summary: pd.DataFrame) -> Table:
+def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
     """One line per case and estimator: divergence, error, coverage, validity, spread."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
     head = [
@@ -238,19 +243,19 @@ def overview(plan: Plan, summary: pd.DataFrame) -> Table:
             f"{line['case']}: {line['title']}",
             *([line["estimator"]] if several else []),
             f"{line['runs']}",
-            diverged(line),
-            number(line.get("diverged_any"), 0),
-            *(_rms(line, k) for k in HEADS),
-            three(line, "covered", 0),
-            three(line, "bias", 2, "+"),
-            three(line, "spread"),
-            three(line, "spread_seen", 0),
-            ", ".join(number(line[f"noise_{c}"], 1) for c in MEASURES),
-            number(line["false_valid"], 2),
-            number(line["false_invalid"], 1),
-            number(line["reason_right"], 1),
-            number(line["corrupted_reported"], 1),
-            number(line["recoveries"], 0),
+            format_divergence(line),
+            format_number(line.get("diverged_any"), 0),
+            *(_format_rms(line, k) for k in HEADS),
+            format_three(line, "covered", 0),
+            format_three(line, "bias", 2, "+"),
+            format_three(line, "spread"),
+            format_three(line, "spread_seen", 0),
+            ", ".join(format_number(line[f"noise_{c}"], 1) for c in MEASURES),
+            format_number(line["false_valid"], 2),
+            format_number(line["false_invalid"], 1),
+            format_number(line["reason_right"], 1),
+            format_number(line["corrupted_reported"], 1),
+            format_number(line["recoveries"], 0),
         ]
         for _, line in summary.iterrows()
     ]
@@ -266,23 +271,23 @@ SETTLING = (
 )
 
 
-def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """What the study is about."""
     of_study = {
-        "paper": _paper,
-        "robust": _robust,
-        "peers": _peers,
-        "regimes": _regimes,
-        "false-alarms": _false_alarms,
+        "paper": _tabulate_paper,
+        "robust": _tabulate_robust,
+        "peers": _tabulate_peers,
+        "regimes": _tabulate_regimes,
+        "false-alarms": _tabulate_false_alarms,
     }
     make = of_study.get(plan.study.base)
     return [t for t in make(plan, runs, summary) if t.rows] if make else []
 
 
-def changes(plan: Plan, summary: pd.DataFrame) -> list[Table]:
+def tabulate_changes(plan: StudyPlan, summary: pd.DataFrame) -> list[Table]:
     """How soon each change of a case is followed."""
     rows = [
-        [case.name, line["estimator"], f"{event:g} s", *settled(line, n)]
+        [case.name, line["estimator"], f"{event:g} s", *format_settling(line, n)]
         for case in plan.study.cases
         for _, line in summary[summary["case"] == case.name].iterrows()
         for n, event in enumerate(case.events, 1)
@@ -294,16 +299,16 @@ def changes(plan: Plan, summary: pd.DataFrame) -> list[Table]:
 PAPERS = ("printed", "robust", "tse")
 
 
-def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """The paper's numbers beside ours."""
     cases = {c.name: c for c in plan.study.cases}
     rows: list[list[str]] = []
     for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
         if name in cases:
-            rows += _waves(name, inputs, [of(runs, name, e) for e in PAPERS])
+            rows += _tabulate_waves(name, inputs, [select_runs(runs, name, e) for e in PAPERS])
     for name, prior in (("iv-b-20", "-20"), ("iv-b+20", "+20")):
         if name in cases:
-            rows += _lanes(prior, [of(runs, name, e) for e in ("paper", *PAPERS[1:])])
+            rows += _tabulate_lanes(prior, [select_runs(runs, name, e) for e in ("paper", *PAPERS[1:])])
     text = (
         f"{plan.runs} runs of each case. Sec. IV-A: 500 particles, forgetting 0.99 (robust: 0.998, of the "
         "mean 0.98), start "
@@ -322,30 +327,31 @@ def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
     ]
 
 
-def _three(parts: list[pd.DataFrame], cell: Callable[[pd.Series], str], what: str) -> list[str]:
+def _format_three_parts(parts: list[pd.DataFrame], cell: Callable[[pd.Series], str], what: str) -> list[str]:
     return [", ".join(cell(part[f"{k}_{what}"]) for k in STIFFNESS) for part in parts]
 
 
-def _rms_of(x: pd.Series) -> str:
-    return f"{root_mean(x.to_numpy()):.2f} ({' .. '.join(map(number, bootstrap(x.to_numpy())))})"
+def _format_rms_of(x: pd.Series) -> str:
+    interval = " .. ".join(map(format_number, bootstrap_interval(x.to_numpy())))
+    return f"{compute_rms(x.to_numpy()):.2f} ({interval})"
 
 
-def _mean_of(x: pd.Series) -> str:
-    mean, half = mean_interval(x)
-    return f"{mean:+.2f} ± {number(half)}"
+def _format_mean_of(x: pd.Series) -> str:
+    mean, half = compute_mean_interval(x)
+    return f"{mean:+.2f} ± {format_number(half)}"
 
 
-def _share_of(hit: pd.Series) -> str:
-    low, high = clopper_pearson(int(hit.sum()), len(hit))
+def _format_share_of(hit: pd.Series) -> str:
+    low, high = compute_clopper_pearson(int(hit.sum()), len(hit))
     return f"{100 * hit.mean():.0f} ({100 * low:.0f} .. {100 * high:.0f}) %"
 
 
-def _off(parts: list[pd.DataFrame], window: int) -> list[str]:
+def _format_errors(parts: list[pd.DataFrame], window: int) -> list[str]:
     hits = [part[[f"{k}_off_w{window}" for k in STIFFNESS]].any(axis=1) for part in parts]
-    return [f"{int(hit.sum())} of {len(hit)}; {_share_of(hit)}" for hit in hits]
+    return [f"{int(hit.sum())} of {len(hit)}; {_format_share_of(hit)}" for hit in hits]
 
 
-def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]:
+def _tabulate_waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]:
     head = f"inputs {inputs}: "
     true = 100 * SimConfig().spread_cx_front
     particles = [100 * (part["cx_front_spread_w0"] / true - 1) for part in parts[:2]]
@@ -359,7 +365,7 @@ def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]
         [
             "... runs within 5 %, within 20 %",
             "1 of 1",
-            *(f"{_share_of(x.abs() <= 5)}, {_share_of(x.abs() <= 20)}" for x in particles),
+            *(f"{_format_share_of(x.abs() <= 5)}, {_format_share_of(x.abs() <= 20)}" for x in particles),
             "-",
         ],
     ]
@@ -367,41 +373,45 @@ def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]
         [
             f"Fig. 2, {head}Cy front, mean error, %",
             "close to 0",
-            *(_mean_of(p["cy_front_bias_w0"]) for p in parts),
+            *(_format_mean_of(p["cy_front_bias_w0"]) for p in parts),
         ],
         [
             "... its sd; p of a normal distribution",
             "a normal one",
-            *(_normality(p["cy_front_bias_w0"]) for p in parts),
+            *(_format_normality(p["cy_front_bias_w0"]) for p in parts),
         ],
     ]
     rest = [
-        [f"{head}rms error, 15 .. 30 s", "-", *_three(parts, _rms_of, "mean_square_w0")],
-        [f"{head}rms error, 45 .. 60 s", "-", *_three(parts, _rms_of, "mean_square_w1")],
+        [f"{head}rms error, 15 .. 30 s", "-", *_format_three_parts(parts, _format_rms_of, "mean_square_w0")],
+        [f"{head}rms error, 45 .. 60 s", "-", *_format_three_parts(parts, _format_rms_of, "mean_square_w1")],
         [
             f"{head}95 % interval holds, 15 .. 30 s",
             "-",
-            *_three(parts, lambda x: f"{x.mean():.0f}", "covered_w0"),
+            *_format_three_parts(parts, lambda x: f"{x.mean():.0f}", "covered_w0"),
         ],
-        [f"{head}diverged before the change", "-", *_off(parts, 0)],
-        [f"{head}diverged after it", "-", *_off(parts, 1)],
+        [f"{head}diverged before the change", "-", *_format_errors(parts, 0)],
+        [f"{head}diverged after it", "-", *_format_errors(parts, 1)],
     ]
     return [*fig1, *fig2, *rest]
 
 
-def _normality(x: pd.Series) -> str:
+def _format_normality(x: pd.Series) -> str:
     if len(x) < 8:  # too few for the test
-        return number(x.std())
-    return f"{x.std():.2f}; {anderson_darling(x.to_numpy())[1]:.3f}"
+        return format_number(x.std())
+    return f"{x.std():.2f}; {compute_anderson_darling(x.to_numpy())[1]:.3f}"
 
 
-def _lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
+def _tabulate_lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
     head = f"prior {prior} %: "
-    throughout = [", ".join(_mean_of(part[f"{k}_bias_w0"]) for k in STIFFNESS) for part in parts]
+    throughout = [", ".join(_format_mean_of(part[f"{k}_bias_w0"]) for k in STIFFNESS) for part in parts]
     return [
         [f"Fig. 3, {head}mean error throughout", "-, 2.2, 0.2" if prior == "-20" else "-", *throughout],
-        [f"{head}rms error at the end, 44 .. 48 s", "-", *_three(parts, _rms_of, "mean_square_w1")],
-        [f"{head}diverged at the end", "-", *_off(parts, 1)],
+        [
+            f"{head}rms error at the end, 44 .. 48 s",
+            "-",
+            *_format_three_parts(parts, _format_rms_of, "mean_square_w1"),
+        ],
+        [f"{head}diverged at the end", "-", *_format_errors(parts, 1)],
         [
             f"Fig. 4, {head}rms error of vX, m/s; yaw rate, deg/s",
             "closely tracked",
@@ -414,16 +424,19 @@ def _lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
     ]
 
 
-def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """Each variant of the robust form, in each window of each case."""
     tables = []
     for case in plan.study.cases:
         rows = []
         for name in case.estimators:
-            part = of(runs, case.name, name)
+            part = select_runs(runs, case.name, name)
             cells = []
             for n in range(len(case.windows)):
-                cells += [_off([part], n)[0], *_three([part], _rms_of, f"mean_square_w{n}")]
+                cells += [
+                    _format_errors([part], n)[0],
+                    *_format_three_parts([part], _format_rms_of, f"mean_square_w{n}"),
+                ]
             text = VARIANTS[name.partition("-")[2]][0] if "-" in name else "as `tse_config_robust()` has it"
             spread = ", ".join(f"{part[f'{k}_spread_w0'].median():.1f}" for k in STIFFNESS)
             rows.append([name, text, *cells, spread])
@@ -443,7 +456,7 @@ def _robust(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table
     return tables
 
 
-def anderson_darling(x: np.ndarray) -> tuple[float, float]:
+def compute_anderson_darling(x: np.ndarray) -> tuple[float, float]:
     """A² with the correction for estimated mean and sd, and its p (D'Agostino & Stephens
     1986, table 4.9)."""
     n = len(x)
@@ -462,19 +475,21 @@ def anderson_darling(x: np.ndarray) -> tuple[float, float]:
     return float(a), float(np.clip(p, 0, 1))
 
 
-def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+def _tabulate_peers(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     rows = []
     for case in plan.study.cases:
-        ekf = of(runs, case.name, "ekf")
+        ekf = select_runs(runs, case.name, "ekf")
         for name in case.estimators:
-            part = of(runs, case.name, name)
+            part = select_runs(runs, case.name, name)
             line = summary[(summary["case"] == case.name) & (summary["estimator"] == name)].iloc[0]
             ratios = []
             for key in STIFFNESS:
                 pair = np.stack([p[f"{key}_mean_square"].to_numpy() for p in (part, ekf)])
-                low, high = bootstrap(pair, rms_ratio)
+                low, high = bootstrap_interval(pair, compute_rms_ratio)
                 ratios.append(
-                    "1" if name == "ekf" else f"{rms_ratio(pair):.2f} ({number(low)} .. {number(high)})"
+                    "1"
+                    if name == "ekf"
+                    else f"{compute_rms_ratio(pair):.2f} ({format_number(low)} .. {format_number(high)})"
                 )
             time = line["microseconds_per_step"]
             base = summary[(summary["case"] == case.name) & (summary["estimator"] == "ekf")].iloc[0]
@@ -482,14 +497,14 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
                 [
                     case.name,
                     name,
-                    diverged(line),
-                    three(line, "rms", 2),
+                    format_divergence(line),
+                    format_three(line, "rms", 2),
                     *ratios,
-                    three(line, "bias", 2, "+"),
-                    three(line, "covered", 0),
-                    settled(line, 1)[0],
-                    number(time, 1),
-                    number(time / base["microseconds_per_step"]),
+                    format_three(line, "bias", 2, "+"),
+                    format_three(line, "covered", 0),
+                    format_settling(line, 1)[0],
+                    format_number(time, 1),
+                    format_number(time / base["microseconds_per_step"]),
                 ]
             )
     head = [
@@ -517,14 +532,14 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
 # ---- regimes
 
 
-def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
+def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Table]:
     """RMS error of each estimator over that of another one, in each window of each case
     that has both."""
     rows = []
     for case in plan.study.cases:
-        below = of(runs, case.name, base)
+        below = select_runs(runs, case.name, base)
         for name in case.estimators:
-            part = of(runs, case.name, name)
+            part = select_runs(runs, case.name, name)
             if name in (base, *PEERS) or not len(part) or not len(below):
                 continue
             for n, (a, b) in enumerate(case.windows):
@@ -535,45 +550,51 @@ def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
                 if not np.isfinite(pairs).any():
                     continue  # a bound
                 cells = [
-                    f"{rms_ratio(p):.2f} ({' .. '.join(map(number, bootstrap(p, rms_ratio)))})" for p in pairs
+                    f"{compute_rms_ratio(p):.2f} "
+                    f"({' .. '.join(map(format_number, bootstrap_interval(p, compute_rms_ratio)))})"
+                    for p in pairs
                 ]
-                rms = [", ".join(number(float(root_mean(p[i]))) for p in pairs) for i in (0, 1)]
+                rms = [", ".join(format_number(float(compute_rms(p[i]))) for p in pairs) for i in (0, 1)]
                 rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
     head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
     text = f"On the same data, with paired bootstrap intervals (95 %). {base}: {TEXTS[base]}."
     return [Table(f"RMS error over that of {base}", head, rows, 2, text)] if rows else []
 
 
-def _regimes(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    return [*over(plan, runs, "known"), _after(plan, runs), false_changes(plan, runs)]
+def _tabulate_regimes(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    return [
+        *tabulate_ratios(plan, runs, "known"),
+        _tabulate_after(plan, runs),
+        tabulate_false_changes(plan, runs),
+    ]
 
 
-def _false_alarms(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    return [false_changes(plan, runs)]
+def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    return [tabulate_false_changes(plan, runs)]
 
 
-def _median(values: pd.Series) -> str:
+def _format_median(values: pd.Series) -> str:
     """Median run and longest, and how many never did."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
     middle, never = np.sort(x)[len(x) // 2], int(np.isinf(x).sum())
-    longest = number(x.max(), 2) if not never else f"never: {never}"
-    return f"{number(middle, 2)} ({longest})"
+    longest = format_number(x.max(), 2) if not never else f"never: {never}"
+    return f"{format_number(middle, 2)} ({longest})"
 
 
-def _after(plan: Plan, runs: pd.DataFrame) -> Table:
+def _tabulate_after(plan: StudyPlan, runs: pd.DataFrame) -> Table:
     rows = [
         [
             case.name,
             name,
             f"{event:g} s",
-            *(_median(part[f"{what}_{n}"]) for what in ("detected", "all_settle", "valid_off")),
+            *(_format_median(part[f"{what}_{n}"]) for what in ("detected", "all_settle", "valid_off")),
         ]
         for case in plan.study.cases
         if not case.lasts
         for name in case.estimators
-        if len(part := of(runs, case.name, name))
+        if len(part := select_runs(runs, case.name, name))
         for n, event in enumerate(case.events, 1)
     ]
     head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
@@ -587,36 +608,36 @@ def _after(plan: Plan, runs: pd.DataFrame) -> Table:
     return Table("After a change of the road", head, rows, 2, text)
 
 
-def poisson(count: int, exposure: float) -> tuple[float, float]:
+def compute_poisson_interval(count: int, exposure: float) -> tuple[float, float]:
     """Exact 95 % interval of a rate (Garwood 1936)."""
     low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
     return float(low / exposure), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2 / exposure)
 
 
-def _rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
+def _format_rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
     hours, count = part["seconds"].sum() / 3600, int(part["false_changes"].sum())
-    low, high = poisson(count, hours)
+    low, high = compute_poisson_interval(count, hours)
     return [
         name,
         estimator,
-        number(hours, 1),
-        number(part["changes"].sum(), 0),
+        format_number(hours, 1),
+        format_number(part["changes"].sum(), 0),
         str(count),
         f"{count / hours:.2f} ({low:.2f} .. {high:.2f})",
         str(int((part["false_changes"] > 0).sum())),
     ]
 
 
-def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
+def tabulate_false_changes(plan: StudyPlan, runs: pd.DataFrame) -> Table:
     known = runs[runs["changes"].notna()]
     rows = [
-        _rate(case.name, name, part)
+        _format_rate(case.name, name, part)
         for case in plan.study.cases
         for name in case.estimators
-        if len(part := of(known, case.name, name))
+        if len(part := select_runs(known, case.name, name))
     ]
     if len(rows) > 1:
-        rows += [_rate("all", name, part) for name, part in known.groupby("estimator", sort=False)]
+        rows += [_format_rate("all", name, part) for name, part in known.groupby("estimator", sort=False)]
     head = [
         "case",
         "estimator",

@@ -3,7 +3,7 @@ any effect is looked for.
 
 Around a fitted model an effect of size s moves the whitened residuals by s times its
 slopes, less what stiffness (and the effects already named) can take up. It is named when
-that is worth threshold() nats against residuals as they are.
+that is worth compute_threshold() nats against residuals as they are.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.gaps.catalogue import Effect, Parameter
+from tse.gaps.catalogue import CatalogueParameter, Effect
 from tse.gaps.fit import Fit
-from tse.gaps.infer.hypotheses import threshold
-from tse.gaps.infer.search import variance
+from tse.gaps.infer.hypotheses import compute_threshold
+from tse.gaps.infer.search import compute_variance
 from tse.gaps.infer.space import REACH
 from tse.gaps.problem import Problem
 from tse.identify.knots import KNOT_DISTANCE, PROFILES
@@ -41,26 +41,26 @@ class Detectable:
         return self.smallest <= self.typical
 
 
-def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
+def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
     """Return every effect with its smallest detectable size, by its most visible
     strength.
     """
-    need = threshold(len(effects))
+    need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
     slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
     q, _ = np.linalg.qr(current.jacobian)
     weight = np.zeros(len(current.residuals))
     for _, rows in problem.used():
-        weight[rows] = 1.0 / variance(float(np.mean(current.residuals[rows] ** 2)))
+        weight[rows] = 1.0 / compute_variance(float(np.mean(current.residuals[rows] ** 2)))
     found, k = [], 0
     for e in effects:
         mine = problem.strengths(e)
         a = slopes[:, k : k + len(mine)]
         k += len(mine)
         if e.id in PROFILES:
-            a, mine = _wave(a, mine), mine[:1]
+            a, mine = _make_wave(a, mine), mine[:1]
         own = a - q @ (q.T @ a)
-        best: tuple[float, Parameter, float] | None = None
+        best: tuple[float, CatalogueParameter, float] | None = None
         for p, full, rest in zip(mine, a.T, own.T, strict=True):
             power, total = float(rest @ (weight * rest)), float(full @ (weight * full))
             smallest = (
@@ -84,7 +84,7 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> lis
     return found
 
 
-def _wave(slopes: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
+def _make_wave(slopes: np.ndarray, parameters: Sequence[CatalogueParameter]) -> np.ndarray:
     """Return a profile of rms one that goes up and down every WAVE metres."""
     place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / WAVE)))[:, None]

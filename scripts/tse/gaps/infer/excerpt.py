@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tse.gaps.catalogue import Parameter
+from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.fit import Fit
-from tse.gaps.infer.hypotheses import fit_prior, hypotheses, start_of
+from tse.gaps.infer.hypotheses import choose_start, fit_prior, make_hypotheses
 from tse.gaps.infer.space import REACH, STIFFNESS_SD
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
@@ -37,7 +37,7 @@ def is_long(problem: Problem) -> bool:
     return sum(log.seconds for log in problem.logs) > 2.0 * MAX_SECONDS
 
 
-def excerpt(problem: Problem, baseline: Fit) -> Problem:
+def choose_excerpt(problem: Problem, baseline: Fit) -> Problem:
     """Return the stretches with the most information, MAX_SECONDS in all.
 
     A problem that is hardly longer is returned as it is. `baseline` is the fit of this
@@ -45,16 +45,16 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
     """
     if not is_long(problem):
         return problem
-    table, rows = _slopes(problem, baseline), problem.rows
+    table, rows = _compute_slopes(problem, baseline), problem.rows
     pieces: list[tuple[int, FitStretch]] = []
     says: list[np.ndarray] = []
     for i, log in enumerate(problem.logs):
-        for piece in _pieces(log):
+        for piece in _cut_pieces(log):
             first, last = log.time[piece.first] + BURN_IN, log.time[piece.last - 1]
             mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
             pieces.append((i, piece))
             says.append(mine.T @ mine / ENTRY_SD**2)
-    chosen = best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MAX_SECONDS)
+    chosen = choose_best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MAX_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
@@ -63,7 +63,7 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
     return problem.of(logs)
 
 
-def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
+def choose_best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
     """Return the indices of pieces, most informative first, up to the length `most`.
 
     `says` is their information, in units of the prior.
@@ -78,7 +78,7 @@ def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> l
     return chosen
 
 
-def _pieces(log: PreparedLog) -> list[FitStretch]:
+def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
     """Cut stretches to PIECE. Each starts anew, and its first second is not compared."""
     found = []
     length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
@@ -93,11 +93,11 @@ def _pieces(log: PreparedLog) -> list[FitStretch]:
     return found
 
 
-def _slopes(problem: Problem, baseline: Fit) -> np.ndarray:
+def _compute_slopes(problem: Problem, baseline: Fit) -> np.ndarray:
     """Return the slopes of the residuals, per prior sd, and the residuals."""
-    asked = hypotheses()
-    parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
-    at = baseline.values | {p.name: start_of(p) for h in asked for p in h.effect.shapes}
+    asked = make_hypotheses()
+    parameters: list[CatalogueParameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
+    at = baseline.values | {p.name: choose_start(p) for h in asked for p in h.effect.shapes}
     unit = [STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters]
     slopes = problem.jacobian(at, problem.residuals(at), parameters, REACH)
     return np.column_stack([np.nan_to_num(slopes) * unit, baseline.residuals])

@@ -17,7 +17,7 @@ FOLDS = 5
 PIECE = 10.0  # s: a manoeuvre or two
 
 
-def held_out(judged: Judged) -> dict[str, float]:
+def compute_held_out(judged: Judged) -> dict[str, float]:
     """Return the sum of squares that each channel keeps of folds that were not fitted, in
     units of the noise."""
     space, fit = judged.space, judged.fit

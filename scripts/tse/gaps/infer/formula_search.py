@@ -1,4 +1,4 @@
-"""Which formula, at which place: forms are chosen in a linearisation, those with the
+"""Search of formula and place: forms are chosen in a linearisation, those with the
 largest expected gain are simulated with the stiffness and everything named fitted
 beside them, complexity has a price, and logs that were held out have the last word.
 
@@ -16,12 +16,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tse.car.formula import Formula, FormulaError
-from tse.gaps.catalogue import Parameter, of_the_car
-from tse.gaps.fit import NOISE_LIMIT, Change, Fit, compare, covariance, excess, fit, gap, lengths
+from tse.gaps.catalogue import CatalogueParameter, drop_log_values
+from tse.gaps.fit import (
+    NOISE_LIMIT,
+    ChannelChange,
+    Fit,
+    compare_models,
+    compute_correlation_lengths,
+    compute_covariance,
+    compute_excess,
+    compute_gap,
+    fit_parameters,
+)
 from tse.gaps.infer import formula_terms as terms
-from tse.gaps.infer.formula_terms import Term
+from tse.gaps.infer.formula_terms import FormulaTerm
 from tse.gaps.problem import Problem
-from tse.gaps.respond import responses, signals
+from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
 # nats: of an operation or a number: a library of some hundred forms times places times
@@ -52,7 +62,7 @@ class Discovery:
     share: float = 0.0  # of what was left that it closes
     price: float = 0.0  # nats, of its length
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
-    changes: dict[str, Change] = field(default_factory=dict)  # on held-out logs
+    changes: dict[str, ChannelChange] = field(default_factory=dict)  # on held-out logs
     tried: list[dict] = field(
         default_factory=list
     )  # place, formula, nats, share, and whether held-out logs confirm it
@@ -90,16 +100,18 @@ class Frame:
             balanced,
             last,
             values,
-            lengths(problem, last.residuals),
-            signals(problem, values),
-            excess(problem, last.residuals),
+            compute_correlation_lengths(problem, last.residuals),
+            compute_signals(problem, values),
+            compute_excess(problem, last.residuals),
         )
 
     def nats(self, residuals: np.ndarray) -> float:
-        return worth(self.problem, self.last.residuals, residuals, self.length)
+        return compute_worth(self.problem, self.last.residuals, residuals, self.length)
 
 
-def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]) -> float:
+def compute_worth(
+    problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]
+) -> float:
     """Return the log likelihood, in nats, that residuals have gained.
 
     `length` is, of each channel, the blocks that count as one independent block.
@@ -111,11 +123,11 @@ def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mappi
     return float(total)
 
 
-def price(term: Term) -> float:
+def compute_price(term: FormulaTerm) -> float:
     return PRICE * (term.price + len(term.sizes) + 1)
 
 
-def discover(
+def discover_formula(
     problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Discovery:
     """Find the formula that explains most of the residuals of a fit.
@@ -126,27 +138,29 @@ def discover(
     minute for minutes of log.
     """
     frame = Frame.of(problem, last)
-    places = _places(problem)
-    say(f"a formula: {sum(len(terms.forms(p)) for p in places)} forms at {len(places)} places")
-    listed = sorted((x for p in places for x in screened(frame, p)), key=lambda x: -x[0])
-    chosen = _diverse(listed)
+    places = _list_places(problem)
+    say(f"a formula: {sum(len(terms.list_forms(p)) for p in places)} forms at {len(places)} places")
+    listed = sorted((x for p in places for x in screen_forms(frame, p)), key=lambda x: -x[0])
+    chosen = _choose_diverse(listed)
     tried: list[Discovery] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
         say(f"a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
-        tried += _fitted(frame, place, term, coefficient)
+        tried += _fit_formula(frame, place, term, coefficient)
     tried.sort(key=lambda c: -c.nats)
-    return _chosen(frame, tried, held)
+    return _choose_formula(frame, tried, held)
 
 
-def _places(problem: Problem) -> list[str]:
+def _list_places(problem: Problem) -> list[str]:
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
     return [p for p in (*lateral, *terms.LONGITUDINAL) if p not in COMPARED_CHANNELS or p in there]
 
 
-def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, str, Term, float]]:
+def _choose_diverse(
+    listed: list[tuple[float, str, FormulaTerm, float]],
+) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return the most promising forms: one size of each form, and several places."""
-    found: list[tuple[float, str, Term, float]] = []
+    found: list[tuple[float, str, FormulaTerm, float]] = []
     for one in listed:
         _, place, term, _ = one
         same = sum(p == place for _, p, _, _ in found)
@@ -164,28 +178,28 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
 # ---- in the linearisation
 
 
-def screened(frame: Frame, place: str) -> list[tuple[float, str, Term, float]]:
+def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm, float]]:
     """Return (nats less price, place, form, coefficient) of every form at a place.
 
     Everything that is fitted is fitted with it.
     """
-    known, found = terms.forms(place), []
+    known, found = terms.list_forms(place), []
     for k in range(0, len(known), CHUNK):
         part = known[k : k + CHUNK]
-        logs = [np.column_stack([terms.values_of(t, s, s["dt"]) for t in part]) for s in frame.at]
-        for t, (nats, coefficient) in zip(part, expected_gain(frame, place, logs), strict=True):
-            found.append((nats - price(t), place, t, coefficient))
+        logs = [np.column_stack([terms.compute_values(t, s, s["dt"]) for t in part]) for s in frame.at]
+        for t, (nats, coefficient) in zip(part, compute_expected_gain(frame, place, logs), strict=True):
+            found.append((nats - compute_price(t), place, t, coefficient))
     return found
 
 
-def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
+def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
     """Return (nats, coefficient) of forms by their values, an array (blocks, forms) a
     log.
     """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
     size = np.where(np.isfinite(size) & (size > 1e-12), size, np.inf)
-    a = responses(balanced, frame.values, frame.at, place, [np.nan_to_num(x / size) for x in logs])
+    a = compute_responses(balanced, frame.values, frame.at, place, [np.nan_to_num(x / size) for x in logs])
     scale = np.where(
         problem.weight > 0, balanced.weight / np.where(problem.weight > 0, problem.weight, 1.0), 0.0
     )
@@ -205,22 +219,22 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tupl
 # ---- in full
 
 
-def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Discovery]:
+def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float) -> list[Discovery]:
     """Return the formula with everything fitted, in a list.
 
     The list is empty if the formula does not fit in a program, or makes the residuals
     much worse.
     """
     try:
-        formula = terms.formula(place, term, coefficient)
+        formula = terms.make_formula(place, term, coefficient)
     except FormulaError:
         return []
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
     limits |= {s.name: (s.low, s.high) for s in term.sizes}
     thrown = frame.problem.residuals(frame.values | formula.settings())
-    if excess(frame.problem, thrown) > MAX_WORSE * max(frame.full, 1.0):
+    if compute_excess(frame.problem, thrown) > MAX_WORSE * max(frame.full, 1.0):
         return []
-    return [refit(frame, formula, limits, price(term))]
+    return [refit(frame, formula, limits, compute_price(term))]
 
 
 def refit(
@@ -229,10 +243,11 @@ def refit(
     """Fit stiffness, all names and the numbers of a formula together."""
     slots = formula.slots
     own = [
-        _parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers
+        _make_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text)
+        for n in formula.numbers
     ]
     problem = frame.balanced.holding(frame.values | formula.settings())
-    found = fit(
+    found = fit_parameters(
         problem,
         [*frame.last.parameters, *own],
         frame.values | {p.name: p.default for p in own},
@@ -245,14 +260,16 @@ def refit(
         problem.weight > 0, frame.problem.weight / np.where(problem.weight > 0, problem.weight, 1.0), 0.0
     )
     one = Fit(found.parameters, values, whole, back[:, None] * found.jacobian)
-    left = excess(frame.problem, whole)
+    left = compute_excess(frame.problem, whole)
     share = 1.0 - left / frame.full if frame.full > 0 else 0.0
     return Discovery(formula, one, frame.nats(whole) - cost, share, cost, dict(limits))
 
 
-def _parameter(name: str, key: str, value: float, low: float, high: float, unit: str, text: str) -> Parameter:
+def _make_parameter(
+    name: str, key: str, value: float, low: float, high: float, unit: str, text: str
+) -> CatalogueParameter:
     size = max(abs(value), 1e-9)
-    return Parameter(
+    return CatalogueParameter(
         name, key, True, unit, float(np.clip(value, low, high)), low, high, size, size, 0.0, 0, text
     )
 
@@ -260,7 +277,7 @@ def _parameter(name: str, key: str, value: float, low: float, high: float, unit:
 # ---- which one
 
 
-def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
+def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
     """Return the best formula over all logs that the held-out logs confirm.
 
     Its numbers are those of the fitted logs. Confirmed: on held-out logs no channel is
@@ -268,16 +285,16 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
     an error left to explain: a library of forms finds one in any noise.
     """
     shown, chosen, best = [], None, 0.0
-    shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
+    shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
-        before = held.residuals(of_the_car(frame.values))
-        length = lengths(held, before)
+        before = held.residuals(drop_log_values(frame.values))
+        length = compute_correlation_lengths(held, before)
     for c in tried:
         confirmed, total = shows and c.nats > 0 and c.share >= MIN_SHARE, c.nats
         if confirmed and held is not None:
-            after = held.residuals(of_the_car(c.values))
-            c.changes = compare(held, before, after)
-            total += worth(held, before, after, length)
+            after = held.residuals(drop_log_values(c.values))
+            c.changes = compare_models(held, before, after)
+            total += compute_worth(held, before, after, length)
             confirmed = all(x.ci95[0] <= MIN_HARM for x in c.changes.values()) and any(
                 x.better for x in c.changes.values()
             )
@@ -294,16 +311,16 @@ def _chosen(frame: Frame, tried: list[Discovery], held: Problem | None) -> Disco
             chosen, best = c, total
     if chosen is None:
         why = (
-            "they do not hold on the logs that were held out"
+            "the held-out logs contradict them"
             if any(c.changes for c in tried)
             else "none closes enough of the gap"
         )
-        words = [f"No formula is proposed: {len(tried)} were simulated, {why}."]
+        words = [f"No formula is proposed: {len(tried)} were simulated; {why}."]
         return Discovery(None, None, tried=shown, words=words)
-    return _stated(frame, replace(chosen, tried=shown))
+    return _add_sentences(frame, replace(chosen, tried=shown))
 
 
-def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
+def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
     """Fit the formula to more logs than it was found in.
 
     `last` is the fit of these logs with all names.
@@ -312,27 +329,26 @@ def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
         return found
     frame = Frame.of(problem, last)
     again = refit(frame, found.formula, found.limits, found.price)
-    return _stated(frame, replace(found, formula=again.formula, fit=again.fit, share=again.share))
+    return _add_sentences(frame, replace(found, formula=again.formula, fit=again.fit, share=again.share))
 
 
-def _stated(frame: Frame, c: Discovery) -> Discovery:
+def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
     """Return the formula with the sentences for a person."""
-    formula = _described(frame, c)
+    formula = _describe_formula(frame, c)
     words = [
-        f"A formula closes {100 * c.share:.0f} % of what is left: {formula.text}, at "
-        f"{formula.place}. It is a formula, not a "
-        "cause; where it was never driven it does not hold."
+        f"A formula closes {100 * c.share:.0f} % of the rest: {formula.text}, at {formula.place}. "
+        "It is a fit, not a cause, and valid only in the range that was driven."
     ]
     return replace(c, formula=formula, words=words)
 
 
-def _described(frame: Frame, c: Discovery) -> Formula:
+def _describe_formula(frame: Frame, c: Discovery) -> Formula:
     """Return the formula with the sds of its numbers and the ranges of its signals."""
     slots = c.formula.slots
     sd = dict(
         zip(
             (p.name for p in c.fit.parameters),
-            np.sqrt(np.maximum(np.diag(covariance(frame.problem, c.fit)), 0.0)),
+            np.sqrt(np.maximum(np.diag(compute_covariance(frame.problem, c.fit)), 0.0)),
             strict=True,
         )
     )

@@ -35,7 +35,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Term:
+class FormulaTerm:
     """A form. `unit`: exponents of metre and second."""
 
     text: str
@@ -61,7 +61,7 @@ class Signal:
 
     @property
     def unit(self) -> tuple[int, int]:
-        return exponents(self.units)
+        return read_exponents(self.units)
 
 
 STEER = Signal("steer_angle", "rad", (0.005, 0.02, 0.06))
@@ -76,7 +76,7 @@ TURNING = (STEER, YAW, SIDE, FRONT, REAR, STEER_RATE)
 PLAYS = (0.001, 0.003, 0.01)  # rad: halves of plays of the steering that are tried
 
 
-def unit_text(exponents: tuple[int, int]) -> str:
+def format_unit(exponents: tuple[int, int]) -> str:
     """Return powers of metres and seconds as the text of a unit."""
 
     def part(sign: int) -> str:
@@ -88,7 +88,7 @@ def unit_text(exponents: tuple[int, int]) -> str:
     return (above or "1") + "".join(f"/{u}" for u in below.split())
 
 
-def exponents(unit: str) -> tuple[int, int]:
+def read_exponents(unit: str) -> tuple[int, int]:
     """Return the powers of metres and seconds of a unit: rad, m/s2, rad/s ..."""
     found = {"m": 0, "s": 0}
     for k, part in enumerate(unit.split("/")):
@@ -99,130 +99,153 @@ def exponents(unit: str) -> tuple[int, int]:
     return found["m"], found["s"]
 
 
-def _plus(a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
+def _add_exponents(a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
     return a[0] + b[0], a[1] + b[1]
 
 
-def _softened(s: Signal, at: float, name: str, width: float) -> tuple[str, tuple[Size, ...]]:
+def _soften_step(s: Signal, at: float, name: str, width: float) -> tuple[str, tuple[Size, ...]]:
     low, high = 0.2 * s.sizes[0], 2.5 * s.sizes[-1]
     at_, w = f"{name}0", f"{name}w"
-    return f"soft(({_magnitude(s)} - {at_})/{w})", (
+    return f"soft(({_format_magnitude(s)} - {at_})/{w})", (
         Size(at_, at, low, high, s.units, f"{s.text} in the middle of the step"),
         Size(w, width, 0.05 * width, 4.0 * width, s.units, f"half the width of the step of {s.text}"),
     )
 
 
-def _magnitude(s: Signal) -> str:
+def _format_magnitude(s: Signal) -> str:
     return s.text if s is SPEED else f"abs({s.text})"
 
 
-def modulators() -> Iterator[Term]:
+def make_modulators() -> Iterator[FormulaTerm]:
     """Return the factors that a signal may have."""
-    yield Term("", (0, 0))
-    yield Term(
+    yield FormulaTerm("", (0, 0))
+    yield FormulaTerm(
         "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
     )
-    yield Term("vel_x*vel_x", (2, -2))
+    yield FormulaTerm("vel_x*vel_x", (2, -2))
     for at in SPEED.sizes:
-        yield Term(*_stepped(SPEED, at, "v", 3.0))
+        yield FormulaTerm(*_make_step(SPEED, at, "v", 3.0))
     for s, name in ((SIDE, "a"), (PULL, "p"), (STEER, "d")):
-        yield Term(_magnitude(s), s.unit)
+        yield FormulaTerm(_format_magnitude(s), s.unit)
         for at in s.sizes[1:]:
-            yield Term(*_stepped(s, at, name, 0.3 * at))
-    yield Term("accel_x", PULL.unit)
-    yield Term("(abs(accel_x) + accel_x)", PULL.unit)
-    yield Term("(abs(accel_x) - accel_x)", PULL.unit)
+            yield FormulaTerm(*_make_step(s, at, name, 0.3 * at))
+    yield FormulaTerm("accel_x", PULL.unit)
+    yield FormulaTerm("(abs(accel_x) + accel_x)", PULL.unit)
+    yield FormulaTerm("(abs(accel_x) - accel_x)", PULL.unit)
 
 
-def _stepped(s: Signal, at: float, name: str, width: float) -> tuple[str, tuple[int, int], tuple[Size, ...]]:
-    text, sizes = _softened(s, at, name, width)
+def _make_step(
+    s: Signal, at: float, name: str, width: float
+) -> tuple[str, tuple[int, int], tuple[Size, ...]]:
+    text, sizes = _soften_step(s, at, name, width)
     return f"(1 + {text})", (0, 0), sizes
 
 
-def _dead(s: Signal, half: float) -> Term:
+def _make_dead_zone(s: Signal, half: float) -> FormulaTerm:
     size = Size("w", half, 0.1 * s.sizes[0], 3.0 * s.sizes[-1], s.units, "half of the dead zone")
-    return Term(f"({s.text} - max(-w, min(w, {s.text})))", s.unit, (size,))
+    return FormulaTerm(f"({s.text} - max(-w, min(w, {s.text})))", s.unit, (size,))
 
 
-def shaped(s: Signal) -> Iterator[Term]:
+def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
     """Return nonlinear forms of a signal."""
-    yield Term(f"{s.text}*abs({s.text})", _plus(s.unit, s.unit))
-    yield Term(f"{s.text}*{s.text}*{s.text}", _plus(s.unit, _plus(s.unit, s.unit)))
+    yield FormulaTerm(f"{s.text}*abs({s.text})", _add_exponents(s.unit, s.unit))
+    yield FormulaTerm(f"{s.text}*{s.text}*{s.text}", _add_exponents(s.unit, _add_exponents(s.unit, s.unit)))
     for w in s.sizes:
-        yield Term(
+        yield FormulaTerm(
             f"soft({s.text}/w)",
             (0, 0),
             (Size("w", w, 0.05 * w, 5.0 * w, s.units, f"{s.text} at which it saturates"),),
         )
-        yield _dead(s, w)
+        yield _make_dead_zone(s, w)
 
 
-def remembered(s: Signal) -> Iterator[Term]:
+def add_memory(s: Signal) -> Iterator[FormulaTerm]:
     """Return a signal after each operation with memory, with and without the signal."""
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
-            yield Term(f"(lag({s.text}, T){less})", s.unit, (Size("T", t, 0.005, 3.0, "s", "time constant"),))
+            yield FormulaTerm(
+                f"(lag({s.text}, T){less})", s.unit, (Size("T", t, 0.005, 3.0, "s", "time constant"),)
+            )
         for f, d in itertools.product((1.0, 1.5, 2.2, 3.2), (0.1, 0.35)):
             sizes = (
                 Size("f0", f, 0.3, 8.0, "Hz", "natural frequency"),
                 Size("D", d, 0.02, 1.5, "1", "damping ratio"),
             )
-            yield Term(f"(second({s.text}, f0, D){less})", s.unit, sizes)
+            yield FormulaTerm(f"(second({s.text}, f0, D){less})", s.unit, sizes)
     for t in (0.02, 0.08):
-        yield Term(f"(late({s.text}, T) - {s.text})", s.unit, (Size("T", t, 0.002, 0.3, "s", "dead time"),))
+        yield FormulaTerm(
+            f"(late({s.text}, T) - {s.text})", s.unit, (Size("T", t, 0.002, 0.3, "s", "dead time"),)
+        )
 
 
-def caught(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[Term]:
+def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[FormulaTerm]:
     """Return a signal after play, or after a limit of its rate."""
     for w in halves:
         size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
-        yield Term(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
+        yield FormulaTerm(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
     for r in rates:
         size = Size(
             "r", r, 0.1 * r, 10.0 * r, "rad/s" if s.units == "rad" else "m/s3", "fastest that it can change"
         )
-        yield Term(f"(limit({s.text}, r) - {s.text})", s.unit, (size,))
+        yield FormulaTerm(f"(limit({s.text}, r) - {s.text})", s.unit, (size,))
 
 
-def _times(a: Term, b: Term) -> Term:
+def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
     names = {s.name for s in a.sizes}
     assert not names & {s.name for s in b.sizes}, "sizes of both have one name"
-    return Term(f"{a.text}*{b.text}" if b.text else a.text, _plus(a.unit, b.unit), (*a.sizes, *b.sizes))
+    return FormulaTerm(
+        f"{a.text}*{b.text}" if b.text else a.text, _add_exponents(a.unit, b.unit), (*a.sizes, *b.sizes)
+    )
 
 
-def lateral() -> list[Term]:
+def make_lateral_forms() -> list[FormulaTerm]:
     """Return forms for the places of LATERAL.
 
     They are odd in the signals that turn the car, or forms of braking and speed.
     """
-    found = [_times(Term(s.text, s.unit), m) for s in TURNING for m in modulators()]
+    found = [_multiply_terms(FormulaTerm(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
     for s in TURNING:
-        found += shaped(s)
+        found += make_shapes(s)
     for s in (STEER, YAW, SIDE, FRONT, REAR):
-        found += remembered(s)
-    found += caught(STEER, PLAYS, (0.1, 0.3))
-    found += caught(SIDE, (0.2, 0.8), ())
+        found += add_memory(s)
+    found += add_play(STEER, PLAYS, (0.1, 0.3))
+    found += add_play(SIDE, (0.2, 0.8), ())
     # what pulls to one side, whichever way the car turns
     found += [
-        Term(t, u) for t, u in (("accel_x", PULL.unit), ("abs(accel_x)", PULL.unit), ("vel_x*vel_x", (2, -2)))
+        FormulaTerm(t, u)
+        for t, u in (("accel_x", PULL.unit), ("abs(accel_x)", PULL.unit), ("vel_x*vel_x", (2, -2)))
     ]
     for s in (STEER, YAW, SIDE, FRONT, REAR):
-        found += [Term(f"abs({s.text})", s.unit), Term(f"{s.text}*{s.text}", _plus(s.unit, s.unit))]
+        found += [
+            FormulaTerm(f"abs({s.text})", s.unit),
+            FormulaTerm(f"{s.text}*{s.text}", _add_exponents(s.unit, s.unit)),
+        ]
     return found
 
 
-def longitudinal() -> list[Term]:
+def make_longitudinal_forms() -> list[FormulaTerm]:
     """Return forms for the places of LONGITUDINAL."""
-    found = [_times(Term(PULL.text, PULL.unit), m) for m in modulators() if "accel_x" not in m.text]
-    found += [*shaped(PULL), *remembered(PULL), *caught(PULL, (0.1, 0.4), (3.0, 10.0))]
+    found = [
+        _multiply_terms(FormulaTerm(PULL.text, PULL.unit), m)
+        for m in make_modulators()
+        if "accel_x" not in m.text
+    ]
+    found += [*make_shapes(PULL), *add_memory(PULL), *add_play(PULL, (0.1, 0.4), (3.0, 10.0))]
     for text, unit in (
-        ("vel_x*vel_x", (2, -2)), ("vel_x", (1, -1)),
-        ("abs(accel_y)", SIDE.unit), ("accel_y*accel_y", (2, -4)),
-        ("accel_y*steer_angle", SIDE.unit), ("accel_y*yaw_rate", (1, -3)), ("yaw_rate*yaw_rate", (0, -2)),
+        ("vel_x*vel_x", (2, -2)),
+        ("vel_x", (1, -1)),
+        ("abs(accel_y)", SIDE.unit),
+        ("accel_y*accel_y", (2, -4)),
+        ("accel_y*steer_angle", SIDE.unit),
+        ("accel_y*yaw_rate", (1, -3)),
+        ("yaw_rate*yaw_rate", (0, -2)),
         ("steer_angle*steer_angle", (0, 0)),
-        ("abs(steer_angle)", (0, 0)), ("steer_angle", (0, 0)), ("accel_y", SIDE.unit), ("yaw_rate", YAW.unit),
-    ):  # fmt: skip
-        found.append(Term(text, unit))
+        ("abs(steer_angle)", (0, 0)),
+        ("steer_angle", (0, 0)),
+        ("accel_y", SIDE.unit),
+        ("yaw_rate", YAW.unit),
+    ):
+        found.append(FormulaTerm(text, unit))
     return found
 
 
@@ -242,14 +265,16 @@ KNOWN: dict[str, tuple[str, ...]] = {
 }
 
 
-def forms(place: str) -> list[Term]:
+def list_forms(place: str) -> list[FormulaTerm]:
     """Return the library at a place, without the forms of effects there."""
     return [
-        t for t in (lateral() if place in LATERAL else longitudinal()) if t.text not in KNOWN.get(place, ())
+        t
+        for t in (make_lateral_forms() if place in LATERAL else make_longitudinal_forms())
+        if t.text not in KNOWN.get(place, ())
     ]
 
 
-def formula(place: str, term: Term, coefficient: float) -> Formula:
+def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
     """Return a form with its coefficient as a formula.
 
     Raises
@@ -257,19 +282,21 @@ def formula(place: str, term: Term, coefficient: float) -> Formula:
     FormulaError
         The form does not fit in a program.
     """
-    wanted = exponents(library().formula_places[place].unit)
-    unit = unit_text((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
-    numbers = (Number("k", coefficient, unit, None, f"times {term.text}"),
-               *(Number(s.name, s.value, s.unit, None, s.text) for s in term.sizes))  # fmt: skip
+    wanted = read_exponents(library().formula_places[place].unit)
+    unit = format_unit((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
+    numbers = (
+        Number("k", coefficient, unit, None, f"times {term.text}"),
+        *(Number(s.name, s.value, s.unit, None, s.text) for s in term.sizes),
+    )
     return Formula("found", "found in logs: a formula, not a cause", place, f"k*{term.text}", numbers)
 
 
-def values_of(term: Term, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
+def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
     """Return the values of a form over one log, shape (rows,).
 
     `signals` are by their names in formulas, `dt` in s.
     """
     # at front_angle a number of any unit makes the form one of its place
-    unit = unit_text((-term.unit[0], -term.unit[1]))
+    unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

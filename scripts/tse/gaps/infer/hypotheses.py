@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.gaps.catalogue import Effect, Parameter, catalogue, signed_delays
+from tse.gaps.catalogue import CatalogueParameter, Effect, list_signed_delays, load_catalogue
 from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
@@ -53,11 +53,11 @@ OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of 
 def make_latency(name: str, title: str, channels: str) -> Effect:
     """Make the latency of messages an effect with one strength, in s."""
     text = "age of the values at the time of their row"
-    parameter = Parameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
+    parameter = CatalogueParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))
 
 
-def latencies() -> tuple[Effect, ...]:
+def make_latencies() -> tuple[Effect, ...]:
     """Return the latencies of messages as effects."""
     return (
         make_latency("wheel_speed_latency", "wheel speeds late", "accel_x"),
@@ -66,13 +66,13 @@ def latencies() -> tuple[Effect, ...]:
     )
 
 
-def lean() -> Effect:
+def make_superelevation() -> Effect:
     """Return the superelevation of the road in its curves as an effect of its own.
 
     It is one number, beside the profile of the road. Left out, it looks like a scale of
     accel_y.
     """
-    bank = catalogue()["bank"]
+    bank = load_catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
     return Effect(
         SUPERELEVATION,
@@ -98,13 +98,13 @@ class Hypothesis:
         """Return ln of the prior density of the strengths, per unit of each."""
         strengths = self.effect.strengths
         if strengths[0].prior:
-            return sum(ln_normal(values[p.name], *fit_prior(p)) for p in strengths)
+            return sum(compute_ln_normal(values[p.name], *fit_prior(p)) for p in strengths)
         away = {p.name: values[p.name] - p.default for p in strengths}
         first = max(strengths, key=lambda p: abs(away[p.name]) / p.scale)
         total = 0.0
         for p in strengths:
             total += (
-                ln_size(p, away[p.name])
+                compute_ln_size_prior(p, away[p.name])
                 if p is first
                 else -0.5 * (away[p.name] / (OTHER_SD * p.scale)) ** 2
                 - math.log(OTHER_SD * p.scale * math.sqrt(2 * math.pi))
@@ -112,7 +112,7 @@ class Hypothesis:
         return total - math.log(len(strengths))
 
 
-def ln_size(p: Parameter, away: float) -> float:
+def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
     """Return ln of the prior density of a strength that is `away` from its default.
 
     ln of its size is even over the typical range and normal beyond.
@@ -127,7 +127,7 @@ def ln_size(p: Parameter, away: float) -> float:
     return -0.5 * z * z - math.log(size * width) + math.log(plausible)
 
 
-def known_of(vehicle: Vehicle) -> list[Effect]:
+def apply_priors(vehicle: Vehicle) -> list[Effect]:
     """Return the catalogue with the priors of a vehicle file.
 
     Where [uncertainty] states the sd of a number, that is the prior of its size, about
@@ -136,31 +136,31 @@ def known_of(vehicle: Vehicle) -> list[Effect]:
     """
     sd = {name: vehicle.values[key] for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
     if not any(sd.values()):
-        return list(catalogue().values())
+        return list(load_catalogue().values())
 
-    def with_prior(p: Parameter) -> Parameter:
+    def with_prior(p: CatalogueParameter) -> CatalogueParameter:
         if p.name not in sd:
             return p
         return replace(
             p, default=vehicle.values.get(p.name, p.default), prior=max(sd[p.name], 0.01 * p.scale)
         )
 
-    return [replace(e, parameters=tuple(map(with_prior, e.parameters))) for e in catalogue().values()]
+    return [replace(e, parameters=tuple(map(with_prior, e.parameters))) for e in load_catalogue().values()]
 
 
-def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
+def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     """Return all hypotheses: effects in the order of the catalogue, then latencies and
     superelevation.
     """
-    known = list(catalogue().values() if effects is None else effects)
+    known = list(load_catalogue().values() if effects is None else effects)
     searched = [e for e in known if e.occurrence not in NOT_SEARCHED]
     physics = [e for e in searched if e.occurrence == "SOME_CARS"]
     # the only effect of a list may be absent, too
     share = EXPECTED / max(len(physics), 2)
     shares = {"SENSOR": SENSOR_SHARE, "EVERY_CAR": EVERY_SHARE, "SOME_CARS": share}
     found = []
-    for e in (*searched, *latencies(), lean()):
-        if any(p.name in signed_delays() for p in e.parameters):
+    for e in (*searched, *make_latencies(), make_superelevation()):
+        if any(p.name in list_signed_delays() for p in e.parameters):
             e = replace(
                 e, parameters=tuple(replace(p, low=-MAX_LATE, high=MAX_LATE, sign=0) for p in e.parameters)
             )
@@ -169,7 +169,7 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     return found
 
 
-def threshold(effects: int) -> float:
+def compute_threshold(effects: int) -> float:
     """Return the likelihood ratio, in nats, that a name among so many effects needs.
 
     It makes up for the prior odds against the effect, the odds of NAME_AT and the cost of
@@ -178,7 +178,7 @@ def threshold(effects: int) -> float:
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
 
-def fit_prior(p: Parameter) -> tuple[float, float]:
+def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
     """Return mean and sd of the normal prior of a parameter in a fit.
 
     It is the prior of the vehicle file, if there is one. Else it is wide for a strength,
@@ -192,12 +192,12 @@ def fit_prior(p: Parameter) -> tuple[float, float]:
     return 0.5 * (low + high), max(0.5 * (high - low), 1e-3 * (p.high - p.low))
 
 
-def ln_normal(x: float, mean: float, sd: float) -> float:
+def compute_ln_normal(x: float, mean: float, sd: float) -> float:
     """Return ln of the normal density."""
     return -0.5 * ((x - mean) / sd) ** 2 - math.log(sd * math.sqrt(2 * math.pi))
 
 
-def start_of(p: Parameter) -> float:
+def choose_start(p: CatalogueParameter) -> float:
     """Return the start of a search: 0.3 of the typical size of a strength, the middle of
     a shape.
     """

@@ -13,12 +13,12 @@ import numpy as np
 from scipy.stats import norm
 
 from tse.car.vehicle import list_latency_settings
-from tse.gaps.catalogue import Effect, Key, catalogue, of_the_car, signed_delays
-from tse.gaps.fit import Fit, excess, excess_of, fit
-from tse.gaps.infer.folds import held_out
-from tse.gaps.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
+from tse.gaps.catalogue import Effect, Key, drop_log_values, list_signed_delays, load_catalogue
+from tse.gaps.fit import Fit, compute_channel_excess, compute_excess, fit_parameters
+from tse.gaps.infer.folds import compute_held_out
+from tse.gaps.infer.hypotheses import NAME_AT, Hypothesis, make_hypotheses
 from tse.gaps.infer.roads import FoundRoad
-from tse.gaps.infer.search import Judged, Search, judge
+from tse.gaps.infer.search import Judged, Search, judge_set
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
@@ -37,7 +37,7 @@ MIN_NAMED = 0.5
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
 MAX_SETS = 8  # sets that are written with their probability
 # Why an effect is possible and has no name.
-SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
+SMALL, IDLE, UNSURE = "its size is negligible", "it closes almost nothing", f"below {100 * NAME_AT:.0f} %"
 ZERO = "its interval holds nothing"
 
 
@@ -77,7 +77,7 @@ class Named:
 
         It is a latency, or a value below the column `early` of the catalogue.
         """
-        e = catalogue().get(self.effect.id)
+        e = load_catalogue().get(self.effect.id)
         if e is None:
             return self.effect.id != SUPERELEVATION
         return bool(e.early) and any(self.values.get(p.name, p.default) < e.early_below for p in e.strengths)
@@ -109,7 +109,7 @@ class Naming:
         return self.closed - roads > MIN_NAMED * max(1.0 - roads, 0.0)
 
 
-def name(
+def name_effects(
     problem: Problem,
     effects: Sequence[Effect],
     say: Callable[[str], None] = lambda _: None,
@@ -127,51 +127,53 @@ def name(
     say : Callable
         Takes a line of progress.
     baseline : Fit or None
-        plain_car() on level roads.
+        fit_plain_car() on level roads.
     roads : Sequence of FoundRoad
         The roads of the logs.
     """
-    plain = plain_car(problem)
+    plain = fit_plain_car(problem)
     baseline = baseline or plain
-    search = Search(problem, hypotheses(effects), say)
+    search = Search(problem, make_hypotheses(effects), say)
     best = search.run()
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
     dropped: dict[str, str] = {}  # and why
-    full = excess(problem, baseline.residuals)
+    full = compute_excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
         # sizes are those of the named effects alone; what others may do is in the
         # intervals
-        sized = alone(problem, final.effects, final.values)
-        small = {h.id: SMALL for h in final.effects if negligible(h.effect, sized.values)}
-        small |= {h.id: ZERO for h in final.effects if holds_nothing(h, sized.values, final.sd())}
+        sized = fit_alone(problem, final.effects, final.values)
+        small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
+        small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.sd())}
         if small:
             names = final.ids - set(small)
             dropped |= small
             continue
-        last = as_fit(problem, sized) if final.effects else plain
-        named = [_named(problem, search, final, sized, last, h, probability, full) for h in final.effects]
+        last = convert_to_fit(problem, sized) if final.effects else plain
+        named = [
+            _make_named(problem, search, final, sized, last, h, probability, full) for h in final.effects
+        ]
         idle = min((n for n in named if n.effect.id != SUPERELEVATION), key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= MIN_CLOSED:
             break
         names = final.ids - {idle.effect.id}
         dropped[idle.effect.id] = IDLE
-    named += named_roads(problem, baseline, plain, roads)
+    named += name_roads(problem, baseline, plain, roads)
     stated = {n.effect.id for n in named}
     possible = [
         {"id": i, "probability": p, "why": dropped.get(i, UNSURE)}
         for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
         if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
     ]
-    closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
+    closed = 1.0 - compute_excess(problem, last.residuals) / full if full > 0 else 0.0
     spread = probability.spread(search, final)
     return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged, spread)
 
 
-def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
+def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
     """Keep only some of the names. The others become possible, for the reason `why`."""
-    left = _again(problem, naming, kept, naming.baseline)
+    left = _refit_names(problem, naming, kept, naming.baseline)
     stay = {n.effect.id for n in left.named}
     dropped = [
         {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
@@ -182,28 +184,28 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
     return replace(left, possible=possible)
 
 
-def on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
+def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
     """Fit the names to more logs than they were found in.
 
-    `baseline` is plain_car() of these logs on level roads.
+    `baseline` is fit_plain_car() of these logs on level roads.
     """
-    return _again(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
+    return _refit_names(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
 
-def plain_car(problem: Problem) -> Fit:
+def fit_plain_car(problem: Problem) -> Fit:
     """Fit the stiffness of the car of the vehicle file by least squares."""
-    return fit(problem, STIFFNESS, {})
+    return fit_parameters(problem, STIFFNESS, {})
 
 
-def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
+def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
     """Return the profiles of the roads as names.
 
     A profile closes what the plain car closes on it of its own channel. It gets a name if
     that is at least MIN_CLOSED.
     """
     full, before, after = (
-        excess(problem, level.residuals),
-        *(excess_of(problem, f.residuals) for f in (level, on_road)),
+        compute_excess(problem, level.residuals),
+        *(compute_channel_excess(problem, f.residuals) for f in (level, on_road)),
     )
     found = []
     for r in roads:
@@ -218,39 +220,39 @@ def named_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Foun
     return found
 
 
-def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
+def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
     """Fit some of the names anew.
 
     Intervals keep their width: it holds the uncertainty of the forms, which stays.
     """
     roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}
-    final, named, converged = plain_car(problem), [], naming.converged
-    asked = {e.id: e for e in catalogue().values()} | {
-        n.effect.id: n.effect for n in naming.named if n.effect.id in catalogue()
+    final, named, converged = fit_plain_car(problem), [], naming.converged
+    asked = {e.id: e for e in load_catalogue().values()} | {
+        n.effect.id: n.effect for n in naming.named if n.effect.id in load_catalogue()
     }
-    if effects := [h for h in hypotheses(asked.values()) if h.id in flat]:
-        plain = alone(problem, effects, of_the_car(naming.final.values))
-        final, converged = as_fit(problem, plain), plain.converged
+    if effects := [h for h in make_hypotheses(asked.values()) if h.id in flat]:
+        plain = fit_alone(problem, effects, drop_log_values(naming.final.values))
+        final, converged = convert_to_fit(problem, plain), plain.converged
         there = [n for n in naming.named if n.effect.id in flat]
-        named = [n.at(final.values) for n in there if not negligible(n.effect, final.values)]
-    full = excess(problem, baseline.residuals)
-    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+        named = [n.at(final.values) for n in there if not is_negligible(n.effect, final.values)]
+    full = compute_excess(problem, baseline.residuals)
+    closed = 1.0 - compute_excess(problem, final.residuals) / full if full > 0 else 0.0
     named += roads
     return replace(naming, baseline=baseline, final=final, named=named, closed=closed, converged=converged)
 
 
-def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
+def is_negligible(effect: Effect, values: Mapping[str, float]) -> bool:
     """Return whether an effect is too small to matter, however sure it is."""
     return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
 
 
-def holds_nothing(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
+def includes_defaults(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
     """Return whether the 95 % interval of every strength holds its default."""
     return all(abs(values[p.name] - p.default) < WIDE * sd[p.name] for p in h.effect.strengths)
 
 
-def matters(judged: Judged, h: Hypothesis) -> float:
+def compute_relevance(judged: Judged, h: Hypothesis) -> float:
     """Return the probability that a strength is above negligible, given the effect."""
     little, sd = 1.0, judged.sd()
     for p in h.effect.strengths:
@@ -270,7 +272,7 @@ class Probability:
         for ids, p in self._sets.items():
             judged = search.all()[ids]
             for h in judged.effects:
-                self.effects[h.id] = self.effects.get(h.id, 0.0) + p * matters(judged, h)
+                self.effects[h.id] = self.effects.get(h.id, 0.0) + p * compute_relevance(judged, h)
 
     def in_place(self, effect: str) -> dict[str, float]:
         """Return the effects in the place of another one, with their probability.
@@ -292,7 +294,7 @@ class Probability:
     def spread(self, search: Search, named: Judged) -> np.ndarray:
         """Return the covariance of ln stiffness over the sets, about the named one."""
         sets = search.all()
-        away = {ids: ln_stiffness(sets[ids]) - ln_stiffness(named) for ids in self._sets}
+        away = {ids: compute_ln_stiffness(sets[ids]) - compute_ln_stiffness(named) for ids in self._sets}
         return sum(
             (p * np.outer(away[ids], away[ids]) for ids, p in self._sets.items()),
             np.zeros((len(STIFFNESS),) * 2),
@@ -303,12 +305,12 @@ class Probability:
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
 
 
-def ln_stiffness(judged: Judged) -> np.ndarray:
+def compute_ln_stiffness(judged: Judged) -> np.ndarray:
     """Return ln of the stiffness over that of the vehicle file."""
     return np.log([judged.values[p.name] for p in STIFFNESS])
 
 
-def _named(
+def _make_named(
     problem: Problem,
     search: Search,
     final: Judged,
@@ -318,23 +320,25 @@ def _named(
     probability: Probability,
     full: float,
 ) -> Named:
-    found = _sized(h, plain, probability, final)
+    found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
     found.evidence = final.evidence - without.evidence
     others = tuple(o for o in final.effects if o is not h)
-    less = judge(problem, others, [o.id for o in others], plain.values, plain, rough=True)
+    less = judge_set(problem, others, [o.id for o in others], plain.values, plain, rough=True)
     before, after = (
-        excess(problem, as_fit(problem, less, slopes=False).residuals),
-        excess(problem, last.residuals),
+        compute_excess(problem, convert_to_fit(problem, less, slopes=False).residuals),
+        compute_excess(problem, last.residuals),
     )
     found.share = (min(before, full) - after) / max(full, 1e-300)
     noise = {c: float(problem.noise_energy[rows].sum()) for c, rows in problem.used()}
-    unseen = [sum(max(0.0, x - noise[c]) for c, x in held_out(j).items()) for j in (less, plain)]
+    unseen = [sum(max(0.0, x - noise[c]) for c, x in compute_held_out(j).items()) for j in (less, plain)]
     found.alone = 1.0 - unseen[1] / max(unseen[0], 1e-300)
     return found
 
 
-def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None) -> Named:
+def _make_sized_name(
+    h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None
+) -> Named:
     """Return a name with its size, interval and look-alikes.
 
     `rough` is the fit of the set with uncertain forms. Its sd is that of the interval.
@@ -353,12 +357,12 @@ def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judge
     return item
 
 
-def alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
+def fit_alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
     """Fit effects without any other one, from `values`."""
-    return judge(problem, effects, [h.id for h in effects], values)
+    return judge_set(problem, effects, [h.id for h in effects], values)
 
 
-def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
+def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
     """Return a judged set as a Fit: values, residuals and slopes."""
     there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
     parameters = [p for p in judged.space.parameters if p.name in there]
@@ -368,16 +372,16 @@ def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
     return Fit(parameters, values, residuals, jacobian)
 
 
-def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
+def convert_to_settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Return fitted values as settings of a vehicle file.
 
     Negative delays and late messages become latencies of channels. Numbers of the road
     are left out.
     """
     given = problem.config.as_dict()
-    road = (p.name for e in PROFILES for p in catalogue()[e].parameters if p.key != SUPERELEVATION)
-    others = {*signed_delays(), *list_latency_settings().values(), *road}
-    found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
+    road = (p.name for e in PROFILES for p in load_catalogue()[e].parameters if p.key != SUPERELEVATION)
+    others = {*list_signed_delays(), *list_latency_settings().values(), *road}
+    found = {k: v for k, v in drop_log_values(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
         change = max(values.get(key, given[key]), 0.0) - given[key]

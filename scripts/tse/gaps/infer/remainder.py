@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from tse.gaps.infer.where import conditions
+from tse.gaps.infer.where import find_conditions
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
@@ -35,7 +35,7 @@ class Remainder:
     words: str
 
 
-def remainder(
+def find_remainders(
     problem: Problem, residuals: np.ndarray, values: dict[str, float], limit: float
 ) -> list[Remainder]:
     """Return the remaining error of every channel.
@@ -44,39 +44,39 @@ def remainder(
     explained.
     """
     large = {
-        c.channel: c.condition for c in reversed(conditions(problem, residuals, values))
+        c.channel: c.condition for c in reversed(find_conditions(problem, residuals, values))
     }  # the strongest
     found = []
     for channel, mine in problem.used():
         e, log = residuals[mine], problem.rows.log[mine]
-        steady = without_walk(without_spikes(e, log), log, walk(problem, mine, channel))
+        steady = remove_walk(remove_spikes(e, log), log, estimate_walk(problem, mine, channel))
         size, own = (float(np.sqrt(np.mean(x**2))) for x in (e, steady))
-        where = localised(e, log, problem.rows.time[mine])
+        where = find_short_span(e, log, problem.rows.time[mine])
         kind = "noise"
         if size <= limit:
             words = "noise only"
         elif own <= limit:
             words = "noise only, besides lone spikes or a bias that walks"
         elif is_noise(steady, log):
-            words = f"noise only, {own:.2f} times that of its differences from row to row"
+            words = f"noise only, {own:.2f} times the noise of its row-to-row differences"
         elif where is not None:
             kind, name = "localised", problem.logs[where[2]].name
-            words = f"half of what is left is in {name} between {where[0]:.1f} and {where[1]:.1f} s"
+            words = f"half of the remaining error is in {name} between {where[0]:.1f} and {where[1]:.1f} s"
         else:
             kind = "disturbance"
-            words = f"{size:.2f} times the noise is left" + (
-                f", most at {large[channel]}" if channel in large else ""
+            words = f"the remaining error is {size:.2f} times the noise" + (
+                f", largest at {large[channel]}" if channel in large else ""
             )
         found.append(Remainder(channel, size, kind, f"{channel}: {words}"))
     return found
 
 
-def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
+def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
     """Return the walk of the bias of a channel in a block, in units of its noise."""
     return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK_TIME) * np.median(problem.weight[rows]))
 
 
-def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
+def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
     """Replace lone outliers of a residual by their neighbours.
 
     A car does not jump there and back within 40 ms.
@@ -95,7 +95,7 @@ def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
     return rest
 
 
-def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
+def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
     """Return the residual less a bias that walks by `step` a block.
 
     A smoother finds the bias in white noise of size one.
@@ -137,7 +137,7 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     return float(np.var(energies)) <= 2.0 * chance * float(np.mean(energies)) ** 2
 
 
-def localised(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
+def find_short_span(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
     """Return the shortest span of one log with half of the energy above the noise.
 
     Return None if it is not short against the logs.

@@ -23,14 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from tse.gaps.catalogue import of_the_car
-from tse.gaps.fit import Fit, fit
+from tse.gaps.catalogue import drop_log_values
+from tse.gaps.fit import Fit, fit_parameters
 from tse.gaps.infer import naming as name
-from tse.gaps.infer.formula_search import Discovery, discover, on_all
-from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tse.gaps.infer.formula_search import Discovery, discover_formula, refit_on_all
+from tse.gaps.infer.hypotheses import NAME_AT, SIZE_COST, make_hypotheses
 from tse.gaps.infer.naming import Naming
 from tse.gaps.infer.roads import ROAD_PROBABILITY
-from tse.gaps.infer.search import ln_likelihood
+from tse.gaps.infer.search import compute_ln_likelihood
 from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
@@ -71,18 +71,18 @@ class Worlds:
 
     def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
         """Add a world. `last` is the fit of its names, `discovery` its formula."""
-        price, values = sum((price_of(n.effect.id) for n in naming.named), 0.0), last.values
+        price, values = sum((compute_name_price(n.effect.id) for n in naming.named), 0.0), last.values
         if discovery is not None:
             assert discovery.fit is not None
-            price += discovery.price - ln_odds(OUTSIDE)
+            price += discovery.price - compute_ln_odds(OUTSIDE)
             last, values = discovery.fit, discovery.values
-        self.known.append(World(naming, discovery, price, self._residuals(last, values)))
+        self.known.append(World(naming, discovery, price, self._compute_residuals(last, values)))
 
     def weigh(self) -> None:
         """Compute the probability of each world."""
         value = np.array([-w.price for w in self.known], float)
         for c in COMPARED_CHANNELS:
-            value += [ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
+            value += [compute_ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
         weight = np.exp(value - value.max())
         for w, p in zip(self.known, weight / weight.sum(), strict=True):
             w.probability = float(p)
@@ -96,9 +96,9 @@ class Worlds:
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
 
-    def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
+    def _compute_residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
         held = self.held
-        return [last.residuals] + ([] if held is None else [held.residuals(of_the_car(values))])
+        return [last.residuals] + ([] if held is None else [held.residuals(drop_log_values(values))])
 
     def _square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
         """Return mean square in units of the noise, and the count of values."""
@@ -110,16 +110,18 @@ class Worlds:
         return total / max(rows, 1), rows
 
 
-def ln_odds(probability: float) -> float:
+def compute_ln_odds(probability: float) -> float:
     return float(np.log(probability / (1.0 - probability)))
 
 
-def price_of(effect: str) -> float:
+def compute_name_price(effect: str) -> float:
     """Return the prior cost of a name in nats."""
-    return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ln_odds(ROAD_PROBABILITY))
+    return SIZE_COST - next(
+        (h.odds for h in make_hypotheses() if h.id == effect), compute_ln_odds(ROAD_PROBABILITY)
+    )
 
 
-def explained(
+def explain_remainder(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
     """Return a formula or None, the names, and all worlds that were compared.
@@ -128,14 +130,16 @@ def explained(
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
-        naming = name.without(problem, naming, frozenset(), little)
-    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
-    fits = [polished(problem, n.final) for n in asked]
+        naming = name.drop_names(problem, naming, frozenset(), little)
+    asked = [naming, *([name.drop_names(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
+    fits = [refit_world(problem, n.final) for n in asked]
     worlds = Worlds(problem, held)
 
     def formula(k: int) -> Discovery:
         beside = ", ".join(m.effect.id for m in asked[k].named)
-        return discover(problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
+        return discover_formula(
+            problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}")
+        )
 
     sought = run_in_processes(problem.jobs, formula, range(len(asked)))
     worlds.add(naming, fits[0])
@@ -159,12 +163,12 @@ def explained(
     naming = replace(best.naming, named=named)
     if any(n.whole < NAME_AT for n in named):
         sure = frozenset(n.effect.id for n in named if n.whole >= NAME_AT)
-        naming = name.without(problem, naming, sure, name.UNSURE)
-        last = on_all(problem, naming.final, last)
-    return *beside(problem, naming, last), shown
+        naming = name.drop_names(problem, naming, sure, name.UNSURE)
+        last = refit_on_all(problem, naming.final, last)
+    return *find_formula_beside(problem, naming, last), shown
 
 
-def beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
+def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
     """Return a formula and the names that it leaves: it may take over what a name did."""
     if last.formula is None or last.fit is None or not naming.named:
         return last, naming
@@ -173,11 +177,11 @@ def beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery
     if not idle:
         return last, naming
     left = frozenset(n.effect.id for n in naming.named) - idle
-    naming = name.without(problem, naming, left, INSTEAD)
-    return on_all(problem, naming.final, last), naming
+    naming = name.drop_names(problem, naming, left, INSTEAD)
+    return refit_on_all(problem, naming.final, last), naming
 
 
-def polished(problem: Problem, last: Fit) -> Fit:
+def refit_world(problem: Problem, last: Fit) -> Fit:
     """Fit the same world by least squares, as formulas are fitted."""
-    found = fit(problem.holding(last.values), last.parameters, last.values)
+    found = fit_parameters(problem.holding(last.values), last.parameters, last.values)
     return replace(found, values=last.values | found.values)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tse.car.vehicle import Vehicle
-from tse.gaps.catalogue import Effect, catalogue
+from tse.gaps.catalogue import Effect, load_catalogue
 from tse.gaps.infer.hypotheses import NAME_AT
 from tse.identify.data import PreparedLog, add_missing_channels
 from tse.identify.fit import CarFit, fit
@@ -74,7 +74,7 @@ class Roads:
         ]
 
 
-def find(
+def find_roads(
     logs: Sequence[PreparedLog],
     config: Config,
     vehicle: Vehicle,
@@ -105,14 +105,14 @@ def find(
             break
         ended = fit(problem, x, z, say=lambda text: say(f"car and road: {text}"))
         sd = ended.equations.compute_road_sd()
-        found = [_judged(kind, road, ended, sd) for kind in kinds]
+        found = [_judge_profile(kind, road, ended, sd) for kind in kinds]
         shown = tuple(
             f.effect.id
             for f in found
             if f.probability >= NAME_AT and f.size >= f.effect.strengths[0].negligible
         )
         if shown == kinds:
-            return Roads(_on(logs, road, ended.z), found, road, ended, there)
+            return Roads(_place_logs(logs, road, ended.z), found, road, ended, there)
         fewer = Knots.lay(distance, of, shown)
         x, z = ended.search, np.zeros(len(fewer))
         for r in range(len(fewer.count)):
@@ -122,7 +122,7 @@ def find(
     return Roads(logs)
 
 
-def _judged(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
+def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
     """Return how large a profile is, and how likely it is that there is one.
 
     The sd of the rms is that of independent values, each as sure as they are on average.
@@ -134,10 +134,10 @@ def _judged(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> Found
     sd = float(np.sqrt(np.mean(np.concatenate([road_sd[p] for p in places]) ** 2) / values))
     odds = float(np.exp(min(nats + np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY)), MAX_ODDS)))
     ends = max(0.0, size - 1.96 * sd), size + 1.96 * sd
-    return FoundRoad(catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
+    return FoundRoad(load_catalogue()[kind], size, ends, nats, odds / (1.0 + odds))
 
 
-def _on(logs: Sequence[PreparedLog], road: Knots, z: np.ndarray) -> list[PreparedLog]:
+def _place_logs(logs: Sequence[PreparedLog], road: Knots, z: np.ndarray) -> list[PreparedLog]:
     """Return the logs on their roads; those that cannot be compared as they are."""
     found, i = [], 0
     for log in logs:

@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tse.gaps.infer.hypotheses import Hypothesis, fit_prior, ln_normal
+from tse.gaps.infer.hypotheses import Hypothesis, compute_ln_normal, fit_prior
 from tse.gaps.infer.space import LASTING, Space
 from tse.gaps.problem import Problem
 from tse.identify import fit as engine
@@ -66,41 +66,41 @@ class Judged:
         return dict(zip(self.values, np.sqrt(np.diag(self.covariance)), strict=True))
 
 
-def together() -> float:
+def compute_error_duration() -> float:
     """Return V: how many values an error of the model lasts."""
     return engine.MODEL_TIME / BLOCK_TIME
 
 
-def variance(square: float) -> float:
+def compute_variance(square: float) -> float:
     """Return sd^2, in units of the noise, with which a residual of this mean square
     counts.
     """
-    return 1.0 + together() * max(square - 1.0, LASTING**2)
+    return 1.0 + compute_error_duration() * max(square - 1.0, LASTING**2)
 
 
-def ln_likelihood(square: float, count: int) -> float:
+def compute_ln_likelihood(square: float, count: int) -> float:
     """Return it of a channel.
 
     `square`: mean square of its residuals, in units of the noise.
     """
     more = square - 1.0 - LASTING**2
-    least = 1.0 + together() * LASTING**2
-    above = float(np.log(least + together() * max(more, 0.0))) / together()
+    least = 1.0 + compute_error_duration() * LASTING**2
+    above = float(np.log(least + compute_error_duration() * max(more, 0.0))) / compute_error_duration()
     return -0.5 * count * (above + min(more, 0.0) / least)
 
 
-def ln_sizes(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
+def compute_ln_size_odds(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
     """Return prior odds of effects and what their sizes cost, over the priors that a fit
     takes for them.
     """
     total = 0.0
     for h in effects:
-        fitted = sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
+        fitted = sum(compute_ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
         total += h.odds + h.ln_prior(values) - fitted
     return total
 
 
-def judge(
+def judge_set(
     problem: Problem,
     asked: Sequence[Hypothesis],
     members: Collection[str],
@@ -120,18 +120,18 @@ def judge(
     lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
     space = Space(problem, asked, members, lent)
     x = space.at(start)
-    tables = _tables_of(space, like) if like is not None and rough else None
+    tables = _transfer_slopes(space, like) if like is not None and rough else None
     found = engine.fit(space, x, near=bool(start), tables=tables)
     values = space.values(found.search)
     away = found.search - space.mean
-    evidence = sum(ln_likelihood(*_square(space, found, c)) for c in space.channels)
+    evidence = sum(compute_ln_likelihood(*_compute_mean_square(space, found, c)) for c in space.channels)
     evidence -= 0.5 * float(away @ space.information @ away)
     evidence -= float(np.log(space.sd).sum()) + 0.5 * float(np.linalg.slogdet(found.equations.information)[1])
-    evidence += ln_sizes(space.effects, values)
+    evidence += compute_ln_size_odds(space.effects, values)
     return Judged(space.effects, values, found.covariance, evidence, space, found)
 
 
-def _square(space: Space, found: engine.CarFit, channel: str) -> tuple[float, int]:
+def _compute_mean_square(space: Space, found: engine.CarFit, channel: str) -> tuple[float, int]:
     """Return the mean square of the residuals of a channel, and of how many; a large one
     counts as its size."""
     e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
@@ -139,7 +139,7 @@ def _square(space: Space, found: engine.CarFit, channel: str) -> tuple[float, in
     return float(np.mean(np.abs(e) * np.minimum(np.abs(e), end))), len(e)
 
 
-def _tables_of(space: Space, like: Judged) -> list[np.ndarray]:
+def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
     """Return slopes of another set for this one; of a shape that it has not, nothing."""
     assert like.space is not None and like.fit is not None
     place = {n: k for k, n in enumerate(like.space.names)}
@@ -175,12 +175,12 @@ class Around:
             self._square[k] += float(e @ (weight * e))
             self._gradient[k] += table.T @ (weight * e)
             self._gram[k] += table.T @ (weight[:, None] * table)
-        self._first = self._weights(self._square)
+        self._first = self._compute_weights(self._square)
         self._here = 0.0
         self._here = judged.evidence - self.judge(judged.ids).evidence
 
-    def _weights(self, square: np.ndarray) -> np.ndarray:
-        return np.array([1.0 / variance(s / n) for s, n in zip(square, self._count, strict=True)])
+    def _compute_weights(self, square: np.ndarray) -> np.ndarray:
+        return np.array([1.0 / compute_variance(s / n) for s, n in zip(square, self._count, strict=True)])
 
     def judge(self, members: frozenset[str]) -> Judged:
         """Return another set."""
@@ -199,13 +199,15 @@ class Around:
             x = np.clip(self._x - cho_solve(factor, gradient), space.low, space.high)
             by = x - self._x
             square = self._square + 2.0 * self._gradient @ by + np.einsum("i,kij,j->k", by, self._gram, by)
-            weights = self._weights(square)
+            weights = self._compute_weights(square)
         evidence = self._here
-        evidence += sum(ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True))
+        evidence += sum(
+            compute_ln_likelihood(s / n, int(n)) for s, n in zip(square, self._count, strict=True)
+        )
         evidence -= 0.5 * float(precision @ (x - mean) ** 2)
         evidence -= float(np.log(sd).sum() + np.log(np.diag(factor[0])).sum())
         values = space.values(x)
-        evidence += ln_sizes(effects, values)
+        evidence += compute_ln_size_odds(effects, values)
         slope = space.compute_ln_slope(x)
         return Judged(effects, values, cho_solve(factor, np.eye(len(x))) * np.outer(slope, slope), evidence)
 
@@ -232,18 +234,18 @@ class Search:
         key = frozenset(ids)
         if key not in self.known:
             self.say(f"trying {', '.join(sorted(key)) or 'nothing'}")
-            self.known[key] = judge(self.problem, self.asked, key, start, like, rough)
+            self.known[key] = judge_set(self.problem, self.asked, key, start, like, rough)
         return self.known[key]
 
     def run(self) -> Judged:
         """Return the most probable set, by adding to nothing, or by taking away from all
         where that leads further.
         """
-        best = self._climbed(self.judge((), {}))
-        best = max(best, self._pruned(best), key=lambda j: j.evidence)
+        best = self._climb(self.judge((), {}))
+        best = max(best, self._prune(best), key=lambda j: j.evidence)
         for _ in range(PASSES):
-            best = self._climbed(best)
-            self._rivals(best)
+            best = self._climb(best)
+            self._fit_rivals(best)
             likeliest = max(self.all().values(), key=lambda j: j.evidence)
             if likeliest.evidence < best.evidence + WORTH:
                 break
@@ -251,7 +253,7 @@ class Search:
             best = max(self.known.values(), key=lambda j: j.evidence)
         return best
 
-    def _pruned(self, start: Judged) -> Judged:
+    def _prune(self, start: Judged) -> Judged:
         """Return what is left of all effects together when those that are not worth their
         price go. Of two that nearly cancel, none is worth anything alone."""
         whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
@@ -264,22 +266,22 @@ class Search:
             best = there
         return self.judge(best.ids, best.values, start)
 
-    def _climbed(self, best: Judged) -> Judged:
+    def _climb(self, best: Judged) -> Judged:
         """Return the best set that adding, leaving out and exchanging effects reaches."""
         for _ in range(MAX_ROUNDS):
             around = Around(best)
             self.near = {}
-            there = self._best_near(around, best.ids, AT_ONCE)
+            there = self._find_best_near(around, best.ids, AT_ONCE)
             if there == best.ids:
                 break
             new = there - best.ids
-            tried = self.judge(there, self._seen(around, there).values, best)
-            tried = max([tried, *self._alike(tried, new)], key=lambda j: j.evidence)
+            tried = self.judge(there, self._get_set(around, there).values, best)
+            tried = max([tried, *self._fit_alike(tried, new)], key=lambda j: j.evidence)
             if tried.evidence > best.evidence:
                 best = tried
         return best
 
-    def _alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
+    def _fit_alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
         """Fit what the catalogue calls alike in the place of some effects: slopes do not
         show what is not small.
         """
@@ -294,21 +296,21 @@ class Search:
                     )
         return found
 
-    def _rivals(self, best: Judged) -> None:
+    def _fit_rivals(self, best: Judged) -> None:
         """Fit what could be in the place of each effect, or of none."""
         around = Around(best)
         for h in best.effects:
             less = best.ids - {h.id}
             others = [frozenset(less | {o.id}) for o in self.asked if o.id not in best.ids]
-            ranked = sorted((self._seen(around, s) for s in others), key=lambda j: -j.evidence)
-            for j in (self._seen(around, less), *ranked[:RIVALS]):
+            ranked = sorted((self._get_set(around, s) for s in others), key=lambda j: -j.evidence)
+            for j in (self._get_set(around, less), *ranked[:RIVALS]):
                 if j.ids == less or j.evidence > best.evidence - FAR:
                     self.judge(j.ids, j.values, best, rough=True)
         for o in self.asked:
             if o.id not in best.ids:
-                self._seen(around, best.ids | {o.id})
+                self._get_set(around, best.ids | {o.id})
 
-    def _seen(self, around: Around, ids: frozenset[str]) -> Judged:
+    def _get_set(self, around: Around, ids: frozenset[str]) -> Judged:
         """Return a set as it was fitted, else by slopes."""
         if ids in self.known:
             return self.known[ids]
@@ -316,11 +318,11 @@ class Search:
             self.near[ids] = around.judge(ids)
         return self.near[ids]
 
-    def _best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
+    def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
         """Return the best set that so many changes lead to, each the best one."""
 
         def worth(ids: frozenset[str]) -> float:
-            return self._seen(around, ids).evidence
+            return self._get_set(around, ids).evidence
 
         best = start
         for _ in range(changes):

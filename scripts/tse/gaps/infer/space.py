@@ -12,9 +12,9 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from tse.gaps.catalogue import Parameter
+from tse.gaps.catalogue import CatalogueParameter
 from tse.gaps.fit import NOISE_LIMIT
-from tse.gaps.infer.hypotheses import Hypothesis, fit_prior, start_of
+from tse.gaps.infer.hypotheses import Hypothesis, choose_start, fit_prior
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BLOCK_TIME, COMPARED_CHANNELS, MIN_FIT_SPEED
 from tse.identify.lasting import Piece
@@ -69,7 +69,7 @@ class Space:
         self.effects = tuple(h for h in asked if h.id in self.members)
         strengths = [p for h in asked for p in h.effect.strengths]
         shapes = [p for h in self.effects for p in h.effect.shapes]
-        self.parameters: tuple[Parameter, ...] = (*STIFFNESS, *dict.fromkeys(strengths), *shapes)
+        self.parameters: tuple[CatalogueParameter, ...] = (*STIFFNESS, *dict.fromkeys(strengths), *shapes)
         self.names = tuple(p.name for p in self.parameters)
         self._there = {p.name for h in self.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
         self._inverse = np.array([n in COMPLIANCE for n in self.names])
@@ -133,7 +133,9 @@ class Space:
         for h in self.effects:
             if all(abs(values.get(p.name, p.default) - p.default) < p.negligible for p in h.effect.strengths):
                 values = {n: v for n, v in values.items() if n not in {p.name for p in h.effect.strengths}}
-        first = [values.get(p.name, start_of(p) if p.name in there else p.default) for p in self.parameters]
+        first = [
+            values.get(p.name, choose_start(p) if p.name in there else p.default) for p in self.parameters
+        ]
         return np.clip(self.to_search(np.array(first)), self.low, self.high)
 
     # ---- what the fit asks
@@ -166,7 +168,7 @@ class Space:
         """
         if self.lent is None:
             return self.own_slopes(x, base)
-        found = self._simulated(x, base, ((1.0, True),))
+        found = self._simulate_slopes(x, base, ((1.0, True),))
         mine = np.array([n in self._there for n in self.names])
         for table, other in zip(found, self.lent, strict=True):
             k = np.flatnonzero(~mine[: other.shape[1]])
@@ -175,9 +177,9 @@ class Space:
 
     def own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
         """Return the same with nothing lent."""
-        return self._simulated(x, base, ((1.0, True), (REACH, False)))
+        return self._simulate_slopes(x, base, ((1.0, True), (REACH, False)))
 
-    def _simulated(
+    def _simulate_slopes(
         self, x: np.ndarray, base: list[np.ndarray], parts: Sequence[tuple[float, bool]]
     ) -> list[np.ndarray]:
         """Return slopes over a reach of what is there (True), or is not; nothing of the

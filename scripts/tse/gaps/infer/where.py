@@ -12,7 +12,7 @@ from scipy.stats import false_discovery_control, spearmanr
 
 from tse.gaps.fit import Fit
 from tse.gaps.problem import Problem
-from tse.gaps.respond import ROAD, responses, signals
+from tse.gaps.respond import ROAD, compute_responses, compute_signals
 from tse.identify.data import BLOCK_TIME
 from tse.library.core import library
 
@@ -57,7 +57,7 @@ class Entry:
     unit: str
 
 
-def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
+def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
     """Return the signals of conditions, from inputs and simulation.
 
     Measurements are not among them: their noise is in the residual, too.
@@ -77,21 +77,23 @@ def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray
     }
 
 
-def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
+def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
     """Return the conditions in which the residual is large, strongest first.
 
     Those that chance explains are left out (Spearman; Benjamini-Hochberg).
     """
     rows, found, p = problem.rows, [], []
-    at = features(problem, values)
+    at = compute_features(problem, values)
     for c, mine in problem.used():
         key = rows.log[mine] * 10_000_000 + (rows.time[mine] // WINDOW).astype(np.int64)
         _, index, count = np.unique(key, return_inverse=True, return_counts=True)
         enough = count >= 0.5 * count.max(initial=0)
         if enough.sum() < MIN_WINDOWS:
             continue
-        energy, *table = ((np.bincount(index, x) / count)[enough] for x in (
-            residuals[mine] ** 2, *(np.nan_to_num(x[mine]) for x in at.values())))  # fmt: skip
+        energy, *table = (
+            (np.bincount(index, x) / count)[enough]
+            for x in (residuals[mine] ** 2, *(np.nan_to_num(x[mine]) for x in at.values()))
+        )
         for name, x in zip(at, table, strict=True):
             if np.ptp(x) > 1e-9 * (1 + np.abs(x).max()):
                 rho, chance = spearmanr(x, energy)
@@ -102,14 +104,14 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
     return sorted(found, key=lambda c: -abs(c.strength))
 
 
-def entries(problem: Problem, last: Fit) -> list[Entry]:
+def find_entries(problem: Problem, last: Fit) -> list[Entry]:
     """Return every place with the evidence for a disturbance there, best first.
 
     It is fitted beside everything in `last`. A disturbance is a sum of hats, one every
     HAT blocks, of normal size. Residuals are linear in it, so its evidence is a sum over
-    the singular values of the responses to the hats (responses()).
+    the singular values of the responses to the hats (compute_responses()).
     """
-    at, units = signals(problem, last.values), library().formula_places
+    at, units = compute_signals(problem, last.values), library().formula_places
     lateral = [
         (problem.rows.log == i) & (problem.rows.of("accel_y") | problem.rows.of("yaw_rate"))
         for i in range(len(at))
@@ -127,7 +129,7 @@ def entries(problem: Problem, last: Fit) -> list[Entry]:
     hats = [np.pad(h, ((0, 0), (0, widest - h.shape[1]))) for h in hats]
     found = []
     for place, id_ in PLACES.items():
-        change = responses(problem, last.values, at, id_, hats)
+        change = compute_responses(problem, last.values, at, id_, hats)
         # of each log: singular values and directions, and how far the residual goes along
         # them
         parts = []

@@ -25,9 +25,9 @@ from tse.car.vehicle import (
     make_filter_values,
     read_vehicle,
 )
-from tse.gaps.infer.naming import settings
+from tse.gaps.infer.naming import convert_to_settings
 from tse.gaps.problem import Problem
-from tse.gaps.run.posterior import posterior
+from tse.gaps.run.posterior import compute_posterior
 from tse.gaps.run.workflow import FIT, Found
 from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
@@ -40,7 +40,7 @@ VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 
 
-def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
+def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
     """Write both files. The header is made from the vehicle file as it reads back."""
     path = out / VEHICLE
     vehicle = read_vehicle(vehicle_path)
@@ -52,28 +52,32 @@ def write(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tup
         with write_atomically(out / FORMULA_HEADER) as file:
             file.write(format_c_header(formula))
     with write_atomically(path) as file:
-        file.write(improved(replace(vehicle, formula=formula), problem, result))
+        file.write(make_vehicle_toml(replace(vehicle, formula=formula), problem, result))
     with write_atomically(out / HEADER) as file:
-        file.write(header(read_vehicle(path)))
+        file.write(make_header(read_vehicle(path)))
     return path, out / HEADER
 
 
-def formula_files(out: Path, improved: Path) -> list[Path]:
+def write_formula_files(out: Path, improved: Path) -> list[Path]:
     """Return the files of a formula."""
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
-def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
+def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     """Return the vehicle file with fitted stiffness and the named effects.
 
     `vehicle` is as the user wrote it, sensors not filled in.
     """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]
-    known = posterior(
+    known = compute_posterior(
         problem, fit, vehicle, result.formula.settings() if result.formula else {}, logs, result.naming.spread
     )
-    values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, known.stiffness)}
+    values = {
+        **vehicle.values,
+        **convert_to_settings(problem, fit.values),
+        **convert_stiffness(problem.config, known.stiffness),
+    }
     bands = {"longitudinal_stiffness_rear": ", follows the front one"}
     for k, (_, low, high) in list_known_stiffness(
         replace(vehicle, values=values, calibration=known.calibration())
@@ -110,7 +114,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Found) -> str:
     )
 
 
-def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
+def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
     """Return the fitted stiffness as settings.
 
     The rear longitudinal one follows the front as the settings say.
@@ -126,7 +130,7 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
 # ---- C
 
 
-def _group(key: str) -> str:
+def _find_group(key: str) -> str:
     """Return the heading of a setting in effects.h."""
     if key in list_uncertainty_settings():
         return "how uncertain that is"
@@ -137,7 +141,7 @@ def _group(key: str) -> str:
     return "vehicle" if key in list_vehicle_settings() else "sensors, and what the filter starts from"
 
 
-def header(vehicle: Vehicle) -> str:
+def make_header(vehicle: Vehicle) -> str:
     """Return a C header whose function sets tse_config as the estimator has it.
 
     It has the vehicle file with the sds and the grip of the posterior. The same file
@@ -152,23 +156,23 @@ def header(vehicle: Vehicle) -> str:
     body, section = [], None
     for key, value in ((k, values[k]) for k in fields if k in values):  # in the order of the settings
         effect, parameter = by_setting.get(key, (None, None))
-        title = f"effect {effect.id}: {effect.title}" if effect else _group(key)
+        title = f"effect {effect.id}: {effect.title}" if effect else _find_group(key)
         if title != section:
-            body.append(f"  /* {_plain(title)} */")
+            body.append(f"  /* {_make_plain(title)} */")
             section = title
         f = fields[key]
         number = f"{int(value)}" if f.is_integer else f"(tse_setting){float(value)!r}"
         unit = "" if f.unit in ("", "1") else f"{f.unit}: "
         body.append(
             f"  c->{key:<{width}} = {number};  /* "
-            f"{_plain(unit + (parameter.text if parameter else f.text))} */"
+            f"{_make_plain(unit + (parameter.text if parameter else f.text))} */"
         )
     return "\n".join(
         [
-            f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of "
+            f"/* {_make_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of "
             "this car show.",
             f" * Written by tselab gap {__version__} from "
-            f"{_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
+            f"{_make_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
             " beside which it lies; whoever changes one makes the other again.",
             " *",
             " *   tse_config c;",
@@ -190,6 +194,6 @@ def header(vehicle: Vehicle) -> str:
     )
 
 
-def _plain(text: str) -> str:
+def _make_plain(text: str) -> str:
     """Return text that may stand in a comment of C."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")

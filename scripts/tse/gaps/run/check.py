@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from tse.car.vehicle import read_vehicle
-from tse.gaps.catalogue import catalogue
-from tse.gaps.fit import fit, gap
+from tse.gaps.catalogue import load_catalogue
+from tse.gaps.fit import compute_gap, fit_parameters
 from tse.gaps.infer import detect
-from tse.gaps.infer.hypotheses import threshold
+from tse.gaps.infer.hypotheses import compute_threshold
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.gaps.run import workflow
 from tse.identify.data import prepare_all
@@ -36,7 +36,7 @@ class Check:
         """Of the command: can what is in these logs be named?"""
         if not any(d.visible for d in self.effects):
             return NOTHING
-        searched = [d for d in self.effects if catalogue()[d.id].occurrence != "ABSORBED"]
+        searched = [d for d in self.effects if load_catalogue()[d.id].occurrence != "ABSORBED"]
         return USABLE if all(d.visible for d in searched) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
@@ -55,23 +55,31 @@ class Check:
         for d in order:
             unit = "" if d.unit == "1" else f" {d.unit}"
             smallest = f"{d.smallest:.2g}{unit}" if np.isfinite(d.smallest) else "never"
-            rows.append([d.id, d.parameter.removeprefix(d.id + "_"), smallest, f"{d.typical:.2g}{unit}",
-                         "yes" if d.visible else "no", f"{100 * max(0.0, d.absorbed):.0f} %"])  # fmt: skip
+            rows.append(
+                [
+                    d.id,
+                    d.parameter.removeprefix(d.id + "_"),
+                    smallest,
+                    f"{d.typical:.2g}{unit}",
+                    "yes" if d.visible else "no",
+                    f"{100 * max(0.0, d.absorbed):.0f} %",
+                ]
+            )
         lines = [text_table(rows, right=(2, 3, 5)), ""]
         seen = sum(d.visible for d in order)
         lines.append(
             f"{seen} of {len(order)} effects would be named at their typical size "
-            f"({threshold(len(order)):.1f} nats)."
+            f"({compute_threshold(len(order)):.1f} nats)."
         )
         if hidden := [d for d in order if not d.visible]:
             lines.append("The others would show in:")
-            lines += [f"  {d.id}: {catalogue()[d.id].channels}" for d in hidden]
+            lines += [f"  {d.id}: {load_catalogue()[d.id].channels}" for d in hidden]
         parts = ", ".join(f"{c} {x:.2f}" for c, x in self.gap.items())
         lines.append(f"Gap with fitted stiffness, residual over sensor noise: {parts}; 1 is noise alone.")
         return "\n".join(lines + [f"note: {n}" for n in self.notes])
 
 
-def check(
+def check_model(
     logs: Sequence[Path],
     vehicle_path: Path,
     jobs: int = 1,
@@ -81,13 +89,15 @@ def check(
     """Fit stiffness and biases, and look around."""
     say("reading the logs")
     notes: list[str] = []
-    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading, notes)
+    read, config = workflow.read_logs(logs, read_vehicle(vehicle_path), reading, notes)
     problem = Problem(prepare_all(read, config), config, jobs)
     notes += problem.notes
     if not problem.logs:
         raise UserError("; ".join(notes) or "no log can be compared")
     say("fitting stiffness and biases")
-    baseline = fit(problem, STIFFNESS, {})
+    baseline = fit_parameters(problem, STIFFNESS, {})
     say("every effect")
-    found = detect.detectable(problem, baseline, list(catalogue().values()))
-    return Check(found, gap(problem, baseline.residuals), [*(n for log in read for n in log.notes), *notes])
+    found = detect.compute_detectable(problem, baseline, list(load_catalogue().values()))
+    return Check(
+        found, compute_gap(problem, baseline.residuals), [*(n for log in read for n in log.notes), *notes]
+    )

@@ -20,16 +20,16 @@ from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, describe_stiffness, fill_sensors, read_vehicle
 from tse.estimation.estimate import estimate
 from tse.estimation.verdict import NAMES
-from tse.gaps.catalogue import of_the_car
-from tse.gaps.fit import Change, compare
+from tse.gaps.catalogue import drop_log_values
+from tse.gaps.fit import ChannelChange, compare_models
 from tse.gaps.problem import Problem
 from tse.gaps.run import add, pictures, report
-from tse.gaps.run.workflow import FIT, HELD_OUT, Result
+from tse.gaps.run.workflow import FIT, HELD_OUT, GapResult
 from tse.identify.data import COMPARED_CHANNELS
 from tse.library.core import NOMINAL, STIFFNESS
 from tse.library.files import write_atomically
 from tse.log.rows import CheckedLog
-from tse.report.results import plain
+from tse.report.results import convert_to_plain
 from tse.roads.road import write_road
 
 VERDICT, RESIDUALS, REPORT, PICTURE, ROAD = (
@@ -56,17 +56,21 @@ BOTH = ("before", "after")
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenFiles:
     """What was made."""
 
     files: list[Path]
     gain: dict[str, Any]
-    changes: dict[str, dict[str, Change]]  # of each part: its channels, before and after
+    changes: dict[str, dict[str, ChannelChange]]  # of each part: its channels, before and after
 
 
 def write_all(
-    out: Path, result: Result, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
-) -> Written:
+    out: Path,
+    result: GapResult,
+    vehicle_path: Path,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+) -> WrittenFiles:
     """Add and Show."""
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
@@ -74,13 +78,13 @@ def write_all(
         {HELD_OUT: (result.held_level, result.held)} if result.held is not None else {}
     )
     say("writing the improved vehicle")
-    improved, header = add.write(out, vehicle_path, problem, result)
+    improved, header = add.write_vehicle(out, vehicle_path, problem, result)
     result.words.insert(0, describe_stiffness(read_vehicle(improved)))
     say("residuals before and after")
-    rows = table(parts, before, after)
+    rows = make_table(parts, before, after)
     with write_atomically(out / RESIDUALS, "wb") as file:
         rows.to_parquet(file, engine="pyarrow", index=False, compression="zstd")
-    changes = {FIT: compare(problem, naming.baseline.residuals, result.final.residuals)}
+    changes = {FIT: compare_models(problem, naming.baseline.residuals, result.final.residuals)}
     if result.held_out:
         changes[HELD_OUT] = result.held_out
 
@@ -92,15 +96,15 @@ def write_all(
         new,
     ):  # the same sensors on both sides: those of the first log where the file is silent
         fill_sensors(vehicle, read[0][2])
-    gained = gain(read, old, new, jobs, say)
+    gained = compute_gain(read, old, new, jobs, say)
 
     say("report")
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
-    shown = report.Shown(result, named, rows, changes, gained, stiffness, [*old.filled])
+    shown = report.ReportInput(result, named, rows, changes, gained, stiffness, [*old.filled])
     report.write_report(out / REPORT, shown)
     with write_atomically(out / VERDICT) as file:
         json.dump(
-            plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
+            convert_to_plain(result.as_json() | {"stiffness": stiffness, "estimator": gained}),
             file,
             indent=1,
             allow_nan=False,
@@ -110,18 +114,18 @@ def write_all(
         out / VERDICT,
         improved,
         header,
-        *add.formula_files(out, improved),
-        *road_files(out, result),
+        *add.write_formula_files(out, improved),
+        *write_road_files(out, result),
         out / REPORT,
         out / RESIDUALS,
     ]
     if importlib.util.find_spec("matplotlib") is not None:
-        pictures.picture(out / PICTURE, rows, headline(result))
+        pictures.draw_picture(out / PICTURE, rows, make_headline(result))
         files.append(out / PICTURE)
-    return Written(files, gained, changes)
+    return WrittenFiles(files, gained, changes)
 
 
-def road_files(out: Path, result: Result) -> list[Path]:
+def write_road_files(out: Path, result: GapResult) -> list[Path]:
     """Write the roads that were found; files of an earlier run that are none go."""
     found = result.roads.profiles() if result.roads is not None else []
     files = [out / (f"road_{k}.csv" if k > 1 else ROAD) for k in range(1, len(found) + 1)]
@@ -132,7 +136,7 @@ def road_files(out: Path, result: Result) -> list[Path]:
     return files
 
 
-def headline(result: Result) -> str:
+def make_headline(result: GapResult) -> str:
     """Return the verdict in a few words."""
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"
@@ -148,7 +152,7 @@ def headline(result: Result) -> str:
 # ---- residuals before and after: what the report draws
 
 
-def table(
+def make_table(
     parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]
 ) -> pd.DataFrame:
     """Return every block of 40 ms of every log and channel as a table.
@@ -163,13 +167,13 @@ def table(
         rows = problem.rows
         columns: dict[str, object] = {
             "part": part,
-            "log": pd.Categorical.from_codes(rows.log, log_names(problem)),
+            "log": pd.Categorical.from_codes(rows.log, list_log_names(problem)),
             "channel": pd.Categorical.from_codes(rows.channel, list(COMPARED_CHANNELS)),
             "time": rows.time.astype(float),
             "block": rows.block.astype(np.int64),
             "measured": problem.measured,
         }
-        mine = after if part == FIT else of_the_car(after)
+        mine = after if part == FIT else drop_log_values(after)
         for when, values, model in (("before", before, level), ("after", mine, problem)):
             measured = np.nan_to_num(problem.measured)
             left = problem.unbiased(measured - model.predict(values))
@@ -185,7 +189,7 @@ def table(
     return found[list(COLUMNS)]
 
 
-def log_names(problem: Problem) -> list[str]:
+def list_log_names(problem: Problem) -> list[str]:
     """Return the names of the logs. The same name from another folder gets a number."""
     seen: dict[str, int] = {}
     names = []
@@ -199,7 +203,7 @@ def log_names(problem: Problem) -> list[str]:
 # nats, and by the share of the rows that are valid.
 
 
-def gain(
+def compute_gain(
     logs: Sequence[tuple[str, str, CheckedLog]],
     before: Vehicle,
     after: Vehicle,
@@ -227,8 +231,10 @@ def gain(
             {
                 "log": name,
                 "part": part,
-                "evidence": _both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
-                "valid": _both(pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}),
+                "evidence": _collect_both(pair, lambda t, u=used: float(t.loc[u, "log_evidence"].mean())),
+                "valid": _collect_both(
+                    pair, lambda t: {k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS}
+                ),
             }
         )
     rows = [len(log) for _, _, log in logs]
@@ -243,7 +249,7 @@ def gain(
     }
 
 
-def words(gained: Mapping[str, Any]) -> list[str]:
+def describe_gain(gained: Mapping[str, Any]) -> list[str]:
     """Return the text for the terminal."""
     shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
     return [
@@ -252,5 +258,5 @@ def words(gained: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _both(pair: Sequence[pd.DataFrame], of: Callable[[pd.DataFrame], Any]) -> dict[str, Any]:
+def _collect_both(pair: Sequence[pd.DataFrame], of: Callable[[pd.DataFrame], Any]) -> dict[str, Any]:
     return dict(zip(BOTH, map(of, pair), strict=True))

@@ -10,8 +10,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tse.gaps.fit import Change
-from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, layout, picture_of, thin_line
+from tse.gaps.fit import ChannelChange
+from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, open_picture, set_layout, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
 MAX_POINTS = 3000  # per line; longer logs are thinned, to their peaks
@@ -22,22 +22,27 @@ MAX_LOGS = 12  # that can be chosen; of a fleet, the worst
 PICTURE_SECONDS = 8.0
 
 
-def _channels(table: pd.DataFrame) -> list[str]:
+def _list_channels(table: pd.DataFrame) -> list[str]:
     return [c for c in table["channel"].cat.categories if (table["channel"] == c).any()]
 
 
-def _logs(table: pd.DataFrame) -> list[tuple[str, str]]:
+def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
     """Return part and name of every log, or of the worst of many."""
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
     worst = energy.sort_values(ascending=False).head(MAX_LOGS).index
     return [key for key in energy.index if key in set(worst)]
 
 
-def overlay(table: pd.DataFrame) -> go.Figure:
+def draw_overlay(table: pd.DataFrame) -> go.Figure:
     """Plot measured, before and after, per channel. The log is chosen from a list."""
-    channels, logs = _channels(table), _logs(table)
-    figure = make_subplots(len(channels), 1, shared_xaxes=True, vertical_spacing=0.05,
-                           subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels])  # fmt: skip
+    channels, logs = _list_channels(table), _list_logs(table)
+    figure = make_subplots(
+        len(channels),
+        1,
+        shared_xaxes=True,
+        vertical_spacing=0.05,
+        subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels],
+    )
     owner = []
     for n, (part, log) in enumerate(logs):
         mine = table[(table["part"] == part) & (table["log"] == log)]
@@ -64,11 +69,14 @@ def overlay(table: pd.DataFrame) -> go.Figure:
                 )
                 owner.append(n)
     buttons = [
-        {"label": f"{log}{' (held out)' if part == 'held_out' else ''}", "method": "update",
-         "args": [{"visible": [o == n for o in owner]}, {}]}
+        {
+            "label": f"{log}{' (held out)' if part == 'held_out' else ''}",
+            "method": "update",
+            "args": [{"visible": [o == n for o in owner]}, {}],
+        }
         for n, (part, log) in enumerate(logs)
-    ]  # fmt: skip
-    layout(figure, 210 * len(channels) + 90, hovermode="x unified")
+    ]
+    set_layout(figure, 210 * len(channels) + 90, hovermode="x unified")
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left")
     menu = {"x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 24}, "bgcolor": "white"}
@@ -77,13 +85,18 @@ def overlay(table: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
+def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure:
     """Plot rms over noise before and after, per channel.
 
     The interval is that of the change (paired blocks).
     """
-    figure = make_subplots(1, len(parts), shared_yaxes=True, horizontal_spacing=0.06,
-                           subplot_titles=[_part_title(p) for p in parts])  # fmt: skip
+    figure = make_subplots(
+        1,
+        len(parts),
+        shared_yaxes=True,
+        horizontal_spacing=0.06,
+        subplot_titles=[_make_part_title(p) for p in parts],
+    )
     for col, changes in enumerate(parts.values(), 1):
         names = list(changes)
         before = np.array([c.before for c in changes.values()])
@@ -126,23 +139,23 @@ def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
         )
         figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1.2}, row=1, col=col)
     figure.update_yaxes(title_text="residual over sensor noise (rms)", rangemode="tozero", row=1, col=1)
-    return layout(figure, 360, barmode="group")
+    return set_layout(figure, 360, barmode="group")
 
 
-def _part_title(part: str) -> str:
+def _make_part_title(part: str) -> str:
     return {"fit": "fitted logs", "held_out": "held-out logs"}[part]
 
 
 # ---- the picture
 
 
-def picture(path: Path, table: pd.DataFrame, title: str) -> None:
+def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
     """Draw gap.png: the moment in which the gap closed most."""
-    with picture_of(path) as plt:
+    with open_picture(path) as plt:
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
         )
-        moment, channel, where = best_moment(table)
+        moment, channel, where = find_best_moment(table)
         time = moment["time"]
         above.plot(
             time, moment["measured"], color=INK, lw=3.2, alpha=0.35, label="measured", solid_capstyle="round"
@@ -166,7 +179,7 @@ def picture(path: Path, table: pd.DataFrame, title: str) -> None:
         figure.suptitle(title, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
 
 
-def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
+def find_best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
     """Return the seconds in which most of the gap closed.
 
     They are of a held-out log if there is one. If the gap closed nowhere, they are the

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from tse.car.vehicle import read_vehicle
-from tse.gaps.catalogue import Effect, Key, catalogue
-from tse.gaps.drives import Candidate, library, prepared
-from tse.gaps.fit import fit
+from tse.gaps.catalogue import Effect, Key, load_catalogue
+from tse.gaps.drives import Candidate, make_candidates, prepare_candidate
+from tse.gaps.fit import fit_parameters
 from tse.gaps.infer.detect import WAVE
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.knots import KNOT_DISTANCE, PROFILES
@@ -59,7 +59,7 @@ class Option:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ManeuverPlan:
     """All manoeuvres, best first."""
 
     first: str
@@ -112,25 +112,25 @@ class Plan:
         return "\n".join(lines)
 
 
-def plan(
+def make_plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
-) -> Plan:
+) -> ManeuverPlan:
     """Return every manoeuvre of the library for two effects, "A,B"."""
-    first, second = pair(separate)
+    first, second = read_pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
-    candidates = library(config)
+    candidates = make_candidates(config)
 
     def one(candidate: Candidate) -> Option:
         say(candidate.name)
-        return worth(candidate, config, first, second)
+        return compute_worth(candidate, config, first, second)
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:
         options = [o for o in pool.map(one, candidates) if o is not None]
-    return Plan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
+    return ManeuverPlan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
 
 
-def pair(separate: str) -> tuple[Effect, Effect]:
-    known = catalogue()
+def read_pair(separate: str) -> tuple[Effect, Effect]:
+    known = load_catalogue()
     ids = [x.strip() for x in separate.split(",") if x.strip()]
     for i in ids:
         if i not in known:
@@ -142,30 +142,34 @@ def pair(separate: str) -> tuple[Effect, Effect]:
     return known[ids[0]], known[ids[1]]
 
 
-def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
+def compute_worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
     """Return nats of the worse direction, and of the weaker effect against stiffness
     alone.
     """
-    problem = Problem(prepared(candidate, config), config)
+    problem = Problem(prepare_candidate(candidate, config), config)
     both, shows, shares = [], [], []
     for hidden, other in ((first, second), (second, first)):
-        problem.measure(typical(problem, hidden))
-        if nats(problem, problem.residuals({})) < NOTHING:  # nothing to fit: it is not excited
+        problem.measure(make_typical_values(problem, hidden))
+        if (
+            compute_expected_nats(problem, problem.residuals({})) < NOTHING
+        ):  # nothing to fit: it is not excited
             shows.append(0.0)
             both.append(0.0)
             continue
-        plain = fit(problem, STIFFNESS, {}, tolerance=EXACT)
-        shows.append(nats(problem, plain.residuals))
+        plain = fit_parameters(problem, STIFFNESS, {}, tolerance=EXACT)
+        shows.append(compute_expected_nats(problem, plain.residuals))
         shapes = [replace(p, low=p.typical_low, high=p.typical_high) for p in other.shapes]
         parameters = [*STIFFNESS, *problem.strengths(other), *shapes]
-        with_it = fit(problem, parameters, plain.values | typical(problem, other), MAX_STEPS, EXACT)
-        left = min(nats(problem, with_it.residuals), shows[-1])
+        with_it = fit_parameters(
+            problem, parameters, plain.values | make_typical_values(problem, other), MAX_STEPS, EXACT
+        )
+        left = min(compute_expected_nats(problem, with_it.residuals), shows[-1])
         both.append(left if left > SAME * shows[-1] else 0.0)
         shares.append(both[-1] / max(shows[-1], 1e-9))
     return Option(candidate.name, candidate.seconds, min(both), min(shows), min(shares, default=0.0))
 
 
-def nats(problem: Problem, residuals: np.ndarray) -> float:
+def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
     """Return the expected evidence for the true model, in nats.
 
     The other model leaves this residual of a log without noise.
@@ -178,7 +182,7 @@ def nats(problem: Problem, residuals: np.ndarray) -> float:
     return total
 
 
-def typical(problem: Problem, e: Effect) -> dict[Key, float]:
+def make_typical_values(problem: Problem, e: Effect) -> dict[Key, float]:
     """Return an effect at its typical size. A road goes up and down every WAVE metres."""
     if e.id in PROFILES:
         p = e.strengths[0]

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from tse.car.vehicle import Vehicle, get_unknown_car, list_uncertainty_settings
-from tse.gaps.catalogue import Key, catalogue
-from tse.gaps.fit import NOISE_LIMIT, Fit, gap
-from tse.gaps.infer.hypotheses import UNCERTAIN, Hypothesis, hypotheses
+from tse.gaps.catalogue import Key, load_catalogue
+from tse.gaps.fit import NOISE_LIMIT, Fit, compute_gap
+from tse.gaps.infer.hypotheses import UNCERTAIN, Hypothesis, make_hypotheses
 from tse.gaps.infer.space import Space
 from tse.gaps.problem import Problem
 from tse.identify import fit as engine
@@ -82,7 +82,7 @@ class Posterior:
         return {"names": [str(self.names[k]) for k in mine], "mean": mean, "covariance": covariance}
 
 
-def posterior(
+def compute_posterior(
     problem: Problem,
     fit: Fit,
     vehicle: Vehicle,
@@ -98,13 +98,13 @@ def posterior(
 
     The estimator has no formula: its part is model error there.
 
-    Where the model that wheels drive does not explain accel_x, its estimate_longitudinal stiffness
+    Where the model that wheels drive does not explain accel_x, its longitudinal stiffness
     only smooths their noise and is 13 .. 45 % too soft, on three multi-body cars. Then
     the stiffness is that of a calibration of the slip, or the one before.
     """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}
-    asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0)]
+    asked = [*make_hypotheses(), Hypothesis(load_catalogue()["aligning_moment"], 0.0)]
     effects = [h for h in asked if any(p.name in fitted or prior.get(p.name) for p in h.effect.strengths)]
     bare = problem.holding(fit.values)
     problem = bare.holding(settings)
@@ -129,7 +129,7 @@ def posterior(
     before = vehicle.values.get("model_sd", get_unknown_car()["model_sd"])
     left = estimate_model_sd(there, alone.residuals, before)
     values, covariance = at[car], found.covariance[np.ix_(car, car)]
-    if gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
+    if compute_gap(problem, fit.residuals).get("accel_x", np.inf) > NOISE_LIMIT:
         k = [space.names[k] for k in car].index(LONGITUDINAL_KEY)
         mean, sd = estimate_longitudinal(problem.config, problem.fixed, logs, vehicle)
         values[k] = np.exp(mean)

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 
 from tse.estimation.verdict import NAMES
-from tse.gaps.catalogue import catalogue
-from tse.gaps.fit import Change
+from tse.gaps.catalogue import load_catalogue
+from tse.gaps.fit import ChannelChange
 from tse.gaps.run import pictures
-from tse.gaps.run.workflow import Result
+from tse.gaps.run.workflow import GapResult
 from tse.identify.data import COMPARED_CHANNELS
 from tse.library.core import STIFFNESS, library
 from tse.report.plots import CHANNEL_UNITS
@@ -32,19 +32,19 @@ MAX_CONDITIONS = 12
 
 
 @dataclass
-class Shown:
+class ReportInput:
     """All that the report shows."""
 
-    result: Result
+    result: GapResult
     vehicle: str
     table: pd.DataFrame
-    parts: Mapping[str, Mapping[str, Change]]
+    parts: Mapping[str, Mapping[str, ChannelChange]]
     gain: Mapping[str, Any]
     stiffness: Mapping[str, float]  # over the vehicle file's, as it is written
     notes: list[str] = field(default_factory=list)
 
 
-def write_report(path: Path, shown: Shown) -> None:
+def write_report(path: Path, shown: ReportInput) -> None:
     """Write the report of a run."""
     result = shown.result
     claim = "" if result.naming.named else " Nothing was added: after is as before."
@@ -53,47 +53,47 @@ def write_report(path: Path, shown: Shown) -> None:
             "The gap before and after",
             "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
             f"intervals: of the change, pairs of 2 s blocks resampled.{claim}",
-            pictures.gap_bars(shown.parts),
+            pictures.draw_gap_bars(shown.parts),
         ),
         (
             "Measured and simulated",
             "The simulation has the sensor biases of its log. Choose the log from the list; click "
             "a name to hide it.",
-            pictures.overlay(shown.table),
+            pictures.draw_overlay(shown.table),
         ),
     ]
     write_page(
         path,
         "gap.html.j2",
         sections,
-        filters={"percent": percent, "number": number, "by_size": by_size},
+        filters={"percent": format_percent, "number": format_size, "by_size": sort_by_size},
         title=HEADLINE[result.verdict],
         shown=shown,
         result=result,
         naming=result.naming,
-        catalogue=catalogue(),
+        catalogue=load_catalogue(),
         most_conditions=MAX_CONDITIONS,
-        gain=gain_rows(shown.gain),
-        facts=facts(shown),
+        gain=make_gain_rows(shown.gain),
+        facts=list_facts(shown),
         place=library().formula_places[result.formula.place].text if result.formula else "",
     )
 
 
-def percent(x: float) -> str:
+def format_percent(x: float) -> str:
     return "> 99 %" if 0.99 < x <= 1.0 else f"{100 * max(0.0, x):.0f} %"
 
 
-def number(x: float, unit: str = "", digits: int = 3) -> str:
+def format_size(x: float, unit: str = "", digits: int = 3) -> str:
     """Return a size with its unit, or never."""
     return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
 
 
-def by_size(found: Sequence[Any]) -> list[Any]:
+def sort_by_size(found: Sequence[Any]) -> list[Any]:
     """Sort effects by their smallest visible size over the typical one."""
     return sorted(found, key=lambda d: d.smallest / d.typical)
 
 
-def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
+def make_gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return rows of the gain of the estimator: quantity, before, after."""
 
     def row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
@@ -112,7 +112,7 @@ def gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def facts(shown: Shown) -> list[tuple[str, str]]:
+def list_facts(shown: ReportInput) -> list[tuple[str, str]]:
     problem, held = shown.result.problem, shown.result.held
     baseline = shown.result.naming.baseline.values
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]

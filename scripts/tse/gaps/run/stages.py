@@ -40,7 +40,7 @@ class Stage:
         return 1.0 - (self.named / max(self.signal, 1e-300)) ** 2
 
 
-def calibrated(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, jobs: int) -> Config:
+def calibrate_every_car(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, jobs: int) -> Config:
     """Return the car with EVERY_CAR fitted to logs as data.prepare() leaves them, on
     level roads.
     """
@@ -51,7 +51,7 @@ def calibrated(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, j
     return car.make_known_car(problem, fit(problem).search)
 
 
-def stages(
+def compute_stages(
     level: Problem, ready: Sequence[PreparedLog], found: Config, named: tuple[Problem, Mapping[Key, float]]
 ) -> dict[str, Stage]:
     """Return each channel of some logs.
@@ -63,7 +63,7 @@ def stages(
     ready
         The same as data.prepare() leaves them.
     found
-        The car of calibrated().
+        The car of calibrate_every_car().
     named
         The logs on the roads that were named, and what is named.
     """
@@ -84,9 +84,9 @@ def stages(
     }
 
 
-def short(channels: Mapping[str, Stage], title: str) -> list[str]:
+def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
     """Return a line for all channels of a part of the logs, and one for each."""
-    head = f"Off the simulation, {title}: as the file says, calibrated, with what is named (noise)"
+    head = f"Error of the simulation, {title}: vehicle file, calibrated, with named effects (noise)"
     rows = [
         f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}"
         f"({s.noise:.2g})"
@@ -95,13 +95,12 @@ def short(channels: Mapping[str, Stage], title: str) -> list[str]:
     return [head, *rows]
 
 
-def words(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
+def describe_stages(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
     """Return a line for each channel of each part of the logs. `title`: of a part."""
     return [
-        f"{c} of {title(part)}: {s.filed:.3g} {CHANNEL_UNIT[c]} off as the file says, "
-        f"{s.calibrated:.3g} calibrated, "
-        f"{s.named:.3g} with what is named; {s.noise:.2g} is noise. {100 * s.explained:.1f} % of the "
-        "signal is explained."
+        f"{c} of {title(part)}: rms error {s.filed:.3g} {CHANNEL_UNIT[c]} with the vehicle file, "
+        f"{s.calibrated:.3g} calibrated, {s.named:.3g} with the named effects; sensor noise {s.noise:.2g}. "
+        f"The model explains {100 * s.explained:.1f} % of the signal."
         for part, channels in found.items()
         for c, s in channels.items()
     ]

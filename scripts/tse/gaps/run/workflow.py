@@ -1,4 +1,4 @@
-"""`tselab gap`: where, name, add, show. This file runs them and says what came of it."""
+"""`tselab gap`: run the steps where, name, add and show, and describe the result."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ import numpy as np
 from tse.car.formula import Formula
 from tse.car.vehicle import GRAVITY, Vehicle, fill_sensors, list_latency_settings, read_vehicle
 from tse.channels.agree import read_agreeing
-from tse.gaps.catalogue import Key, catalogue, of_the_car, signed_delays
-from tse.gaps.fit import NOISE_LIMIT, Change, Fit, compare, excess, gap
+from tse.gaps.catalogue import Key, drop_log_values, list_signed_delays, load_catalogue
+from tse.gaps.fit import NOISE_LIMIT, ChannelChange, Fit, compare_models, compute_excess, compute_gap
 from tse.gaps.infer import detect, remainder, where
 from tse.gaps.infer import formula_search as search
 from tse.gaps.infer import naming as name
-from tse.gaps.infer.excerpt import excerpt, is_long
+from tse.gaps.infer.excerpt import choose_excerpt, is_long
 from tse.gaps.infer.formula_search import Discovery
-from tse.gaps.infer.hypotheses import NAME_AT, known_of
+from tse.gaps.infer.hypotheses import NAME_AT, apply_priors
 from tse.gaps.infer.naming import Named
-from tse.gaps.infer.rivals import explained
-from tse.gaps.infer.roads import Roads
-from tse.gaps.infer.roads import find as find_roads
+from tse.gaps.infer.rivals import explain_remainder
+from tse.gaps.infer.roads import Roads, find_roads
 from tse.gaps.problem import Problem
-from tse.gaps.run.stages import Stage, calibrated, stages
+from tse.gaps.run.stages import Stage, calibrate_every_car, compute_stages
 from tse.identify.data import PreparedLog, prepare, remove_latencies
 from tse.identify.knots import PROFILES
 from tse.library import __version__
@@ -46,9 +45,8 @@ class Found:
     """Names, and the formula beside them."""
 
     naming: name.Naming
-    discovery: Discovery | None = (
-        None  # a formula for what the names leave; None: nothing is left, or nobody asked
-    )
+    # a formula for the rest that the names leave; None: no rest, or none was searched
+    discovery: Discovery | None = None
     # names, formulas, both: how likely
     rivals: list[dict[str, Any]] = field(default_factory=list)
     read: list[tuple[str, CheckedLog]] = field(default_factory=list)  # part, log
@@ -56,13 +54,13 @@ class Found:
 
     @property
     def most_laps(self) -> int:
-        """How many fitted logs are on the road that most of them are on."""
+        """Number of fitted logs on their most frequent road."""
         laps = self.roads.laps if self.roads is not None else None
         return max(map(laps.count, range(len(laps.path)))) if laps is not None else 1
 
     @property
     def formula(self) -> Formula | None:
-        """The one that is proposed."""
+        """The proposed formula."""
         return self.discovery.formula if self.discovery else None
 
     @property
@@ -72,45 +70,47 @@ class Found:
 
     @property
     def after(self) -> dict[Key, float]:
-        """The same as what a simulation takes."""
+        """Values of `final` and of the formula, as a simulation takes them."""
         return dict(self.final.values) | (self.formula.settings() if self.formula else {})
 
 
 @dataclass(kw_only=True)
-class Result(Found):
-    """Everything that a run found."""
+class GapResult(Found):
+    """Result of a run."""
 
     verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
     words: list[str]
-    problem: Problem  # what was fitted, on the roads that were found
-    level: Problem  # the same on level roads
+    problem: Problem  # the fitted logs, on the roads that were found
+    level: Problem  # the fitted logs on level roads
     stages: dict[str, dict[str, Stage]]  # of each part: its channels in their units
     conditions: list[where.Condition]
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]
-    elsewhere: list[remainder.Remainder]  # of the held-out logs, more than noise
+    elsewhere: list[remainder.Remainder]  # errors of the held-out logs above noise
     fit_before: dict[str, float]
     fit_after: dict[str, float]
-    held_out: dict[str, Change]
+    held_out: dict[str, ChannelChange]
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
-    # what was not, on the roads of the fitted logs where it is on one
+    # the held-out logs, on the roads of the fitted logs where they are on one
     held: Problem | None = None
-    held_level: Problem | None = None  # the same on level roads
+    held_level: Problem | None = None  # the held-out logs on level roads
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of DIR/verdict.json."""
         return {
             "verdict": self.verdict,
-            "effects": [_as_json(n) for n in self.naming.named if not n.message],
-            "sensors": sensors(self.problem, self.naming),
+            "effects": [_convert_name(n) for n in self.naming.named if not n.message],
+            "sensors": list_sensor_corrections(self.problem, self.naming),
             "possible": self.naming.possible,
             "sets": self.naming.sets,
-            "formula": self._formula_as_json(),
+            "formula": self._convert_formula(),
             "rivals": self.rivals,
-            "where": [asdict(c) | {"entry_point": self._entry(c.channel)} for c in self.conditions],
+            "where": [
+                asdict(c) | {"entry_point": self._find_entry_point(c.channel)} for c in self.conditions
+            ],
             "entry_points": [asdict(e) for e in self.entries],
             "gap": {
                 "fit": {"before": self.fit_before, "after": self.fit_after},
@@ -130,7 +130,7 @@ class Result(Found):
             "version": __version__,
         }
 
-    def _formula_as_json(self) -> dict[str, Any] | None:
+    def _convert_formula(self) -> dict[str, Any] | None:
         if self.discovery is None:
             return None
         f, d, proposed = self.formula, self.discovery, None
@@ -146,13 +146,13 @@ class Result(Found):
             }
         return {"proposed": proposed, "tried": d.tried}
 
-    def _entry(self, channel: str) -> str:
+    def _find_entry_point(self, channel: str) -> str:
         if channel == "accel_x":
             return "longitudinal"
         return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
 
 
-def read(
+def read_logs(
     paths: Sequence[Path | CheckedLog],
     vehicle: Vehicle,
     reading: Reading | None = None,
@@ -166,7 +166,7 @@ def read(
     return logs, Config.exact(vehicle.values)
 
 
-def run(
+def run_workflow(
     logs: Sequence[Path | CheckedLog],
     vehicle_path: Path,
     hold_out: Sequence[Path | CheckedLog] = (),
@@ -175,15 +175,17 @@ def run(
     formula: bool = False,
     reading: Reading | None = None,
     road: Road | None = None,
-) -> Result:
-    """Find what is missing. `road`: that all logs are on, if it is known; else laps of
-    one road are found to be that. Without held-out logs nothing is shown beyond the logs
-    that were fitted. `formula`: one is sought even when the names leave nothing; else
-    where they leave something."""
+) -> GapResult:
+    """Find the effects that are missing.
+
+    `road` is the road of all logs, if it is known; else laps of one road are detected.
+    The result holds beyond the fitted logs only if held-out logs confirm it. A formula is
+    searched if the names leave a rest; with `formula` in any case.
+    """
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
     reading = replace(reading or Reading(), car=vehicle)
-    fitted, config = read(logs, vehicle, reading, notes)
+    fitted, config = read_logs(logs, vehicle, reading, notes)
     others = read_agreeing(hold_out, notes, reading)
     if road is not None:
         fitted, others = ([add_road(log, road, config)[0] for log in part] for part in (fitted, others))
@@ -198,75 +200,79 @@ def run(
     say("car and road")
     roads = find_roads(ready, config, vehicle, jobs, say, fitted)
     say("fitting stiffness and biases")
-    baseline = few_baseline = name.plain_car(level)
+    baseline = few_baseline = name.fit_plain_car(level)
     problem = level.of([remove_latencies(log, config) for log in roads.logs])
-    if not closes_some(problem, level, baseline):
+    if not closes_part(problem, level, baseline):
         roads, problem = Roads(ready), level
     held_level = held
     if held is not None:
-        held = on_found(roads.profiles(), held, ready_held, others, config, notes)
+        held = place_on_roads(roads.profiles(), held, ready_held, others, config, notes)
     few, few_held = problem, held
     if is_long(problem):
-        say("which stretches say most?")
-        few = excerpt(problem, name.plain_car(problem))
-        few_baseline = name.plain_car(few.of([replace(log, road={}) for log in few.logs]))
+        say("choosing the most informative stretches")
+        few = choose_excerpt(problem, name.fit_plain_car(problem))
+        few_baseline = name.fit_plain_car(few.of([replace(log, road={}) for log in few.logs]))
         notes.append(
-            f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most"
+            f"effects are searched in the most informative {_count_seconds(few):.0f} s of "
+            f"{_count_seconds(problem):.0f} s"
         )
     if held is not None and is_long(held):
-        few_held = excerpt(held, name.plain_car(held))
-    say("where do they disagree?")
-    conditions = where.conditions(level, baseline.residuals, baseline.values)
-    entries = where.entries(few, few_baseline)
+        few_held = choose_excerpt(held, name.fit_plain_car(held))
+    say("where simulation and logs disagree")
+    conditions = where.find_conditions(level, baseline.residuals, baseline.values)
+    entries = where.find_entries(few, few_baseline)
 
-    naming = name.name(few, known_of(vehicle), say, few_baseline, roads.found)
+    naming = name.name_effects(few, apply_priors(vehicle), say, few_baseline, roads.found)
     notes += said
-    say("what is left?")
+    say("the rest that the names leave")
     found = Found(naming)
     if vehicle.formula is not None:
         notes.append(
-            f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought"
+            f"the formula {vehicle.formula.id} of the vehicle file is kept: no other one is searched"
         )
-    elif formula or leaves_something(few_held, naming) or what_is_left(few, naming.final):
-        discovery, naming, rivals = explained(few, few_held, naming, say)
+    elif formula or leaves_something(few_held, naming) or find_excess_remainders(few, naming.final):
+        discovery, naming, rivals = explain_remainder(few, few_held, naming, say)
         found = Found(naming, discovery, rivals)
     named = {n.effect.id for n in found.naming.named}
-    seen = detect.detectable(few, found.naming.final, [e for e in catalogue().values() if e.id not in named])
+    seen = detect.compute_detectable(
+        few, found.naming.final, [e for e in load_catalogue().values() if e.id not in named]
+    )
     if few is not problem:
         say("all logs")
-        naming = name.on_all(problem, found.naming, baseline)
+        naming = name.refit_on_all(problem, found.naming, baseline)
         found = replace(
             found,
             naming=naming,
-            discovery=found.discovery and search.on_all(problem, naming.final, found.discovery),
+            discovery=found.discovery and search.refit_on_all(problem, naming.final, found.discovery),
         )
 
-    if found.formula:  # beside it sizes are others: those that are said are those that are written
+    if found.formula:  # the sizes beside the formula, as the vehicle file has them
         found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
-    changes: dict[str, Change] = {}
+    changes: dict[str, ChannelChange] = {}
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
         say("held-out logs")
-        values = of_the_car(found.after)
+        values = drop_log_values(found.after)
         after = held.residuals(values)
-        changes = compare(held, held_level.residuals(found.naming.baseline.values), after)
-        elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
-    say("as the file says, calibrated, with what is named")
-    every_car = calibrated(ready, config, vehicle, jobs)
-    in_stages = {FIT: stages(level, ready, every_car, (problem, found.after))}
+        changes = compare_models(held, held_level.residuals(found.naming.baseline.values), after)
+        elsewhere = find_excess_remainders(held, Fit([], values, after, np.zeros((len(after), 0))))
+    say("vehicle file, calibrated car and named effects")
+    every_car = calibrate_every_car(ready, config, vehicle, jobs)
+    in_stages = {FIT: compute_stages(level, ready, every_car, (problem, found.after))}
     if held is not None:
-        in_stages[HELD_OUT] = stages(held_level, ready_held, every_car, (held, of_the_car(found.after)))
+        in_stages[HELD_OUT] = compute_stages(
+            held_level, ready_held, every_car, (held, drop_log_values(found.after))
+        )
     if not found.naming.converged:
-        notes.append("the last fit has not converged: sizes may still move")
-    left = remainder.remainder(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
+        notes.append("the last fit has not converged: the sizes of the effects are preliminary")
+    left = remainder.find_remainders(problem, found.final.residuals, found.final.values, NOISE_LIMIT)
     found.roads = roads
     found.read = [(FIT, x) for x in fitted] + [(HELD_OUT, x) for x in others]
-    verdict, exit_code, words = judge(found, entries, left, elsewhere)
-    alike = {
-        i for n in found.naming.named for i in n.look_alikes
-    }  # of these the logs show one, and do not say which
-    return Result(
+    verdict, exit_code, words = judge_run(found, entries, left, elsewhere)
+    # effects that the logs cannot tell from a named one
+    alike = {i for n in found.naming.named for i in n.look_alikes}
+    return GapResult(
         **vars(found),
         verdict=verdict,
         exit_code=exit_code,
@@ -278,8 +284,8 @@ def run(
         entries=entries,
         remainders=left,
         elsewhere=elsewhere,
-        fit_before=gap(level, found.naming.baseline.residuals),
-        fit_after=gap(problem, found.final.residuals),
+        fit_before=compute_gap(level, found.naming.baseline.residuals),
+        fit_after=compute_gap(problem, found.final.residuals),
         held_out=changes,
         undetectable=[d for d in seen if not d.visible and d.id not in alike],
         detectable=seen,
@@ -292,14 +298,16 @@ def run(
 # ---- the steps of a run
 
 
-def closes_some(problem: Problem, level: Problem, baseline: Fit) -> bool:
-    """Return whether the plain car leaves less of the logs on the roads that were found
-    than on level ones.
+def closes_part(problem: Problem, level: Problem, baseline: Fit) -> bool:
+    """Return whether the plain car fits better on the roads that were found than on level
+    ones.
     """
-    return excess(problem, name.plain_car(problem).residuals) < excess(level, baseline.residuals)
+    return compute_excess(problem, name.fit_plain_car(problem).residuals) < compute_excess(
+        level, baseline.residuals
+    )
 
 
-def on_found(
+def place_on_roads(
     roads: Sequence[Road],
     held: Problem,
     ready: list[PreparedLog],
@@ -307,8 +315,9 @@ def on_found(
     config: Config,
     notes: list[str],
 ) -> Problem:
-    """Return held-out logs on the roads that were found of the fitted ones, where they
-    are on one of them.
+    """Place the held-out logs on the roads of the fitted ones.
+
+    A log that matches none of these roads stays on a level one.
     """
     placed = []
     for log, one in zip(logs, ready, strict=True):
@@ -332,35 +341,37 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """
     if held is None or not naming.named:
         return False
-    return max(gap(held, held.residuals(of_the_car(naming.final.values))).values()) > NOISE_LIMIT
+    return max(compute_gap(held, held.residuals(drop_log_values(naming.final.values))).values()) > NOISE_LIMIT
 
 
-def _seconds(problem: Problem) -> float:
+def _count_seconds(problem: Problem) -> float:
     return sum(log.seconds for log in problem.logs)
 
 
-def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
+def find_excess_remainders(problem: Problem, last: Fit) -> list[remainder.Remainder]:
     """Return the remaining errors above the noise of the sensors after a fit."""
-    return more_than_noise(remainder.remainder(problem, last.residuals, last.values, NOISE_LIMIT))
+    return drop_noise(remainder.find_remainders(problem, last.residuals, last.values, NOISE_LIMIT))
 
 
-def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
+def drop_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
+    """Return the remaining errors above the noise of the sensors."""
     return [r for r in left if r.kind != "noise"]
 
 
-def judge(
+def judge_run(
     found: Found,
     entries: Sequence[where.Entry],
     left: list[remainder.Remainder],
     elsewhere: Sequence[remainder.Remainder] = (),
 ) -> tuple[str, int, list[str]]:
-    """Return verdict, exit code and words.
+    """Return verdict, exit code and sentences.
 
-    `left` is the error after names and formula, `elsewhere` that of the held-out logs.
+    `left` are the errors of the fitted logs after names and formula, `elsewhere` those of
+    the held-out logs.
     """
     naming, formula = found.naming, found.formula
-    remains = more_than_noise(left)
-    words = [_sentence(n, found.most_laps) for n in naming.named]
+    remains = drop_noise(left)
+    words = [_describe_name(n, found.most_laps) for n in naming.named]
     likely = [p for p in naming.possible if p["probability"] >= LIKELY]
     if naming.named and (naming.closes_most or not (remains or formula)) and not (formula and elsewhere):
         verdict = "named"
@@ -369,42 +380,36 @@ def judge(
     else:
         verdict = "possible" if likely else "none"
     if naming.named and (remains or formula):
-        closed = f"{100 * naming.closed:.0f} % of the gap"
-        left_over = (
-            "no effect of the catalogue explains what is left"
+        rest = (
+            "no effect of the catalogue explains the rest"
             if verdict == "named"
-            else "something else is missing that is not in the catalogue"
+            else "another effect is missing that is not in the catalogue"
         )
-        words.append(f"All names together close {closed}; {left_over}.")
+        words.append(f"Together the named effects close {100 * naming.closed:.0f} % of the gap; {rest}.")
     elif verdict == "not_in_catalogue" and not (remains or formula):
         words.append(
-            "Something is missing: the model explains the fitted logs down to the sensors' noise, "
-            "and not the held-out ones."
+            "Something is missing: the residuals of the fitted logs are sensor noise, those of the "
+            "held-out logs are larger."
         )
     elif verdict == "not_in_catalogue":
-        words.append("Something is missing, and none of the effects of the catalogue explains it.")
+        words.append("Something is missing that no effect of the catalogue explains.")
     elif verdict == "none":
-        words.append(
-            "The model explains these logs down to the sensors' noise: nothing is missing that they "
-            "could show."
-        )
+        words.append("Nothing is missing that these logs could show: the residuals are sensor noise.")
     if verdict in ("possible", "not_in_catalogue") and naming.possible and not formula:
         best = naming.possible[0]
-        words.append(
-            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because "
-            f"{best['why']}."
-        )
+        probability = _format_percent(best["probability"])
+        words.append(f"Possible, but not named: {best['id']}, probability {probability} ({best['why']}).")
     if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
         words.append(f"It acts like a disturbance at: {entries[0].place}.")
     words += found.discovery.words if found.discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
     more = [
-        f"{r.channel} {r.gap:.2f} times the noise"
+        f"{r.channel} {r.gap:.2f} times the sensor noise"
         for r in elsewhere
         if r.channel not in {x.channel for x in remains}
     ]
     if more:
-        words.append(f"The held-out logs are not explained: {', '.join(more)}.")
+        words.append(f"The model does not explain the held-out logs: {', '.join(more)}.")
     unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
     return (
         verdict,
@@ -413,7 +418,7 @@ def judge(
     )
 
 
-def _as_json(n: Named) -> dict[str, Any]:
+def _convert_name(n: Named) -> dict[str, Any]:
     units = {p.name: p for p in n.effect.parameters}
     return {
         "id": n.effect.id,
@@ -428,17 +433,17 @@ def _as_json(n: Named) -> dict[str, Any]:
     }
 
 
-def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
+def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
     """Return latencies of channels beyond the vehicle file, and low passes of the IMU.
 
-    They are of names that are no effects of the car.
+    They come from named sensor errors; effects of the car are not among them.
     """
     late = [n for n in naming.named if n.message]
     if not late:
         return []
-    found, given = name.settings(problem, naming.final.values), problem.config
+    found, given = name.convert_to_settings(problem, naming.final.values), problem.config
     settings = [k for k in list_latency_settings().values() if k in found and found[k] != getattr(given, k)]
-    half = _half_widths(problem, naming, settings)
+    half = _compute_half_widths(problem, naming, settings)
     return [
         {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"}
         for k in settings
@@ -447,11 +452,11 @@ def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
         for n in late
         if n.effect.early
         for p in n.effect.strengths[:1]
-        if p.name not in signed_delays()
+        if p.name not in list_signed_delays()
     ]
 
 
-def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
+def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
     """Return half of the 95 % intervals of latencies.
 
     A latency may be the sum of several names, as of the IMU and of the steering. Their
@@ -463,7 +468,8 @@ def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str])
     for n in naming.named:
         for key, (low, high) in ((k, c) for k, c in n.ci95.items() if k in values):
             more, less = (
-                name.settings(problem, dict(values) | {key: values[key] + by}) for by in (step, -step)
+                name.convert_to_settings(problem, dict(values) | {key: values[key] + by})
+                for by in (step, -step)
             )
             for k in settings:
                 given = getattr(problem.config, k)
@@ -475,23 +481,24 @@ def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str])
 ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
 
 
-def _road_sentence(n: Named, laps: int) -> str:
-    """Return the sentence about a profile: size, laps that agree, share it closes."""
+def _describe_road(n: Named, laps: int) -> str:
+    """Return the sentence about a road profile: size, laps, probability, closed share."""
     ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
     same = f", the same on {laps} laps" if laps > 1 else ""
+    other = ""
     if n.effect.id == "grade" and laps == 1:  # wheels give the speed: accel_x alone shows a grade
-        same = f", or accel_x wanders by {GRAVITY * size:.2g} m/s2, which one lap does not tell apart"
+        other = f" One lap cannot exclude an accel_x bias that wanders by {GRAVITY * size:.2g} m/s2."
     return (
-        f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees ({degrees}), rms{same} "
-        f"({n.effect.id}); probability "
-        f"{_percent(n.probability)}, it closes {100 * n.share:.0f} % of the gap."
+        f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees rms (95 %: {degrees}){same} "
+        f"({n.effect.id}); probability {_format_percent(n.probability)}, it closes "
+        f"{100 * n.share:.0f} % of the gap.{other}"
     )
 
 
-def _sentence(n: Named, laps: int = 1) -> str:
+def _describe_name(n: Named, laps: int = 1) -> str:
     if n.effect.id in PROFILES:
-        return _road_sentence(n, laps)
+        return _describe_road(n, laps)
     units = {p.name: p for p in n.effect.parameters}
     sizes = ", ".join(
         f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} "
@@ -500,13 +507,12 @@ def _sentence(n: Named, laps: int = 1) -> str:
         if units[k].strength
     )
     possibly = "possibly " if n.probability < NAME_AT else ""
-    text = (
-        f"{possibly}{n.title} ({n.effect.id}): {sizes}{_of_axles(n)}; probability {_percent(n.probability)}"
-    )
+    text = f"{possibly}{n.title} ({n.effect.id}): {sizes}{_describe_axle_friction(n)}"
+    text += f"; probability {_format_percent(n.probability)}"
     if n.share >= 0.005:
         text += f", it closes {100 * n.share:.0f} % of the gap."
     elif n.alone < 1.0:  # beside a large one
-        text += f", it closes {100 * n.alone:.0f} % of what the other names leave."
+        text += f", it closes {100 * n.alone:.0f} % of the gap that the other names leave."
     else:
         text += "."
     if n.look_alikes:
@@ -514,7 +520,7 @@ def _sentence(n: Named, laps: int = 1) -> str:
     return text
 
 
-def _of_axles(n: Named) -> str:
+def _describe_axle_friction(n: Named) -> str:
     """Return the friction of each axle, where they differ."""
     inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
     if not inverse or not balance:
@@ -525,5 +531,5 @@ def _of_axles(n: Named) -> str:
     )
 
 
-def _percent(p: float) -> str:
+def _format_percent(p: float) -> str:
     return "above 99 %" if p > 0.99 else f"{100 * p:.0f} %"
