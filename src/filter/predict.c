@@ -100,14 +100,15 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
 }
 
 /* A rank-one change of the covariance is slow. So in each row one slow state, in turn,
- * receives the process noise since its last one, and each state that is due. */
+ * receives the process noise since its last one, and each state that is due. TSE_SMALL has
+ * few slow states, and all of them receive it in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
     const int i = PLACED + n;
     tse_real *const since = &k->since_slow[n];
     *since = r_min(*since + dt, MAX_DT);
-    if (n != k->slow_turn && *since < (i < FAST ? WANDER_TIME : WALK_TIME)) continue;
+    if (HAS_SLIP && n != k->slow_turn && *since < (i < FAST ? WANDER_TIME : WALK_TIME)) continue;
     if (i < FAST) propagate_gravity(p, k, i == GY, *since);
     else add_walk(p, k, i, *since);
     *since = TSE_R(0);
