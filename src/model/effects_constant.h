@@ -17,9 +17,8 @@ static inline void yaw_inertia_constant(tse_config *c)
 static inline void cg_shift_constant(tse_config *c)
 {
   const tse_setting share = TSE_S(0.9), max = r_mul(share, c->lr), min = -r_mul(share, c->lf);
-  const tse_setting d = c->cg_shift_distance > max
-      ? max
-      : (c->cg_shift_distance < min ? min : c->cg_shift_distance);
+  const tse_setting above = c->cg_shift_distance < min ? min : c->cg_shift_distance;
+  const tse_setting d = above > max ? max : above;
   c->lf += d;
   c->lr -= d;
 }
