@@ -134,7 +134,7 @@ def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_
     )
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
-    assert f"ordinary: {int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad. Python" in README
+    assert f"Ordinary car: {int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f} kN/rad. Python" in README
     truth = pd.read_csv(log.with_name("truth.csv"))["true_cy_front"].iloc[-1]
     assert abs(int(said[1]) - truth) < int(said[2]) < 0.25 * truth
 

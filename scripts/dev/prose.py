@@ -20,7 +20,7 @@ WIDTH = 90
 LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # written by studies
 ITEM = re.compile(r"(\s*)([-*+]|\d+[.)])(\s+)(?=\S)")
 ATOM = re.compile(r"`[^`]*`|!?\[[^\]]*\]\([^)\s]*\)|\$[^$]+\$|\S")
-MARKUP = re.compile(r"[-+*>#|=~]|\d+[.)]|!!!|\?\?\?|:::")  # has another meaning at the head of a line
+MARKUP = re.compile(r"(?:[-+*]|#{1,6}|\d+[.)]|=+|!!!|\?{3}|:::)$|[>|]|~~~|```")  # not at the head of a line
 WHOLE = re.compile(r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)")  # lines without prose
 
 

@@ -401,7 +401,7 @@ def test_the_table_for_readers_is_that_of_the_variables(built):
     spec = importlib.util.spec_from_file_location("facts", ROOT / "scripts" / "dev" / "facts.py")
     facts = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(facts)
-    table = "\n\n".join(facts.fmu_variables(model, built) for model in MODELS) + "\n"
+    table = "\n\n".join(facts.list_fmu_variables(model, built) for model in MODELS) + "\n"
     assert (ROOT / "scripts/results/fmu_variables.md").read_text() == table, (
         "if this is meant: scripts/dev/facts.py --fmu, and say why in the commit message"
     )
