@@ -105,3 +105,18 @@ def test_a_macro_of_a_public_header_is_a_constant():
 
 def test_no_function_is_longer_than_a_screen():
     assert not [x for x in find_functions() if x[2] > MAX_LINES]
+
+
+def test_no_line_of_c_is_wider_than_110_columns():
+    """Python: ruff. Prose: scripts/dev/prose.py. All are in scripts/dev/format.sh --check."""
+    root = SRC.parent
+    folders = ("src", "include", "fmu", "docs/page", "scripts", "tests")
+    files = [p for folder in folders for end in "ch" for p in (root / folder).rglob(f"*.{end}")]
+    wide = [
+        f"{p.relative_to(root)}:{n}"
+        for p in files
+        if p.parent.name != "reference"
+        for n, line in enumerate(p.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > 110
+    ]
+    assert len(files) > 150 and not wide

@@ -4,7 +4,7 @@ scripts/results/fixed.md.
 
     .venv/bin/python scripts/dev/fixed.py [--runs R]
 
-Each simulate_case is simulated once, in double, and both builds read the same log. The libraries
+Each drive is simulated once, in double, and both builds read the same log. The libraries
 are built in build/fixed (cmake, a C compiler). 20 runs take six minutes on one free core,
 mostly for the particle filter. Scores and the criterion of divergence are those of tselab
 montecarlo.
@@ -28,9 +28,9 @@ from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case  # noqa
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
-# Seeds of the filter for each simulate_case. Estimates of a particle filter scatter with its
+# Seeds of the filter for each drive. Estimates of a particle filter scatter with its
 # seed: in double, the RMS over the same 20 drives is 3.35 .. 4.10 % of cx_front and 0.76
-# .. 0.92 % of cy_rear for seeds 11, 12, 13 and the seed of the simulate_case. Another way of
+# .. 0.92 % of cy_rear for seeds 11, 12, 13 and the seed of the drive. Another way of
 # rounding products scatters them as another seed does.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 5.0, "valid": 3.0}  # allowed loss: % of the RMS in double, percentage points
@@ -70,7 +70,7 @@ def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
 
 
 def simulate_drive(case: Case, seed: int) -> CaseDrive:
-    """Simulate a simulate_case of a case."""
+    """Simulate a drive of a case."""
     return simulate_case(case, seed, lambda about: Config.exact({**START, **about}), {})
 
 

@@ -178,7 +178,7 @@ PICTURES: dict[str, Callable[[Inks], Any]] = {
 
 
 def shrink_picture(path: Path) -> None:
-    """Reduce a PNG to its COLOURS most frequent colours, and in size until it is small enough.
+    """Reduce a PNG to its most frequent colours, and in size until it is small.
 
     A palette of averages would draw a large faint area in the colour of a line.
     """

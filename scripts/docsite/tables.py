@@ -132,10 +132,8 @@ def make_config_page() -> str:
         "the FMUs.\n\n"
         "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range "
         "it is 0: not set. `filter`: the filters whose estimate a setting moves, `default`, `paper` or "
-        "both; none: simulator and replay alone. These have other values in `tse_config_exact()`, a car that is known exactly:\n\n"
-        + make_uncalibrated()
-        + "\n"
-        + "\n".join(text)
+        "both; none: simulator and replay alone. These have other values in `tse_config_exact()`, "
+        "a car that is known exactly:\n\n" + make_uncalibrated() + "\n" + "\n".join(text)
     )
 
 

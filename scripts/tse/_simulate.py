@@ -98,8 +98,8 @@ def simulate(
         (s, factor): from then on all stiffness is nominal times the factor.
     settings
         Any of the simulator (`tselab settings --simulator`) or of the car.
-        `wheel_speed_sd` is 0.02 rad/s unless it is set here: real wheel speeds have noise,
-        and the filter takes a channel that repeats a number exactly for frozen.
+        `wheel_speed_sd` is 0.02 rad/s unless it is set here: real wheel speeds have
+        noise, and the filter takes a channel that repeats a number exactly for frozen.
     road
         road.csv: its bank and grade lie under the car, by the distance that it has
         travelled; the log has its positions.

@@ -110,8 +110,8 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 /* Limits of the constants in fixed point. A covariance in sigma^2 holds squares of these,
  * up to FIXED_MOST, 2^27 (1.3e8). The step of the format is 2e-10: an increment per row
  * must be at least one step. */
-#define MAX_SIGNAL_GAIN TSE_R(131072) /* sigma per unit of slip, 230 times the default car's: 10 % of slip and a
-                                * stiffness error of 30 % */
+#define MAX_SIGNAL_GAIN TSE_R(131072) /* sigma per unit of slip, 230 times the default car's: 10 % of
+                                       * slip and a stiffness error of 30 % */
 #define MAX_START TSE_R(4096) /* sigma: max initial error of a state */
 #define MAX_BIAS_VAR TSE_R(16777216) /* sigma^2: max initial bias variance, its square root the same */
 #define MAX_NOISE TSE_R(65536) /* noise_max squared: times FAULT_NOISE it is in range */

@@ -14,9 +14,12 @@
 #include "model/effects.h"
 
 /* Defaults and ranges of the settings, ranges of the driver's inputs. */
-#define SIM_REAL(fmu, name, def, exact, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
-#define SIM_WHOLE(fmu, name, def, exact, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_config, name), def, lo, hi },
-#define SIM_INPUT(name, def, lo, hi, unit, text) { #name, (uint16_t)offsetof(tse_sim_input, name), 1, TSE_R(lo), TSE_R(hi) },
+#define SIM_REAL(fmu, name, def, exact, lo, hi, unit, text) \
+  { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
+#define SIM_WHOLE(fmu, name, def, exact, lo, hi, unit, text) \
+  { #name, (uint16_t)offsetof(tse_sim_config, name), def, lo, hi },
+#define SIM_INPUT(name, def, lo, hi, unit, text) \
+  { #name, (uint16_t)offsetof(tse_sim_input, name), 1, TSE_R(lo), TSE_R(hi) },
 static const real_row sim_reals[] = { SETTINGS_SIM(SIM_REAL, NO_ROW) };
 static const whole_row sim_wholes[] = { SETTINGS_SIM(NO_ROW, SIM_WHOLE) };
 static const channel_row sim_inputs[] = { DRIVER(SIM_INPUT) };

@@ -4,8 +4,8 @@
 #include "number/vector.h"
 
 #define MAX_SUBSTEP TSE_R(0.011) /* s, numerics: max substep; a row of 10 ms is one substep */
-#define RADIUS_LOSS TSE_R(0.005) /* 1, physics: share of the rolling radius lost by static load: 8 % of 20 mm of
-                           * deflection, over 0.32 m */
+#define RADIUS_LOSS TSE_R(0.005) /* 1, physics: share of the rolling radius lost by static load: 8 %
+                                  * of 20 mm of deflection, over 0.32 m */
 
 /* One direction of a tyre: its force, the slopes over slip (or slip angle) and over the
  * logarithms of stiffness and grip, force over slip, and the force of a linear tyre. */

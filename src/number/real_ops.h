@@ -64,8 +64,7 @@
 #error \
     "sums are wider than double, as x87 makes them, and round differently: compile with -msse2 -mfpmath=sse"
 #elif defined(TSE_REAL_FLOAT) && (FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 64)
-#error \
-    "sums of float are made in double, as on s390x, and round differently: compile with -fexcess-precision=fast"
+#error "sums of float are made in double, as on s390x: compile with -fexcess-precision=fast"
 #endif
 #endif
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) \

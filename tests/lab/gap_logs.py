@@ -1,4 +1,4 @@
-"""Write small logs of a car that has an effect, made with the replay of the make_candidates.
+"""Write small logs of a car that has an effect, by the replay of planned manoeuvres.
 
 Steering and wheel speeds are those of the planning manoeuvres. The sensors' readings have
 noise and biases. All is seeded.

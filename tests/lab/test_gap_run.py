@@ -270,7 +270,7 @@ def test_what_the_logs_leave_of_the_yaw_rate_is_the_model_s(case, tmp_path):
 
 
 def test_tyres_that_smooth_uneven_wheels_are_no_soft_tyres(case, tmp_path):
-    """The fit_parameters claims a third less, as on a RAV4's log.
+    """The fit claims a third less, as on a RAV4's log.
 
     Nothing of it is written where accel_x is not explained.
     """

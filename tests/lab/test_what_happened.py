@@ -1,4 +1,4 @@
-"""The account of a drive from made-up tables: changes, find_spells, find_stretches, sentences."""
+"""The account of a drive from made-up tables: changes, spells, stretches, sentences."""
 
 import json
 

@@ -478,12 +478,14 @@ class _Compiler:
         if len(self.steps) > _get_limit("FORMULA_OPS"):
             raise self.make_error(
                 node,
-                f"is beyond the {_get_limit('FORMULA_OPS')} operations that are allowed (powers count as products)",
+                f"is beyond the {_get_limit('FORMULA_OPS')} operations that are allowed "
+                "(powers count as products)",
             )
         if self.depth > _get_limit("FORMULA_STACK"):
             raise self.make_error(
                 node,
-                f"needs more than the {_get_limit('FORMULA_STACK')} values in hand that are allowed: put long terms first",
+                f"needs more than the {_get_limit('FORMULA_STACK')} values in hand that are allowed: "
+                "put long terms first",
             )
         if len(memories) > _get_limit("FORMULA_MEMORIES"):
             listed = ", ".join(op.name for op in self.table.values() if op.kind == "MEMORY")

@@ -520,7 +520,8 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     for effect, parameters in effects.items():
         if effect not in catalogue:
             raise UserError(
-                f"{path}: there is no effect '{effect}'{suggest_names(effect, catalogue, other=ALL_SETTINGS_HINT)}"
+                f"{path}: there is no effect '{effect}'"
+                f"{suggest_names(effect, catalogue, other=ALL_SETTINGS_HINT)}"
             )
         if not isinstance(parameters, dict):
             raise UserError(f"{path}: effects.{effect} must be a table: [effects.{effect}]")
