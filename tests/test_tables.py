@@ -108,7 +108,7 @@ def test_no_function_is_longer_than_a_screen():
 
 
 def test_no_line_of_c_is_wider_than_110_columns():
-    """Python: ruff. Prose: scripts/dev/prose.py. All are in scripts/dev/format.sh --check."""
+    """Python: ruff. Prose: scripts/dev/prose.py. scripts/dev/format.sh checks all."""
     root = SRC.parent
     folders = ("src", "include", "fmu", "docs/page", "scripts", "tests")
     files = [p for folder in folders for end in "ch" for p in (root / folder).rglob(f"*.{end}")]
