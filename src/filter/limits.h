@@ -137,7 +137,7 @@
                                          * of which one that leans makes 0.2 s */
 #define LATE_SD TSE_R(0.2)              /* [s m/s2.5] three sd of a latency times the root of its
                                          * excitation, on cars of tests/cars */
-#define ACCEL_SD TSE_R(1.75)            /* [1] factor of LATE_SD for accel_y and yaw_rate: roads whose bank
+#define ACCEL_SD TSE_R(1.75)            /* [1] factor on LATE_SD for accel_y and yaw_rate: roads whose bank
                                          * changes */
 #define ACCEL_LATE TSE_R(0.01)          /* [s] max relative latency of accel_y. Messages of a bus are 0 ..
                                          * 60 ms late, each by its own delay */

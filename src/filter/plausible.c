@@ -153,8 +153,8 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Update a timing with a row. For y = g x - late x', the sum of (x y' - y x')/2 is that
- * of late x'^2, whatever the factor g.
+/* Update a timing with a row. For y = g x - late x', the sums of (x y' - y x')/2 and
+ * of x'^2 late are equal, for any factor g.
  *   Given:  x, y   of the row before and of this row
  *           slope  rate of x [per second] */
 static void timing_learn(

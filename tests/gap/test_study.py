@@ -124,7 +124,7 @@ def test_memory_is_that_of_one_process() -> None:
     Measured in a small process: a process that starts another gives it its own size.
     """
     code = (
-        "import sys; from measured import measure_command\n"
+        "import sys; from scripts.dev.measured import measure_command\n"
         "for mb in (400, 1):\n"
         "    code = f'x = bytearray({mb} << 20); raise SystemExit(10)'\n"
         "    print(*measure_command(sys.executable, '-c', code, codes=[10]))"
@@ -156,23 +156,23 @@ def multibody() -> ModuleType:
 
 def test_our_wheel_forces_are_those_of_the_package(multibody):
     """check(): the relative difference between both is rounding only."""
-    car = multibody.parameters(2)
-    x = multibody.held(car, 20.0, 0.03, 2.0)
+    car = multibody.make_parameters(2)
+    x = multibody.hold_steering(car, 20.0, 0.03, 2.0)
     assert multibody.check(car, x) < 1e-9
 
 
 def test_a_steady_turn_rolls_by_the_gain_of_the_truth(multibody):
     """Roll over lateral acceleration, driven against linearised: 5 %, at 3 m/s2."""
-    car = multibody.parameters(2)
-    roll, _, _, force = multibody.outputs(car, multibody.held(car, 20.0, 0.02, 6.0))[:4]
+    car = multibody.make_parameters(2)
+    roll, _, _, force = multibody.compute_outputs(car, multibody.hold_steering(car, 20.0, 0.02, 6.0))[:4]
     assert 1.0 < abs(force) < 5.0
-    assert abs(roll / force) == pytest.approx(multibody.roll_gain(car), rel=0.05)
+    assert abs(roll / force) == pytest.approx(multibody.measure_roll_gain(car), rel=0.05)
 
 
 def test_the_truth_has_every_effect_that_may_be_missing_and_no_other(multibody):
     """Exact kinematics is the model: a table that expects its name would be wrong."""
-    car = multibody.parameters(2)
-    ids = [e["id"] for e in multibody.truth(car)["effects"]]
+    car = multibody.make_parameters(2)
+    ids = [e["id"] for e in multibody.make_truth(car)["effects"]]
     assert sorted(ids) == sorted(load_catalogue())
 
 
@@ -184,5 +184,5 @@ def test_the_table_says_sizes_beside_the_cars(multibody):
     ]
     channels = ("accel_x", "accel_y", "yaw_rate")
     gap = {"held_out": {"before": dict.fromkeys(channels, 4.0), "after": dict.fromkeys(channels, 1.0)}}
-    text = multibody.table({1: ({"effects": effects, "formula": None, "gap": gap}, truth)})
+    text = multibody.make_table({1: ({"effects": effects, "formula": None, "gap": gap}, truth)})
     assert "body_roll 0.015 (0.016), mass 0.1 (not there)" in text and text.count("4.00 -> 1.00, -75 %") == 3

@@ -403,7 +403,7 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
     def fail(_: object) -> None:
         raise ZeroDivisionError("of ours")
 
-    monkeypatch.setattr(module, "_run_task", fail)
+    monkeypatch.setattr(module, "_run_log", fail)
     assert "internal error: ZeroDivisionError: of ours" in module.run_task(make_task(tmp_path / "a")).error
     with pytest.raises(UserError, match="install the same on all"):
         module.run_task(replace(make_task(tmp_path / "a"), code=("0", "0")))

@@ -515,8 +515,9 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
         load_catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99
     )
     assert not bank.message
-    assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._describe_name(
-        bank
+    assert (
+        "banks by 0.69 degrees rms (95 %: 0.57 .. 0.8) (bank); probability 99 %"
+        in workflow._describe_name(bank)
     )
     assert "rms, the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
     grade = Named(
@@ -533,8 +534,9 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
         40.0,
     )
     assert not bank.message
-    assert "banks by 0.69 degrees (0.57 .. 0.8), rms (bank); probability 99 %" in workflow._describe_name(
-        bank
+    assert (
+        "banks by 0.69 degrees rms (95 %: 0.57 .. 0.8) (bank); probability 99 %"
+        in workflow._describe_name(bank)
     )
     assert "rms, the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
     grade = Named(
@@ -658,6 +660,8 @@ def test_a_fit_of_a_parameter_that_changes_nothing_ends_with_numbers(tmp_path: P
     """scipy's trust region divides by the slope."""
     vehicle = write_car(tmp_path)
     problem = make_problem(vehicle, write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 1, 20.0))
-    idle = Own("formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere")
+    idle = CatalogueParameter(
+        "formula_a", "a", True, "1", 1.0, -1e6, 1e6, 1.0, 1.0, 0.0, 0, "it acts nowhere"
+    )
     found = gap_fit(problem, [*STIFFNESS, idle], {})
     assert all(np.isfinite(v) for v in found.values.values())

@@ -143,7 +143,7 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     one.named[0].whole, one.named[0].probability, one.baseline, one.closed = 0.95, 0.95, fit(10.0), 0.9
     found = SimpleNamespace(fit=fit(2.01), values={}, price=6.0, formula=SimpleNamespace(text="k*x"))
     nothing, kept = make_naming(10.0), []
-    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
+    monkeypatch.setattr(rivals, "refit_world", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
     monkeypatch.setattr(
         rivals,

@@ -266,7 +266,7 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimates(make_table(every_5_s, 200), False))
     done = tselab_here("estimate", "--verbose", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
-    assert done.out.count("From ") == 12 and "and 28 more find_stretches, which --report lists" in done.out
+    assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
 
 
 def test_the_short_answer_fits_twelve_lines_of_a_hundred_columns(drive, tmp_path, monkeypatch):
@@ -562,7 +562,7 @@ def test_a_log_with_no_valid_row_has_an_answer_with_its_reason(tmp_path):
     assert len(lines) == 3 and all(
         "; smoothed over the log " in x and ", not valid: " in x.split("smoothed")[1] for x in lines
     )
-    said = json.loads(tselab_here(*run, "--json", cwd=tmp_path).out)["find_stretches"][0]["stiffness"]
+    said = json.loads(tselab_here(*run, "--json", cwd=tmp_path).out)["stretches"][0]["stiffness"]
     table = pd.read_csv(tmp_path / "t.csv").set_index("stiffness")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     estimates = pd.read_csv(tmp_path / "e.csv")

@@ -267,5 +267,5 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path):
     done = subprocess.run(
         [*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True
     )
-    assert done.returncode == 1 and "holds something that is no release" in done.stderr
+    assert done.returncode == 1 and "holds files, but no release" in done.stderr
     assert (tmp_path / "thesis.txt").read_text() == "years of work"

@@ -448,6 +448,6 @@ def test_a_picture_that_is_made_small_keeps_the_colour_of_its_large_areas(tmp_pa
     for i in range(200):  # lines with many shades
         pixels[i, 150:] = (i, 255 - i, 128 + i // 2)
     image.fromarray(pixels).save(tmp_path / "it.png")
-    pictures.small(tmp_path / "it.png")
+    pictures.shrink_picture(tmp_path / "it.png")
     small = image.open(tmp_path / "it.png").convert("RGB")
     assert small.getpixel((60, 100)) == (236, 237, 239) and small.getpixel((5, 5)) == (255, 255, 255)

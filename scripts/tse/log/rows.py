@@ -37,7 +37,7 @@ OPTIONAL_COLUMNS = {
         "direction over ground, positive left, from any zero",
         "degrees clockwise from north: multiply by -pi/180"),
     "brake": ("1", 0.0, 1.0,
-        "the car brakes: 1 yes, 0 no",
+        "1: the car brakes, 0: it does not",
         "a pressure: name it in signals.toml, with above = the pressure from which the car brakes"),
     "wheel_torque_front": ("Nm", -20000.0, 20000.0,
         "drive minus brake torque of both front wheels", "kNm: multiply by 1000"),

@@ -217,7 +217,7 @@ def list_run_facts(
     every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
     every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""
     facts = [
-        ("CheckedLog", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
+        ("Log", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
         ("Filter", filter_text(config)),
     ]
