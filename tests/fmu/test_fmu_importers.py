@@ -312,12 +312,12 @@ def find_library(real: str) -> Path:
 
 IN_THE_LIBRARY = """
 import pickle, sys
-from fmu_support import expected_outputs, recorded_drive
+from fmu_support import compute_expected_outputs, read_recorded_drive
 from tse.library.core import Config
 settings, ordinary = pickle.loads(sys.stdin.buffer.read())
 config = Config(settings).complete() if ordinary else Config.exact(settings)
-rows = recorded_drive().through_library(config)
-sys.stdout.buffer.write(pickle.dumps([expected_outputs(row, config) for row in rows]))
+rows = read_recorded_drive().through_library(config)
+sys.stdout.buffer.write(pickle.dumps([compute_expected_outputs(row, config) for row in rows]))
 """
 
 

@@ -519,7 +519,7 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
         "banks by 0.69 degrees rms (95 %: 0.57 .. 0.8) (bank); probability 99 %"
         in workflow._describe_name(bank)
     )
-    assert "rms, the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
+    assert "0.8), the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
     grade = Named(
         load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
     )
@@ -538,7 +538,7 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
         "banks by 0.69 degrees rms (95 %: 0.57 .. 0.8) (bank); probability 99 %"
         in workflow._describe_name(bank)
     )
-    assert "rms, the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
+    assert "0.8), the same on 3 laps (bank)" in workflow._describe_name(bank, 3)
     grade = Named(
         load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
     )
