@@ -124,7 +124,7 @@ def run_c(drive: Drive, log: LogOf) -> Response:
 
 def _run_fmu(drive: Drive, log: LogOf, fmi: str) -> Response:
     """Run a log through the FMU of this FMI version, with FMPy."""
-    from fmu_support import ESTIMATOR, Instance, unit
+    from fmu_support import ESTIMATOR, Instance, load_unit
     from test_fmi3 import Instance3
 
     parameters = {f"vehicle.{k}": drive.car[k] for k in CAR} | {"filter.driven_axle": AXLES[drive.driven]}
@@ -132,7 +132,7 @@ def _run_fmu(drive: Drive, log: LogOf, fmi: str) -> Response:
     wanted = [f"estimate.{c}" for c in COLUMNS]
     time, values = log["time"], np.column_stack([log[c] for c in CHANNELS])
     rows = np.empty((len(time), len(wanted)))
-    with Instance(unit(ESTIMATOR)) if fmi == "2" else Instance3(unit(f"{ESTIMATOR}-fmi3")) as one:
+    with Instance(load_unit(ESTIMATOR)) if fmi == "2" else Instance3(load_unit(f"{ESTIMATOR}-fmi3")) as one:
         one.start(parameters)
         kinds = [one.unit.variables[n] for n in wanted]
         # codes are Enumerations

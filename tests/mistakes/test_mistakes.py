@@ -70,7 +70,7 @@ def test_the_other_front_ends_say_what_the_library_says(
         if not shutil.which("node"):
             pytest.skip("node is not installed")
         try:
-            page_maker.compilers()
+            page_maker.find_compilers()
         except page_maker.Failed as error:
             pytest.skip(str(error))
     expect_response(mistake, front_end, both)
