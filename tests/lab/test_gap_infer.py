@@ -523,7 +523,7 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     grade = Named(
         load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
     )
-    assert "or accel_x wanders by 0.2 m/s2" in workflow._describe_name(grade)
+    assert "an accel_x bias that wanders by 0.2 m/s2" in workflow._describe_name(grade)
     assert "wanders" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
     assert workflow._convert_name(bank)["parameters"].keys() == {"angle"}
     delay = Named(
@@ -542,7 +542,7 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     grade = Named(
         load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
     )
-    assert "or accel_x wanders by 0.2 m/s2" in workflow._describe_name(grade)
+    assert "an accel_x bias that wanders by 0.2 m/s2" in workflow._describe_name(grade)
     assert "wanders" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
     assert workflow._convert_name(bank)["parameters"].keys() == {"angle"}
     delay = Named(
