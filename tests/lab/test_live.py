@@ -494,7 +494,7 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
 
 def test_the_page_in_a_browser(folder, trip):
     """Answers and plots appear at two widths, light and dark, without a network."""
-    sys.path.append(str(ROOT / "scripts"))
+    sys.path.append(str(ROOT / "scripts" / "dev"))
     import page as built
 
     chromium = next(
