@@ -157,7 +157,7 @@ static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE
  * of x'^2 late are equal, for any factor g.
  *   Given:  x, y   of the row before and of this row
  *           slope  rate of x [per second] */
-static void timing_learn(
+static void update_timing(
     tse_timing *t, const tse_real x[2], const tse_real y[2], tse_real slope, tse_real keep, tse_real dt)
 {
   const tse_real turned = r_mul(x[0], y[1]) - r_mul(x[1], y[0]);
@@ -167,7 +167,7 @@ static void timing_learn(
 
 /* Return the max relative loss of rear stiffness to nominal: SOFTER, and on an accepted
  * road of less grip also its loss. */
-static tse_real softer_by(const tse_kalman *k)
+static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
   if (k->change_kind != TSE_CHANGE_ROAD || !(lost > TSE_R(0))) return SOFTER;
@@ -179,27 +179,30 @@ static tse_real softer_by(const tse_kalman *k)
  *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)
  * at the centre of gravity, of a car with nominal rear tyres.
  *   Given:  was  low-passed values of the row before */
-static void late_learn(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
+static void update_timings(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
   tse_agreement *const a = &k->agreement;
   const tse_real *const s = a->smooth;
   const tse_real gyro_bias = k->x[BR];
   const tse_car *const c = &p->car;
-  const tse_real over = r_div(TSE_R(1), dt), keep = TSE_R(1) - r_div(dt, SCALE_TIME), v = s[SPEED];
-  const tse_real slip_time = r_div(r_mul(v, r_div(c->lf, c->lf + c->lr)), c->ky_rear),
-                 arm = c->lr + c->lever_x - r_mul(v, slip_time);
+  const tse_real v = s[SPEED];
+  const tse_real rate = r_div(TSE_R(1), dt);
+  const tse_real keep = TSE_R(1) - r_div(dt, SCALE_TIME);
+  const tse_real slip_time = r_div(r_mul(v, r_div(c->lf, c->lf + c->lr)), c->ky_rear);
+  const tse_real arm = c->lr + c->lever_x - r_mul(v, slip_time);
   const tse_real asked[2] = { r_mul(v, was[TURN_ASKED]), r_mul(v, s[TURN_ASKED]) };
   const tse_real turns[2] = { r_mul(v, was[TURN] - gyro_bias), r_mul(v, s[TURN] - gyro_bias) };
   const tse_real beside = a->pair[ACROSS].mean[1] - a->pair[ACROSS].mean[0];
-  const tse_real side[2] = { was[SIDE] - beside, s[SIDE] - beside },
-                 across[2] = { was[SIDE_ASKED], s[SIDE_ASKED] };
-  const tse_real jerk = r_mul(across[1] - across[0], over), steered = r_mul(asked[1] - asked[0], over);
+  const tse_real side[2] = { was[SIDE] - beside, s[SIDE] - beside };
+  const tse_real across[2] = { was[SIDE_ASKED], s[SIDE_ASKED] };
+  const tse_real jerk = r_mul(across[1] - across[0], rate);
+  const tse_real steered = r_mul(asked[1] - asked[0], rate);
   if (r_abs(jerk) > MAX_JERK || r_abs(steered) > MAX_JERK) return;
-  timing_learn(&a->across, across, side, jerk, keep, dt);
-  timing_learn(&a->steered, asked, turns, steered, keep, dt);
+  update_timing(&a->across, across, side, jerk, keep, dt);
+  update_timing(&a->steered, asked, turns, steered, keep, dt);
   a->across.late += r_mul(r_mul(arm, s[TURN] - was[TURN]), jerk);
-  a->lags = r_mul(keep, a->lags)
-      + r_mul(dt, r_mul(r_sqr(jerk), r_min(r_mul(softer_by(k), slip_time) + r_div(LEVER, v), TSE_R(1))));
+  const tse_real lag = r_min(r_mul(compute_softening(k), slip_time) + r_div(LEVER, v), TSE_R(1));
+  a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), lag));
 }
 
 /* Return the bit of the channel that comes late: accel_y, yaw_rate or the steering
@@ -207,10 +210,12 @@ static void late_learn(const tse_params *p, tse_kalman *k, const tse_real was[6]
  * with the root of the excitation. Soft tyres, and an IMU behind the centre of
  * gravity, delay accel_y, too. The yaw rate of every car is behind the steering angle,
  * and never ahead. */
-static int late_channel(const tse_params *p, const tse_agreement *a)
+static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
-  const tse_real late = a->across.late, behind = a->steered.late, square = a->across.square,
-                 asked = a->steered.square;
+  const tse_real late = a->across.late;
+  const tse_real square = a->across.square;
+  const tse_real behind = a->steered.late;
+  const tse_real asked = a->steered.square;
   const int is_long = a->pair[ACROSS].time > LATE_TIME && a->pair[TURNING_BY].time > LATE_TIME;
   if (!is_long || !(asked > LATE_SHOWN)) return 0;
   if (-behind > r_mul(STEER_LATE, asked) + r_mul(LATE_SD, r_sqrt(asked))) return LATE_STEER;
@@ -228,15 +233,16 @@ static int late_channel(const tse_params *p, const tse_agreement *a)
  *   Given:  was  low-passed values of the row before
  *           has  bits of the channels that are present
  *           dt   0: there is no row before */
-static void late_row(const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
+static void watch_latencies(
+    const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
 {
   static const uint32_t needed = TSE_MISSING_accel_y | TSE_MISSING_yaw_rate | TSE_MISSING_steer_angle;
   tse_agreement *const a = &k->agreement;
   const int is_complete = (has & needed) == needed && dt > TSE_R(0) && dt < MAX_ROW_TIME;
   a->complete_for = is_complete ? r_min(a->complete_for + dt, MAX_DT) : TSE_R(0);
   if (!(a->complete_for > COMPLETE_TIME && a->smooth[SPEED] > MIN_TURNING_SPEED)) return;
-  late_learn(p, k, was, dt);
-  a->apart = (a->apart & PAIRS_APART) | late_channel(p, a);
+  update_timings(p, k, was, dt);
+  a->apart = (a->apart & PAIRS_APART) | find_late_channel(p, a);
 }
 
 int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
@@ -350,7 +356,7 @@ void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse
    * attenuated. */
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
-  late_row(p, k, was, has, starts ? TSE_R(0) : dt);
+  watch_latencies(p, k, was, has, starts ? TSE_R(0) : dt);
   /* restarts with the low-passed rate of the speed */
   if (dt > MAX_SMOOTH_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
