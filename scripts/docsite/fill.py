@@ -21,6 +21,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "scripts" / "dev")]
 
+import prose  # noqa: E402
 from docsite import links, symptoms, tables  # noqa: E402
 
 PAGE_BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", flags=re.M | re.S)
@@ -57,11 +58,16 @@ def make_effects() -> str:
             ]
             for p in e.parameters
         ]
+        facts = [
+            f"Model: {tables.escape_cell(tables.find_equation(e.id))}\n",
+            f"- acts on: {tables.HOOKS[e.hook]};",
+            f"- shows in: {tables.escape_cell(e.channels)};",
+            f"- looks like: {alike};",
+            f"- estimate: {tables.escape_cell(e.estimator)}.\n",
+        ]
         text += [
-            f"\n## {e.id}: {e.title}\n\n{tables.escape_cell(tables.find_equation(e.id))}\n",
-            f"Acts on {tables.HOOKS.get(e.hook, e.hook)}. Shows in {tables.escape_cell(e.channels)}. "
-            f"Looks like {alike}. "
-            f"Estimate: {tables.escape_cell(e.estimator)}.\n",
+            f"\n## {e.id}: {e.title}\n",
+            prose.wrap_prose("\n".join(facts)),
             tables.format_table(
                 ["parameter", "role", "unit", "default", "range", "typical", "meaning"],
                 parameters,

@@ -50,9 +50,9 @@ HOOKS = {  # hooks of src/tables/effects.toml, in words
     "CONSTANT": "the settings, once",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
-    "LAG": "between slip and force: a state",
+    "LAG": "slip on its way to the force, by a state of its own",
     "STIFFNESS": "the stiffness of an axle",
-    "GRIP": "where the force of an axle ends",
+    "GRIP": "the largest force of an axle",
     "BODY": "forces and yaw moment besides the tyres', gravity",
     "SENSOR": "what accelerometers and gyro read",
 }
@@ -372,8 +372,7 @@ def find_equation(effect: str) -> str:
         for f in ("effects_constant.h", "catalogue.h")
     )
     comment = text.partition(f"/* {effect}: ")[2].partition("*/")[0]
-    words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
-    return words[:1].upper() + words[1:]
+    return " ".join(line.strip(" *") for line in comment.splitlines()).strip()
 
 
 # ---- C headers
