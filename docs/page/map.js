@@ -324,7 +324,9 @@ function checkRows(table, map, car, lib) {
       : parts.length === 1
         ? parts[0]
         : joinAxle(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
-    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: quantities that only it shows stay unknown`);
+    if (!parts && !isAxle(f.name)) {
+      notes.push(`${f.name} is not in the log: quantities that only it shows stay unknown`);
+    }
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
     throw new Wrong(
