@@ -65,12 +65,10 @@ def test_its_numbers_are_those_of_scripts_results():
     )
     assert "front 82 [78 92]" in (RESULTS / "real.md").read_text()
     whole = read_cells("real.md", "genesis_cpg_fast | the log itself |")[3]
-    assert f"{whole} kN/rad: not usable, and it says so" in facts
+    assert f"{whole} kN/rad, and marked not usable" in facts
     assert read_cells("real.md", "genesis_cpg_fast | the log itself |")[4] == "0"
     quiet = read_cells("real.md", "rav4_comma2k19 | as in the file |")[3]
-    assert (
-        f"{quiet} kN/rad: not usable, and it says so" in facts and f"gives {quiet} kN/rad in front" in README
-    )
+    assert f"{quiet} kN/rad, and marked not usable" in facts and f"gives {quiet} kN/rad in front" in README
     cost = read_cells("budgets.md", "Cortex-M4F, float |")
     row, flash, ram = (int(cost[i].split()[0].strip("*").replace(",", "")) for i in (0, 3, 5))
     assert (

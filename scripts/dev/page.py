@@ -7,7 +7,7 @@ build/site/try.html.
     .venv/bin/python scripts/dev/page.py --out FILE
         build it into another file
     .venv/bin/python scripts/dev/page.py --without-npm
-        build it as on a machine without npm: it reads CSV only, and says so
+        build it as on a machine without npm: it reads CSV only, and the page states it
     .venv/bin/python scripts/dev/page.py --ship
         build the page that git holds, docs/try.html, for users without a compiler
     .venv/bin/python scripts/dev/page.py --check

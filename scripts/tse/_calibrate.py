@@ -129,7 +129,7 @@ def calibrate(
     logs
         A log or several: files, frames, or what read_log() returned. Half an hour with
         bends and some braking is a good start. A log that cannot be read, or whose
-        channels contradict each other, is left out, and a note says so.
+        channels contradict each other, is left out, with a note.
     vehicle
         As in estimate().
     hold_out

@@ -425,7 +425,7 @@ def estimate(
     Noise and biases of the sensors that the vehicle leaves out are found in
     the log. The run works around missing channels, impossible single values and a clock
     that jumps, and Result.notes names them. If channels contradict each other, a
-    UserWarning says so (Result.warnings) and nothing is usable.
+    UserWarning names them (Result.warnings) and nothing is usable.
     """
     check_form(form)
     car = read_vehicle(vehicle)

@@ -131,7 +131,7 @@ def gap(
     ----------
     logs
         Files, frames, or what read_log() returned. A log that cannot be read, or whose
-        channels contradict each other, is left out, and a note says so.
+        channels contradict each other, is left out, with a note.
     vehicle
         A vehicle file, or a mapping with its keys.
     hold_out

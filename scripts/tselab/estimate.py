@@ -158,7 +158,7 @@ def estimate(
     Further keys: scale, offset, sign_bit, add (a signal with the rest of the value),
     radius (of a wheel, m), valid and counter (signals of the message that say so), clock
     (s by which the clock of its group is ahead of the others), hold (sent only when it
-    changes), unsure (what was guessed: every run says so, and --strict refuses, until it
+    changes), unsure (what was guessed: every run lists it, and --strict refuses, until it
     is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit,
     step, rate, databases, separator, decimal, encoding, header. Channels that the log
     does not have are missing; what is still observable is estimated.

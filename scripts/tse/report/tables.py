@@ -100,7 +100,7 @@ def example_vehicle() -> str:
         "",
         "# All below is optional: take the # away where you know it. What is left out is that of an "
         "ordinary car of its mass and",
-        "# axles, and the run says so.",
+        "# axles, and the run names them.",
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other '
         "axle rolls freely",
