@@ -2,7 +2,9 @@
  * filter: random settings, thousands of rows, faults, pauses, optional channels, learnt
  * states. Checks for every row: the estimates are finite and within their ranges; the sd
  * of a valid stiffness is below its limit; tse_filter_check() accepts the state; a
- * refused row changes nothing.
+ * refused row changes nothing; the age of a change grows by the time that has passed. For
+ * every sixteenth row: a filter that was asked for no output estimates the same bits from
+ * then on.
  *
  *   drives ROWS [FIRST_DRIVE]   exit code 1 on failures, with drive and row of the first
  *                               ten. The number of a drive reproduces it. */
@@ -14,11 +16,17 @@ enum { MOST_FOUND = 10 };
 static struct {
   tse_config c;
   tse_params p;
-  tse_filter_paper f, before;
+  tse_filter_paper f, before, twin; /* twin: steps a row without output, and the next with it */
   size_t bytes;
   uint64_t word;
   uint32_t drive, row;
   int found;
+  int twin_runs; /* 1: the twin has stepped one row */
+  double time;   /* [s] of the rows since the reset */
+  double at;     /* [s] time of the last estimate */
+  double age;    /* [s] change_age of the last estimate */
+  int kind;      /* change_kind of the last estimate */
+  int changed;   /* number of consecutive estimates at which something has just changed */
 } d;
 
 /* Return a uniform random number in 0 .. 1 (xorshift64). */
@@ -264,6 +272,47 @@ static void check_estimates(const tse_output *y, int status, const tse_input *u)
   expect(y->status == status && status <= TSE_W_IMPLAUSIBLE, "status", status, u);
 }
 
+#define OLDEST 1e4          /* [s] beyond this age a short row is below the resolution of float */
+#define SHORTEST 1e-3       /* [s] shorter times are below the resolution at the oldest age */
+enum { MOST_CHANGES = 20 }; /* at consecutive estimates; a recovery can follow a recovery */
+
+/* Check that the age of a change has grown by the time since the last estimate, or that
+ * something changed within this time, which cannot happen at every estimate. Pauses in
+ * which the rows waited for a late channel are one step, of at most TSE_LONGEST_DT. */
+static void check_age(const tse_output *y, const tse_input *u)
+{
+  const double age = number(y->change_age), at = d.time - number(y->estimate_age);
+  const double passed = fmin(at - d.at, TSE_LONGEST_DT), grown = age - d.age;
+  const double tolerance = SHORTEST + 1e-4 * (age + passed);
+  const int had_change = d.kind != TSE_CHANGE_NONE && y->change_kind != TSE_CHANGE_NONE;
+  if (had_change && d.age < OLDEST && passed > 2 * SHORTEST) {
+    const int grew = fabs(grown - passed) <= tolerance;
+    d.changed = grew ? 0 : d.changed + 1;
+    expect(grew || age <= passed + tolerance, "growth of change_age", grown - passed, u);
+    expect(d.changed <= MOST_CHANGES, "number of changes at consecutive estimates", d.changed, u);
+  }
+  d.at = at;
+  d.age = age;
+  d.kind = y->change_kind;
+}
+
+/* Check that a filter that was asked for no output in the row before gives the same. */
+static void check_twin(const tse_input *u, const tse_output *y, tse_status status)
+{
+  if (d.twin_runs) {
+    tse_output same;
+    memset(&same, 0x5a, sizeof same);
+    const tse_status said = tse_step(&d.p, &d.twin.filter, u, &same);
+    expect(said == status, "status after a row without output", said, u);
+    expect(memcmp(&same, y, sizeof same) == 0, "an estimate after a row without output, other", said, u);
+  }
+  d.twin_runs = d.row % 16 == 0;
+  if (!d.twin_runs) return;
+  memcpy(&d.twin, &d.before, d.bytes);
+  const tse_status said = tse_step(&d.p, &d.twin.filter, u, NULL);
+  expect(said == status, "status without output", said, u);
+}
+
 /* Run a row and check the results. */
 static void step(const tse_input *u)
 {
@@ -273,13 +322,26 @@ static void step(const tse_input *u)
   memcpy(&d.before, &d.f, d.bytes);
   const tse_status status = tse_step(&d.p, &d.f.filter, u, &y);
   d.row++;
+  check_twin(u, &y, status);
   if (status < 0) {
     expect(memcmp(&d.before, &d.f, d.bytes) == 0, "a filter that refused, changed", status, u);
     expect(memcmp(&untouched, &y, sizeof y) == 0, "an output that was refused, changed", status, u);
     return;
   }
   check_estimates(&y, (int)status, u);
+  d.time += number(u->dt);
+  if (d.c.form == 0 && status != TSE_W_WAITING) check_age(&y, u);
   expect(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state, refused", status, u);
+}
+
+/* Start the filter over. */
+static void reset(void)
+{
+  (void)tse_reset(&d.p, &d.f.filter, d.bytes);
+  d.twin_runs = 0;
+  d.time = d.at = d.age = 0;
+  d.kind = TSE_CHANGE_NONE;
+  d.changed = 0;
 }
 
 /* Save the learnt state and load it into a new drive. */
@@ -288,7 +350,7 @@ static void to_the_next_drive(const tse_input *u)
   uint8_t learnt[TSE_LEARNT_BYTES];
   const tse_status saved = tse_learnt_save(&d.p, &d.f.filter, learnt);
   expect(saved == TSE_OK || saved == TSE_E_STATE, "saving", saved, u);
-  (void)tse_reset(&d.p, &d.f.filter, d.bytes);
+  reset();
   if (saved != TSE_OK) return;
   const tse_status loaded = tse_learnt_load(
       &d.p, &d.f.filter, learnt, sizeof learnt, chance(0.3) ? 0xffffffffu : (uint32_t)pow(10, between(0, 8)));
@@ -308,7 +370,7 @@ static uint32_t drive_once(uint32_t drive)
   any_settings();
   if (tse_prepare(&d.c, &d.p, NULL) < 0) return 0; /* latencies, a formula, overflow in fixed point */
   d.bytes = d.c.form ? sizeof(tse_filter_paper) : sizeof(tse_filter);
-  (void)tse_reset(&d.p, &d.f.filter, d.bytes);
+  reset();
   const double dt = tse_double_of_setting(d.c.sample_time);
   const uint32_t rows = 1000 + below(4000);
   car c = any_car();
