@@ -1,21 +1,22 @@
-/* filter/backwards.c - find whether the car rolls backwards. Many wheel speeds have no
- * sign.
+/* filter/backwards.c - find whether the car rolls backwards, because many wheel speeds
+ * have no sign.
  *
- * In reverse a car turns against its steering angle, and accel_x is negative while the
- * speed grows. The log odds of both are updated from standstill, or the first row, on.
- * The car rolls backwards where their sum is large and neither contradicts: a channel of
- * the wrong sign changes only one of them. */
+ * In reverse the yaw rate has the opposite sign of the steering angle, and accel_x is
+ * negative while the speed increases. The log odds of reverse are computed from each of
+ * these two facts, from standstill or the first row on. The car rolls backwards if
+ * their sum is large and neither contradicts: a channel with a wrong sign changes only
+ * one of them. */
 #include "filter/filter.h"
 
-/* Return the log odds that y = -x against y = x.
+/* Return the log odds of y = -x against y = x.
  *   Given:  var  variance of the error of x or y */
 static tse_real compute_opposite_odds(tse_real x, tse_real y, tse_real var)
 {
   return r_clamp(r_mul(TSE_R(-2), r_mul(x, r_div(y, var))), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse by yaw rate and steering angle, which may have an
- * offset. */
+/* Update the log odds of reverse from the yaw rate and the steering angle, which may
+ * have an offset. */
 static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, tse_real speed, tse_real turn)
 {
   const tse_real wheelbase = p->car.lf + p->car.lr;
@@ -26,9 +27,9 @@ static void update_by_turn(const tse_params *p, tse_way *w, const decoded *z, ts
   w->by_turn = r_clamp(w->by_turn + r_mul(share, odds), -TAIL, TAIL);
 }
 
-/* Update the log odds of reverse by the integral of accel_x and the gain of speed, on a
- * road that may rise or fall. The largest log odds so far are kept, because errors of the
- * integral grow with time. */
+/* Update the log odds of reverse from the gain of speed and the integral of accel_x, on a
+ * road that may have a grade. The log odds with the largest magnitude so far are kept,
+ * because errors of the integral grow with time. */
 static void update_by_gain(tse_way *w, const decoded *z, tse_real speed)
 {
   w->gained = r_clamp(w->gained + r_mul(w->unread, z->z[ACCEL_X]), -MAX_MOVED, MAX_MOVED);

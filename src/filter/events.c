@@ -1,25 +1,28 @@
-/* filter/events.c - hypotheses of what has happened: another road, other tyres of an
- * axle, wheels that slide, a channel at fault.
+/* filter/events.c - hypotheses of what may have happened: a change of the road or of the
+ * tyres of an axle, wheels that slide, a channel at fault.
  *
- * An event shifts the state by w v, w ~ N(0, 1). v follows the filter's transition and
- * gains, so each innovation has the mean w h' v, which gives the likelihood of w exactly
- * (Willsky & Jones 1976) for a hundredth of the cost of a second filter. Each kind has
- * slots, in which hypotheses are opened in turn.
+ * An event of amplitude w ~ N(0, 1) shifts the state by w v. The sensitivity v is
+ * propagated with the filter's own transitions and gains. Each innovation then has the
+ * mean w h' v, which gives the exact likelihood of w (Willsky & Jones 1976) at a
+ * hundredth of the cost of a second filter. A new hypothesis of each kind is opened at
+ * regular intervals, in one of the slots of the kind.
  *
- * Events form two groups. When the posterior of "no event" in a group falls below 1 -
- * BELIEVED, the most probable hypothesis of the group is accepted, even if its own
- * posterior is below BELIEVED: the state is shifted, and the covariance widened by the
- * sds of the kind. A discarded hypothesis is merged with its weight. After a change the
- * tyres may return to the road before, behind a patch of ice or water: the amplitude is
- * known then, w = 1, and the stiffness of that road is recalled. */
+ * Events form two groups. When the posterior probability of "no event" in a group falls
+ * below 1 - BELIEVED, the most probable hypothesis of the group is accepted, even if its
+ * own probability is below BELIEVED: the state is shifted, and its covariance is
+ * increased by the variances of the kind. A hypothesis that is discarded is merged into
+ * the state with its probability. After a change the tyres may return to the road before,
+ * as behind a patch of ice or water. The amplitude of this event is known, w = 1, and the
+ * stiffness of that road is recalled. */
 #include "filter/filter.h"
 
-/* A state, and the sd by which an amplitude of 1 moves it. state -1: unused place. */
+/* A state, and the sd by which an amplitude of 1 shifts it. state is -1 in
+ * unused elements. */
 typedef struct opens {
   int8_t state, by;
 } opens;
 
-/* Sds by which states are moved, SI. */
+/* Sds by which events shift states, SI. */
 enum { BY_CHANGE, BY_MODEL, BY_MINUS_MODEL, BY_ALONG, BY_SLIP, BY_STEER, BY_STEER_OWN };
 static tse_real get_sd(const opens *o)
 {
@@ -28,38 +31,39 @@ static tse_real get_sd(const opens *o)
   return sds[o->by];
 }
 
-/* Number of slots of EVENT_ROAD, which are the first ones. The slots of its second
- * amplitude follow, as many. Each other kind has one slot. */
+/* Number of slots of EVENT_ROAD. These come first, then as many slots of the second
+ * amplitude, EVENT_ROAD_AXLE_DIFF. Each other kind has one slot. */
 enum { ROADS = HAS_SLIP ? 2 : 1 };
 typedef char
     roads_come_first[EVENT_ROAD == EVENT_NONE + 1 && EVENT_ROAD_AXLE_DIFF == EVENT_ROAD + 1 ? 1 : -1];
 typedef char kinds_fill_the_slots[2 * ROADS + (EVENT_KINDS - EVENT_ROAD_RETURN) == TSE_EVENTS ? 1 : -1];
 
 /* Groups of events: lateral (cornering stiffness, steering angle, accel_y, gyro) and
- * longitudinal (slip, wheel speeds, accel_x). In each group at most one has happened. */
+ * longitudinal (slip, wheel speeds, accel_x). At most one event of a group is assumed
+ * to have happened. */
 enum { LATERAL, LONGITUDINAL };
 
-/* Faulty channel of a kind that is no fault. */
+/* kind.channel of a kind that is not a fault. */
 enum { NO_CHANNEL = -1 };
 
 /* A kind of event. */
 typedef struct kind {
-  opens common[4];     /* states that the amplitude moves */
-  opens own[4];        /* independent uncertainty that is added when the event is accepted */
-  tse_real every;      /* [s] interval between openings */
+  opens common[4];     /* states that the amplitude shifts */
+  opens own[4];        /* states whose variance increases independently when the event is accepted */
+  tse_real every;      /* [s] interval at which hypotheses are opened */
   tse_real rate;       /* [1/s] prior rate */
   tse_real least;      /* [1] min amplitude that needs a reaction */
-  int8_t group, slots; /* LATERAL or LONGITUDINAL; number of hypotheses open at a time */
-  int8_t regime;       /* TSE_REGIME_* that it begins */
-  int8_t change;       /* TSE_CHANGE_* of the tyres */
+  int8_t group, slots; /* LATERAL or LONGITUDINAL; number of hypotheses that are open at a time */
+  int8_t regime;       /* TSE_REGIME_* that starts with the event */
+  int8_t change;       /* TSE_CHANGE_* of the tyres, or TSE_CHANGE_NONE */
   int8_t channel;      /* faulty channel: ACCEL_X ..., STEERING, or NO_CHANNEL */
 } kind;
 
-/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres moves LCX by
- * the same share as the cornering stiffness. Its own uncertainty there is the model
- * error along the car, before and after. UNUSED: the states that EVENT_ROAD_RETURN
- * moves are set by open_slot(), and a faulty sensor shifts its own measurements
- * (events_learn()). */
+/* The kinds, in the order of EVENT_NONE ... (filter.h). A change of tyres shifts LCX by
+ * the same share as the cornering stiffness. It also adds to LCX an sd of twice the model
+ * error along the car, once for the old and once for the new tyres. UNUSED: for
+ * EVENT_ROAD_RETURN, open_slot() sets the states. A faulty sensor shifts no state, but
+ * its own measurements (events_learn()). */
 /* clang-format off */
 #define NO { -1, 0 }
 #define UNUSED { NO, NO, NO, NO }
@@ -121,7 +125,7 @@ static int is_fault_of_sensor(int32_t which)
   return is_fault(which) && get_kind(which)->channel != STEERING;
 }
 
-/* Return the group of events that a measurement of a channel shows. */
+/* Return the group of events for which a measurement of a channel is evidence. */
 static int get_channel_group(int channel)
 {
   return channel == ACCEL_Y || channel == YAW_RATE || channel == NO_SENSOR_LATERAL ? LATERAL : LONGITUDINAL;
@@ -129,8 +133,8 @@ static int get_channel_group(int channel)
 
 static int is_axle_change(int32_t which) { return which == EVENT_FRONT || which == EVENT_REAR; }
 
-/* Return whether a change of tyres moves LCX: that of a road does, that of an axle if it
- * is driven. */
+/* Return whether a change of tyres shifts LCX: a change of the road does, a change of one
+ * axle does if the axle is driven. */
 static int is_along(const tse_params *p, int32_t which)
 {
   return !is_axle_change(which) || p->car.driven == (which == EVENT_FRONT ? 1 : 2);
@@ -144,11 +148,11 @@ static int is_evidence_for(int32_t which, int channel, int32_t along)
   return which == EVENT_ROAD_RETURN || shown == get_group(which) || (is_tyre_change(which) && along);
 }
 
-/* Return whether a slot holds an event of its own, not a second amplitude. */
+/* Return whether a slot holds an event, not a second amplitude of one. */
 static int is_event(const tse_event *a) { return a->kind != EVENT_NONE && a->kind != EVENT_ROAD_AXLE_DIFF; }
 
-/* Compute information and score of slot n with its second amplitude integrated out, if it
- * has one. Both amplitudes are N(0, 1) before the samples.
+/* Compute information and score of slot n. If the event has a second amplitude, integrate
+ * it out. The prior of both amplitudes is N(0, 1).
  *   Returned:  all members but amplitude and var */
 static event_posterior integrate_second(const tse_kalman *k, int n)
 {
@@ -170,7 +174,7 @@ static event_posterior integrate_second(const tse_kalman *k, int n)
   return s;
 }
 
-/* The amplitude of a return to the road before is known: 1. */
+/* If the event is a return to the road before, its amplitude is known: 1. */
 event_posterior compute_posterior(const tse_kalman *k, int n)
 {
   const int known = k->event[n].kind == EVENT_ROAD_RETURN;
@@ -181,9 +185,10 @@ event_posterior compute_posterior(const tse_kalman *k, int n)
 }
 
 /* Update an event with a measurement.
- *   Given:  y      shift of the innovation by amplitude 1      ys  y over the variance of
- *           the innovation      e  innovation
- *           first  y of the road to which a second amplitude belongs */
+ *   Given:  y      shift of the innovation by an amplitude of 1
+ *         ys     y over the variance of the innovation
+ *         e      innovation
+ *         first  for a second amplitude: y of its first amplitude */
 static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
 {
   a->info = r_min(a->info + r_mul(y, ys), MAX_INFO);
@@ -191,12 +196,12 @@ static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, 
   if (a->kind == EVENT_ROAD_AXLE_DIFF) a->both = r_clamp(a->both + r_mul(first, ys), -MAX_INFO, MAX_INFO);
 }
 
-/* Number of events that are processed at once. */
+/* Number of events that are processed in one loop. */
 enum { TOGETHER = R_TOGETHER(TSE_EVENTS) };
 
-/* Compute the shift y of an innovation by each of these events, and update their
- * sensitivities: v - K y.
- *   Updated:  y  its part by an offset of the channel, then all of it */
+/* Compute by how much each of these events shifts an innovation (y), and update their
+ * sensitivities to v - K y.
+ *   Updated:  y  in: shift by the offset of a faulty sensor; out: shift in total */
 static void correct_together(
     tse_event a[TOGETHER], const r_sparse *h, const r_scaled *gain, int all, tse_real y[TOGETHER])
 {
@@ -217,7 +222,7 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
     tse_real e, tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s);
-  const tse_real offset = r_mul(r_sqr(TAIL), sd); /* of a sensor at fault */
+  const tse_real offset = r_mul(r_sqr(TAIL), sd); /* sd of the offset of a faulty sensor */
   const int all = STATES + k->ud.extras;
   tse_real y[TSE_EVENTS];
   for (int n = 0; n < TSE_EVENTS; n++)
@@ -232,18 +237,19 @@ void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, 
   }
 }
 
-/* Return whether a kind of event may find a frozen sensor. One channel is at fault at a
- * time, and a frozen one is not used. */
+/* Return whether a kind of event may be accepted because its sensor is frozen. At most
+ * one channel is at fault at a time. */
 static int can_name_frozen(const tse_kalman *k, int32_t which)
 {
   return is_fault_of_sensor(which) && k->fault == NO_FAULT;
 }
 
-/* Return the log2 penalty of an event that raises a cornering stiffness. Nominal is a
- * road with grip, and another road lowers it, so a road is penalised above nominal by the
- * prior. An axle is penalised by all that is raised, less what the last change has
- * lowered: else a stiffer rear axle would be as likely as a softer front axle, which
- * steers alike. */
+/* Return the log2 penalty of an event that increases a cornering stiffness. The nominal
+ * stiffness is that of a road with grip, so that other roads decrease it. A road change
+ * is therefore penalised, by the prior, if it leads to more than nominal. A change of an
+ * axle is penalised for the whole increase, less the decrease by the last change.
+ * Otherwise stiffer rear tyres would be as likely as softer front tyres, which have the
+ * same effect on the steering. */
 static tse_real penalise_stiffer(
     const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {
@@ -263,9 +269,10 @@ static tse_real penalise_stiffer(
   return r_mul(HALF_LOG2_OF_E, largest);
 }
 
-/* Return the log2 likelihood ratio of slot n: this event over none. For a sensor it is at
- * least the evidence of a frozen channel. For SETTLE_TIME after a change a fault gains
- * nothing: innovations are large until the new stiffness is found. */
+/* Return the log2 likelihood ratio of slot n: this event over no event. If the event is a
+ * faulty sensor, the ratio is at least the evidence that the sensor is frozen. For
+ * SETTLE_TIME after a change of tyres the ratio of a fault is at most 0: innovations are
+ * large until the new stiffness is found. */
 static tse_real compute_log2_ratio(const tse_params *p, const tse_kalman *k, int n)
 {
   const tse_event *const a = &k->event[n];
@@ -288,21 +295,20 @@ int event_is_small(const tse_kalman *k, int n)
   const tse_event *const a = &k->event[n];
   if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
-  /* root mean square of the amplitude by its posterior; without samples that of the
-   * prior */
+  /* compare the mean square of the amplitude; without samples it is that of the prior */
   const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
 }
 
-/* Compute the posterior of the events of each group, and of none in it. Small events
- * count as none.
+/* Compute for each group the posterior probability of each event, and of no event. An
+ * event that is too small to need a reaction counts as no event.
  *   Returned:  ratio  compute_log2_ratio() of each event */
 static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_EVENTS])
 {
   tse_real *const weight = k->weight, *const none = k->none;
   for (int group = 0; group < TSE_GROUPS; group++) {
-    tse_real largest = TSE_R(0), sum; /* weights are over the largest until they are normalised */
+    tse_real largest = TSE_R(0), sum; /* until they are normalised, weights are relative to the largest */
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
       if (!is_event(a)) weight[n] = ratio[n] = TSE_R(0);
@@ -326,7 +332,7 @@ static void weigh_events(const tse_params *p, tse_kalman *k, tse_real ratio[TSE_
   }
 }
 
-/* Return whether a state is a constant setting: a grip without prior sd. */
+/* Return whether a state is not estimated: the grip, if its prior sd is 0. */
 static int is_constant(const tse_params *p, int32_t state)
 {
   return state == LMU && !(p->prior_sd[LMU] > TSE_R(0));
@@ -351,15 +357,15 @@ static void open_slot(const tse_params *p, tse_kalman *k, int n, int32_t which)
   }
 }
 
-/* Open an event of a kind in slot n, with its second amplitude. */
+/* Open an event of a kind in slot n, and its second amplitude if it has one. */
 static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   open_slot(p, k, n, which);
   if (which == EVENT_ROAD && n < ROADS) open_slot(p, k, n + ROADS, EVENT_ROAD_AXLE_DIFF);
 }
 
-/* Update the filter with state i as it was before the last change, a measurement with the
- * variance of then. */
+/* Update the filter with a measurement of state i: its value before the last change, with
+ * the variance it had then. */
 static void recall_state(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
@@ -385,12 +391,13 @@ int can_return(const tse_kalman *k)
       || !(k->change_from_var[2] > ud_variance(&k->ud, LCR));
 }
 
-/* Find a slot for the next event of a kind: a free one, else that of the oldest event. Of
- * several, the most likely keeps its slot for ROAD_TIME: a driver who hardly turns shows
- * little in a second, and an event that is not accepted by then is drift or model error.
- * An axle keeps its slot as long while it is more likely than no event.
+/* Find a slot for the next event of a kind: a free slot, otherwise the slot of the oldest
+ * event. If a kind has several slots, its most likely event keeps its slot for ROAD_TIME,
+ * because on a drive with few bends one second holds little evidence. An event that is
+ * not accepted by then is drift or model error. The event of an axle keeps its slot for
+ * the same time while it is more likely than no event.
  *   Given:     first  first slot of the kind
- *              due    [s] min age of the youngest event when another one is opened
+ *              due    [s] min age of the youngest event at which a new one is opened
  *   Returned:  -1 if none is to be opened now */
 static int find_slot(
     const tse_kalman *k, const tse_real ratio[TSE_EVENTS], int32_t which, int first, tse_real due)
@@ -412,8 +419,8 @@ static int find_slot(
   return youngest < due ? -1 : oldest;
 }
 
-/* Shift the state by `by`. For stiffness and grip of a change of tyres, `by` is a share
- * of the force, and the shift is log(1 + by).
+/* Shift the state by `by`. A change of tyres gives `by` as a share of the tyre force:
+ * stiffness and grip, which are logarithms, shift by log(1 + by).
  *   Returned:  rescale  derivative of the shifted state with respect to `by` */
 static void move_state(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real by[TSE_ALL], tse_real rescale[TSE_ALL])
@@ -432,7 +439,8 @@ static void move_state(
 }
 
 /* Add var v v' to the covariance.
- *   Given:  slopes   v before move_state()      rescale  from move_state() */
+ *   Given:  slopes   v in the units of `by` of move_state()
+ *         rescale  from move_state(), converts it */
 static void add_rank_one(
     tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
 {
@@ -442,15 +450,16 @@ static void add_rank_one(
   ud_add(&k->ud, v, STATES - 1, var);
 }
 
-/* Add the independent uncertainty of a kind. For a change of tyres add OWN_SHARE of the
- * step of the stiffness, too, as linearisation error of earlier updates.
- *   Given:  was     stiffness and grip before
- *           weight  1 if the event is accepted */
+/* Add the independent variances of a kind (kind.own). For a change of tyres also add
+ * (OWN_SHARE times the step of the stiffness)^2: the linearisation error of earlier
+ * updates.
+ *   Given:  was     stiffness and grip before the step
+ *         weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {
   const kind *const what = get_kind(which);
-  const int axle = which == EVENT_REAR; /* whose stiffness shows the step */
+  const int axle = which == EVENT_REAR; /* axle whose stiffness gives the step */
   const tse_real moved = is_tyre_change(which) ? r_mul(OWN_SHARE, k->x[LCF + axle] - was[1 + axle])
                                                : TSE_R(0);
   for (int i = 0; i < (int)(sizeof what->own / sizeof what->own[0]); i++) {
@@ -461,10 +470,10 @@ static void widen_states(
   }
 }
 
-/* Return the weight with which a discarded lateral event is merged: its posterior
- * squared, because events of small posterior are mostly model errors. Return 0 if it is
- * below MIN_WEIGHT. Longitudinal events are not merged: slip is estimated anew in every
- * row. */
+/* Return the weight with which a discarded event is merged. For a lateral event it is
+ * the square of its probability, because events of small probability are mostly model
+ * errors. It is 0 below MIN_WEIGHT, and for longitudinal events: slip is estimated
+ * from each row. */
 static tse_real compute_merge_weight(const tse_kalman *k, int n)
 {
   const tse_real weight = k->event[n].kind != EVENT_NONE && get_group(k->event[n].kind) == LATERAL
@@ -473,8 +482,8 @@ static tse_real compute_merge_weight(const tse_kalman *k, int n)
   return weight < MIN_WEIGHT ? TSE_R(0) : weight;
 }
 
-/* Replace the state by the mean and variance of a mixture: event n with this weight, the
- * state without it with the rest. */
+/* Replace the state by the mean and variance of a mixture: with the probability `weight`
+ * event n has happened, otherwise the state is as before. */
 static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const event_posterior s = compute_posterior(k, n);
@@ -494,9 +503,9 @@ static void merge_event(const tse_params *p, tse_kalman *k, int n, tse_real weig
   widen_states(p, k, which, was, weight);
 }
 
-/* Discard event n and merge it with its weight. Its variance is added to the slip
- * stiffness itself, whose mean stays: it changes with the tyres of an accepted event
- * only. */
+/* Discard event n and merge it into the state with this weight. The slip stiffness
+ * without model error (tse_along) receives the added variance. Its mean changes only with
+ * accepted changes of tyres. */
 static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real weight)
 {
   const tse_real own = HAS_SLIP ? ud_variance(&k->ud, LCX) : TSE_R(0);
@@ -506,12 +515,12 @@ static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real we
     k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind that is due, and discard the event in its slot. One
- * is merged per row, which bounds the computing time. Slots of the kinds follow each
- * other. */
+/* Open the next event of each kind that is due, in place of the event in its slot, which
+ * is discarded. At most one event is merged per row, which bounds the computing time. The
+ * slots of a kind follow those of the kind before. */
 static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
-  int first = 0, given_up = 0;
+  int first = 0, has_merged = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind *const what = get_kind(which);
     const int possible = which != EVENT_ROAD_AXLE_DIFF && (which != EVENT_ROAD_RETURN || can_return(k));
@@ -519,18 +528,18 @@ static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real r
     const int at = possible ? find_slot(k, ratio, which, first, due) : -1;
     const tse_real left = at >= 0 ? compute_merge_weight(k, at) : TSE_R(0);
     first += what->slots;
-    if (at < 0 || (left > TSE_R(0) && given_up)) continue;
+    if (at < 0 || (left > TSE_R(0) && has_merged)) continue;
     if (left > TSE_R(0)) {
       discard_event(p, k, at, left);
-      given_up = 1;
+      has_merged = 1;
     }
     open_event(p, k, at, which);
   }
 }
 
-/* Keep the accepted change for the output, and the stiffness before it for a return. A
- * change within SETTLE_TIME of another is part of that one, unless it is a return. A
- * fault is withdrawn: the change may have looked like one. */
+/* Store the accepted change for the output, and the stiffness before it for a later
+ * return. A change within SETTLE_TIME of the last one counts as part of it, unless it is
+ * a return. A fault is withdrawn, because the change may have looked like a fault. */
 static void record_change(
     tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
@@ -558,8 +567,8 @@ static void close_events(tse_kalman *k, int group)
   k->none[group] = TSE_R(1);
 }
 
-/* Return the most probable slot of a kind, or -1.
- *   Returned:  *weight  sum of the posteriors of its slots */
+/* Return the slot of the most probable event of a kind, or -1.
+ *   Returned:  *weight  sum of the probabilities of all slots of the kind */
 static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_real *weight)
 {
   int best = -1;
@@ -572,8 +581,10 @@ static int find_most_probable_of_kind(const tse_kalman *k, int32_t which, tse_re
   return best;
 }
 
-/* Merge the accepted event n, and with their weights the other changes of tyres that are
- * not excluded with BELIEVED: a change of an axle may have been one of the road. */
+/* Merge the accepted event n into the state. If it is a change of tyres, also merge
+ * the other possible changes of tyres, each with its share of the probability
+ * unless it is below 1 - BELIEVED: what looks like a change of an axle may have
+ * been one of the road. */
 static void merge_accepted(const tse_params *p, tse_kalman *k, int n)
 {
   static const int32_t tyres[3] = { EVENT_ROAD, HAS_SLIP ? EVENT_FRONT : EVENT_NONE,
@@ -617,9 +628,9 @@ static void accept_event(const tse_params *p, tse_kalman *k, int n)
   close_events(k, get_group(which));
 }
 
-/* Return the most probable event of a group that needs a reaction, or -1. An axle is not
- * accepted before SETTLE_TIME: its tyres change slowly, and one axle reaches a new road
- * first. */
+/* Return the slot of the most probable event of a group that needs a reaction, or -1. A
+ * change of an axle is not accepted before SETTLE_TIME: the tyres of one axle change
+ * slowly, and on a new road the front axle changes first. */
 static int find_most_probable(const tse_kalman *k, int group)
 {
   int best = -1;
@@ -635,7 +646,8 @@ static int find_most_probable(const tse_kalman *k, int group)
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  if (k->fault == FAULT_STEER) k->agrees_for += dt; /* its offset is estimated anew meanwhile */
+  /* a faulty steering angle stays in use: its offset is estimated again in this time */
+  if (k->fault == FAULT_STEER) k->agrees_for += dt;
   if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = NO_FAULT;
   tse_real ratio[TSE_EVENTS];
   weigh_events(p, k, ratio);

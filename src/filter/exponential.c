@@ -1,5 +1,5 @@
-/* filter/exponential.c - exponentials out of line: each inlined one takes 150 bytes of
- * flash. */
+/* filter/exponential.c - exponential functions that are called instead of inlined: each
+ * inlined copy takes 150 bytes of flash. */
 #include "filter/filter.h"
 
 tse_real compute_exponential(tse_real x) { return exponential(x); }

@@ -1,9 +1,11 @@
-/* filter/faults.c - channels that are frozen or at fault, and are not used. */
+/* filter/faults.c - find channels that are frozen, and when a faulty channel
+ * is right again. */
 #include "filter/filter.h"
 
-/* The evidence is a log2. Each repeated value adds -log2 of the probability of a repeat,
- * times min(nis, 1); a new value resets it. That probability is the larger of two shares,
- * of all values and of values after a repeat, and of `least`. */
+/* The evidence is -log2 of the probability that a working channel repeats its value so
+ * often. Each repeated value adds -log2(probability of a repeat) min(nis, 1). A new value
+ * resets the evidence to 0. The probability of a repeat is the share of repeats among all
+ * values, or among values after a repeat, or `least`, whichever is largest. */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt)
 {
   const int is_repeat = !(z < k->reading[c] || z > k->reading[c]);
@@ -25,7 +27,7 @@ int is_usable(const tse_kalman *k, int channel)
   return k->fault != fault_of(channel) && !is_frozen(k, channel);
 }
 
-/* The yaw rate contradicts the angle where its slow innovation in the row before was
+/* The yaw rate contradicts the angle if its slow innovation in the previous row was
  * larger than usual. */
 int watch_steering(tse_kalman *k, decoded *z)
 {
@@ -39,8 +41,8 @@ int watch_steering(tse_kalman *k, decoded *z)
   return !was && !z->has_steer;
 }
 
-/* The channel agrees where e^2 < TAIL S, without parameter uncertainty in S, and it is
- * not frozen. */
+/* The channel agrees with the prediction if e^2 < TAIL S and it is not frozen. This S
+ * does not include the consider parameters. */
 void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];

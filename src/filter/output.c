@@ -1,15 +1,15 @@
-/* filter/output.c - estimates of a row, and whether they are valid. */
+/* filter/output.c - output of a row: the estimates, and whether they are valid. */
 #include "filter/filter.h"
 
-/* Events of nonnegligible probability: slots, probabilities and posteriors of the
- * amplitude. */
+/* Events whose probability is at least MIN_WEIGHT: their slots, probabilities and
+ * posteriors of the amplitude. */
 typedef struct possible {
   int32_t at[TSE_EVENTS], count;
   tse_real weight[TSE_EVENTS];
-  event_posterior says[TSE_EVENTS];
+  event_posterior posterior[TSE_EVENTS];
 } possible;
 
-/* Collect the events of nonnegligible probability. */
+/* Collect the events whose probability is at least MIN_WEIGHT. */
 static void collect_possible(const tse_kalman *k, possible *e)
 {
   e->count = 0;
@@ -17,24 +17,24 @@ static void collect_possible(const tse_kalman *k, possible *e)
     if (k->weight[n] < MIN_WEIGHT) continue;
     e->at[e->count] = n;
     e->weight[e->count] = k->weight[n];
-    e->says[e->count++] = compute_posterior(k, n);
+    e->posterior[e->count++] = compute_posterior(k, n);
   }
 }
 
-/* Return the variance of state i [SI] over posterior, consider parameters and the events
- * that are possible.
+/* Return the variance of state i, SI. It includes the consider parameters, and the shifts
+ * by events that may have happened.
  *   Returned:  *shift  mean shift by these events */
 static tse_real compute_variance(
     const tse_params *p, const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
-  if (i >= STATES) { /* TSE_SMALL: a constant */
+  if (i >= STATES) { /* a constant of TSE_SMALL */
     *shift = TSE_R(0);
     return r_sqr(p->prior_sd[i]);
   }
   const tse_real var = compute_total_variance(k, i);
   tse_real mean = TSE_R(0), square = TSE_R(0);
   for (int n = 0; n < e->count; n++) {
-    const event_posterior *const s = &e->says[n];
+    const event_posterior *const s = &e->posterior[n];
     const tse_real second = s->second ? r_long(s->second->v[i]) : TSE_R(0);
     const tse_real by = r_long(k->event[e->at[n]].v[i]) - r_mul(s->part, second);
     const tse_real moved = r_mul(s->amplitude, by) + r_mul(s->beside, second);
@@ -46,11 +46,11 @@ static tse_real compute_variance(
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* Return the posterior probability that in neither group an event of relevant size has
- * happened. */
+/* Return the posterior probability that no event of relevant size has happened
+ * in either group. */
 static tse_real compute_no_event(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
 
-/* Return the regime if no event is pending. */
+/* Return the present regime, without the events that are not accepted yet. */
 static int find_regime(const tse_params *p, const tse_kalman *k)
 {
   if (k->fault || is_frozen(k, STEERING)) return TSE_REGIME_FAULT;
@@ -60,10 +60,11 @@ static int find_regime(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion; of a lost motion with limited sds. Model errors add (model_sd^2 +
- * mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the variance of v_y. lr r -
- * v_y is the sideways speed of the rear axle, force over stiffness, and as uncertain as
- * these. A measured velocity may reduce this variance, and does not increase it. */
+/* Report the motion. If the motion is lost, its sds are limited to state_max. The model
+ * error adds (model_sd^2 + mass_var) ((lr r - v_y)^2 + (lr r)^2) + (ASKEW v_x)^2 to the
+ * variance of v_y: lr r - v_y is the sideways speed of the rear axle, proportional to
+ * force over stiffness, and has their relative error. A measured velocity may reduce the
+ * resulting variance, but not increase it. */
 static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -86,9 +87,9 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), MIN_SIDESLIP_SD_SPEED)), HALF_TURN);
 }
 
-/* Report stiffness, grip and model discrepancy. The model error is the min relative sd of
- * a stiffness. While velocities are used the covariance shrinks faster than the model
- * error allows, so that the min is larger. */
+/* Report stiffness, grip and model discrepancy. The relative sd of a stiffness is at
+ * least that of the model error. While velocities are used this minimum is larger,
+ * because the covariance then shrinks faster than the model error allows. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->ud.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
@@ -130,8 +131,8 @@ static void report_sensors(const tse_params *p, const tse_kalman *k, const possi
   }
 }
 
-/* Report the probability of each regime: of the pending events, and of the present regime
- * if none of them has happened. */
+/* Report the probability of each regime. Events that are not accepted yet contribute
+ * their probabilities, and the present regime has the remainder. */
 static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real sum = TSE_R(0);
@@ -146,8 +147,9 @@ static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output 
   out->regime[find_regime(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
 }
 
-/* Return the channel of the most probable pending fault if a fault is more likely than
- * not, else NO_FAULT. So each row in the regime of a fault names its channel. */
+/* Return the channel of the most probable fault that is not accepted yet, if a fault is
+ * more likely than not. Otherwise return NO_FAULT. Each row whose regime is a fault thus
+ * names its channel. */
 static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
 {
   int32_t channel = NO_FAULT;
@@ -162,7 +164,7 @@ static int32_t find_likely_fault(const tse_kalman *k, const tse_output *out)
   return channel;
 }
 
-/* Report the last accepted change, and a channel at fault. */
+/* Report the last accepted change of tyres, and the channel at fault, if any. */
 static void report_change(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   const int changed = k->change_kind != TSE_CHANGE_NONE;
@@ -195,8 +197,9 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
-/* Return whether the slow innovations of a channel are larger than usual, or larger than
- * a model that fits leaves them. In TSE_SMALL no event finds a faulty channel. */
+/* Return whether the slow (low-passed) innovations of a channel are larger than usual, or
+ * usually larger than a model that fits would leave them. TSE_SMALL needs this test,
+ * because its events do not find faulty channels. */
 static int is_misfit(const tse_kalman *k, int channel)
 {
   const tse_real usual = k->usual[channel];
@@ -204,8 +207,9 @@ static int is_misfit(const tse_kalman *k, int channel)
       || r_sqr(k->slow[channel]) > r_mul(r_mul(TAIL, usual), r_max(k->slow_var[channel], MIN_SLOW_VAR));
 }
 
-/* Return the first reason that applies.
- *   Given:  sd, mean  of the quantity      at  its state */
+/* Return TSE_VALID, or the first reason that applies why an estimate is not valid.
+ *   Given:  sd, mean  of the estimate
+ *         at        index of its state */
 static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const row_class *w,
     const tse_output *out, tse_real sd, tse_real mean, int at)
 {
@@ -227,7 +231,7 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
 }
 
 /* Return whether the wheel radii differ from the settings by more than their prior
- * allows. The stiffness then holds an error from the time before the radii were found. */
+ * allows. Until the filter has found the radii, the stiffness absorbs an error. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));
@@ -246,8 +250,8 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   for (int a = 0; a < 3; a++)
     out->reason[a] = (int32_t)find_reason(p, k, w, out, out->stiffness_sd[a], out->stiffness[a],
         a == TSE_CX_FRONT && !HAS_SLIP ? LCF : stiffness_at(a));
-  /* Slip needs the speed of the car beside that of the wheels. An axle that rolls freely
-   * shows it, and accel_x on a flat road. */
+  /* Slip is the difference between the speeds of wheel and car. The speed of the car
+   * follows from an axle that rolls freely or, on a flat road, from accel_x. */
   const int has_speed = p->car.driven != 0 || is_rolling_axle(w->rolls) || !(p->prior_sd[GX] > TSE_R(0));
   const int32_t reason = out->reason[TSE_CX_FRONT];
   const int uncertain = reason == TSE_UNCERTAIN || reason == TSE_PARAMETERS_UNCERTAIN;
@@ -261,18 +265,18 @@ void judge_row(const tse_params *p, const tse_kalman *k, const row_class *w, tse
   }
   out->grip_reason = (int32_t)find_reason(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0)))
-    out->grip_reason = TSE_NOT_EXCITED; /* a constant setting */
+    out->grip_reason = TSE_NOT_EXCITED; /* it is a setting and not estimated */
 }
 
-/* Kind of an uncertainty: the mass, the model error, a consider parameter or a state. */
+/* Kinds of uncertainty: the mass, the model error, a consider parameter, a state. */
 enum { OF_MASS, OF_MODEL, OF_CONSIDER, OF_STATE };
 
-/* Kind of an uncertainty, and its place: CONSIDER_INERTIA ..., or a state. */
+/* Kind of an uncertainty, and the index of its consider parameter or state. */
 typedef struct origin {
   int32_t of, at;
 } origin;
 
-/* Return the part of the sd of state i, in its units, by an uncertainty. */
+/* Return the part of the sd of state i [unit] that is due to an uncertainty. */
 static tse_real compute_part(const tse_params *p, const tse_kalman *k, origin o, int i)
 {
   if (i >= STATES) return o.of == OF_MASS ? r_sqrt(p->mass_var) : o.of == OF_MODEL ? MODEL_FLOOR : TSE_R(0);

@@ -1,20 +1,23 @@
-/* filter/plausible.c - test whether the channels agree: wrong units, signs and axles.
+/* filter/plausible.c - test whether the channels agree. It finds wrong units,
+ * signs and axles.
  *
- * Such an error is a factor between two quantities that are equal by physics. Each pair
- * of them is low-passed, and its means, variances and covariance are estimated over
- * USUAL_TIME of driving. Biases are in the means. The factor is the root of the ratio of
- * the variances, with the sign of the covariance. A pair that disagrees is estimated over
- * ROAD_TIME, so that a stretch of road that contradicts, such as ice, is soon forgotten
- * behind it.
+ * Such an error is a factor between two quantities that physics makes equal. Both
+ * quantities of such a pair are low-passed. Their means, variances and covariance are
+ * estimated over USUAL_TIME of driving. Biases go into the means. The factor is the root
+ * of the ratio of the variances, with the sign of the covariance. While a pair disagrees,
+ * it is estimated over ROAD_TIME instead. Data from a road that contradicts the pair,
+ * such as ice, are then soon forgotten after it.
  *
- * A small factor of the speed alone (km/h for rad/s is 3.6 wheel radii, 1.0 .. 1.3) is
- * within the effects of roll and pitch on each pair. Two pairs together show it: it
- * raises v r over accel_y, and the change of the speed over accel_x. Roll, pitch and
- * latency act on both accelerometers and cancel in the ratio. */
+/* A small factor of the speed alone (km/h for rad/s gives 3.6 wheel radii, 1.0 .. 1.3)
+ * cannot be found from one pair, because roll and pitch have effects of the same size. It
+ * is found from two pairs together: a speed that is too large increases both v r over
+ * accel_y and the rate of the speed over accel_x. Roll, pitch and latency act on both
+ * accelerometers alike, and cancel if the two ratios are combined. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* The pairs. faster: speed difference of front and rear wheels over the speed. */
+/* The pairs of quantities. faster: front minus rear wheel speed, over the speed; d, L, K:
+ * steering angle, wheelbase, understeer gradient; r: yaw rate. */
 enum {
   ACROSS,     /* v r and accel_y [m/s2] */
   TURNING_BY, /* v d/(L + K v^2) and yaw_rate [rad/s] */
@@ -23,7 +26,8 @@ enum {
   BY_DRIVE    /* accel_x [m/s2] and faster [1] */
 };
 
-/* Bits of tse_agreement.apart: pairs that disagree, then a channel that comes late. */
+/* Bits of tse_agreement.apart: first the pairs that disagree, then the channel
+ * that is late. */
 enum {
   PAIRS_APART = (1 << TSE_PAIRS) - 1,
   LATE_ACCEL = 1 << TSE_PAIRS,
@@ -31,24 +35,26 @@ enum {
   LATE_STEER = LATE_ACCEL << 2
 };
 
-/* Places of the low-passed values: accel_y, v r, accel_x, speed, yaw rate, and the yaw
- * rate by the steering angle. */
+/* Indices of the low-passed values: accel_y, v r, accel_x, speed, yaw rate, and the yaw
+ * rate expected from the steering angle. */
 enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 
-/* Return the variance of the first quantity of a pair that the second must explain.
- * accel_x also holds gravity along the road: up to 3 sd of the grade are subtracted, down
- * to the variance of the second. */
+/* Return the part of the variance of the first quantity of a pair that the second
+ * quantity should also have. accel_x also measures gravity along the road: (3 sd of
+ * the grade)^2 is subtracted from its variance, but not more than down to that of
+ * the second quantity. */
 static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int which)
 {
   const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
   return r_max(q->var[0] - road, r_min(q->var[0], q->var[1]));
 }
 
-/* Min excitation of each pair, variance times seconds. */
+/* Min excitation of each pair: its variance times seconds. */
 static const tse_real min_excitation[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
 
-/* Return whether the excitation of a pair is large enough for a decision. The variance of
- * a pair that is apart counts over USUAL_TIME, as that of others does. */
+/* Return whether the excitation of a pair, its variance times its time, is large enough
+ * for a decision. While a pair is apart, its variance counts as if it were estimated over
+ * USUAL_TIME, as for the other pairs. */
 static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 {
   const int may_have_factor = which == ACROSS || which == TURNING_BY || which == ALONG;
@@ -57,14 +63,14 @@ static int is_shown(const tse_pair *q, int which, tse_real first, int apart)
 }
 
 /* Return the squared correlation of a pair.
- *   Given:  first  variance of the first, from compute_explainable() */
+ *   Given:  first  variance of its first quantity, from compute_explainable() */
 static tse_real compute_squared_correlation(const tse_pair *q, tse_real first)
 {
   return r_mul(r_div(q->both, r_max(first, MIN_VARIANCE)), r_div(q->both, r_max(q->var[1], MIN_VARIANCE)));
 }
 
 /* Return whether the quantities of a pair disagree.
- *   Given:  driven  0: both axles, or unknown; 1: front; 2: rear */
+ *   Given:  driven  driven axle: 1 front, 2 rear, 0 both or unknown */
 static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven)
 {
   const tse_real x = r_max(first, MIN_VARIANCE), y = r_max(q->var[1], MIN_VARIANCE);
@@ -77,11 +83,11 @@ static int is_apart(const tse_pair *q, int which, tse_real first, int32_t driven
 }
 
 /* Update means, variances and covariance of a pair with the sample (x, y). A deviation
- * beyond 3 sd counts as 3 sd: a burst of wrong numbers weighs by its time only, and a
- * wrong unit is soon in the variance.
+ * from the mean counts as at most 3 sd. A short burst of wrong values thus has little
+ * effect, but a wrong unit soon increases the variance.
  *   Given:     memory     [s] of the estimates
- *              least      min variance of a deviation
- *   Returned:  deviation  of both from their means, limited */
+ *              least      min variance, for the limit of 3 sd
+ *   Returned:  deviation  of x and y from their means, limited */
 static void update_pair(
     tse_pair *q, tse_real x, tse_real y, tse_real dt, tse_real memory, tse_real least, tse_real deviation[2])
 {
@@ -108,9 +114,11 @@ static tse_real compute_factor(const tse_pair *q)
   return q->both < TSE_R(0) ? -size : size;
 }
 
-/* Update the sums by which the scale of the speed is found: square and product of a pair
- * that agrees, over SCALE_TIME of driving. Effects that lead by a quarter of a period
- * cancel: slip against the speed, and the rate of the lateral speed in a fast sweep. */
+/* Update the sums from which the scale of the speed is computed, over SCALE_TIME of
+ * driving: square of the first quantity of a pair, and its product with the second.
+ * A pair that disagrees does not contribute. Effects that lead by a quarter of a
+ * period cancel in the product: slip in the speed, and the rate of the lateral speed
+ * in a fast sweep. */
 static void update_scale(tse_agreement *a, int which, const tse_real deviation[2], tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -121,8 +129,9 @@ static void update_scale(tse_agreement *a, int which, const tse_real deviation[2
   sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(deviation[0], deviation[1])), TSE_R(0));
 }
 
-/* Return the squared factor of the speed by the wheels: ratio of the rate of the speed to
- * accel_x, over ratio of accel_y to v r. Return 0 if the drive has not shown it. */
+/* Return the squared factor of the speed from the wheels: the ratio of rate of the
+ * speed to accel_x, over the ratio of accel_y to v r. Return 0 if the excitation is
+ * not large enough. */
 static tse_real compute_scale(const tse_agreement *a)
 {
   const tse_real *const across = a->moved[0], *const along = a->moved[1];
@@ -130,15 +139,16 @@ static tse_real compute_scale(const tse_agreement *a)
   return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], MIN_VARIANCE)));
 }
 
-/* Return the same from the variances alone, which hold noise and slopes. */
+/* Return the same factor from the variances, which noise and road slopes
+ * also increase. */
 static tse_real compute_rough_scale(const tse_pair *across, const tse_pair *along, tse_real first)
 {
   return r_sqrt(r_mul(r_div(across->var[0], r_max(across->var[1], MIN_VARIANCE)),
       r_div(along->var[1], r_max(first, MIN_VARIANCE))));
 }
 
-/* Return whether the speed is off by a factor that noise and slopes cannot make: their
- * part of the variance is limited by the correlation of each pair. */
+/* Return whether the speed is wrong by a factor that noise and road slopes cannot cause:
+ * the correlation of each pair limits their part of the variance. */
 static int is_far_off(const tse_params *p, const tse_agreement *a)
 {
   const tse_pair *const across = &a->pair[ACROSS], *const along = &a->pair[ALONG];
@@ -153,10 +163,12 @@ static int is_far_off(const tse_params *p, const tse_agreement *a)
 
 static tse_real invert_factor(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
 
-/* Update a timing with a row. For y = g x - late x', the sums of (x y' - y x')/2 and
- * of x'^2 late are equal, for any factor g.
- *   Given:  x, y   of the row before and of this row
- *           slope  rate of x [per second] */
+/* Update the regression for a latency with a row. If y = g x - T x', that is x with a
+ * factor and a latency, the sum of (x y' - y x')/2 is T times the sum of x'^2,
+ * whatever g is.
+ *   Given:  x, y   values in the previous row and in this row
+ *           slope  rate of x [per second]
+ *           keep   share of the sums that is kept */
 static void update_timing(
     tse_timing *t, const tse_real x[2], const tse_real y[2], tse_real slope, tse_real keep, tse_real dt)
 {
@@ -165,8 +177,9 @@ static void update_timing(
   t->late = r_clamp(r_mul(keep, t->late) + r_mul(TSE_R(0.5), turned), -MAX_INFO, MAX_INFO);
 }
 
-/* Return the max relative loss of rear stiffness to nominal: SOFTER, and on an accepted
- * road of less grip also its loss. */
+/* Return the max plausible excess of the nominal over the true rear stiffness,
+ * relative to the true one: SOFTER and, if a road of less grip was accepted, what
+ * this road adds. */
 static tse_real compute_softening(const tse_kalman *k)
 {
   const tse_real lost = k->change_from[TSE_CY_REAR] - k->x[LCR];
@@ -174,11 +187,12 @@ static tse_real compute_softening(const tse_kalman *k)
   return SOFTER + compute_exponential(r_min(lost, TSE_R(1))) - TSE_R(1);
 }
 
-/* Update the latencies of accel_y behind the turn of the car, and of yaw_rate behind the
- * steering angle. All is in m/s2: yaw rates times the speed.
+/* Update the latencies of accel_y behind the yaw motion, and of yaw_rate behind the
+ * steering angle. All quantities are in m/s2: yaw rates are multiplied by the speed v. At
+ * the centre of gravity, with nominal rear tyres,
  *   a_y = v r + v_y',  v_y = (l_r - T v) r,  T = v l_f/(L C_r/m)
- * at the centre of gravity, of a car with nominal rear tyres.
- *   Given:  was  low-passed values of the row before */
+ * where r is the yaw rate, L the wheelbase and C_r the rear cornering stiffness.
+ *   Given:  was  low-passed values of the previous row */
 static void update_timings(const tse_params *p, tse_kalman *k, const tse_real was[6], tse_real dt)
 {
   tse_agreement *const a = &k->agreement;
@@ -192,8 +206,8 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
   const tse_real arm = c->lr + c->lever_x - r_mul(v, slip_time);
   const tse_real asked[2] = { r_mul(v, was[TURN_ASKED]), r_mul(v, s[TURN_ASKED]) };
   const tse_real turns[2] = { r_mul(v, was[TURN] - gyro_bias), r_mul(v, s[TURN] - gyro_bias) };
-  const tse_real beside = a->pair[ACROSS].mean[1] - a->pair[ACROSS].mean[0];
-  const tse_real side[2] = { was[SIDE] - beside, s[SIDE] - beside };
+  const tse_real offset = a->pair[ACROSS].mean[1] - a->pair[ACROSS].mean[0];
+  const tse_real side[2] = { was[SIDE] - offset, s[SIDE] - offset };
   const tse_real across[2] = { was[SIDE_ASKED], s[SIDE_ASKED] };
   const tse_real jerk = r_mul(across[1] - across[0], rate);
   const tse_real steered = r_mul(asked[1] - asked[0], rate);
@@ -205,11 +219,11 @@ static void update_timings(const tse_params *p, tse_kalman *k, const tse_real wa
   a->lags = r_mul(keep, a->lags) + r_mul(dt, r_mul(r_sqr(jerk), lag));
 }
 
-/* Return the bit of the channel that comes late: accel_y, yaw_rate or the steering
- * angle; or 0. Each latency is taken times the excitation that shows it. Its sd falls
- * with the root of the excitation. Soft tyres, and an IMU behind the centre of
- * gravity, delay accel_y, too. The yaw rate of every car is behind the steering angle,
- * and never ahead. */
+/* Return the bit of the channel that is late: accel_y, yaw_rate or the steering angle.
+ * Return 0 if none is. `late` and `behind` are latencies times the excitation that shows
+ * them. The sd of a latency decreases with the root of this excitation. Soft tyres, or an
+ * IMU behind the centre of gravity, also delay accel_y. In every car the yaw rate follows
+ * the steering angle. */
 static int find_late_channel(const tse_params *p, const tse_agreement *a)
 {
   const tse_real late = a->across.late;
@@ -228,11 +242,11 @@ static int find_late_channel(const tse_params *p, const tse_agreement *a)
   return -late > r_mul(YAW_LATE, square) + sd && both > r_mul(YAW_LATE_TWICE, square) + sd ? LATE_YAW : 0;
 }
 
-/* Update the latencies with a row if enough rows before it were complete, and find the
- * channel that comes late.
- *   Given:  was  low-passed values of the row before
+/* Update the latencies with a row, if all channels have been present for COMPLETE_TIME,
+ * and find the channel that is late.
+ *   Given:  was  low-passed values of the previous row
  *           has  bits of the channels that are present
- *           dt   0: there is no row before */
+ *           dt   time since the previous row; 0 if there is none */
 static void watch_latencies(
     const tse_params *p, tse_kalman *k, const tse_real was[6], uint32_t has, tse_real dt)
 {
@@ -250,7 +264,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   const tse_agreement *const a = &k->agreement;
   const tse_pair *const going = &a->pair[ALONG];
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1;
-  /* where another pair is apart, a difference in accel_x is not the road */
+  /* if another pair disagrees, a difference between accel_x and speed is not due
+   * to the road */
   const int also = compute_factor(going) != TSE_R(0) && is_apart(going, ALONG, going->var[0], 0);
   const int along = ((a->apart >> ALONG) & 1) || also;
   *factor = TSE_R(0);
@@ -265,7 +280,7 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   }
   const tse_real gained = along ? compute_factor(going) : TSE_R(0);
   const int is_speed = across && gained < MAX_SPEED_FACTOR && gained > MIN_SPEED_FACTOR;
-  if (along && (turning || is_speed)) { /* both pairs contain the speed */
+  if (along && (turning || is_speed)) { /* what the pairs have in common is the speed */
     *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
@@ -284,8 +299,9 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
   return 1 + (int32_t)TSE_CHANNEL_accel_x;
 }
 
-/* Compute the values that the pairs are made of, in the order of the low-passed values.
- *   Given:  x  channels      speed  of the car */
+/* Compute the values of which the pairs consist, in the order SIDE ...
+ *   Given:  x      channels
+ *         speed  of the car [m/s] */
 static void compute_values(
     const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
 {
@@ -302,7 +318,7 @@ static void compute_values(
       r_max(wheelbase + r_mul(understeer, square), r_mul(MIN_WHEELBASE, wheelbase)));
 }
 
-/* Update a pair with the sample (x, y), and decide whether it disagrees. */
+/* Update a pair with the sample (x, y), and decide whether its quantities disagree. */
 static void compare_pair(
     const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
 {
@@ -317,8 +333,8 @@ static void compare_pair(
   if (which == ACROSS || which == ALONG) update_scale(a, which, deviation, dt);
 }
 
-/* Read the channels.
- *   Returned:  bits of those that are present and in their range; x  0 for the others */
+/* Read the channels of a row.
+ *   Returned:  bits of the channels that are present and in range; x, 0 for the others */
 static uint32_t read_channels(const tse_input *u, tse_real x[TSE_CHANNELS])
 {
   uint32_t has = 0;
@@ -344,7 +360,7 @@ void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse
                  rear = r_mul(p->radius_rear, x[TSE_CHANNEL_wheel_speed_rear]);
   const tse_real speed = r_mul(both ? TSE_R(0.5) : TSE_R(1), front + rear);
   dt = r_min(a->since + dt, MAX_TIME);
-  a->since = wheels ? TSE_R(0) : dt; /* wheel speeds may come in every third row only */
+  a->since = wheels ? TSE_R(0) : dt; /* adds up over rows without a wheel speed */
   if (!wheels || !(speed > p->hold_speed)) return;
   compute_values(p, x, speed, value);
   const int starts = dt > MAX_SMOOTH_DT || !(a->smooth[SPEED] > TSE_R(0));
@@ -352,18 +368,18 @@ void check_agreement(const tse_params *p, tse_kalman *k, const tse_input *u, tse
   memcpy(was, a->smooth, sizeof was);
   const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
-  /* A missing channel leaves its value as it is, so that a slow channel is not
-   * attenuated. */
+  /* A missing channel leaves its low-passed value unchanged. A channel at a lower rate is
+   * then attenuated no more than the others. */
   for (int i = 0; i < 6; i++)
     if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
   watch_latencies(p, k, was, has, starts ? TSE_R(0) : dt);
-  /* restarts with the low-passed rate of the speed */
+  /* after a gap accel_x restarts at 0, as the low-passed rate of the speed does */
   if (dt > MAX_SMOOTH_DT) a->smooth[GAINED] = TSE_R(0);
   if (starts) return;
   const tse_real *const s = a->smooth;
   const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)),
                  bend = r_clamp(r_div(r_mul(p->car.lf + p->car.lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
-  const tse_real ahead = r_mul(TSE_R(0.5), r_sqr(bend)); /* relative speed excess of the front wheels */
+  const tse_real ahead = r_mul(TSE_R(0.5), r_sqr(bend)); /* expected value of `faster` in a bend */
   const struct {
     tse_real x, y;
     int counts;

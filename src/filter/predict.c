@@ -3,7 +3,7 @@
 
 void compute_signal_shares(const tse_kalman *k, tse_real share[3])
 {
-  static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } }; /* states of each stiffness */
+  static const int slip_states[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } }; /* slips of each stiffness */
   for (int a = HAS_SLIP ? 0 : 1; a < 3; a++) {
     tse_real signal = TSE_R(0), error = MIN_SLIP_VAR;
     for (int n = 0; n < 2 && slip_states[a][n] >= 0; n++) {
@@ -14,7 +14,8 @@ void compute_signal_shares(const tse_kalman *k, tse_real share[3])
   }
 }
 
-/* Return the angle of the wheels through this row, behind the lags of the steering. */
+/* Return the angle of the front wheels through this row, after the lags of
+ * the steering. */
 static steering apply_steering_lag(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_real was = k->steer[2];
@@ -25,7 +26,8 @@ static steering apply_steering_lag(const tse_params *p, tse_kalman *k, const dec
 }
 
 /* Propagate state i as an Ornstein-Uhlenbeck process about 0: multiply x, its row and
- * column of the covariance and its sensitivities by `left`. Add (1 - left^2) sd^2. */
+ * column of the covariance, and its sensitivities by `left`, and add (1 - left^2) sd^2
+ * to its variance. */
 static void fade_state(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
@@ -37,14 +39,13 @@ static void fade_state(tse_kalman *k, int i, tse_real left, tse_real sd)
 static const int gravity[2] = { GX, GY };
 
 /* Return the mean of gravity along (i = 0) or across (i = 1) the road: as given in the
- * row, else the setting. */
+ * row, otherwise that of the settings. */
 static tse_real get_road_mean(const tse_params *p, const tse_kalman *k, int i)
 {
   return k->road_given >> i & 1 ? k->road[i] : p->prior[gravity[i]];
 }
 
-/* Return the sd of gravity about its mean. That of a given road is at most that of the
- * setting. */
+/* Return the sd of gravity about its mean. On a given road it is at most road_sd. */
 static tse_real get_road_sd(const tse_params *p, const tse_kalman *k, int i)
 {
   const tse_real sd = p->prior_sd[gravity[i]];
@@ -55,11 +56,11 @@ void update_road(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int given = (z->given & TSE_GIVEN_grade ? 1 : 0) | (z->given & TSE_GIVEN_bank ? 2 : 0);
   if (!(given | k->road_given)) return;
-  const int changes = given ^ k->road_given; /* a given road begins or ends: the state before is not of it */
+  const int changes = given ^ k->road_given; /* bits of the angles that begin or cease to be given */
   for (int i = 0; i < 2; i++) {
     const int at = gravity[i];
     const tse_real before = get_road_mean(p, k, i);
-    /* an angle that is missing is 0 */
+    /* if the row gives no angle, `optional` is 0 */
     k->road[i] = gravity_along(i ? -z->optional[TSE_OPTIONAL_bank] : z->optional[TSE_OPTIONAL_grade]);
     k->road_given = (k->road_given & ~(1 << i)) | (given & 1 << i);
     k->x[at] += get_road_mean(p, k, i) - before;
@@ -83,8 +84,8 @@ static void propagate_gravity(const tse_params *p, tse_kalman *k, int i, tse_rea
   k->x[at] += mean;
 }
 
-/* Add the process noise of a random walk for dt to state i. A stiffness also receives the
- * variance that its steps have added since (apply_correction()). */
+/* Add the process noise of a random walk over dt to state i. For a stiffness also add the
+ * variance that apply_correction() has collected since the last call. */
 static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
 {
   const int a = i == LCX ? 0 : i == LCF || i == LCR ? 1 + i - LCF : -1;
@@ -99,9 +100,10 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* A rank-one change of the covariance is slow. So in each row one slow state, in turn,
- * receives the process noise since its last one, and each state that is due. TSE_SMALL has
- * few slow states, and all of them receive it in each row. */
+/* Each row adds process noise to one slow state, in turn, and to those whose last noise
+ * is WALK_TIME or WANDER_TIME ago. Each receives the noise of the time since then. All of
+ * them in each row would take too long, because each is a rank-one change of the
+ * covariance. TSE_SMALL has few slow states, and all receive their noise in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
@@ -117,8 +119,8 @@ void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
   k->change_age = k->change_kind ? r_min(k->change_age + dt, MAX_TIME) : TSE_R(0);
 }
 
-/* Move the state through the row. A given bank is the whole bank: LEAN, the share by
- * which roads lean into their curves, is 0 then.
+/* Propagate the state through the row. If the row gives the bank, it is the whole bank:
+ * LEAN, the superelevation in curves, is then taken as 0.
  *   Updated:   k->x
  *   Returned:  M  as in car_move() */
 static void move_motion(
@@ -132,12 +134,12 @@ static void move_motion(
   for (int i = 0; has_bank && i < MOTION; i++) M[i][LEAN] = r_short(TSE_R(0));
 }
 
-/* Scale the transition to units of the state. Multiply its slopes over a stiffness by
- * compute_signal_shares(), and set to 0 those over slip and slip stiffness that the row
- * does not show.
- *   Given:    share  of compute_signal_shares()
- *             z      no_slip: the slip stiffness does not act on v_x; no_second: nor
- *                    does any slip
+/* Scale the transition to units of the state. Multiply its partial derivatives with
+ * respect to a stiffness by compute_signal_shares(). Set to 0 those with respect to slip
+ * and slip stiffness in rows that hold no information on them.
+ *   Given:    share  from compute_signal_shares()
+ *             z      if no_slip: v_x does not depend on the slip stiffness; if no_second:
+ *                    no state depends on slips and slip stiffness
  *   Updated:  M */
 static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3], const decoded *z)
 {
@@ -159,9 +161,9 @@ static void scale_transition(tse_short M[MOTION][PLACES], const tse_real share[3
   }
 }
 
-/* Set the slip of each axle to that of the force that accel_x measures: at the driven
- * axle, or at both if they brake or the driven axle is unknown. Without accel_x the slip
- * is 0. Wheels that slide are not detected. */
+/* Compute the slip of each axle from the force that accel_x measures. The force acts at
+ * the driven axle, or at both axles if they brake or the driven axle is unknown. Without
+ * accel_x the force is 0. Wheels that slide are not detected. */
 static void set_slip_by_force(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;

@@ -1,10 +1,11 @@
-/* filter/row.c - decode a log row to a checked sample. */
+/* filter/row.c - check a log row and convert it to `decoded`. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
-/* Return the freely rolling axle by brake switch and wheel torques. It is the undriven
- * axle, unless these show that it brakes. Where both axles are driven it is one without
- * torque while the other has torque, because a brake switch alone does not show it. */
+/* Return the freely rolling axle according to brake switch and wheel torques. It is the
+ * undriven axle, unless brake switch or torque show that this axle brakes. If both axles
+ * are driven, it is an axle without torque while the other axle has torque. The brake
+ * switch alone cannot show this. */
 static int32_t find_free_axle(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = find_undriven_axle(&p->car);
@@ -28,20 +29,20 @@ static int is_equal(tse_real front, tse_real rear)
   return r_abs(front - rear) <= r_mul(SAME_SPEED, r_abs(rear));
 }
 
-/* Return whether two wheel speeds are one signal: equal, or in their previous ratio, that
- * of rounded radii. */
+/* Return whether two wheel speeds may be copies of one signal: they are equal or, because
+ * the wheel radii are rounded, in the same ratio as before. */
 static int is_same(const tse_filter *f, tse_real front, tse_real rear)
 {
   const tse_real off = r_abs(front - r_mul(f->ratio, rear));
   return is_equal(front, rear) || (f->ratio > TSE_R(0) && off <= r_mul(SAME_RATIO, r_abs(rear)));
 }
 
-/* Find whether the columns of both axles are one signal. Of one signal, the column that
- * lags or repeats changes only to the present or previous value of the other column. Two
- * signals both change to values of their own. Where one column is missing for long and no
- * velocity is measured, there is no second speed either.
- *   Updated:  z  one_speed, no_second, equal, same, off. Of one signal the newer value is
- *             that of the rear axle, and the front axle is not used */
+/* Find whether the columns of both axles are copies of one signal. If they are, the copy
+ * that lags or repeats only takes values that the other column has or had in the previous
+ * row. If the columns are two signals, both take values of their own. If one column is
+ * missing for long and no velocity is measured, there is no second speed either.
+ *   Updated:  z  one_speed, no_second, equal, same, off. Of one signal, the rear axle
+ *           receives the newer value and the front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
 {
   const tse_real front = z->axle[0], rear = z->axle[1];
@@ -95,8 +96,8 @@ tse_status decode_row(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= ok ? 1u << k : 0u;
   }
   find_one_speed(p, f, z);
-  /* Where no axle shows the speed, slip is the integral of accel_x, which holds the
-   * grade. */
+  /* If no axle measures the speed, slip follows from the integral of accel_x only, which
+   * contains the grade. */
   z->rolls = z->given & TSE_GIVEN_PEDALS ? find_free_axle(p, z) : ROLLS_UNKNOWN;
   const int no_speed = z->rolls == ROLLS_NONE
       || (p->car.driven == 0 && z->rolls == ROLLS_UNKNOWN && !(z->given & TSE_GIVEN_VELOCITIES));

@@ -1,9 +1,12 @@
-/* filter/scalar.c - update of the filter with one scalar measurement: gain of Schmidt
- * (1966), heavy tails.
+/* filter/scalar.c - update of the filter with one scalar measurement. The gain is that of
+ * Schmidt (1966), limited for large innovations (heavy tails).
  *
- * Consider parameters count in the gain and are not estimated. With A = U D U' the
- * covariance if they were known, and V the sensitivities of the state to them:
- *   y = V' h + slopes over them, per sd          shift of the innovation
+ * Consider parameters are uncertain parameters that are not estimated. They count in the
+ * gain. With h the partial derivatives of the measurement with respect to the state, r
+ * its noise variance, A = U D U' the covariance if the parameters were known, and V the
+ * sensitivities of the state to the parameters:
+ *   y = V' h + partial derivatives with respect to the parameters, per sd
+ *                                                shift of the innovation
  *   S = h' A h + y' y + r                        variance of the innovation
  *   K = (A h + V y)/S                            gain
  *   A: update with its own optimal gain K0 = A h/(h' A h + r), then add
@@ -11,12 +14,13 @@
  *   V = V - K y' */
 #include "filter/filter.h"
 
-/* Update and return the mean over USUAL_TIME of the squared low-passed innovation over
- * its predicted variance, at least 1. It inflates S in event tests, so that a constant
- * model error does not look like an event.
- *   Given:    e, s  innovation and its variance
- *   Updated:  k->slow, slow_var, usual  low-passed innovation, its predicted variance,
- *             the mean */
+/* Update and return the usual ratio of the squared low-passed innovation to its predicted
+ * variance: its mean over USUAL_TIME, at least 1. S is multiplied by it in event tests,
+ * so that a constant model error does not look like an event.
+ *   Given:    e, s      innovation and its variance
+ *   Updated:  k->slow   low-passed innovation
+ *             slow_var  its predicted variance
+ *             usual     the ratio */
 static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
   const tse_real g = r_div(dt, dt + MODEL_TIME);
@@ -30,11 +34,11 @@ static tse_real update_usual(tse_kalman *k, int c, tse_real e, tse_real s, tse_r
   return k->usual[c];
 }
 
-/* Number of consider parameters that are processed at once. */
+/* Number of consider parameters that are processed in one loop. */
 enum { TOGETHER = R_TOGETHER(TSE_CONSIDERED) };
 
 /* Compute y, the shift of an innovation per sd of each consider parameter.
- *   Given:  own  slopes of the measurement over the parameters */
+ *   Given:  own  partial derivatives of the measurement with respect to the parameters */
 static void compute_shifts(
     const tse_kalman *k, const tse_real own[TSE_CONSIDERED], const r_sparse *h, tse_real y[TSE_CONSIDERED])
 {
@@ -59,9 +63,11 @@ static void correct_shifts(tse_kalman *k, const tse_real y[TSE_CONSIDERED], cons
   }
 }
 
-/* Correct the gain to that of Schmidt: K = (A h + V y)/S, and the covariance for it.
- *   Given:    y, S, S0  as above, S0 = h' A h + r      dgain  work space
- *   Updated:  gain      K0, then K */
+/* Change the gain from K0 to that of Schmidt, K = (A h + V y)/S, and the
+ * covariance with it.
+ *   Given:    y, S, S0  as above, S0 = h' A h + r
+ *             dgain     work space
+ *   Updated:  gain      in: K0, out: K */
 static void correct_gain(tse_kalman *k, const tse_real y[TSE_CONSIDERED], tse_real S, tse_real S0,
     tse_real gain[TSE_ALL], tse_real dgain[TSE_ALL])
 {
@@ -90,7 +96,7 @@ tse_real use_scalar(
   tse_real consider_var = TSE_R(0);
   for (int q = 0; q < TSE_CONSIDERED; q++) consider_var += r_mul(y[q], y[q]);
   *state = h_A_h + consider_var;
-  const tse_real r = r_max(m->r, r_div(e_squared, TAIL) - *state); /* beyond 3 sd the gain shrinks */
+  const tse_real r = r_max(m->r, r_div(e_squared, TAIL) - *state); /* beyond 3 sd reduce the gain */
   const tse_real S = *state + r;
   ud_correct(&k->ud, f, v, h_A_h, r, gain);
   if (consider_var > r_mul(NEGLIGIBLE, S)) correct_gain(k, y, S, h_A_h + r, gain, f);

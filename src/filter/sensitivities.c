@@ -21,7 +21,7 @@ void sensitivities_fade(tse_kalman *k, int i, tse_real left)
   for (int n = 0; n < TSE_EVENTS; n++) fade_element(&k->event[n].v[i], left);
 }
 
-/* Number of sensitivities that are propagated at once. */
+/* Number of sensitivities that are propagated in one loop. */
 enum { MOVED = R_TOGETHER(3) };
 
 /* Multiply MOVED sensitivities by the transition M. */
@@ -46,8 +46,8 @@ void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][
   }
   for (int q = 0; q < TSE_CONSIDERED; q++)
     if (p->uncertain[q] > TSE_R(0)) v[count++] = k->consider[q];
-  /* Fill the last group with copies of the last one: each is computed from the old
-   * values. */
+  /* Fill the last group with copies of the last sensitivity. move_together() computes
+   * each of them from the old values, so that a copy changes nothing. */
   for (int b = 0; b < MOVED && count; b++) v[count + b] = v[count - 1];
   for (int n = 0; n < count; n += MOVED) move_together(&v[n], M);
   for (int q = 0; q < COLUMNS - STATES; q++)

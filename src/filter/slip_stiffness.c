@@ -1,6 +1,7 @@
-/* filter/slip_stiffness.c - the slip stiffness itself. LCX is its logarithm plus a
- * constant model error along the car of sd B (pitch, rolling radii, tyre curve).
- * along_share() separates both by prior variance P and variance V of LCX. */
+/* filter/slip_stiffness.c - slip stiffness without model error. The state LCX is the
+ * logarithm of the slip stiffness plus a model error along the car, which is constant
+ * with sd B (pitch, rolling radii, tyre curve). along_share() separates the two by the
+ * prior variance P of the slip stiffness and the present variance V of LCX. */
 #include "filter/filter.h"
 
 void along_start(tse_kalman *k, tse_real var)

@@ -29,13 +29,12 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const int rear = z->use[WHEEL_REAR] && (find_undriven_axle(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
   const int axle = rear ? WHEEL_REAR : WHEEL_FRONT;
   const int has_gyro = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
-  /* speed of the car over that of the wheel: cos(steer) of a front wheel, to second
-   * order */
+  /* speed of the car over that of a front wheel: cos(steer), to second order */
   const tse_real cos_d = r_max(TSE_R(1) - r_mul(TSE_R(0.5), r_sqr(z->steer)), TSE_R(0.5));
   const tse_real v = z->use[axle] ? r_mul(rear ? TSE_R(1) : cos_d, z->z[axle]) : x[VX];
   const tse_real r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
-  /* slip angles of a steady turn: each axle carries its share of the lateral
-   * acceleration */
+  /* slip angles as in a steady turn, in which each axle carries its share of
+   * the lateral acceleration */
   const tse_real across = r_mul(v, r);
   const tse_real wheelbase = c->lf + c->lr;
   const tse_real y_front = r_mul(across, r_div(c->lr, wheelbase));
@@ -51,7 +50,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[PHI] = r_mul(c->roll_gain, across);
   /* clang-format off */
   const tse_real sd[] = { /* in the order of the states; PHI and later ones are not in TSE_SMALL */
-    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX: slip of the wheel */
+    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                            /* VX, because of slip */
     TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                                  /* VY */
     (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), /* YAW */
     TSE_R(0.01) + r_abs(x[AF]),                                           /* AF */

@@ -1,25 +1,26 @@
-/* filter/step.c - a row of the default filter: start here.
+/* filter/step.c - process a row with the default filter: start reading here. The files:
  *
  *   row.c             decode a log row
  *   start.c           initial state: the prior, and the motion from the sensors
- *   backwards.c       whether the car rolls backwards
- *   predict.c         prediction to the time of the row (model/car.c: forces, motion and
- *                     sensors of the car; ud.c: the covariance)
- *   update.c          measurements of the row, one after the other
- *   velocity.c        ... and measured velocities
- *   scalar.c          update with one measurement
- *   events.c          hypotheses of what has happened: their table, and their posterior
- *   faults.c          channels that are frozen or at fault
+ *   backwards.c       find whether the car rolls backwards
+ *   predict.c         predict to the time of the row (model/car.c: forces, motion and
+ *                   sensors of the car; ud.c: the covariance)
+ *   update.c          update with the sensors of the row, one after the other
+ *   velocity.c        update with measured velocities
+ *   scalar.c          update with one scalar measurement
+ *   events.c          hypotheses of what may have happened: their kinds and probabilities
+ *   faults.c          find channels that are frozen, or no longer at fault
  *   sensitivities.c   sensitivities of the state to events and consider parameters
  *   slip_stiffness.c  slip stiffness without the model error along the car
- *   plausible.c       whether the channels agree: wrong units, signs, axles
+ *   plausible.c       test whether the channels agree: wrong units, signs, axles
  *   output.c          estimates, and whether they are valid */
 #include "filter/filter.h"
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether all wheel speeds have risen faster than a car can accelerate, as after
- * zeros or by an outlier. They may fall as fast: wheels lock. */
+/* Return whether all wheel speeds have increased faster than a car can accelerate,
+ * as after zeros in a log or by an outlier. A fast decrease is possible, because
+ * wheels may lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real max_rise = p->hold_speed + r_mul(JUMP_RATE, z->dt);
@@ -34,7 +35,8 @@ static tse_real get_axle_speed(const decoded *z, int axle)
   return z->z[z->use[axle] ? axle : WHEEL_FRONT + WHEEL_REAR - axle];
 }
 
-/* Return the larger absolute axle speed, or |v_x| of the state when both are missing. */
+/* Return the larger magnitude of the axle speeds, or |v_x| of the state if
+ * both are missing. */
 static tse_real compute_speed(const tse_filter *f, const decoded *z)
 {
   return has_wheel_speed(z)
@@ -42,9 +44,9 @@ static tse_real compute_speed(const tse_filter *f, const decoded *z)
       : r_abs(f->k.x[VX]);
 }
 
-/* Keep the wheel speeds for the next row, and update the evidence that they are one
- * signal. Columns that agree, or of which one is missing, may be one signal again
- * later. */
+/* Store the wheel speeds for the next row, and update the evidence whether they are
+ * copies of one signal. If two columns agree, or one of them is missing, they may be
+ * taken for one signal again after some time. */
 static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int has[2] = { z->use[WHEEL_FRONT] || z->one_speed, z->use[WHEEL_REAR] }, both = has[0] && has[1];
@@ -61,18 +63,20 @@ static void keep_speeds(const tse_params *p, tse_filter *f, const decoded *z)
   if (has[1]) f->v_rear = z->axle[1];
 }
 
-/* Update the number of recent gaps, with the memory USUAL_TIME. */
+/* Update the number of recent gaps. It decays with the time constant USUAL_TIME. */
 static void count_gaps(tse_filter *f, int gap, tse_real dt)
 {
   const tse_real left = r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0));
   f->gaps = gap ? r_min(f->gaps + TSE_R(1), MAX_SINCE) : r_mul(f->gaps, left);
 }
 
-/* Advance the timers [s]: held_for since a row with a steering angle, rolled_for since
- * one with a wheel speed, still_for since the wheels have stopped, off_for until wheel
- * speeds that differed may be one signal again. The motion is lost when held_for or
- * rolled_for is too long, and until a row has both again. Keep the wheel speeds for the
- * next row. */
+/* Advance the timers [s], and store the wheel speeds for the next row:
+ *   held_for    since the last row with a steering angle
+ *   rolled_for  since the last row with a wheel speed
+ *   still_for   since the wheels have stopped
+ *   off_for     until wheel speeds that have differed may be one signal again
+ * If held_for or rolled_for becomes too long, the motion is lost, until a row has both
+ * steering angle and wheel speed again. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
@@ -84,8 +88,8 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
 }
 
 /* Classify the row.
- *   Given:    f    with its timers at this row
- *             gap  1: the motion cannot be followed to this row
+ *   Given:    f    with timers that include this row
+ *           gap  1: the motion cannot be predicted from the previous row to this one
  *   Updated:  f->way */
 static row_class classify_row(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
@@ -101,7 +105,7 @@ static row_class classify_row(const tse_params *p, tse_filter *f, const decoded 
   return w;
 }
 
-/* Return whether all numbers of tse_agreement before `apart` are finite. */
+/* Return whether all real numbers of tse_agreement, those before `apart`, are finite. */
 static int is_agreement_finite(const tse_agreement *a)
 {
   int fine = 1;
@@ -124,8 +128,8 @@ static int is_state_finite(const tse_kalman *k)
   return fine;
 }
 
-/* Return whether a number of the filter's rows (number/vector.h) is near saturation in
- * fixed point. */
+/* Return whether a vector of the filter has an element near saturation (fixed
+ * point only; number/vector.h). */
 static int is_near_saturation(const tse_kalman *k)
 {
   int near = r_near_end(k->ud.u, STATES * (STATES - 1) / 2);
@@ -136,7 +140,8 @@ static int is_near_saturation(const tse_kalman *k)
   return near;
 }
 
-/* Return the most severe caution of the row, which is the largest code. */
+/* Return the most severe caution that applies to the row: the one with the
+ * largest code. */
 static tse_status find_status(
     const tse_filter *f, const decoded *z, const row_class *w, const tse_output *out)
 {
@@ -157,10 +162,10 @@ static tse_status find_status(
   return status;
 }
 
-/* Process a row without predicting the motion. Clear the innovations and predict the slow
- * states. Initialise the motion from wheels and gyro unless it is lost, and update the
- * gyro bias at standstill. Before the filter has started nothing is predicted, and the
- * motion is initialised in each row. */
+/* Process a row to which the motion is not predicted. Predict only the slow states,
+ * initialise the motion from wheels and gyro unless it is lost, and update the gyro bias
+ * at standstill. Until the filter has started, each row initialises the motion and
+ * nothing is predicted. */
 static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -173,10 +178,10 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Return whether each variance of the motion is below a limit, by its element of D.
- * Unrealistic settings can make the motion diverge within a substep, and an unstable car
- * without measurements diverges. The variance passes the limit long before a number
- * overflows. */
+/* Return whether all variances of the motion, given by their elements of D, are below
+ * MAX_D. With unrealistic settings the motion can diverge within a substep, and that of
+ * an unstable car diverges without measurements. Its variance exceeds the limit long
+ * before a number overflows. */
 static int is_motion_known(const tse_kalman *k)
 {
   int known = 1;
@@ -185,9 +190,9 @@ static int is_motion_known(const tse_kalman *k)
   return known;
 }
 
-/* Predict, update with the measurements, and decide on events. Count the seconds that are
- * followed. Without a steering angle there is no update: a stiffness would compensate for
- * the error of the angle. */
+/* Predict to the row, update with its measurements, and decide on events. Without
+ * a steering angle no sensor is used, because a stiffness would absorb the error
+ * of the angle. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
   const steering angle = predict_row(p, k, z);
@@ -198,7 +203,7 @@ static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
   k->seen = r_min(k->seen + z->dt, MAX_TIME);
 }
 
-/* Restart from the prior, or from what was loaded. */
+/* Restart from the prior, or from the persisted state that was loaded. */
 static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -212,8 +217,9 @@ static void restart_filter(const tse_params *p, tse_filter *f, const decoded *z)
   }
 }
 
-/* Restart when the steering angle is found frozen: stiffness, steering offset and ratio
- * have absorbed its error. Keep the evidence that it is frozen. */
+/* Restart after the steering angle has turned out to be frozen: until then
+ * stiffness, steering offset and ratio have absorbed its error. Keep the evidence
+ * that it is frozen. */
 static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
@@ -224,8 +230,8 @@ static void restart_with_frozen_angle(const tse_params *p, tse_filter *f, const 
   k->repeats_again[STEERING] = again;
 }
 
-/* Fill the output of a row, and note which stiffness tse_learnt_save() may save as
- * known. */
+/* Fill the output of a row, and mark each valid stiffness as known for
+ * tse_learnt_save(). */
 static void report_step(
     const tse_params *p, tse_filter *f, const decoded *z, const row_class *w, tse_output *now)
 {
@@ -247,7 +253,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
   update_road(p, &f->k, &z);
   const int was_finite = is_state_finite(&f->k) && is_agreement_finite(&f->k.agreement);
-  /* the steering angle was missing before this row: the car may have turned otherwise */
+  /* the steering angle was missing for some rows, in which the car may have turned */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const tse_real max_dt = HAS_SLIP ? p->max_gap : r_min(p->max_gap, MAX_ROW_TIME);
   const int gap = has_jumped(p, f, &z) || z.dt > max_dt || (z.has_steer && f->lost);
@@ -258,14 +264,15 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!is_motion_known(&f->k)) f->lost = 1;
-  /* faulty memory, or an overflow that loaded numbers may have caused */
+  /* a cause is faulty memory, or an overflow, possibly by loaded numbers: do
+   * not load again */
   if (!was_finite || !is_state_finite(&f->k)) {
     f->start.loaded = 0;
     restart_filter(p, f, &z);
   }
   if (!w.held) check_agreement(p, &f->k, u, z.dt, z.no_second);
   report_step(p, f, &z, &w, &now);
-  if (f->step < UINT32_MAX) f->step++; /* stays above 0, which marks the first row */
+  if (f->step < UINT32_MAX) f->step++; /* no overflow to 0, which marks the first row */
   if (out) *out = now;
   return (tse_status)now.status;
 }

@@ -9,15 +9,15 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
   p->extras = 0;
 }
 
-/* Multiply an element of D by share^2, down to MIN_D at least.
- *   Returned:  factor of its column of U, so that covariances scale by share. Where D
- *              stays at MIN_D it is share, and not 1/share in every row again */
+/* Multiply an element of D by share^2, but leave it at least MIN_D.
+ *   Returned:  factor for its column of U, so that covariances are multiplied by share:
+ *            1/share, or less if the element is limited to MIN_D */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
   *d = r_max(r_mul(before, r_mul(share, share)), MIN_D);
 #if defined(TSE_REAL_FIXED)
-  const int follows = 1; /* elements of U saturate there, and MIN_D has too few digits for a quotient */
+  const int follows = 1; /* at MIN_D elements of U saturate, and a quotient has too few digits */
 #else
   const int follows = *d > MIN_D;
 #endif
@@ -55,8 +55,8 @@ void ud_renew(tse_ud *p, tse_real variance)
 }
 #endif
 
-/* Add c a a' to the covariance of the extra states alone.
- *   Given:    up  power of two by which a is scaled
+/* Add c a a' to the covariance of the extra states.
+ *   Given:    up  log2 of the scale of a
  *   Updated:  a   overwritten */
 static void add_to_extras(tse_ud *p, tse_short *a, int up, tse_real c)
 {
@@ -77,7 +77,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_short *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      /* covariance, and variance of i, less the parts of the columns behind j */
+      /* covariance of i and j, and variance of i, less the parts of the
+       * columns after j */
       tse_real left = cov[i][j];
       tse_real own = cov[i][i];
       for (int k = j + 1; k < TSE_KEPT; k++) {
@@ -86,10 +87,10 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
         left -= r_mul(taken, r_long(u[j]));
         own -= r_mul(taken, r_long(u[i]));
       }
-      /* limits correlations that contradict each other */
-      const tse_real most = r_mul(MAX_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j])));
+      /* the limit is reached if correlations contradict each other */
+      const tse_real limit = r_mul(MAX_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j])));
       if (i == j) p->d[first + j] = r_max(left, MIN_D);
-      else column[i] = r_short(r_div(r_clamp(left, -most, most), p->d[first + j]));
+      else column[i] = r_short(r_div(r_clamp(left, -limit, limit), p->d[first + j]));
     }
   }
 }
@@ -105,9 +106,11 @@ tse_real ud_covariance(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_covariance(p, i, i); }
 
-/* Move the part of c a a' that state j takes into D of j and column j of W.
- *   Updated:   a  the part taken from the extra states      c  weight of the remainder
- *   Returned:  factors for column j of U; 0 if a_j is 0 */
+/* Add the part of c a a' that belongs to state j to D of j, and to column j of W, the
+ * rows of the extra states.
+ *   Updated:   a  elements of the extra states, less this part
+ *              c  factor of the remainder
+ *   Returned:  1 and the factors share, pull for column j of U; 0 if a_j is 0 */
 static int take_part(tse_ud *p, tse_short *a, int up, int j, tse_real *c, r_factored *share, r_factored *pull)
 {
   const tse_real own = r_long_scaled(a[j], up);
@@ -151,7 +154,7 @@ void ud_add_at(tse_ud *p, int i, tse_real more)
 
 void ud_forget(tse_ud *p, const tse_real *variance, int count)
 {
-  for (int j = 0; j < count && EXTRAS_IN_USE(p); j++) { /* the variance of extra states stays */
+  for (int j = 0; j < count && EXTRAS_IN_USE(p); j++) { /* extra states keep their variance */
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) {
       a[e] = p->w[e][j];
@@ -164,15 +167,16 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], MIN_D);
 }
 
-/* Rows of F U before they are triangular again: columns are independent errors, those of
- * the states in motion, then their process noise. */
+/* Rows of F U and of the extra states, before F U is made triangular again. Each
+ * column is an independent error with its variance: first the errors of the motion,
+ * then its process noise. */
 typedef struct sums {
   tse_short row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION];
   tse_real variance[2 * MOTION];
 } sums;
 
 /* Multiply M by U.
- *   Updated:   columns of U behind the motion
+ *   Updated:   p  columns of U after those of the motion
  *   Returned:  s  columns of the motion */
 static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 {
@@ -187,9 +191,10 @@ static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
   }
 }
 
-/* Orthogonalise the rows before j, and those of the extra states, against row j (weighted
- * Gram-Schmidt). Rows behind j are done.
- *   Updated:  s; column j of U and W, D of state j */
+/* Orthogonalise the rows before j, and those of the extra states, with respect to row j
+ * (weighted Gram-Schmidt). The rows after j are already done.
+ *   Updated:  s
+ *           p  column j of U and W, element j of D */
 static void orthogonalise(tse_ud *p, sums *s, int j)
 {
   tse_real v[2 * MOTION], d = TSE_R(0);
@@ -226,7 +231,7 @@ void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION
   for (int e = 0; e < EXTRAS_IN_USE(p); e++)
     for (int k = 0; k < 2 * MOTION; k++) s.extra[e][k] = k < MOTION ? p->w[e][k] : r_short(TSE_R(0));
   for (int j = MOTION - 1; j >= 0; j--) orthogonalise(p, &s, j);
-  /* remainder of the extra states that does not correlate with the new motion */
+  /* add what is left of the extra states, which does not correlate with the motion */
   for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) {
     tse_short a[TSE_EXTRAS];
     for (int e = 0; e < TSE_EXTRAS; e++) a[e] = s.extra[e][k];

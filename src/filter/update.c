@@ -1,10 +1,10 @@
-/* filter/update.c - measurements of the row, one after the other. The noise of each
- * channel is estimated. */
+/* filter/update.c - update with the sensors of the row, one after the other, and estimate
+ * the noise of each channel. */
 #include "filter/filter.h"
 
-/* Add the summed correction to x, within its bounds. Keep (OWN_SHARE times the
- * correction)^2 of each stiffness, the linearisation error of earlier updates, which
- * predict_slow_states() adds to the variance. */
+/* Add the sum of the corrections of this row to x, within its bounds. For each stiffness,
+ * collect (OWN_SHARE times the correction)^2, the linearisation error of earlier updates.
+ * predict_slow_states() adds it to the variance. */
 static void apply_correction(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->ud.extras; i++)
@@ -24,14 +24,14 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z)
   m.h[BR] = state_unit[BR];
   m.e = z->z[YAW_RATE] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
-  /* an innovation beyond 3 sd: the car turns while its wheels are reported at rest */
+  /* beyond 3 sd the car turns although its wheels are measured at rest: no update */
   if (!(r_sqr(m.e) < r_mul(TAIL, r_mul(ud_variance(&k->ud, BR), r_sqr(m.h[BR])) + m.r))) return;
   (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
   apply_correction(p, k, change);
 }
 
-/* Compute the slopes of the sensors over their consider parameters, per sd: latencies, by
- * the rates of forces and speed, and scales.
+/* Compute the partial derivatives of the sensors with respect to the consider parameters
+ * of the sensors, per sd: latencies (from the rates of forces and speed) and scales.
  *   Updated:   k->before */
 static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt,
     tse_real consider[TSE_SENSORS][TSE_UNCERTAIN_ALL])
@@ -51,9 +51,10 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
   k->before[2] = k->x[VX];
 }
 
-/* Return whether the car brakes, by the force of the estimated slip, or by accel_x where
- * it contradicts that force. The slip ripples with the rotation of the wheels, and alone
- * would select the half turn in which it is too large. */
+/* Return whether the car brakes, according to the force at the estimated slip, or
+ * to accel_x if accel_x contradicts that force. The estimated slip varies within
+ * each rotation of the wheels. By it alone, the rows would be selected in which it
+ * is too large. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];
@@ -62,22 +63,23 @@ static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
   return f->x + contradiction + r_mul(p->car.drag, r_sqr(k->x[VX])) < TSE_R(0);
 }
 
-/* Return the freely rolling axle: by brake switch and wheel torques, else the undriven
- * axle of a car that does not brake. */
+/* Return the freely rolling axle: as found from brake switch and wheel torques, otherwise
+ * the undriven axle while the car does not brake. */
 static int32_t find_rolling_axle(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   if (z->rolls != ROLLS_UNKNOWN) return z->rolls;
   return is_braking(p, k, f) ? ROLLS_NONE : find_undriven_axle(&p->car);
 }
 
-/* Return whether the car may drive. While it brakes no axle rolls freely, so that slip is
- * only the integral of accel_x. */
+/* Return whether the car may be driving. While it brakes, no axle rolls freely, and slip
+ * follows from the integral of accel_x only. */
 static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decoded *z, const forces *f)
 {
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
 }
 
-/* Update the filter with a pseudo-measurement of slip at the freely rolling axle. */
+/* Update the filter with a pseudo-measurement: the slip of the freely rolling axle is
+ * that of its rolling resistance. */
 static void use_free_rolling(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
@@ -95,15 +97,15 @@ static void use_free_rolling(
   (void)use_scalar(k, NO_SENSOR_LONGITUDINAL, &m, TSE_R(1), change, &state);
 }
 
-/* Predicted readings of all sensors, and their slopes over state and consider parameters,
- * SI. */
+/* Predicted readings of all sensors, and their partial derivatives with respect to the
+ * state and to the consider parameters, SI. */
 typedef struct prediction {
   tse_real read[TSE_SENSORS], H[TSE_SENSORS][PLACES], consider[TSE_SENSORS][TSE_UNCERTAIN_ALL];
 } prediction;
 
-/* Predict all sensors.
- *   Given:    f  forces at the row
- *   Updated:  k  pitch; forces and speed for the slopes of the next row */
+/* Predict the readings of all sensors.
+ *   Given:    f  forces at the end of the row
+ *   Updated:  k  pitch; forces and speed, from which the next row computes their rates */
 static void predict_sensors(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, prediction *s)
 {
@@ -119,16 +121,17 @@ static void predict_sensors(
       s->H[a][stiffness_at(i)] = r_mul(s->H[a][stiffness_at(i)], share[i]);
   if (HAS_SLIP && z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0);
   for (int a = 0; HAS_SLIP && z->no_second && a < TSE_SENSORS; a++) {
-    s->H[a][SF] = s->H[a][SR] = s->H[a][LCX] = TSE_R(0); /* one speed does not show slip */
+    s->H[a][SF] = s->H[a][SR] = s->H[a][LCX] = TSE_R(0); /* one speed holds no information on slip */
   }
   compute_consider_slopes(p, k, f, z->dt, s->consider);
 }
 
-/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME), the
- * excitation by which the model discrepancy scales. Each is weighted by (linear
- * force/force)^2, within 1 .. MAX_LINEAR_RATIO: near saturation the form of the tyre
- * curve matters, which is unknown. The floor is MIN_ACTIVITY^2 and TAIL times the noise
- * variance of accel_y, for uneven roads; for the yaw rate over v_x^2. */
+/* Update the mean squares of a_x, a_y and yaw rate (time constant MODEL_TIME). They are
+ * the excitation, with which the model discrepancy grows. Each is multiplied by (force of
+ * linear tyres/force)^2, within 1 .. MAX_LINEAR_RATIO, because near saturation the force
+ * depends on the form of the tyre curve, which is unknown. A minimum is added for wind,
+ * play and uneven roads: MIN_ACTIVITY^2, plus TAIL times the noise variance of accel_y.
+ * For the yaw rate it is divided by v_x^2. */
 static void update_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real force = r_max(r_sqr(f->x) + r_sqr(f->y), r_sqr(MIN_ACTIVITY));
@@ -144,9 +147,10 @@ static void update_activity(const tse_params *p, tse_kalman *k, const forces *f,
     k->activity[a] += r_mul(gain, r_mul(r_sqr(excitation[a]), weight) + lowest[a] - k->activity[a]);
 }
 
-/* Return the variance of the model discrepancy of a channel; 0 for wheel speeds. Its
- * discrepancy is coloured noise of time constant MODEL_TIME and sd model_sd
- * sqrt(activity). White noise of the same power at low frequencies stands for it. */
+/* Return the variance of the model discrepancy of a channel; 0 for wheel speeds. The
+ * discrepancy is coloured noise with time constant MODEL_TIME and sd
+ * model_sd sqrt(activity). It is replaced by white noise with the same power density
+ * at low frequencies. */
 static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {
   if (is_wheel(channel)) return TSE_R(0);
@@ -154,18 +158,18 @@ static tse_real compute_discrepancy_var(const tse_params *p, const tse_kalman *k
       k->activity[channel]);
 }
 
-/* Return the variance of a wheel speed by the error of a slip that is computed from the
- * force [m2/s2]. */
+/* Return the variance of a wheel speed that is due to the error of a slip computed from
+ * the force [m2/s2]. */
 static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int channel)
 {
   const tse_real slip = r_mul(p->prior_sd[LCX], k->x[channel == WHEEL_FRONT ? SF : SR]);
   return r_mul(r_sqr(k->x[VX]), r_sqr(FREE_SLIP_SD) + r_sqr(slip));
 }
 
-/* Return whether a channel is a measurement in this row. Where slip is computed from the
- * force, accel_x is its input, and only the wheel speed of the axle that drives less is
- * one: the difference of both speeds, from radius and slip, is not white and would look
- * like a yaw rate. */
+/* Return whether a channel is used as a measurement in this row. If slip is computed from
+ * the force, accel_x is an input. Of the wheel speeds then only that of the undriven axle
+ * is used (the rear one if the driven axle is unknown): the difference of both contains
+ * errors of radius and slip, is not white, and would look like a yaw rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;
@@ -175,9 +179,10 @@ static int is_measured(const tse_params *p, const decoded *z, int channel)
   return is_wheel(channel) ? channel == axle : channel != ACCEL_X;
 }
 
-/* Make the measurement of a channel about the state as corrected by the channels before
- * it.
- *   Given:     sin_d   of the front wheels      change  corrections so far
+/* Compute the scalar measurement of a channel. Its innovation refers to the state as
+ * corrected by the channels before it.
+ *   Given:     sin_d   sine of the front wheel angle
+ *            change  corrections so far
  *   Returned:  m */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s,
     tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
@@ -196,7 +201,8 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
     const tse_real by_car = is_of_car ? r_mul(s->H[channel][STATES + q], p->uncertain[q]) : TSE_R(0);
     m->consider[q] = s->consider[channel][q] + by_car;
   }
-  /* The front wheels have different angles (Ackermann), the model has their mean. */
+  /* The two front wheels steer by different angles (Ackermann), the model
+   * by their mean. */
   const tse_real ackermann = r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d)));
   const tse_real turn = channel == WHEEL_FRONT ? ackermann : TSE_R(0);
   const int slip_by_force = (!HAS_SLIP || z->no_second) && is_wheel(channel);
@@ -205,13 +211,14 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   m->r = m->white + compute_discrepancy_var(p, k, channel, z->dt);
 }
 
-/* Compute the normalised innovation squared (nis) of a channel: 1 on average where
- * settings and model fit. The slow part of the innovation, by errors of state and model,
- * is not white. A Kalman filter of one state estimates it as d, an Ornstein-Uhlenbeck
- * process of time constant T = MODEL_TIME, and the nis is that of the innovation less d:
+/* Compute the normalised innovation squared (nis) of a channel. It is 1 on average if
+ * settings and model fit. The slow part d of the innovation, from errors of state and
+ * model, is not white. A Kalman filter of one state estimates d as an Ornstein-Uhlenbeck
+ * process with time constant T = MODEL_TIME, and the nis is computed from the innovation
+ * e less d:
  *   d' = -d/T + noise of variance 2 V/T, V = state + model_sd^2 activity
  *   e = d + white noise
- *   Given:    state  variance of the innovation by the state
+ *   Given:    state  part of the variance of the innovation that is due to the state
  *   Updated:  k->nis, k->lasting, k->lasting_var */
 static void update_lasting(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real state)
 {
@@ -226,8 +233,8 @@ static void update_lasting(const tse_params *p, tse_kalman *k, int channel, cons
   *var = r_mul(gain, m->white);
 }
 
-/* Update the filter with a channel. Keep its innovation, and update its noise and the
- * log-likelihood.
+/* Update the filter with a channel. Store its innovation, and update its estimated noise
+ * and the log-likelihood.
  *   Updated:  change */
 static void use_channel(
     const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real change[TSE_ALL])
@@ -235,7 +242,7 @@ static void use_channel(
   const tse_real sd = p->sensor_sd[channel];
   tse_real state;
   const tse_real s = use_scalar(k, channel, m, sd, change, &state);
-  /* at the start a mean of all samples, later over USUAL_TIME */
+  /* the running mean is over all samples at the start, later over USUAL_TIME */
   const tse_real share = r_div(m->dt, r_min(k->seen + TSE_R(1), USUAL_TIME));
   learn_noise(p, &k->noise[channel], m->e - k->last_innovation[channel], r_sqr(sd), share);
   k->last_innovation[channel] = m->e;
@@ -256,8 +263,9 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   update_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->log_likelihood = TSE_R(0);
-  const int32_t along = HAS_SLIP
-      && is_driving(p, k, z, &f); /* by the innovation of accel_x in the row before */
+  /* is_driving() uses the innovation of accel_x in the previous row: call it
+   * before the loop */
+  const int32_t along = HAS_SLIP && is_driving(p, k, z, &f);
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int channel = order[n];
     scalar m;

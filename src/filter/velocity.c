@@ -1,39 +1,41 @@
-/* filter/velocity.c - measured velocities: of an INS along and across the car, of GNSS
- * speed and course.
+/* filter/velocity.c - measured velocities: longitudinal and lateral speed of an INS,
+ * speed and course of GNSS.
  *
- * With (vx, vy) = v + r x lever at the place of the sensor, `late` before the row:
+ * At the position of the sensor, at a time `late` before the row, the velocity is (vx,
+ * vy) = v + r x lever. The channels are:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)
  *                                              heading' = gyro - bias
  * The extra states are heading, model discrepancy of the lateral speed, scale, turn,
- * late, and lever along and across. No other state depends on them, so they stand before
- * the others in U D U' (ud.h). They come into use with the first velocity. Until then
- * nothing is computed, and results are bit for bit those without them.
+ * late, and the longitudinal and lateral lever. No other state depends on them, so that
+ * they come before the others in U D U' (ud.h). Their use starts with the first velocity.
+ * Before, they cost no time and do not change a bit of the results.
  *
- * The motion at the time of the value is that of now less its change since (past), and
- * slopes are h - late dh/dt, to first order. The heading is a state, because differences
- * of courses would have correlated noise. */
+ * The motion at the time of the measurement is the present motion less its change since
+ * then (`past`). The partial derivatives are h - late dh/dt, to first order. The heading
+ * is a state, because differences of successive courses would have correlated noise. */
 #include "filter/filter.h"
 
 #if !defined(TSE_NO_VELOCITY)
 
-/* Columns of the past motion: VX, VY, YAW of the state, then the heading. */
+/* Columns of the past motion: VX, VY and YAW, as in the state, then the heading. */
 enum { KEPT_HEADING = 3, KEPT };
 
-/* Channels, in the order of src/tables/sensors.toml. */
+/* Velocity channels, in the order of src/tables/sensors.toml. */
 enum { INS_X, INS_Y, SPEED, COURSE };
 
-/* Return whether a channel measures the speed along the car, which slip affects. */
+/* Return whether a channel measures the longitudinal speed, whose error
+ * looks like slip. */
 static int is_speed_along(int c) { return c == INS_X || c == SPEED; }
 
-/* Return the angle within -pi .. pi. */
+/* Return the angle plus a multiple of 2 pi, within -pi .. pi. */
 static tse_real wrap_angle(tse_real angle)
 {
   const tse_real turns = r_mul(angle, PER_TURN);
   return angle - r_mul(TSE_R(2), r_mul(HALF_TURN, r_from_int(r_floor_to_int(turns + TSE_R(0.5)))));
 }
 
-/* Bring the extra states into use, with their prior. */
+/* Start to use the extra states, at their prior. */
 static void start_velocity(const tse_params *p, tse_kalman *k)
 {
   tse_real variance[TSE_EXTRAS];
@@ -56,7 +58,8 @@ void velocity_lose(tse_kalman *k)
   m->kept = m->has_heading = m->has_gyro = 0;
 }
 
-/* Update the past motion, relative to that of this row, at intervals of PAST_INTERVAL. */
+/* Update the past motion, which is stored relative to the motion of this row. Append a
+ * new element at intervals of PAST_INTERVAL. */
 static void keep_past(tse_kalman *k, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -75,8 +78,9 @@ static void keep_past(tse_kalman *k, tse_real dt)
   }
 }
 
-/* Find the motion `late` seconds ago less that of now, as far back as it is kept.
- *   Returned:  delta; latency that was reached [s] */
+/* Find the difference between the motion `late` seconds ago and the present one.
+ *   Returned:  delta; and the time to which it refers [s]: `late`, or less if the stored
+ *            motion does not reach back so far */
 static tse_real find_past(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
 {
   tse_real newer = TSE_R(0);
@@ -92,7 +96,7 @@ static tse_real find_past(const tse_velocity *m, tse_real late, tse_real delta[K
   return newer;
 }
 
-/* Add q to the variance of an extra state. */
+/* Add q to the variance of extra state i. */
 static void add_variance(tse_kalman *k, int i, tse_real q)
 {
   tse_real a[TSE_ALL];
@@ -101,7 +105,8 @@ static void add_variance(tse_kalman *k, int i, tse_real q)
 }
 
 /* Propagate the model discrepancy of the lateral speed as an Ornstein-Uhlenbeck process
- * of time constant MODEL_TIME. Its sd is a share of the sideways speed of the axles. */
+ * with time constant MODEL_TIME. Its sd is proportional to the recent sideways speed of
+ * the rear axle. */
 static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -114,12 +119,12 @@ static void fade_discrepancy(const tse_params *p, tse_kalman *k, tse_real left, 
   add_variance(k, V_DISCREPANCY, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_DISCREPANCY])));
 }
 
-/* Propagate the heading by the gyro, because the yaw rate of the model has a model error;
- * without a gyro by that. */
+/* Propagate the heading by the gyro or, without a gyro, by the yaw rate of the state. The
+ * gyro is better, because the yaw rate of the state has a model error. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int measured = z->use[YAW_RATE] && is_usable(k, YAW_RATE);
-  const int by = measured ? BR : YAW; /* state on which the rate depends */
+  const int by = measured ? BR : YAW; /* state on which the rate of the heading depends */
   const tse_real sign = measured ? TSE_R(-1) : TSE_R(1);
   const tse_real share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
   const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW];
@@ -151,15 +156,17 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MAX_SINCE);
 }
 
-/* A predicted value, and its slopes over the motion at its time (speeds along and across,
- * yaw rate) and the extra states, SI. */
+/* Predicted value of a channel, and its partial derivatives with respect to the
+ * motion at the time of the value (longitudinal and lateral speed, yaw rate) and to
+ * the extra states, SI. */
 typedef struct velocity_reading {
   tse_real z, by[3], extra[TSE_EXTRAS];
 } velocity_reading;
 
-/* Predict a channel.
- *   Given:  v        speeds along and across [m/s], yaw rate [rad/s] when it is true
- *           heading  [rad]
+/* Predict the value of a channel.
+ *   Given:  v        longitudinal and lateral speed [m/s], yaw rate [rad/s], at the time
+ *                    of the value
+ *           heading  [rad] at that time
  *           extra    extra states */
 static velocity_reading predict_value(
     int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
@@ -170,7 +177,7 @@ static velocity_reading predict_value(
   const tse_real ly = extra[V_LEVER_Y - STATES];
   const tse_real vx = v[0] - r_mul(v[2], ly);
   const tse_real vy = v[1] + extra[V_DISCREPANCY - STATES] + r_mul(v[2], lx);
-  tse_real along = TSE_R(0), across = TSE_R(0); /* slopes over vx, vy */
+  tse_real along = TSE_R(0), across = TSE_R(0); /* partial derivatives with respect to vx, vy */
   velocity_reading m;
   for (int e = 0; e < TSE_EXTRAS; e++) m.extra[e] = TSE_R(0);
   if (c == INS_X || c == INS_Y) {
@@ -200,12 +207,14 @@ static velocity_reading predict_value(
   return m;
 }
 
-/* Predict a channel as it was `late` before the row. A wrong slip looks like a latency:
- * of speed along the car the latency is noise, and is not estimated.
- *   Given:     z   value
- *              by  slopes of the rates of motion over state and consider parameters, SI
- *   Returned:  m   innovation without the corrections of the row, slopes in units;
- *                  white: variance by a latency that is not estimated */
+/* Predict the value of a channel at the time `late` before the row. For the longitudinal
+ * speed, a wrong slip looks like a latency. Its latency is therefore not estimated: the
+ * uncertainty of the latency is noise.
+ *   Given:     z   measured value
+ *            by  partial derivatives of the rates of motion with respect to state and
+ *                consider parameters, SI
+ *   Returned:  m   innovation before the corrections of this row; partial derivatives in
+ *                units of the state; white: variance due to an unestimated latency */
 static void predict_reading(
     const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {
@@ -215,7 +224,7 @@ static void predict_reading(
   const tse_real span = find_past(&k->velocity, r_max(late, PAST_INTERVAL), delta);
   for (int i = 0; i < KEPT; i++) rate[i] = span > TSE_R(0) ? -r_div(delta[i], span) : TSE_R(0);
   late = r_min(late, span);
-  for (int i = 0; i < KEPT; i++) delta[i] = -r_mul(late, rate[i]); /* linear, also ahead of the row */
+  for (int i = 0; i < KEPT; i++) delta[i] = -r_mul(late, rate[i]); /* linear, also if late < 0 */
   const tse_real v[3] = { x[VX] + delta[0], x[VY] + delta[1], x[YAW] + delta[2] };
   const velocity_reading now = predict_value(c, v, x[PSI] + delta[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
@@ -242,8 +251,8 @@ static void predict_reading(
   for (int i = 0; i < TSE_ALL; i++) m->h[i] = r_mul(h[i], state_unit[i]);
 }
 
-/* Set the heading so that the course fits, and its variance to that of an unknown
- * heading. */
+/* Change the heading by `by`, so that it fits the course, and set its variance to that of
+ * an unknown heading. */
 static void set_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrap_angle(k->x[PSI] + by);
@@ -253,7 +262,8 @@ static void set_heading(tse_kalman *k, tse_real by)
   k->velocity.has_heading = 1;
 }
 
-/* Update the filter with a value, or reject it while values contradict the prediction.
+/* Update the filter with a value of a channel. Reject it if the recent values contradict
+ * the prediction.
  *   Given:    dt  [s] since the last value
  *   Updated:  s, change */
 static void use_velocity(
@@ -261,7 +271,7 @@ static void use_velocity(
 {
   tse_velocity *const m = &k->velocity;
   tse_real f[TSE_ALL], v[TSE_ALL], state;
-  tse_real nominal = r_sqr(p->velocity_sd[c]); /* variance of the setting */
+  tse_real nominal = r_sqr(p->velocity_sd[c]); /* noise variance by the settings */
   if (c == COURSE && k->x[VX] < MIN_COURSE_SPEED)
     nominal = r_mul(nominal, r_sqr(r_div(MIN_COURSE_SPEED, r_max(k->x[VX], p->hold_speed))));
   if (c == COURSE && !m->has_heading) {
@@ -277,7 +287,7 @@ static void use_velocity(
   m->mean_nis[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(nis, r_sqr(MAX_NIS)) - m->mean_nis[c]);
   if (m->mean_nis[c] > MAX_NIS) {
     m->rejected_for[c] = r_min(m->rejected_for[c] + dt, MAX_SINCE);
-    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the zero of the course has changed */
+    if (c == COURSE && m->rejected_for[c] > SETTLE_TIME) { /* the course has a new zero */
       m->has_heading = 0;
       m->mean_nis[c] = TSE_R(1);
       m->rejected_for[c] = TSE_R(0);
@@ -303,7 +313,7 @@ void velocity_update(
     keep_past(k, z->dt);
   }
   const tse_real lean = k->x[LEAN];
-  const int has_bank = (z->given & TSE_GIVEN_bank) != 0; /* LEAN is 0 then, as in move_row() of predict.c */
+  const int has_bank = (z->given & TSE_GIVEN_bank) != 0; /* then LEAN is 0, as in predict.c */
   if (has_bank) k->x[LEAN] = TSE_R(0);
   car_rates(&p->car, k->x, f, rate, by);
   k->x[LEAN] = lean;
@@ -311,12 +321,13 @@ void velocity_update(
   for (int c = 0; c < TSE_VELOCITIES; c++) {
     const tse_real now = z->optional[c];
     const tse_real dt = r_clamp(m->since[c], z->dt, MODEL_TIME);
-    const int is_repeat = now >= m->last[c] && now <= m->last[c]; /* held from the row before, or frozen */
+    const int is_repeat = now >= m->last[c] && now <= m->last[c]; /* no new value, or frozen */
     scalar s;
     if (!(z->given >> c & 1u) || is_repeat) continue;
     m->last[c] = now;
     m->since[c] = TSE_R(0);
-    if (z->one_speed && is_speed_along(c)) continue; /* its difference to a vehicle speed may not be slip */
+    /* with a single wheel signal, its difference to the velocity may not be slip */
+    if (z->one_speed && is_speed_along(c)) continue;
     predict_reading(p, k, c, now, by, &s);
     use_velocity(p, k, c, dt, &s, change);
   }
@@ -342,7 +353,7 @@ int32_t velocity_fault(const tse_kalman *k)
 
 tse_real velocity_discrepancy(const tse_kalman *k) { return k->x[V_DISCREPANCY]; }
 
-#else /* rows with a velocity are refused */
+#else /* without velocities: rows that give one are refused */
 
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z) { (void)p, (void)k, (void)z; }
 void velocity_lose(tse_kalman *k) { (void)k; }
