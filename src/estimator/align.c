@@ -1,38 +1,39 @@
-/* estimator/align.c - align channels with different latencies (settings ..._latency) to
- * one row of one time.
+/* estimator/align.c - align channels that have different latencies (settings
+ * ..._latency): compose a row whose channels refer to the same time.
  *
- * L: latency of the latest channel, 0 if no channel is late. All channels are known up to
- * now - L. A row refers to that time, or to the row of accel_x before it (latencies.c).
- * Channel c is read from the rows kept, latency_age_c before now, by linear
- * interpolation. The time step is that of the rows.
+ * L: latency of the latest channel, 0 if no channel is late. At the time `now` all
+ * channels are known up to now - L. The composed row refers to that time, or to the row
+ * of accel_x before it (latencies.c). Channel c is interpolated linearly between the
+ * stored rows, at latency_age_c before `now`. The time step is that of the rows.
  *
- * White noise interpolated between two rows with weights w and 1 - w has the variance w^2
- * + (1 - w)^2. The lost part, 2 w (1 - w), becomes correlation with the neighbours: at
- * the low frequencies from which stiffness and biases are learnt, the noise is as large
- * as before. The sd of a channel therefore stays the setting's. With the smaller
- * variance, a filter that assumes independent rows is overconfident and takes the
- * correlation for a disturbance. The default filter estimates the noise of a channel from
- * its rows and adds the lost part. */
+ * White noise that is interpolated between two rows with weights w and 1 - w has its
+ * variance multiplied by w^2 + (1 - w)^2. The lost part, 2 w (1 - w), becomes
+ * correlation with the neighbouring rows: at the low frequencies from which stiffness
+ * and biases are estimated, the noise is as large as before. The sd of a channel
+ * therefore remains that of the settings. With the smaller variance, a filter that
+ * assumes independent rows would be overconfident and take the correlated noise for a
+ * disturbance. The default filter estimates the noise variance of a channel from its
+ * rows, and adds the lost part. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
 #if TSE_LATENCY_ROWS > 0
 
-#define SAME_TIME TSE_R(2e-5) /* s: tolerance of a row's time, because sums of dt and clocks are rounded. At
-                               * 50 m/s3, the jerk of an emergency manoeuvre, a channel changes by 0.001
-                               * m/s2 in it */
+#define SAME_TIME TSE_R(2e-5) /* [s] tolerance for the time of a row, because sums of dt and clocks
+                              * are rounded. At a jerk of 50 m/s3, as in an emergency
+                              * manoeuvre, a channel changes by 0.001 m/s2 in this time */
 
-#define MAX_HOLE TSE_R(0.1) /* s: max time between two values of a channel logged in some rows only */
+#define MAX_HOLE TSE_R(0.1) /* [s] max time between two values of a channel that is not in each row */
 
-/* Return the index in the ring of the row before, or after, the one at `at`. */
-static int32_t index_before(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
-static int32_t index_after(int32_t at) { return at + 1 < TSE_LATENCY_ROWS ? at + 1 : 0; }
+/* Return the index in the ring of the row before or after the one at index `at`. */
+static int32_t get_previous_index(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
+static int32_t get_next_index(int32_t at) { return at + 1 < TSE_LATENCY_ROWS ? at + 1 : 0; }
 
-/* Append a row to the ring, `before` seconds after the newest one. A value out of range
- * is stored as missing. */
+/* Append a row to the ring. It is `before` seconds later than the newest row. A value out
+ * of range is stored as missing. */
 static void store_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
-  const int32_t at = m->count > 0 ? index_after(m->newest) : 0;
+  const int32_t at = m->count > 0 ? get_next_index(m->newest) : 0;
   uint32_t missing = 0;
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     const tse_real x = channel_at(u, &channel_rows[k]);
@@ -46,7 +47,7 @@ static void store_row(tse_alignment *m, const tse_input *u, tse_real before)
   if (m->count < TSE_LATENCY_ROWS) m->count++;
 }
 
-/* Return whether the stored rows span all latencies. */
+/* Return whether the stored rows reach back to the age of the earliest channel. */
 static int spans_latencies(const tse_params *p, const tse_alignment *m)
 {
   tse_real age = TSE_R(0);
@@ -54,22 +55,22 @@ static int spans_latencies(const tse_params *p, const tse_alignment *m)
   for (int32_t n = 1; n <= m->count; n++) {
     if (!(age + SAME_TIME < p->latency_span)) return 1;
     age += m->before[at];
-    at = index_before(at);
+    at = get_previous_index(at);
   }
   return 0;
 }
 
-/* Find the nearest value of channel c on one side of a row.
- *   Given:     at    the row
- *              back  1 older rows, 0 newer rows
- *              rows  number of rows on that side
- *   Updated:   apart  [s] distance to a row; on return that of the row found
+/* Find the nearest value of channel c before or after a row.
+ *   Given:     at     index of the row
+ *              back   1: search older rows; 0: search newer rows
+ *              rows   number of rows to search
+ *   Updated:   apart  [s] in: time from an origin to row `at`; out: to the row found
  *   Returned:  1 and *value; 0 if there is no value within MAX_HOLE */
 static int find_value(
     const tse_alignment *m, int c, int32_t at, int back, int32_t rows, tse_real *apart, tse_real *value)
 {
   for (int32_t n = 0; n < rows; n++) {
-    const int32_t next = back ? index_before(at) : index_after(at);
+    const int32_t next = back ? get_previous_index(at) : get_next_index(at);
     *apart += m->before[back ? at : next];
     if (*apart > MAX_HOLE + SAME_TIME) return 0;
     at = next;
@@ -80,15 +81,16 @@ static int find_value(
   return 0;
 }
 
-/* Interpolate channel c between row `at`, which is n - 1 older than the newest, and the
- * row before it. Where one of the two lacks it, the nearer one decides whether it is
- * known: a channel logged in every second row is then known as often, and at its time.
+/* Interpolate channel c between row `at`, the n-th newest, and the row before it.
+ * If one of the two rows lacks the channel, the nearer row decides whether it is
+ * known. A channel that is logged in every second row is thus known in every second
+ * row, at its time.
  *   Given:     share  weight of the newer row
  *   Returned:  as read_channel() */
 static int interpolate_rows(
     const tse_alignment *m, int c, int32_t at, int32_t n, tse_real share, tse_real *value, tse_real *lost)
 {
-  const int32_t from = index_before(at), back = share > TSE_R(0.5), here = back ? at : from,
+  const int32_t from = get_previous_index(at), back = share > TSE_R(0.5), here = back ? at : from,
                 there = back ? from : at;
   const int both = ((m->missing[from] | m->missing[at]) & 1u << c) == 0;
   tse_real a = m->value[from][c], b = m->value[at][c], apart = m->before[at];
@@ -105,8 +107,8 @@ static int interpolate_rows(
   return 1;
 }
 
-/* Interpolate channel c to `age` before the newest row.
- *   Returned:  1 known, 0 missing (*value is then 0)
+/* Interpolate channel c at the time `age` before the newest row.
+ *   Returned:  1 if it is known; 0 if it is missing, *value is then 0
  *              *lost  share of the noise variance that interpolation removes */
 static int read_channel(const tse_alignment *m, int c, tse_real age, tse_real *value, tse_real *lost)
 {
@@ -118,13 +120,15 @@ static int read_channel(const tse_alignment *m, int c, tse_real age, tse_real *v
     if (age + SAME_TIME < next)
       return interpolate_rows(m, c, at, n, r_div(next - age, m->before[at]), value, lost);
     later = next;
-    at = index_before(at);
+    at = get_previous_index(at);
   }
   *value = m->value[at][c];
   return (m->missing[at] & 1u << c) == 0;
 }
 
-/* Compose the row of the newest time at which all channels are known. Updated: m->lost */
+/* Compose the row of the newest time at which all channels are known.
+ *   Updated:   m->lost
+ *   Returned:  row */
 static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {
   tse_real lost[TSE_CHANNELS];
@@ -136,8 +140,8 @@ static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *
     memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
   }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  /* these do not wait: the latency of a velocity is modelled (velocity_late), and a road
-   * changes little within 0.2 s */
+  /* optional channels are those of the newest row: the latency of a velocity is part of
+   * the model (velocity_late), and a given road changes little within 0.2 s */
   row->given = u->given;
   for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
     const tse_real x = channel_at(u, &optional_rows[k]);

@@ -2,8 +2,9 @@
  *
  * The setting `form` selects the filter:
  *   0  Kalman filter of the car      filter/step.c
- *   1  particle filter of the paper  paper/algorithm1.c, one file per stage of Algorithm 1
- * Common to both: align.c (late channels), input.c (row to checked sample), start.c. */
+ *   1  particle filter of the paper  paper/algorithm1.c, one file per stage
+ * Both use align.c (late channels). The particle filter also uses input.c (row to checked
+ * sample) and start.c. */
 #include "filter/filter.h"
 #include "tables/columns.h"
 #include "paper/paper.h"
@@ -22,14 +23,15 @@ tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
 
 static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
-#if !defined(TSE_NO_PARTICLES) /* without it tse_prepare() accepts form 0 only */
+#if !defined(TSE_NO_PARTICLES) /* in a build without particles tse_prepare() accepts form 0 only */
   if (p->form != 0) return step_particles(p, f, u, out);
 #endif
   return step_row(p, f, u, out);
 }
 
 #if TSE_LATENCY_ROWS > 0
-/* Report the estimates of the last step, or of the start, for a row without a step. */
+/* Report the estimates of the last step, or the initial estimates, for a row that is
+ * stored without a step. */
 static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
 {
   now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;
@@ -43,7 +45,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   }
 #endif
   if (p->form == 0) {
-    if (f->step == 0) start_state(p, f); /* repeated by the first step */
+    if (f->step == 0) start_state(p, f); /* the first step does this again */
     report_row(p, &f->k, now);
   }
   for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
@@ -51,8 +53,8 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   now->status = (int32_t)TSE_W_WAITING;
 }
 
-/* Store the row, and step to the newest time at which all channels are known, if it is
- * new. */
+/* Store the row. If the newest time at which all channels are known has advanced, step
+ * to that time. */
 static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   tse_input row;
@@ -76,7 +78,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 {
   if (!p || !f || !u) return TSE_E_NULL;
   if (!params_match(p, f)) return TSE_E_STATE;
-  if (p->form != 0 && u->given) return TSE_E_INPUT; /* they would have no effect */
+  if (p->form != 0 && u->given) return TSE_E_INPUT; /* the particle filter would ignore them */
 #if defined(TSE_NO_VELOCITY)
   if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;
 #endif

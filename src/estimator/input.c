@@ -1,5 +1,5 @@
-/* estimator/input.c - check a log row and convert it to a sample. Rows are refused here
- * only, before anything changes. */
+/* estimator/input.c - check a log row and convert it to a sample. A row that is refused
+ * is refused here, before the filter changes. */
 #include "estimator/stages.h"
 #include "tables/input.h"
 
@@ -17,7 +17,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
     if (wrong) *wrong = "dt";
     return TSE_E_TIME;
   }
-  /* inputs out of range are refused, measurements out of range are missing */
+  /* an input out of range is refused; a measurement out of range counts as missing */
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     const channel_row *const row = &channel_rows[k];
     const tse_real x = channel_at(u, row);

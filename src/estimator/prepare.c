@@ -1,19 +1,21 @@
-/* estimator/prepare.c - the constants of a filter, from settings. */
+/* estimator/prepare.c - compute the constants of a filter (tse_params)
+ * from its settings. */
 #include "estimator/settings.h"
 #include "model/car.h"
 #include "model/effects_constant.h"
 #include "tables/constants.h"
 #include "tables/copies.h"
 
-#define MAX_SPREAD_VAR TSE_R(1000000) /* max square of a spread */
-#define MIN_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
-#define MIN_RELAXATION TSE_S(0.05) /* m, numerics: at 10 m/s a shorter one ends within a substep */
-#define MIN_RADIUS_SD TSE_R(0.002) /* 1: change of radii by pressure and temperature; a quarter of it is
-                                    * half the slip of steady driving */
-#define DEFAULT_ROLLING TSE_S(0.01) /* 1: rolling resistance of a free-rolling axle if the setting is 0 */
+#define MAX_SPREAD_VAR TSE_R(1000000) /* [1] max variance of the stiffness, if spread_max sets none */
+#define MIN_WHEEL_SD TSE_S(0.012) /* [m/s] min sd of the noise of a wheel speed */
+#define MIN_RELAXATION TSE_S(0.05) /* [m] min relaxation length: at 10 m/s a shorter one ends in a substep */
+#define MIN_RADIUS_SD TSE_R(0.002) /* [1] min prior sd of the front radius: changes by pressure
+                                    * and temperature. A quarter of it is half the slip of
+                                    * steady driving */
+#define DEFAULT_ROLLING TSE_S(0.01) /* [1] rolling resistance of a freely rolling axle if its setting is 0 */
 
-/* Mix a word into the FNV-1a fingerprint. It detects a filter that was reset with other
- * parameters. */
+/* Mix a word into the FNV-1a fingerprint h. The fingerprint detects a filter that was
+ * reset with other parameters. */
 static uint32_t mix_word(uint32_t h, uint32_t word)
 {
   for (int i = 0; i < 4; i++) {
@@ -41,10 +43,10 @@ static uint32_t compute_fingerprint(const tse_config *c)
   return mix_word(h, TSE_MAX_PARTICLES);
 }
 
-/* Mix a setting that defines relative stiffness into the fingerprint, if its effect is
- * active: an inactive effect leaves the fingerprint as it was before effects existed.
- * Single precision makes builds of all formats agree, which otherwise differ by the
- * rounding of decimal numbers. */
+/* Mix a setting of an effect that defines relative stiffness into the fingerprint, if the
+ * effect is active. An inactive effect does not change the fingerprint, so that states
+ * persisted before the effect existed stay valid. The value is mixed in single precision,
+ * because builds of different number formats round decimal numbers differently. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -76,9 +78,9 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   return h;
 }
 
-static tse_setting square(tse_setting x) { return r_mul(x, x); }
+static tse_setting compute_square(tse_setting x) { return r_mul(x, x); }
 
-/* Apply CONSTANT effects to the settings from which the constants are computed. */
+/* Apply the active effects of kind CONSTANT to the settings of the car. */
 static void apply_constant_effects(uint64_t mask, tse_config *car)
 {
 #define CONSTANT_ON(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
@@ -93,7 +95,7 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   (void)c;
 #else
   tse_effects *const e = &p->effects;
-  for (int i = 0; i < COUNT_EFFECTS; i++) { /* its members after the mask are in the same order */
+  for (int i = 0; i < COUNT_EFFECTS; i++) { /* members after the mask are in the order of the settings */
     const tse_real x = real_of(real_at(c, &setting_reals[FIRST_EFFECTS + i]));
     memcpy((uint8_t *)e + sizeof e->mask + (size_t)i * sizeof x, &x, sizeof x);
   }
@@ -107,20 +109,21 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 }
 
 #if defined(TSE_REAL_FIXED)
-/* Limits of the constants in fixed point. A covariance in sigma^2 holds squares of these,
- * up to FIXED_MOST, 2^27 (1.3e8). The step of the format is 2e-10: an increment per row
- * must be at least one step. */
-#define MAX_SIGNAL_GAIN TSE_R(131072) /* sigma per unit of slip, 230 times the default car's: 10 % of
-                                       * slip and a stiffness error of 30 % */
-#define MAX_START TSE_R(4096) /* sigma: max initial error of a state */
-#define MAX_BIAS_VAR TSE_R(16777216) /* sigma^2: max initial bias variance, its square root the same */
-#define MAX_NOISE TSE_R(65536) /* noise_max squared: times FAULT_NOISE it is in range */
+/* Limits of the constants in fixed point. A covariance in sigma^2 contains squares of
+ * these quantities, up to FIXED_MOST, 2^27 (1.3e8). One step of the format is 2e-10, and
+ * an increment per row must be at least that. */
+#define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car: for a
+                                       * slip of 10 % and a stiffness error of 30 % */
+#define MAX_START TSE_R(4096) /* [sigma] max initial error of a state */
+#define MAX_BIAS_VAR TSE_R(16777216) /* [sigma^2] max initial bias variance, and max of its walk per second */
+#define MAX_NOISE TSE_R(65536) /* [1] max of noise_max squared */
 
-/* Return whether the increment of a row is below one step of the format. */
-static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
+/* Return whether a positive rate gives no increment per row: less than a step
+ * of the format. */
+static int is_below_step(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
-/* Return TSE_OK if the constants are within these limits. *wrong: a setting that is
- * not */
+/* Check that the constants are within these limits.
+ *   Returned:  TSE_OK; or TSE_E_FORMAT and *wrong, the name of a setting to change */
 static tse_status check_range(const tse_params *p, const tse_config *c, const char **wrong)
 {
   const struct {
@@ -139,7 +142,7 @@ static tse_status check_range(const tse_params *p, const tse_config *c, const ch
     { p->noise_max_var, MAX_NOISE, "noise_max" },
     { r_mul(p->damping, p->max_step), MAX_SIGNAL_GAIN, "yaw_inertia" },
     { r_max(p->car.jf, p->car.jr), MAX_START, "yaw_inertia" },
-    { vanishes(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
+    { is_below_step(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
     { p->spread_var < (tse_real)64 ? FIXED_MOST : 0, TSE_R(1), "initial_spread" },
   };
   for (size_t i = 0; i < sizeof row / sizeof row[0]; i++)
@@ -161,7 +164,7 @@ static void prepare_copies(const tse_config *c, tse_params *p)
     memcpy((uint8_t *)p + copied[i].to, &constant, sizeof constant);
   }
 #if !defined(TSE_NO_VELOCITY)
-  p->extra_sd[0] = TSE_R(1); /* heading: its zero is arbitrary */
+  p->extra_sd[0] = TSE_R(1); /* heading; any value, because the first course sets it */
 #endif
 }
 
@@ -172,7 +175,8 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   const tse_setting one = TSE_S(1), span = c->lf + c->lr, balance = c->tyre_saturation_balance;
   const tse_setting load_front = r_div(r_mul(STANDARD_GRAVITY, c->lr), span),
                     load_rear = r_div(r_mul(STANDARD_GRAVITY, c->lf), span);
-  /* within the range of `grip`, 0 .. 50: below 1/50 tyres are linear */
+  /* friction is at most 50, the max of `grip`: with more the tyres are as
+   * good as linear */
   const tse_setting friction = c->grip > 0
       ? c->grip
       : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction)
@@ -200,7 +204,7 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   car->driven = c->driven_axle;
 }
 
-/* Compute inertia, drag, steering and roll of the body. */
+/* Compute inertia, drag, steering and body roll. */
 static void prepare_body(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -225,7 +229,7 @@ static void prepare_body(const tse_config *c, tse_params *p)
   p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
 }
 
-/* Compute position, mounting and scales of the IMU, and the noise of all sensors. */
+/* Compute pitch, mounting and scales of the IMU, and the noise sds of all sensors. */
 static void prepare_readings(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
@@ -240,7 +244,8 @@ static void prepare_readings(const tse_config *c, tse_params *p)
   for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = i < IMU_CHANNELS ? p->sd[i] : real_of(speed_sd);
 }
 
-/* Compute those means and sds of the initial state that differ from a setting. */
+/* Compute the means and sds of the initial state that are not plain copies
+ * of a setting. */
 static void prepare_prior(const tse_config *c, tse_params *p)
 {
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear };
@@ -262,9 +267,9 @@ static void prepare_prior(const tse_config *c, tse_params *p)
   p->log_max = logarithm(real_of(c->stiffness_max));
 }
 
-/* Compute the car of form 0 and the prior of its filter.
- *   Given:    c  settings after CONSTANT effects
- *   Updated:  p  has stiffness and geometry */
+/* Compute the car model of form 0 and the prior of its filter.
+ *   Given:    c  settings, with CONSTANT effects applied
+ *   Updated:  p  already has stiffness and geometry */
 static void prepare_car(const tse_config *c, tse_params *p)
 {
   prepare_tyres(c, p);
@@ -283,11 +288,11 @@ static void prepare_vehicle(const tse_config *c, tse_params *p)
   car->ky_rear = real_of(r_div(c->cornering_stiffness_rear, c->mass));
   car->jf = real_of(r_div(r_mul(c->mass, c->lf), c->yaw_inertia));
   car->jr = real_of(r_div(r_mul(c->mass, c->lr), c->yaw_inertia));
-  p->mass_var = real_of(square(c->mass_sd));
+  p->mass_var = real_of(compute_square(c->mass_sd));
 }
 
-/* Compute sds, biases and their walks of the IMU in units of the sensors' sds. Given: p
- * has these in SI units */
+/* Convert sds, biases and bias walks of the IMU to units of the sensors' sds.
+ *   Updated:  p  already has them in SI units */
 static void prepare_imu(tse_params *p)
 {
   for (int i = 0; i < 3; i++) {
@@ -298,55 +303,56 @@ static void prepare_imu(tse_params *p)
   }
 }
 
-/* Compute times and limits of a row, and the max step of form 1 by the fastest damping of
- * the car. */
+/* Compute times and limits of a row, and the max step of form 1, which the fastest
+ * damping of the car determines. */
 static void prepare_rows(const tse_config *c, tse_params *p)
 {
   p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
-  /* dampings times speed: of vx by longitudinal stiffness, of vy and yaw rate by
-   * cornering stiffness */
+  /* dampings times speed: of v_x (by longitudinal stiffness), of v_y and of the yaw rate
+   * (by cornering stiffness) */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
   tse_setting damping = r_div(c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear, c->mass);
   const tse_setting lateral = r_div(cy_f + cy_r, c->mass);
-  const tse_setting yaw = r_div(r_mul(square(c->lf), cy_f) + r_mul(square(c->lr), cy_r), c->yaw_inertia);
+  const tse_setting yaw = r_div(
+      r_mul(compute_square(c->lf), cy_f) + r_mul(compute_square(c->lr), cy_r), c->yaw_inertia);
   damping = lateral > damping ? lateral : damping;
   damping = yaw > damping ? yaw : damping;
   p->damping = real_of(r_mul(TSE_S(4), damping));
   p->least_step = r_max(
       real_of(r_div(c->hold_speed, r_mul(TSE_S(4), damping))), r_mul(TSE_R(0.125), p->max_step));
-  p->noise_max_var = real_of(square(c->noise_max));
-  p->valid_var = real_of(square(c->valid_sd));
+  p->noise_max_var = real_of(compute_square(c->noise_max));
+  p->valid_var = real_of(compute_square(c->valid_sd));
 }
 
-/* Compute prior, memory and limits of form 1. Both forms age a persisted state by
- * learnt_floor and learnt_walk. */
+/* Compute prior, memory and limits of form 1, and the aging of a persisted state
+ * (learnt_floor, learnt_walk), which both forms use. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
-  const tse_setting one = TSE_S(1), spread_var = square(c->initial_spread);
+  const tse_setting one = TSE_S(1), spread_var = compute_square(c->initial_spread);
   p->log2_forgetting = r_log2(real_of(c->forgetting));
   p->forgetting_mean = real_of(c->forgetting_mean > TSE_S(0.5) ? c->forgetting_mean : c->forgetting);
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
-  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared, gamma Sigma the variance of the
-   * mean */
+  /* Sigma = Lambda/(nu - d_w - 1) is the square of the spread, and gamma Sigma is the
+   * variance of the mean */
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
-  p->gamma0 = real_of(r_div(square(c->initial_mean_sd), spread_var));
-  p->mean_var0 = real_of(square(c->initial_mean_sd));
+  p->gamma0 = real_of(r_div(compute_square(c->initial_mean_sd), spread_var));
+  p->mean_var0 = real_of(compute_square(c->initial_mean_sd));
   p->spread_var = real_of(spread_var);
-  p->spread_max_var = c->spread_max < TSE_S(2) ? real_of(square(c->spread_max)) : MAX_SPREAD_VAR;
+  p->spread_max_var = c->spread_max < TSE_S(2) ? real_of(compute_square(c->spread_max)) : MAX_SPREAD_VAR;
   p->kernel = real_of(r_mul(c->spread_kernel, TSE_S(1.4426950408889634)));
-  p->learnt_floor = real_of(square(c->learnt_floor));
-  p->learnt_walk = real_of(square(c->learnt_walk_day));
+  p->learnt_floor = real_of(compute_square(c->learnt_floor));
+  p->learnt_walk = real_of(compute_square(c->learnt_walk_day));
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
-  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* <= initial values */
-  p->steady_walk = real_of(square(c->steady_walk));
+  p->w_low = c->reflect_draws ? p->w_min : r_min(-p->w_max, p->w_min); /* no larger than initial values */
+  p->steady_walk = real_of(compute_square(c->steady_walk));
 }
 
-/* Compute all constants of a filter, in the order of their dependence. Given: settings
- * that tse_config_check() accepts */
+/* Compute all constants of a filter, in the order of their dependence.
+ *   Given:  settings  checked by tse_config_check() */
 static void make_params(const tse_config *settings, tse_params *p)
 {
   const uint64_t mask = find_active_effects(settings);
@@ -364,7 +370,7 @@ static void make_params(const tse_config *settings, tse_params *p)
   p->vel_x_from_wheels = settings->initial_vel_x_from_wheels;
   p->integration = settings->integration;
   p->seed[0] = (uint32_t)settings->seed;
-  p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
+  p->seed[1] = 0x7473650au; /* so that no seed gives a key of zeros */
   prepare_copies(&car, p);
   prepare_vehicle(&car, p);
   prepare_imu(p);

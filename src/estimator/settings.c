@@ -1,4 +1,4 @@
-/* estimator/settings.c - settings: defaults, values of the vehicle class, check. */
+/* estimator/settings.c - settings: defaults, values by vehicle class, checks. */
 #include "estimator/settings.h"
 #include "tables/config_rows.h"
 
@@ -19,8 +19,10 @@ void tse_config_exact(tse_config *c)
     memcpy((uint8_t *)c + exact[i].at, &exact[i].value, sizeof exact[i].value);
 }
 
-/* Return a stiffness: the setting, or that of the vehicle class for the axle's load.
- *   Given:  share       stiffness over load
+/* Return the stiffness of an axle: the setting or, if that is 0, the value of the vehicle
+ * class for the load of the axle.
+ *   Given:  as_set      the setting
+ *           share       stiffness over load, of the vehicle class
  *           other_axle  [m] distance of the other axle from the centre of gravity */
 static tse_setting choose_stiffness(
     const tse_config *c, tse_setting as_set, tse_setting share, tse_setting other_axle)
@@ -30,19 +32,19 @@ static tse_setting choose_stiffness(
   return as_set > 0 ? as_set : r_mul(share, r_mul(weight, other_axle));
 }
 
-static tse_setting cornering_front(const tse_config *c)
+static tse_setting get_cornering_front(const tse_config *c)
 {
   return choose_stiffness(c, c->cornering_stiffness_front, TSE_S(CLASS_CORNERING_FRONT), c->lr);
 }
-static tse_setting cornering_rear(const tse_config *c)
+static tse_setting get_cornering_rear(const tse_config *c)
 {
   return choose_stiffness(c, c->cornering_stiffness_rear, TSE_S(CLASS_CORNERING_REAR), c->lf);
 }
-static tse_setting longitudinal_front(const tse_config *c)
+static tse_setting get_longitudinal_front(const tse_config *c)
 {
   return choose_stiffness(c, c->longitudinal_stiffness_front, TSE_S(CLASS_LONGITUDINAL), c->lr);
 }
-static tse_setting longitudinal_rear(const tse_config *c)
+static tse_setting get_longitudinal_rear(const tse_config *c)
 {
   return choose_stiffness(c, c->longitudinal_stiffness_rear, TSE_S(CLASS_LONGITUDINAL), c->lf);
 }
@@ -50,10 +52,10 @@ static tse_setting longitudinal_rear(const tse_config *c)
 void tse_config_complete(tse_config *c)
 {
   if (!c) return;
-  c->longitudinal_stiffness_front = longitudinal_front(c);
-  c->longitudinal_stiffness_rear = longitudinal_rear(c);
-  c->cornering_stiffness_front = cornering_front(c);
-  c->cornering_stiffness_rear = cornering_rear(c);
+  c->longitudinal_stiffness_front = get_longitudinal_front(c);
+  c->longitudinal_stiffness_rear = get_longitudinal_rear(c);
+  c->cornering_stiffness_front = get_cornering_front(c);
+  c->cornering_stiffness_rear = get_cornering_rear(c);
   if (!(c->mass > 0)) {
     c->mass = TSE_S(CLASS_MASS);
     if (c->mass_sd < TSE_S(CLASS_MASS_SD)) c->mass_sd = TSE_S(CLASS_MASS_SD);
@@ -66,11 +68,11 @@ void tse_config_paper(tse_config *c)
   if (!c) return;
   tse_config_exact(c);
   c->form = 1;
-  c->exact_kinematics_share = TSE_S(0); /* (1)-(4) for a simulation of the paper's car */
-  c->initial_spread = TSE_S(0.3);       /* "30 %" taken as the sd of the mean and as the spread */
+  c->exact_kinematics_share = TSE_S(0); /* as equations (1) to (4) of the paper */
+  c->initial_spread = TSE_S(0.3);       /* the paper's "30 %", as sd of the mean and as spread */
   c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
-  c->stiffness_max = TSE_S(20); /* the upper limit of the setting: w is free */
+  c->stiffness_max = TSE_S(20); /* max of the setting: no limit on w in effect */
 }
 
 void tse_config_robust(tse_config *c)
@@ -95,7 +97,7 @@ void tse_stiffness_si(
     const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
 {
   if (!c || !y) return;
-  const tse_setting nominal[3] = { longitudinal_front(c), cornering_front(c), cornering_rear(c) };
+  const tse_setting nominal[3] = { get_longitudinal_front(c), get_cornering_front(c), get_cornering_rear(c) };
   for (int i = 0; i < 3; i++) {
     if (mean) mean[i] = r_mul(nominal[i], r_to_setting(y->stiffness[i]));
     if (sd) sd[i] = r_mul(nominal[i], r_to_setting(y->stiffness_sd[i]));
@@ -103,7 +105,8 @@ void tse_stiffness_si(
   }
 }
 
-/* Return whether a formula of the user is active: it has a program and a gain. */
+/* Return whether the user's formula is active: it has a program, and its gain
+ * is not 0. */
 static int has_formula(const tse_config *c)
 {
 #if defined(TSE_FORMULA)
@@ -134,10 +137,11 @@ void unpack_formula(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
         & 0xffu);
 }
 
-/* Return whether a formula ends with one value and fits stack and memory. */
-static int formula_fits(const tse_config *c)
+/* Return whether the user's formula results in one value, and fits into
+ * stack and memory. */
+static int is_formula_valid(const tse_config *c)
 {
-#if defined(TSE_FORMULA) /* compiled in: no program in the settings */
+#if defined(TSE_FORMULA) /* it is compiled in: the settings must have no program */
   return !(c->formula_code_1 || c->formula_place);
 #else
   uint8_t code[TSE_FORMULA_OPS];
@@ -160,7 +164,8 @@ static int formula_fits(const tse_config *c)
 }
 #endif
 
-/* Return the first setting whose value of the vehicle class is out of range, or NULL. */
+/* Return the first setting that is out of range after values of the vehicle class have
+ * replaced those that are 0, or NULL. */
 static const char *find_outside_of_class(const tse_config *c)
 {
   tse_config whole = *c;
@@ -181,7 +186,7 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
 #if defined(TSE_NO_EFFECTS)
   const int formula_fine = !formula_is_active; /* such a build has no formulas */
 #else
-  const int formula_fine = !formula_is_active || formula_fits(c);
+  const int formula_fine = !formula_is_active || is_formula_valid(c);
 #endif
   if (!formula_fine) {
     if (wrong) *wrong = "formula_code_1";

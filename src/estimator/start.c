@@ -1,5 +1,5 @@
-/* estimator/start.c - initial estimate of the particle filter without a persisted state,
- * and its output before the first step. */
+/* estimator/start.c - initial estimate of the particle filter if no persisted state is
+ * loaded, and its output before the first step. */
 #include "estimator/stages.h"
 
 void start_of_settings(const tse_params *p, tse_start *s)
@@ -17,7 +17,7 @@ void start_of_settings(const tse_params *p, tse_start *s)
 
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now)
 {
-  static const int diagonal[3] = { 0, 3, 5 }; /* of lam */
+  static const int diagonal[3] = { 0, 3, 5 }; /* indices of the diagonal of lam */
   tse_real *const state_sd[3] = { &now->vel_x_sd, &now->vel_y_sd, &now->yaw_rate_sd };
   tse_start s = f->start;
   if (!s.loaded) start_of_settings(p, &s);
@@ -26,7 +26,7 @@ void report_start(const tse_params *p, const tse_filter *f, tse_output *now)
   for (int a = 0; a < 3; a++) {
     const tse_real sigma = r_mul(s.lam[diagonal[a]], r_div(s.nu, s.nu - TSE_R(4)));
     now->stiffness[a] = now->stiffness_secant[a] = TSE_R(1)
-        + r_clamp(s.mu[a], p->w_min, p->w_max); /* as the initial particles */
+        + r_clamp(s.mu[a], p->w_min, p->w_max); /* as for the initial particles */
     now->stiffness_sd[a] = r_sqrt(s.mean_var[a]);
     now->stiffness_spread[a] = r_sqrt(sigma);
     now->bias[a] = r_mul(p->sd[a], s.bias[a]);

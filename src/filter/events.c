@@ -186,9 +186,9 @@ event_posterior compute_posterior(const tse_kalman *k, int n)
 
 /* Update an event with a measurement.
  *   Given:  y      shift of the innovation by an amplitude of 1
- *         ys     y over the variance of the innovation
- *         e      innovation
- *         first  for a second amplitude: y of its first amplitude */
+ *           ys     y over the variance of the innovation
+ *           e      innovation
+ *           first  for a second amplitude: y of its first amplitude */
 static void update_amplitude(tse_event *a, tse_real y, tse_real ys, tse_real e, tse_real first)
 {
   a->info = r_min(a->info + r_mul(y, ys), MAX_INFO);
@@ -440,7 +440,7 @@ static void move_state(
 
 /* Add var v v' to the covariance.
  *   Given:  slopes   v in the units of `by` of move_state()
- *         rescale  from move_state(), converts it */
+ *           rescale  from move_state(), converts it */
 static void add_rank_one(
     tse_kalman *k, const tse_real slopes[TSE_ALL], const tse_real rescale[TSE_ALL], tse_real var)
 {
@@ -454,7 +454,7 @@ static void add_rank_one(
  * (OWN_SHARE times the step of the stiffness)^2: the linearisation error of earlier
  * updates.
  *   Given:  was     stiffness and grip before the step
- *         weight  factor on the variances; 1 if the event is accepted */
+ *           weight  factor on the variances; 1 if the event is accepted */
 static void widen_states(
     const tse_params *p, tse_kalman *k, int32_t which, const tse_real was[4], tse_real weight)
 {

@@ -157,9 +157,9 @@ int is_usable(const tse_kalman *k, int channel);
 
 /* Update the evidence that channel c is frozen. z is its new reading.
  *   Given:    nis    squared innovation over the noise variance (not over S). If it is
- *                  small, a repeated value is weak evidence: it agrees with the
- *                  prediction
- *           least  min probability that a working channel repeats its value */
+ *                    small, a repeated value is weak evidence: it agrees with the
+ *                    prediction
+ *             least  min probability that a working channel repeats its value */
 void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real nis, tse_real least, tse_real dt);
 
 /* Update the evidence that the steering angle is frozen: the angle repeats while the yaw
@@ -180,7 +180,7 @@ void watch_fault(tse_kalman *k, int channel, const scalar *m);
 
 /* Propagate the sensitivities through the row.
  *   Given:  M  transition in units of the state, as for ud_move(). Its columns after the
- *            states belong to the consider parameters, and hold r_short() numbers */
+ *              states belong to the consider parameters, and hold r_short() numbers */
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_short M[MOTION][PLACES], tse_real dt);
 
 /* Set the sensitivities of the first `count` states to 0. */
@@ -278,11 +278,11 @@ int can_return(const tse_kalman *k);
 
 /* Update all events with a measurement.
  *   Given:  channel  ACCEL_X ..., or NO_SENSOR_*
- *         along    as in scalar
- *         h, gain  partial derivatives and Kalman gain: of STATES states, then of the
- *                  extra states in use
- *         e, s     innovation and its variance
- *         sd       sd of the sensor */
+ *           along    as in scalar
+ *           h, gain  partial derivatives and Kalman gain: of STATES states, then of the
+ *                    extra states in use
+ *           e, s     innovation and its variance
+ *           sd       sd of the sensor */
 void events_learn(tse_kalman *k, int channel, int32_t along, const r_sparse *h, const r_scaled *gain,
     tse_real e, tse_real s, tse_real sd);
 
@@ -294,19 +294,19 @@ STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 
 /* Update the filter with one measurement.
  *   Given:     channel  ACCEL_X ..., or NO_SENSOR_*
- *            sd       sd of the sensor
+ *              sd       sd of the sensor
  *   Updated:   change   sum of the corrections of this row, in units of the state
  *   Returned:  S, the variance of the innovation as used
- *            *state   the part of S that is not measurement noise: h' P h, and the
- *                     part due to consider parameters */
+ *              *state   the part of S that is not measurement noise: h' P h, and the
+ *                       part due to consider parameters */
 tse_real use_scalar(
     tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 
 /* Update the estimated white noise of a channel: half the mean square of the difference
  * between successive innovations, in which slow errors cancel.
  *   Given:    difference  between the last two innovations
- *           nominal     noise variance of the setting
- *           share       gain of the running mean
+ *             nominal     noise variance of the setting
+ *             share       gain of the running mean
  *   Updated:  noise       estimated noise variance over nominal */
 static inline void learn_noise(
     const tse_params *p, tse_real *noise, tse_real difference, tse_real nominal, tse_real share)
@@ -351,7 +351,7 @@ void update_at_standstill(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* Return whether the car rolls backwards, for wheel speeds that may have no sign.
  *   Given:     z      this row
- *            speed  magnitude: of the faster axle or, without wheel speeds, of v_x
+ *              speed  magnitude: of the faster axle or, without wheel speeds, of v_x
  *   Updated:   f->way
  *   O(1) time */
 int rolls_backwards(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed);

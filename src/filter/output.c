@@ -209,7 +209,7 @@ static int is_misfit(const tse_kalman *k, int channel)
 
 /* Return TSE_VALID, or the first reason that applies why an estimate is not valid.
  *   Given:  sd, mean  of the estimate
- *         at        index of its state */
+ *           at        index of its state */
 static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const row_class *w,
     const tse_output *out, tse_real sd, tse_real mean, int at)
 {

@@ -8,7 +8,7 @@
  * it is estimated over ROAD_TIME instead. Data from a road that contradicts the pair,
  * such as ice, are then soon forgotten after it.
  *
-/* A small factor of the speed alone (km/h for rad/s gives 3.6 wheel radii, 1.0 .. 1.3)
+ * A small factor of the speed alone (km/h for rad/s gives 3.6 wheel radii, 1.0 .. 1.3)
  * cannot be found from one pair, because roll and pitch have effects of the same size. It
  * is found from two pairs together: a speed that is too large increases both v r over
  * accel_y and the rate of the speed over accel_x. Roll, pitch and latency act on both
@@ -301,7 +301,7 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
 
 /* Compute the values of which the pairs consist, in the order SIDE ...
  *   Given:  x      channels
- *         speed  of the car [m/s] */
+ *           speed  of the car [m/s] */
 static void compute_values(
     const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
 {

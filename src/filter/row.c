@@ -42,7 +42,7 @@ static int is_same(const tse_filter *f, tse_real front, tse_real rear)
  * row. If the columns are two signals, both take values of their own. If one column is
  * missing for long and no velocity is measured, there is no second speed either.
  *   Updated:  z  one_speed, no_second, equal, same, off. Of one signal, the rear axle
- *           receives the newer value and the front axle is not used */
+ *             receives the newer value and the front axle is not used */
 static void find_one_speed(const tse_params *p, const tse_filter *f, decoded *z)
 {
   const tse_real front = z->axle[0], rear = z->axle[1];

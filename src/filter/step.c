@@ -4,7 +4,7 @@
  *   start.c           initial state: the prior, and the motion from the sensors
  *   backwards.c       find whether the car rolls backwards
  *   predict.c         predict to the time of the row (model/car.c: forces, motion and
- *                   sensors of the car; ud.c: the covariance)
+ *                     sensors of the car; ud.c: the covariance)
  *   update.c          update with the sensors of the row, one after the other
  *   velocity.c        update with measured velocities
  *   scalar.c          update with one scalar measurement
@@ -89,7 +89,7 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
 
 /* Classify the row.
  *   Given:    f    with timers that include this row
- *           gap  1: the motion cannot be predicted from the previous row to this one
+ *             gap  1: the motion cannot be predicted from the previous row to this one
  *   Updated:  f->way */
 static row_class classify_row(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed, int gap)
 {

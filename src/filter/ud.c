@@ -11,7 +11,7 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 
 /* Multiply an element of D by share^2, but leave it at least MIN_D.
  *   Returned:  factor for its column of U, so that covariances are multiplied by share:
- *            1/share, or less if the element is limited to MIN_D */
+ *              1/share, or less if the element is limited to MIN_D */
 static tse_real fade_d(tse_real *d, tse_real share)
 {
   const tse_real before = *d;
@@ -194,7 +194,7 @@ static void multiply_by_u(tse_ud *p, tse_short M[MOTION][PLACES], sums *s)
 /* Orthogonalise the rows before j, and those of the extra states, with respect to row j
  * (weighted Gram-Schmidt). The rows after j are already done.
  *   Updated:  s
- *           p  column j of U and W, element j of D */
+ *             p  column j of U and W, element j of D */
 static void orthogonalise(tse_ud *p, sums *s, int j)
 {
   tse_real v[2 * MOTION], d = TSE_R(0);

@@ -47,7 +47,7 @@ tse_real ud_covariance(const tse_ud *p, int i, int k);
 
 /* Add c a a' to the covariance.
  *   Given:   a     STATES elements, then one of each extra state in use
- *          last  last of the STATES elements that is not 0; -1 if all are 0
+ *            last  last of the STATES elements that is not 0; -1 if all are 0
  *   O(last^2) time */
 void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c);
 
@@ -62,29 +62,29 @@ void ud_fade(tse_ud *p, int i, tse_real share);
 void ud_forget(tse_ud *p, const tse_real *variance, int count);
 
 /* Propagate the covariance to F P F' + Q.
- *   Given:   M      first MOTION rows of F, r_slope(); the others are those of the identity
+ *   Given:   M      first MOTION rows of F, r_slope(). The others are as in the identity
  *            noise  diagonal of Q
  *   O(MOTION STATES^2 / 2) time */
 void ud_move(tse_ud *p, tse_short M[MOTION][PLACES], const tse_real noise[MOTION]);
 
 /* ------------------------------------------------------------------------ measurement */
 
-/* Return h' P h: the part of the variance of a scalar measurement that is due
- * to the state.
+/* Return h' P h: the part of the variance of a scalar measurement that is due to
+ * the state.
  *   Given:     h  partial derivatives of the measurement: STATES elements, then one per
  *                 extra state in use. The same holds for f, v and gain
  *   Returned:  f = U' h, v = D f, for ud_correct() */
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
 
-/* Return the same as ud_measure(), for elements of h that are already known
- * to be nonzero.
+/* Return the same as ud_measure(), for elements of h that are already known to be
+ * nonzero.
  *   Given:     sparse  nonzero elements among the first STATES of h */
 tse_real ud_measure_sparse(
     const tse_ud *p, const tse_real *h, const r_sparse *sparse, tse_real *f, tse_real *v);
 
 /* Update the covariance with a scalar measurement.
  *   Given:     f, v, h_P_h  from ud_measure()
- *            r            variance of the measurement noise
+ *              r            variance of the measurement noise
  *   Returned:  gain  P h/(h' P h + r) */
 void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real h_P_h, tse_real r, tse_real *gain);
 

@@ -182,7 +182,7 @@ static int is_measured(const tse_params *p, const decoded *z, int channel)
 /* Compute the scalar measurement of a channel. Its innovation refers to the state as
  * corrected by the channels before it.
  *   Given:     sin_d   sine of the front wheel angle
- *            change  corrections so far
+ *              change  corrections so far
  *   Returned:  m */
 static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s,
     tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)

@@ -80,7 +80,7 @@ static void keep_past(tse_kalman *k, tse_real dt)
 
 /* Find the difference between the motion `late` seconds ago and the present one.
  *   Returned:  delta; and the time to which it refers [s]: `late`, or less if the stored
- *            motion does not reach back so far */
+ *              motion does not reach back so far */
 static tse_real find_past(const tse_velocity *m, tse_real late, tse_real delta[KEPT])
 {
   tse_real newer = TSE_R(0);
@@ -211,10 +211,10 @@ static velocity_reading predict_value(
  * speed, a wrong slip looks like a latency. Its latency is therefore not estimated: the
  * uncertainty of the latency is noise.
  *   Given:     z   measured value
- *            by  partial derivatives of the rates of motion with respect to state and
- *                consider parameters, SI
+ *              by  partial derivatives of the rates of motion with respect to state and
+ *                  consider parameters, SI
  *   Returned:  m   innovation before the corrections of this row; partial derivatives in
- *                units of the state; white: variance due to an unestimated latency */
+ *                  units of the state; white: variance due to an unestimated latency */
 static void predict_reading(
     const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {
