@@ -1,8 +1,8 @@
-/* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The numbers on the right
- * are its lines and equations.
+/* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The comments on the right
+ * give its lines, and its equations in parentheses.
  *
- * A row begins with lines 17 and 18 of the row before it, because only now the time step
- * is known. w is drawn (line 16) before the statistics are updated by it (line 4).
+ * A row begins with lines 17 and 18 of the previous row, because the time step is known
+ * only now. w is drawn (line 16) before the statistics are updated with it (line 4).
  * src/EQUATIONS.md lists every other deviation from the paper, with its reason. */
 #include "paper/paper.h"
 

@@ -1,20 +1,21 @@
-/* paper/bias.c - (18), (19): sensor biases, Gaussian given the path of a particle, with
- * one covariance P for all particles. P0, Q and R are diagonal and each bias affects one
- * channel, so P stays diagonal: one variance per channel. */
+/* paper/bias.c - equations (18) and (19): sensor biases. Given the path of a
+ * particle they are Gaussian, with one covariance P for all particles. P0, Q and R
+ * are diagonal and each bias affects one channel, so that P stays diagonal: one
+ * variance per channel. */
 #include "paper/paper.h"
 
-#define MAX_BIAS TSE_R(2000) /* sigma, numerics: limit of a bias */
-#define MAX_BIAS_VARIANCE TSE_R(16777216) /* sigma^2, numerics: 2^24 */
+#define MAX_BIAS TSE_R(2000) /* [sigma] max magnitude of a bias, for numerics */
+#define MAX_BIAS_VARIANCE TSE_R(16777216) /* [sigma^2] max variance of a bias, for numerics: 2^24 */
 
-/* Predict the biases, (18): P += Q dt. */
+/* Predict the biases, equation (18): P += Q dt. */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
 {
   for (int a = 0; a < 3; a++)
     f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MAX_BIAS_VARIANCE);
 }
 
-/* Compute Rbar = P + R of (22), R = 1, and the other common quantities of (22) ..
- * (25). */
+/* Compute the quantities of equations (22) to (25) that are common to all particles,
+ * among them Rbar = P + R of (22), with R = 1. */
 common paper_compute_common(const tse_params *p, const tse_filter_paper *f, const sample *y)
 {
   common c;
@@ -34,7 +35,7 @@ common paper_compute_common(const tse_params *p, const tse_filter_paper *f, cons
 
 static tse_real clip_bias(tse_real b) { return r_clamp(b, -MAX_BIAS, MAX_BIAS); }
 
-/* Move the bias of every particle by its gain times the innovation given w. */
+/* Correct the biases of every particle by their gains times the innovation given w. */
 static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
@@ -52,8 +53,8 @@ static void update_biases(const tse_params *TSE_RESTRICT p, const common *TSE_RE
   }
 }
 
-/* Update the biases, (19), by the innovation given w: b += K (y - h - d w - b), P -= K S
- * K', K = P S^-1, S = P + R. */
+/* Update the biases, equation (19), with the innovation given w:
+ *   b += K (y - h - d w - b),  P -= K S K',  K = P S^-1,  S = P + R */
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
   update_biases(p, c, y, &f->p);

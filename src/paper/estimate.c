@@ -1,8 +1,10 @@
-/* paper/estimate.c - (26), (27): moments of the weighted particles. */
+/* paper/estimate.c - equations (26), (27): estimates from the moments of
+ * the particles. */
 #include "paper/paper.h"
 
-/* Return the sum of weight times value, in lanes: one order of summation everywhere. Up
- * to 2^16 weights of at most 1 fit every format. */
+/* Return the sum of weight times value. It is computed in lanes, so that the order of
+ * summation is the same on every machine. The sum of up to 2^16 weights, each at most 1,
+ * fits every number format. */
 static tse_real sum_products(const tse_real *weight, const tse_real *value, int32_t count)
 {
   tse_real lane[TSE_LANES], sum = TSE_R(0);
@@ -23,8 +25,9 @@ tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f)
   return total;
 }
 
-/* Compute weighted mean and variance of n values. The variance is first taken about the
- * first value, so that a spread of mm/s on 20 m/s survives in single precision. */
+/* Compute the weighted mean and variance of `count` values. Deviations are taken from the
+ * first value, so that in single precision a spread of mm/s at a speed of 20 m/s is not
+ * lost to rounding. */
 static void compute_moments(const tse_real *weight, const tse_real *value, int32_t count, tse_real total,
     tse_real *mean, tse_real *var)
 {

@@ -1,24 +1,26 @@
-/* paper/learn.c - (25), (16), (17): draw w given the sample, update the statistics,
- * forget. Particles are processed in short runs, so that their random numbers stay in the
- * cache. */
+/* paper/learn.c - equations (25), (16), (17): draw w given the sample, update the
+ * statistics, forget. Particles are processed in runs of RUN, so that their random
+ * numbers stay in the cache. */
 #include "paper/paper.h"
 #include "number/random.h"
 
 #define RUN 64
-#define MIN_NU TSE_R(6) /* A and Sigma require nu > 4; reached only with a short memory and long time
-                         * steps */
-#define MIN_LOG2_KEPT TSE_R(-20) /* min log2 of the share that is kept */
-#define TINY TSE_R(1e-6 * 1e-6) /* min pivot: rounding may give a pivot of 0 or less */
+#define MIN_NU TSE_R(6) /* min degrees of freedom: A and Sigma require nu > 4. Reached only with
+                         * a short memory and long time steps */
+#define MIN_LOG2_KEPT TSE_R(-20) /* [log2] min share of the statistics that is kept in a row */
+#define TINY TSE_R(1e-6 * 1e-6) /* min pivot of a Cholesky factor: rounding may give 0 or less */
 #if defined(TSE_REAL_FIXED)
 #undef TINY
-#define TINY ((tse_real)16) /* 16 steps of the format: a smaller value has no significant digit */
+#define TINY ((tse_real)16) /* 16 steps of the format: the root of less has too few digits */
 #endif
 
-/* Forgetting that depends on the innovations, if `forgetting_change` is below 1: */
-#define SLOW_TIME TSE_R(0.1) /* s: time constant of the low-pass for innovations */
-#define USUAL_RATIO TSE_R(3) /* 1: ratio of their mean square to that of white noise, up to which lambda is
-                              * unchanged */
-#define LAMBDA_SLOPE TSE_R(0.05) /* decrease of lambda per unit of the ratio above USUAL_RATIO */
+/* Constants of forgetting that depends on the innovations: lambda of gamma decreases
+ * while low-passed innovations are larger than those of white noise. It is on while
+ * `forgetting_change` is below `forgetting_mean`. */
+#define SLOW_TIME TSE_R(0.1) /* [s] time constant of the low pass of the innovations */
+#define USUAL_RATIO TSE_R(3) /* [1] ratio of mean squares, low-passed innovations over low-passed white
+                              * noise, up to which lambda does not change */
+#define LAMBDA_SLOPE TSE_R(0.05) /* [1] decrease of lambda per unit of the ratio above USUAL_RATIO */
 
 /* Draw Student-t variates for a run of particles. */
 static void draw_student(
@@ -38,16 +40,17 @@ static void draw_student(
   }
 }
 
-/* Reflect a draw below w_low, clip one above w_max. With reflect_draws, w_low is
- * stiffness_min - 1 and the stiffness stays positive. Otherwise, as in the paper, w_low
- * is min(-w_max, w_min), which only bounds w: the stiffness 1 + w may be negative. */
+/* Limit a drawn w: reflect it at w_low, clip it at w_max. With reflect_draws, w_low is
+ * stiffness_min - 1, so that the stiffness stays positive. Otherwise w_low is
+ * min(-w_max, w_min), which only keeps w bounded: as in the paper, the stiffness 1 + w
+ * may be negative. */
 static inline tse_real bound_draw(const tse_params *p, tse_real w)
 {
   return r_min(p->w_low + r_abs(w - p->w_low), p->w_max);
 }
 
-/* Draw w of one particle: mean mu + A d' S^-1 z, scale (nut + q)/(nut + d_y) (A - A d'
- * S^-1 d A) = C C', C lower triangular. */
+/* Draw w of one particle from equation (25): mean mu + A d' S^-1 z, scale
+ * (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular. */
 TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c,
     const sample *TSE_RESTRICT y, tse_real inv_dof, tse_real ta, tse_real tb, tse_real tc, int32_t i,
     tse_particles *TSE_RESTRICT q)
@@ -85,12 +88,14 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
   }
 }
 
-/* Update the statistics, (16), with z = w - mu and lam = Lambda/nu:
+/* Update the statistics, equation (16), with z = w - mu and lam = Lambda/nu:
  *   gamma+ = gamma/(1 + gamma)
  *   nu+ = nu + 1
  *   mu+ = mu + gamma+ z
- *   Lambda+ = Lambda + z z'/(1 + gamma), or lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
- * With spread_max, lam is scaled down to it. */
+ *   Lambda+ = Lambda + z z'/(1 + gamma), thus
+ *   lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1)
+ * If a diagonal element of lam exceeds the limit that follows from spread_max, lam is
+ * scaled down to it. */
 static void learn_statistics(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink,
     tse_real max, tse_particles *TSE_RESTRICT q)
 {
@@ -125,8 +130,9 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
       p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return the ratio of the mean square of low-passed innovations, over SLOW_TIME and the
- * channels, to that of white noise of variance one. */
+/* Return a ratio of mean squares: low-passed innovations (SLOW_TIME, mean of the
+ * channels) over low-passed white noise of variance 1. It is large while
+ * innovations are correlated. */
 static tse_real compute_persistence(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
@@ -150,11 +156,11 @@ static tse_real compute_persistence(
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu is
- * unchanged), with lambda^(dt/sample_time). The lambda of gamma, which forgets the mean,
- * is a setting of its own, and decreases while innovations are correlated. gamma is
- * limited to 1 or its initial value: a forgotten mean has no less information than
- * that. */
+/* Forget, equation (17): divide gamma by lambda, multiply nu and Lambda by it
+ * (lam = Lambda/nu does not change). The lambda of a row is lambda^(dt/sample_time).
+ * gamma, with which the mean is forgotten, has a lambda of its own, which decreases while
+ * innovations are correlated. gamma is limited to 1 or its initial value, whichever is
+ * larger, so that a mean is forgotten no further than that. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

@@ -1,8 +1,10 @@
-/* paper/move.c - (7): move every particle from the last row to this one, with the w drawn
- * at the last row. */
+/* paper/move.c - equation (7): propagate every particle from the previous row to this
+ * one, with the w drawn at the previous row. */
 #include "paper/paper.h"
 
-#define EULER 0 /* values of the setting `integration`; 1: linear inputs */
+/* Values of the setting `integration`: Euler as in the paper; 1: second order, inputs
+ * linear between rows; 2: as 1, but the steering angle of the previous row is held. */
+#define EULER 0
 #define HELD_STEER 2
 
 /* Store the motion of particle i within the limits of vehicle.h. */
@@ -13,8 +15,8 @@ static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, t
   q->x[2][i] = vehicle_limit(r, MAX_YAW_RATE);
 }
 
-/* Move all particles as in the paper: x+ = f(x, u) + g(x, u) w, with the inputs of the
- * last row. */
+/* Propagate all particles over h seconds as in the paper: x+ = f(x, u) + g(x, u) w, with
+ * the inputs u of the previous row. */
 static void move_by_euler(const tse_params *p, tse_particles *q, inputs u, tse_real h)
 {
   for (int32_t i = 0; i < pad_count(p->particles); i++) {
@@ -26,7 +28,7 @@ static void move_by_euler(const tse_params *p, tse_particles *q, inputs u, tse_r
   }
 }
 
-/* Move all particles by a method of second order, from inputs u0 to u1. */
+/* Propagate all particles over h seconds by a method of second order, inputs u0 to u1. */
 static void move_by_ros2(const tse_params *p, tse_particles *q, inputs u0, inputs u1, tse_real h)
 {
   for (int32_t i = 0; i < pad_count(p->particles); i++) {
@@ -48,7 +50,7 @@ void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample 
   if (p->integration == HELD_STEER) end.steer = last.steer;
   const int32_t steps = vehicle_steps(p, y->dt, last, end);
   const tse_real h = steps > 1 ? r_div(y->dt, r_from_int(steps)) : y->dt;
-  for (int32_t k = 1; k <= steps; k++) { /* inputs are linear between rows */
+  for (int32_t k = 1; k <= steps; k++) { /* inputs are linear between the rows */
     const inputs to = vehicle_between(last, end, k, steps);
     move_by_ros2(p, &f->p, from, to, h);
     from = to;

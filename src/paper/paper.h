@@ -1,24 +1,25 @@
 /* paper/paper.h - the particle filter of the paper (form 1): stages of Algorithm 1.
- * Internal.
+ * Numbers in parentheses are equations of the paper. Internal.
  *
- * Symbols of the paper, units of src/EQUATIONS.md: forces over mass, measurements over
- * the sensors' sd. gamma, nu and the covariance P of the biases follow recursions without
- * data and are common to all particles. */
+ * Symbols are those of the paper, in the units of src/EQUATIONS.md: forces over
+ * mass, measurements over the sensors' sd. gamma, nu and the covariance P of the
+ * biases follow recursions that do not contain measurements. They are therefore
+ * common to all particles. */
 #ifndef TSE_PAPER_H
 #define TSE_PAPER_H
 
 #include "estimator/stages.h"
 #include "paper/particle.h"
 
-/* The loops over particles vectorise only if the compiler knows that constants and
- * particles do not alias. */
+/* Loops over particles vectorise only if the compiler knows that constants and particles
+ * do not alias. */
 #if defined(__cplusplus) || (defined(_MSC_VER) && !defined(__clang__))
 #define TSE_RESTRICT __restrict
 #else
 #define TSE_RESTRICT restrict
 #endif
 
-/* A function that two loops call must be inlined in both, or neither vectorises. */
+/* Functions that several loops call are always inlined: otherwise no loop vectorises. */
 #if defined(__GNUC__)
 #define TSE_INLINE static inline __attribute__((always_inline))
 #else
@@ -27,37 +28,38 @@
 
 /* Quantities common to all particles at one row. */
 typedef struct common {
-  observation_gains g;        /* of h and d, (9); 0 if the measurement is missing */
-  tse_real l[3];              /* (P + R)^-1/2, R = 1: whitens the innovation */
-  tse_real gain[3];           /* (19): K (P + R)^1/2, gain of the whitened innovation given w */
-  tse_real nut;               /* (22): nu - d_w + 1 = nu - 2                                        */
-  tse_real a;                 /* (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu              */
-  tse_real r;                 /* (22): (nut - 2)/nut, the scale of the whitened noise               */
-  tse_real half_dof, inv_nut; /* (nut + d_y)/2, 1/nut                                              */
+  observation_gains g;        /* gains of h and d of (9); 0 if the measurement is missing */
+  tse_real l[3];              /* (P + R)^-1/2, R = 1: factor that whitens the innovation */
+  tse_real gain[3];           /* K (P + R)^1/2 of (19): bias gain for the whitened innovation given w */
+  tse_real nut;               /* nu - d_w + 1 = nu - 2 of (22): degrees of freedom */
+  tse_real a;                 /* factor a of (22): (1 + gamma)/nut Lambda = a lam, lam = Lambda/nu */
+  tse_real r;                 /* (nut - 2)/nut of (22): scale of the whitened noise */
+  tse_real half_dof, inv_nut; /* (nut + d_y)/2 and 1/nut */
 } common;
 
-/* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and w given it,
- * (25). Whitened by (P + R)^-1/2, so that the noise is equal in each channel. Channels
- * are processed in turn, each with the covariance of w after those before it; this is
- * equivalent to a Cholesky factor of S. The yaw rate does not depend on w. */
+/* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and the
+ * distribution of w given y, (25). It is whitened by (P + R)^-1/2, so that each channel
+ * has the same noise. Channels are processed one after the other, each with the
+ * covariance of w given those before it, which is equivalent to a Cholesky factor of S.
+ * The yaw rate does not depend on w. */
 typedef struct innovation {
-  tse_real z1, z2, z3;   /* whitened innovations, 0 if missing */
-  tse_real d1[2], d2[3]; /* whitened rows of d                                              */
-  tse_real s1, s2, s3;   /* scales of the three steps                                       */
-  tse_real m[3];         /* A d' S^-1 z, the shift of w's mean given y, (25)                */
-  tse_real a[6];         /* A - A d' S^-1 d A, upper triangle                               */
-  tse_real q;            /* z' S^-1 z                                                       */
+  tse_real z1, z2, z3;   /* whitened innovations; 0 if the measurement is missing */
+  tse_real d1[2], d2[3]; /* whitened rows of d for accel_x, accel_y */
+  tse_real s1, s2, s3;   /* scales of the whitened innovations */
+  tse_real m[3];         /* A d' S^-1 z: shift of the mean of w by y, (25) */
+  tse_real a[6];         /* A - A d' S^-1 d A: scale of w given y, upper triangle */
+  tse_real q;            /* z' S^-1 z */
 } innovation;
 
-/* Condition mean m and covariance a of w on one channel with row d (d0, d1, d2) and
- * innovation z. */
+/* Condition the mean m and the covariance a of w on one channel, with the row d0, d1, d2
+ * of d and the innovation z. */
 TSE_INLINE void condition_on_channel(
     innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
 {
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
   const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
-#if defined(TSE_REAL_FIXED) /* after saturation a < r is possible, and its density would dominate */
+#if defined(TSE_REAL_FIXED) /* after saturation the sum may be below r, and its density would dominate */
   const tse_real s = r_max(r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r, r);
 #else
   const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
@@ -79,7 +81,7 @@ TSE_INLINE void condition_on_channel(
   *scale = s;
 }
 
-/* Compute the innovation of particle i. */
+/* Return the innovation of particle i. */
 TSE_INLINE innovation compute_innovation(
     const tse_params *p, const common *c, const sample *y, const tse_particles *q, int32_t i)
 {
@@ -113,61 +115,70 @@ TSE_INLINE innovation compute_innovation(
   return e;
 }
 
-/* algorithm1.c: start reading here. paper_predict: lines 17, 18 of Algorithm 1, from the
- * last row to this one. paper_update: lines 3 .. 16 for this row's sample.
+/* algorithm1.c: start reading here.
+ * paper_predict: lines 17 and 18 of Algorithm 1, from the previous row to this one.
+ * paper_update: lines 3 .. 16, with the sample of this row.
  *   Returned:  now            estimates
- *              log2_evidence  of the sample [log2] */
+ *              log2_evidence  log2 of the density of the sample */
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_update(
     const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);
 
-/* start.c: paper_start: Initialize, all of p0 from the settings or the persisted state.
- * paper_place: only the vehicle state, from wheel speeds and gyro. */
+/* start.c: paper_start: line Initialize of Algorithm 1, from the settings or
+ * the persisted state. paper_place: initialise only the motion, from wheel
+ * speeds and gyro. */
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_place(const tse_params *p, tse_filter_paper *f, const sample *y);
 
-/* bias.c: paper_predict_bias: (18). paper_compute_common: quantities common to all particles
- * at a row, (19) and (22). paper_update_bias: (19), given w. */
+/* bias.c: paper_predict_bias: (18). paper_compute_common: quantities of a row that are
+ * common to all particles, (19) and (22). paper_update_bias: (19), given w. */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt);
 common paper_compute_common(const tse_params *p, const tse_filter_paper *f, const sample *y);
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 
-/* move.c: (7), all particles from the last row's inputs to those of y */
+/* move.c: propagate all particles by (7), from the inputs of the previous row to
+ * those of y. */
 void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample *y);
 
-/* weigh.c: paper_update_weights: (22), (23), normalised. paper_normalise: logw -=
- * largest, weight = 2^logw, log_total.
- *   Returned:  log2 of the evidence of the sample, SI; log2 of the largest weight */
+/* weigh.c: paper_update_weights: update and normalise the weights, (22), (23).
+ *   Returned:  log2 of the evidence of the sample, for SI units
+ * paper_normalise: subtract the largest log-weight from all, and compute weight =
+ * 2^logw and log_total.
+ *   Returned:  the largest log-weight */
 tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 tse_real paper_normalise(const tse_params *p, tse_filter_paper *f);
 
-/* estimate.c: (26), (27) from the weighted particles; N_eff; sum of the weights; weighted
- * means of n rows */
+/* estimate.c: paper_estimate: (26), (27). paper_effective_size: N_eff.
+ * paper_total_weight: sum of the weights. paper_weighted_means: weighted means of the
+ * n rows `rows`. */
 void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *now);
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
 tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f);
 void paper_weighted_means(
     const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
 
-/* resample.c: line 9, resample in proportion to the weights, which are equal afterwards.
- * paper_choose_ancestors: ascending ancestors of n particles; the largest weight is 1.
- * paper_keep_survivors: reorder them so that survivors keep their places. */
+/* resample.c: paper_resample: line 9, resample in proportion to the weights, which are
+ * equal afterwards. paper_choose_ancestors: choose the ancestors of n particles, in
+ * ascending order; the largest weight must be 1. paper_keep_survivors: reorder
+ * ancestors so that each particle with a copy keeps its place. paper_copy_particles:
+ * copy the ancestors. */
 void paper_resample(const tse_params *p, tse_filter_paper *f);
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 void paper_copy_particles(tse_particles *q, const uint16_t *ancestor, int32_t n);
 
-/* learn.c: (25), draw w given y; (16), statistics given w; (17), forgetting */
+/* learn.c: paper_draw_stiffness: draw w given y, (25). paper_update_statistics: update
+ * the statistics with w, (16). paper_forget: forget, (17). */
 void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 void paper_update_statistics(const tse_params *p, tse_filter_paper *f);
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now);
 
-/* row.c: find the stiffnesses that recent inputs have excited */
+/* row.c: find the stiffnesses that recent inputs have excited. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 
-/* Return n rounded up to full lanes. */
+/* Return n rounded up to a multiple of TSE_LANES. */
 static inline int32_t pad_count(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 
 #endif

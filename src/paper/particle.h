@@ -1,5 +1,5 @@
-/* paper/particle.h - the model of vehicle.h as used in the estimator, (6), (7), (9), for
- * one particle.
+/* paper/particle.h - the vehicle model of vehicle.h as the particle filter uses it,
+ * equations (6), (7), (9) of the paper, for one particle.
  *
  * Inline and branch-free, so that loops over particles vectorise. */
 #ifndef TSE_PARTICLE_H
@@ -7,14 +7,15 @@
 
 #include "model/vehicle.h"
 
-/* Rows of d and h of (9) over the sensors' sd. The third row of d (yaw rate) is zero, and
- * so is its element (1,3). */
+/* Rows of d and h of (9), over the sensors' sd. The third row of d (yaw rate) and element
+ * (1, 3) are 0. */
 typedef struct observation {
-  tse_real d11, d12, d21, d22, d23; /* d(accel)/dw                          */
-  tse_real h1, h2;                  /* accel_x, accel_y at w = 0            */
+  tse_real d11, d12, d21, d22, d23; /* partial derivatives of accel_x, accel_y with respect to w */
+  tse_real h1, h2;                  /* accel_x, accel_y at w = 0 */
 } observation;
 
-/* Nominal stiffness over mass and the sensors' sd, constant in a loop over particles. */
+/* Nominal stiffness over mass and sd of the sensor. It is constant in a
+ * loop over particles. */
 typedef struct observation_gains {
   tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2;
 } observation_gains;
@@ -22,7 +23,7 @@ typedef struct observation_gains {
 static inline observation_gains particle_observation_gains(
     const tse_params *p, tse_real use_x, tse_real use_y)
 {
-  observation_gains g; /* use_ is 1, or 0 if the measurement is missing: its row of d is then 0 */
+  observation_gains g; /* use_x, use_y: 1, or 0 if the measurement is missing; its row is then 0 */
   const tse_real ix = r_mul(use_x, p->inv_sd[0]), iy = r_mul(use_y, p->inv_sd[1]);
   g.xf1 = r_mul(p->car.kx_front, ix);
   g.xr1 = r_mul(p->car.kx_rear, ix);
@@ -48,8 +49,8 @@ static inline observation particle_observation(observation_gains g, slips s, tse
   return o;
 }
 
-/* Integrate (7) over h seconds from inputs u0 to u1 (linear between) with constant
- * stiffness k, by ROS2 of vehicle.h. */
+/* Integrate (7) over h seconds with constant stiffness k and inputs that change linearly
+ * from u0 to u1, by the method ROS2 of vehicle.h. */
 static inline void particle_step(const tse_params *p, tse_real *vx, tse_real *vy, tse_real *r, stiffness k,
     inputs u0, inputs u1, tse_real h)
 {

@@ -1,18 +1,19 @@
-/* paper/resample.c - four schemes to choose n ancestors in proportion to their weights,
- * with one signature.
+/* paper/resample.c - four schemes of resampling, with the same signature. Each chooses n
+ * ancestors in proportion to their weights.
  *
- * Each scheme places n positions along the cumulative weights q and takes the particles
- * at these positions. The schemes differ in the positions:
- *   systematic   (k + U)/n, one random number
- *   stratified   (k + U_k)/n, one random number each
- *   multinomial  n sorted uniforms
+ * Each scheme places n positions on the cumulative weights, scaled to 0 .. 1, and takes
+ * the particles at these positions. The schemes differ in the positions (U: a uniform
+ * random number; k = 0 .. n - 1; q: weight over the sum of weights):
+ *   systematic   (k + U)/n, one U for all
+ *   stratified   (k + U_k)/n, one U each
+ *   multinomial  n sorted uniform numbers
  *   residual     floor(n q) copies, then stratified over the remainders of n q
- * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering",
- * ISPA 2005. */
+ * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle
+ * filtering", ISPA 2005. */
 #include "paper/paper.h"
 #include "number/random.h"
 
-/* Return uniform number k of a step. */
+/* Return uniform random number k of a step. */
 static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
 {
   uint32_t a, b;
@@ -20,19 +21,19 @@ static tse_real draw_uniform(const uint32_t seed[2], uint32_t step, int32_t k)
   return r_uniform(a);
 }
 
-/* Return position k of n on [0, total): (k + u) total/n. */
+/* Return position k of n on [0, total): (k + u) share, share = total/n. */
 static tse_real compute_position(tse_real share, int32_t k, tse_real u)
 {
   return r_add_sat(r_mul(share, r_from_int(k)), r_mul(share, u));
 }
 
-/* Choose ancestors by n sorted uniforms. */
+/* Choose ancestors at n sorted uniform positions. */
 static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {
-  /* Sorted uniforms from the largest down: U_(k) = U_(k+1) U^(1/k), in logs. */
+  /* sorted uniforms, the largest first: U_(k) = U_(k+1) U^(1/k), as logarithms */
   tse_real log2_u = TSE_R(0);
-  tse_real above = total; /* weight up to and including particle i */
+  tse_real above = total; /* cumulative weight of the particles up to i */
   int32_t i = n - 1;
   for (int32_t k = n; k >= 1; k--) {
     log2_u = log2_u + r_div(r_log2(draw_uniform(seed, step, k)), r_from_int(k));
@@ -45,20 +46,20 @@ static void choose_multinomial(const tse_real *weight, int32_t n, tse_real total
   }
 }
 
-/* Return floor(n q), the copies of a particle that are certain. */
+/* Return floor(n q), the number of copies that a particle certainly has. */
 static int32_t count_whole_copies(tse_real weight, int32_t n, tse_real total)
 {
   return r_floor_to_int(r_div(r_mul(weight, r_from_int(n)), total));
 }
 
-/* Choose the certain copies, and the rest stratified. */
+/* Choose the certain copies, and the remaining ancestors by stratified resampling. */
 static void choose_residual(const tse_real *weight, int32_t n, tse_real total, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor)
 {
   int32_t filled = 0, k = 0;
   for (int32_t i = 0; i < n; i++) filled += count_whole_copies(weight[i], n, total);
-  const int32_t rest = n - filled;          /* >= 0: a sum of floors */
-  const tse_real share = r_share(total, n); /* remainders n q - floor(n q) are in units of total/n */
+  const int32_t rest = n - filled;          /* not negative, because copies are rounded down */
+  const tse_real share = r_share(total, n); /* weight of one copy */
   tse_real sum = TSE_R(0);
   int32_t j = 0;
   for (int32_t i = 0; i < n; i++) {
@@ -97,11 +98,11 @@ void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, c
     while (k < n && compute_position(share, k, scheme == 1 ? draw_uniform(seed, step, k) : one) < sum)
       ancestor[k++] = (uint16_t)i;
   }
-  for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as above */
+  for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as in choose_residual() */
 }
 
-/* Reorder ancestors so that survivors keep their places. The copy then needs no second
- * buffer, because places that are written are never read. */
+/* Reorder the ancestors so that particles with a copy keep their places. The copy then
+ * needs no second buffer, because no place that is written is read again. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
@@ -118,12 +119,12 @@ void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 
 void paper_copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
 {
-  for (tse_real *row = p->x[0]; row <= p->logw[0]; row += TSE_STRIDE) /* every row of every member */
+  for (tse_real *row = p->x[0]; row <= p->logw[0]; row += TSE_STRIDE) /* all rows of all members */
     for (int32_t i = 0; i < n; i++) row[i] = row[ancestor[i]];
 }
 
-/* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal: a factor of
- * mean one (regularised resampling). */
+/* Multiply Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal: a random
+ * factor of mean 1 (regularised resampling). */
 static void scatter_spreads(const tse_params *p, tse_filter_paper *f)
 {
   const tse_real k = p->kernel, half = r_mul(TSE_R(0.34657359027997264), r_mul(k, k));

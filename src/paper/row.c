@@ -1,19 +1,20 @@
-/* paper/row.c - a row of tse_step() for the particle filter: the steps around Algorithm
- * 1. The paper assumes rows every Ts, a moving car and all channels. Other rows are
- * predicted with the mean stiffness, and nothing is learnt from them. */
+/* paper/row.c - process a row of tse_step() with the particle filter: everything
+ * around Algorithm 1. The paper assumes a row every Ts, a moving car and all channels.
+ * In other rows the motion is predicted with the mean stiffness, and the statistics
+ * are not updated. */
 #include "paper/paper.h"
 
-#define REVERSE_SPEED TSE_R(-0.1) /* m/s, physics: a wheel that turns back more slowly stands still */
-#define EXCITATION_TIME TSE_R(0.1) /* s: time constant of the low-pass for regressors */
-#define MAX_REGRESSOR TSE_R(1e6) /* 1, numerics: max regressor over its sensor's sd; its square fits a
-                                  * float */
+#define REVERSE_SPEED TSE_R(-0.1) /* [m/s] below this wheel speed the car is in reverse, above it stands still */
+#define EXCITATION_TIME TSE_R(0.1) /* [s] time constant of the low pass of the regressors */
+#define MAX_REGRESSOR TSE_R(1e6) /* [1] max regressor over its sensor's sd, for numerics: its square
+                                  * fits a float */
 
 /* Kind of a row. */
 typedef struct row_kind {
-  int gap;       /* too long after the row before: states are initialised again */
-  int held;      /* outside the validity of (4): too slow, in reverse, large angles */
-  int predicted; /* no inputs, or no measurement */
-  int32_t excited[3];
+  int gap;            /* 1: too long after the previous row; the motion is initialised again */
+  int held;           /* 1: too slow, in reverse or at a large angle: (4) is not valid */
+  int predicted;      /* 1: an input or all measurements are missing */
+  int32_t excited[3]; /* 1: the stiffness is excited */
 } row_kind;
 
 static tse_real find_max_wheel_speed(const sample *y)
@@ -21,15 +22,16 @@ static tse_real find_max_wheel_speed(const sample *y)
   return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear));
 }
 
-/* Find the stiffnesses that recent inputs have excited. A stiffness is observable only
- * while its force changes: a constant slip (angle) is equally well explained by another
- * velocity and another stiffness. Its regressor phi (a column of d, in sigma per unit of
- * w) is therefore judged by its variance over the recent past. A mean over `memory`
- * samples, each with noise 1 + phi^2 spread^2, has the variance
+/* Find the stiffnesses that recent inputs have excited. A stiffness can be observed only
+ * while its force changes: with a constant slip or slip angle, a different velocity with
+ * a different stiffness explains the data equally well. The criterion is the variance
+ * over the recent past of its regressor phi (a column of d, in sigma per unit of w). A
+ * mean over `memory` samples, each with noise 1 + phi^2 spread^2, has the variance
  *   (1 + E[phi^2] spread^2)/(memory var(phi)),
- * which must be below valid_sd^2. Only validity depends on it. The recent past is two
- * memories: after a change, velocity is remembered longer than stiffness. Regressors are
- * low-passed first: noise of a wheel speed looks like slip but does not move the car. */
+ * which must be below valid_sd^2. The result is used for validity only. The recent past
+ * is two memories, because after a change the estimate of the velocity has a longer
+ * memory than that of the stiffness. Regressors are low-passed first, because noise of a
+ * wheel speed looks like slip but does not move the car. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
@@ -51,8 +53,8 @@ void paper_excitation(
   }
 }
 
-/* Advance the particles to this row: initialise, predict, or initialise the states
- * again. */
+/* Advance the particles to this row: initialise them, predict them, or initialise
+ * only their motion. */
 static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   tse_filter *const c = &f->filter;
@@ -63,7 +65,7 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   k.held = find_max_wheel_speed(y) < p->hold_speed || y->u.v_front < REVERSE_SPEED
       || y->u.v_rear < REVERSE_SPEED || r_abs(y->u.steer) > p->max_steer;
   if (!c->started) {
-    paper_start(p, f, y); /* repeated in every row until the first with inputs */
+    paper_start(p, f, y); /* in every row up to the first with all inputs */
     c->started = y->has_inputs;
     return k;
   }
@@ -75,8 +77,8 @@ static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, cons
   return k;
 }
 
-/* Estimate a row from which nothing is learnt. The mean stiffness predicts the next
- * row. */
+/* Report a row without an update. The next row is then predicted with the
+ * mean stiffness. */
 static void report_held(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
   now->n_eff = paper_effective_size(p, f);
@@ -85,7 +87,7 @@ static void report_held(const tse_params *p, tse_filter_paper *f, tse_output *no
     for (int32_t i = 0; i < pad_count(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
 }
 
-/* Set the reason of each stiffness, the first that applies, and return the status. */
+/* Set the reason of each stiffness to the first that applies, and return the status. */
 static tse_status judge_stiffness(
     const tse_params *p, tse_filter_paper *f, const sample *y, const row_kind *k, tse_output *now)
 {
@@ -127,7 +129,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   c->v_rear = y.u.v_rear;
 
   memset(&now, 0, sizeof now);
-  if (k.gap) y.dt = p->sample_time; /* a gap counts as one row for (17) */
+  if (k.gap) y.dt = p->sample_time; /* forgetting, (17), takes a gap as one sample time */
   if (k.held || k.predicted) report_held(p, f, &now);
   else {
     paper_update(p, f, &y, &now, &evidence);

@@ -1,9 +1,10 @@
-/* paper/start.c - line Initialize: particles from the settings and the first sample;
- * after a gap, only their states. */
+/* paper/start.c - line Initialize of Algorithm 1: particles from the settings and the
+ * first sample. After a gap only their motion is initialised. */
 #include "paper/paper.h"
 #include "number/random.h"
 
-/* Draw six standard normals for a particle, as a function of seed, step and particle. */
+/* Draw six standard normal numbers of a particle; they depend on seed,
+ * step and particle. */
 static void draw_normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6])
 {
   uint32_t a, b;
@@ -13,18 +14,19 @@ static void draw_normals(const tse_params *p, uint32_t step, int32_t i, tse_real
   }
 }
 
-/* Clip a stiffness deviation to its limits. */
+/* Return the stiffness deviation w, clipped to its limits. */
 static tse_real clip_stiffness(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
 
 /* Return the mean of both wheel speeds [m/s]. */
 static tse_real average_wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
-/* Initialise the motion of particle i about vel_x, no lateral speed, and the gyro. Given:
- * n  standard normals */
+/* Initialise the motion of particle i: draw it about vel_x, a lateral speed of 0, and the
+ * yaw rate of the gyro.
+ *   Given:  n  standard normal numbers */
 static void place_particle(
     const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
 {
-  /* gyro less its bias, or 0 without a sample */
+  /* gyro less its bias; 0 if the gyro is missing */
   const tse_real yaw_rate = r_mul(y->use[2], r_mul(p->sd[2], y->y[2] - f->p.bias[2][i]));
   f->p.x[0][i] = vehicle_limit(vel_x + r_mul(p->x_sd0[0], n[0]), MAX_SPEED);
   f->p.x[1][i] = vehicle_limit(r_mul(p->x_sd0[1], n[1]), MAX_SPEED);

@@ -1,11 +1,11 @@
-/* paper/weigh.c - (22), (23): log-likelihood of the sample for each particle. */
+/* paper/weigh.c - equations (22), (23): weight each particle by its likelihood. */
 #include "paper/paper.h"
 
-#define MIN_LOG2_WEIGHT TSE_R(-120) /* log2, numerics: smaller relative weights are negligible */
+#define MIN_LOG2_WEIGHT TSE_R(-120) /* [log2] min weight relative to the largest: less is negligible */
 
-/* Return Gamma(x + 1/2)/Gamma(x), x >= 2, by the asymptotic series at x + 4 and the
- * recursion g(x) = g(x + 1) x/(x + 1/2). Relative error below 2e-7 (6/x)^5: the first
- * neglected term is 399/(262144 x^5) at x >= 6. */
+/* Return Gamma(x + 1/2)/Gamma(x), x >= 2: by the asymptotic series at x + 4, and back by
+ * the recursion g(x) = g(x + 1) x/(x + 1/2). The relative error is below 2e-7 (6/x)^5:
+ * the first neglected term is 399/(262144 x^5) at x >= 6. */
 static tse_real compute_gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
@@ -22,9 +22,10 @@ static tse_real compute_gamma_ratio(tse_real x)
   return r_mul(r_mul(r_sqrt(x), series), back);
 }
 
-/* Return log2 of the common factor of the Student-t density, dimension d = channels used:
+/* Return log2 of the factor of the Student-t density that is common to all particles. d
+ * is the number of channels used:
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |common scales|^(-1/2),
- * over the sensors' sd for SI units. */
+ * over the product of the sensors' sds, for SI units. */
 static tse_real compute_log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
@@ -37,7 +38,8 @@ static tse_real compute_log2_common(const tse_params *p, const common *n, const 
           r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
-  /* a missing channel has d = 0 and contributes the factor n->r to |S|: remove it */
+  /* remove the factor n->r that a missing channel, whose row of d is 0,
+   * contributes to |S| */
   c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
@@ -75,7 +77,7 @@ tse_real paper_normalise(const tse_params *p, tse_filter_paper *f)
   tse_real largest = lane[0];
   for (int l = 1; l < TSE_LANES; l++) largest = r_max(largest, lane[l]);
   const int32_t count = pad_count(n);
-  if (!r_is_finite(largest)) { /* no density is finite: the sample has no information */
+  if (!r_is_finite(largest)) { /* no usable density: all weights become equal */
     for (int32_t i = 0; i < count; i++) logw[i] = TSE_R(0);
     largest = TSE_R(0);
   }
