@@ -115,66 +115,99 @@ TSE_INLINE innovation compute_innovation(
   return e;
 }
 
-/* algorithm1.c: start reading here.
- * paper_predict: lines 17 and 18 of Algorithm 1, from the previous row to this one.
- * paper_update: lines 3 .. 16, with the sample of this row.
+/* ----------------------------------------------------- algorithm1.c:
+ * start reading here */
+
+/* Advance the particles from the previous row to this one: lines 17, 18 of
+ * Algorithm 1. */
+void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
+
+/* Update the particles with the sample of this row: lines 3 .. 16 of Algorithm 1.
  *   Returned:  now            estimates
  *              log2_evidence  log2 of the density of the sample */
-void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_update(
     const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);
 
-/* start.c: paper_start: line Initialize of Algorithm 1, from the settings or
- * the persisted state. paper_place: initialise only the motion, from wheel
- * speeds and gyro. */
+/* ---------------------------------------------------------------------------- start.c */
+
+/* Initialise all particles, from the settings or the persisted state: line Initialize. */
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
+
+/* Initialise only the motion of all particles, from wheel speeds and gyro. */
 void paper_place(const tse_params *p, tse_filter_paper *f, const sample *y);
 
-/* bias.c: paper_predict_bias: (18). paper_compute_common: quantities of a row that are
- * common to all particles, (19) and (22). paper_update_bias: (19), given w. */
+/* ----------------------------------------------------------------------------- bias.c */
+
+/* Predict the variances of the biases, (18). */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt);
+
+/* Return the quantities of this row that are common to all particles, (19) and (22). */
 common paper_compute_common(const tse_params *p, const tse_filter_paper *f, const sample *y);
+
+/* Update the biases with the sample, given w, (19). */
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 
-/* move.c: propagate all particles by (7), from the inputs of the previous row to
- * those of y. */
+/* ----------------------------------------------------------------------------- move.c */
+
+/* Propagate all particles by (7), from the inputs of the previous row to those of y. */
 void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample *y);
 
-/* weigh.c: paper_update_weights: update and normalise the weights, (22), (23).
- *   Returned:  log2 of the evidence of the sample, for SI units
- * paper_normalise: subtract the largest log-weight from all, and compute weight =
- * 2^logw and log_total.
- *   Returned:  the largest log-weight */
+/* ---------------------------------------------------------------------------- weigh.c */
+
+/* Update the weights with the sample and normalise them, (22), (23).
+ *   Returned:  log2 of the evidence of the sample, for SI units */
 tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
+
+/* Subtract the largest log-weight from all, and compute the weights 2^logw and log_total.
+ *   Returned:  the largest log-weight */
 tse_real paper_normalise(const tse_params *p, tse_filter_paper *f);
 
-/* estimate.c: paper_estimate: (26), (27). paper_effective_size: N_eff.
- * paper_total_weight: sum of the weights. paper_weighted_means: weighted means of the
- * n rows `rows`. */
+/* ------------------------------------------------------------------------- estimate.c */
+
+/* Compute the estimates from the weighted particles, (26), (27). */
 void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *now);
+
+/* Return the effective number of particles, N_eff. */
 tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
+
+/* Return the sum of the weights. */
 tse_real paper_total_weight(const tse_params *p, const tse_filter_paper *f);
+
+/* Compute the weighted means of n rows of tse_particles. */
 void paper_weighted_means(
     const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
 
-/* resample.c: paper_resample: line 9, resample in proportion to the weights, which are
- * equal afterwards. paper_choose_ancestors: choose the ancestors of n particles, in
- * ascending order; the largest weight must be 1. paper_keep_survivors: reorder
- * ancestors so that each particle with a copy keeps its place. paper_copy_particles:
- * copy the ancestors. */
+/* ------------------------------------------------------------------------- resample.c */
+
+/* Resample the particles in proportion to their weights, line 9. The weights
+ * are then equal. */
 void paper_resample(const tse_params *p, tse_filter_paper *f);
+
+/* Choose the ancestors of n particles, in ascending order. The largest weight
+ * must be 1. */
 void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2],
     uint32_t step, uint16_t *ancestor);
+
+/* Reorder ancestors so that each particle that has a copy keeps its place. */
 void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
+
+/* Replace each of n particles by its ancestor. */
 void paper_copy_particles(tse_particles *q, const uint16_t *ancestor, int32_t n);
 
-/* learn.c: paper_draw_stiffness: draw w given y, (25). paper_update_statistics: update
- * the statistics with w, (16). paper_forget: forget, (17). */
+/* ---------------------------------------------------------------------------- learn.c */
+
+/* Draw w given the sample, (25). */
 void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
+
+/* Update the statistics with w, (16). */
 void paper_update_statistics(const tse_params *p, tse_filter_paper *f);
+
+/* Forget, (17). */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now);
 
-/* row.c: find the stiffnesses that recent inputs have excited. */
+/* ------------------------------------------------------------------------------ row.c */
+
+/* Find the stiffnesses that recent inputs have excited. */
 void paper_excitation(
     const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 

@@ -4,7 +4,7 @@
  * are not updated. */
 #include "paper/paper.h"
 
-#define REVERSE_SPEED TSE_R(-0.1) /* [m/s] below this wheel speed the car is in reverse, above it stands still */
+#define REVERSE_SPEED TSE_R(-0.1) /* [m/s] wheel speed below which the car is in reverse */
 #define EXCITATION_TIME TSE_R(0.1) /* [s] time constant of the low pass of the regressors */
 #define MAX_REGRESSOR TSE_R(1e6) /* [1] max regressor over its sensor's sd, for numerics: its square
                                   * fits a float */
