@@ -1,7 +1,8 @@
-/* number/fixed.c - functions of number/real_ops.h in builds where a product is a call. */
+/* number/fixed.c - r_mul, r_div and r_sqrt of number/real_ops.h, for fixed-point builds
+ * in which they are called instead of inlined (TSE_FIXED_CALLS). */
 #include "number/real_ops.h"
 
-typedef int tse_fixed_is_inline; /* C allows no empty file */
+typedef int tse_fixed_is_inline; /* C allows no empty translation unit */
 
 #if defined(TSE_REAL_FIXED)
 #if TSE_FIXED_CALLS

@@ -1,17 +1,18 @@
-/* number/fixed.h - fixed-point arithmetic: int64_t in units of 2^-TSE_FRACTION_BITS,
- * integers only.
+/* number/fixed.h - fixed-point arithmetic: a number is an int64_t in units of
+ * 2^-TSE_FRACTION_BITS. Only integer operations are used.
  *
- * Room for sums. `+` and `-` are native and do not detect overflow. All other results
- * therefore saturate at FIXED_MOST, a sixteenth of the range of int64_t: fifteen of them
- * can be added. The longest sums, over the states of the filter, have 23 terms, which are
- * kept far smaller (MAX_SLOPE in filter/limits.h, state_max in filter/units.c). A
- * saturated result plays the role of infinity: r_is_finite() returns 0, and the filter
- * restarts.
+ * Room for sums: `+` and `-` are native and do not detect overflow. All other results
+ * therefore saturate at FIXED_MOST, a sixteenth of the range of int64_t, so that fifteen
+ * results can be added. The longest sums, over the states of the filter, have 23 terms.
+ * Their terms are kept far smaller (MAX_SLOPE in filter/limits.h, state_max in
+ * filter/units.c). A saturated result counts as infinite: r_is_finite() returns 0, and
+ * the filter restarts.
  *
- * Portable C: a product is four products of 32-bit halves. Where the compiler has 128-bit
- * integers, they give the same result faster; a Cortex-M0 uses 16-bit products. Right
- * shifts of negative numbers must be arithmetic, and conversion to a signed type must
- * keep the bits; both are checked. */
+ * The code is portable C: a product is computed from four products of 32-bit halves. If
+ * the compiler has 128-bit integers, it uses them, with the same results and in less
+ * time. A Cortex-M0 uses 16-bit products. Two properties of the compiler are checked:
+ * right shifts of negative numbers are arithmetic, and conversion to a signed type
+ * keeps the bits. */
 #ifndef TSE_FIXED_H
 #define TSE_FIXED_H
 
@@ -22,11 +23,10 @@
 #if defined(TSE_REAL_FIXED)
 
 #define FIXED_BITS TSE_FRACTION_BITS
-#define FIXED_ROOM 4                                        /* bits above a result, for native sums and the
-                                                             * sign's own */
+#define FIXED_ROOM 4 /* number of upper bits above those of a result, for native sums */
 #define FIXED_MOST ((int64_t)1 << (63 - FIXED_ROOM))
 #define FIXED_ONE ((int64_t)1 << FIXED_BITS)
-#define FIXED_NAN INT64_MIN                                 /* what is no number: comes from outside only */
+#define FIXED_NAN INT64_MIN /* NaN: occurs in inputs only, never as a result */
 
 typedef char fixed_needs_arithmetic_shift[((int64_t)-3 >> 1) == -2 ? 1 : -1];
 typedef char fixed_needs_twos_complement[(int32_t)0xfffffffeu == -2 ? 1 : -1];
@@ -44,8 +44,9 @@ static inline int64_t fixed_saturate(int64_t x)
   return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x);
 }
 
-/* Processors without 64-bit products and without a divider use 16-bit products: faster
- * than libgcc, same results. -DTSE_FIXED_QUARTERS selects this on any processor. */
+/* Processors without 64-bit products and without division compute with 16-bit products.
+ * This is faster than libgcc and gives the same results. -DTSE_FIXED_QUARTERS selects it
+ * on any processor. */
 #if defined(__ARM_ARCH_6M__) && !defined(TSE_FIXED_QUARTERS)
 #define TSE_FIXED_QUARTERS
 #endif
@@ -53,10 +54,11 @@ static inline int64_t fixed_saturate(int64_t x)
 #if defined(TSE_FIXED_QUARTERS)
 #define FIXED_LOW(x) ((int32_t)((uint32_t)(x) & 0xffffu))
 #if defined(__GNUC__)
-#define FIXED_APART __attribute__((noinline, unused))       /* what is rare costs no registers */
+#define FIXED_APART __attribute__((noinline, unused)) /* rare code out of line needs no registers */
 #endif
 
-/* Return the upper half of a b. middle: its bits from 16 on. */
+/* Return the upper 32 bits of a b.
+ *   Returned:  *middle  its lower 16 bits are bits 16 .. 31 of a b */
 static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
 {
   const int32_t ah = a >> 16, bh = b >> 16, al = FIXED_LOW(a), bl = FIXED_LOW(b);
@@ -65,7 +67,7 @@ static inline int32_t fixed_upper(int32_t a, int32_t b, int32_t *middle)
   return ah * bh + (across >> 16) + (*middle >> 16);
 }
 
-/* Return a b, exact. */
+/* Return the exact product a b. */
 static inline int64_t fixed_product(int32_t a, int32_t b)
 {
   int32_t middle;
@@ -74,7 +76,7 @@ static inline int64_t fixed_product(int32_t a, int32_t b)
       | (((uint32_t)a * (uint32_t)b) & 0xffffu));
 }
 
-/* Return a b 2^-32, nearest, ties towards +infinity. */
+/* Return a b 2^-32, rounded to nearest, ties towards +infinity. */
 static inline int32_t fixed_product_upper(int32_t a, int32_t b)
 {
   int32_t middle;
@@ -89,8 +91,8 @@ static inline uint64_t fixed_product_unsigned(uint32_t a, uint32_t b)
   return ((uint64_t)(ah * bh + (across >> 16) + (middle >> 16)) << 32) | ((middle << 16) | (low & 0xffffu));
 }
 
-/* Return 2^31/d less 0 .. 2, d from 2^15 to 2^16: the best line of slope -1 (7.2 %
- * error), then Newton steps. */
+/* Return 2^31/d or at most 2 less, for d from 2^15 to 2^16. The first approximation is
+ * the best line of slope -1 (error 7.2 %). Three Newton steps follow. */
 static inline uint32_t fixed_over(uint32_t d)
 {
   uint32_t over = 95900u - d;
@@ -98,8 +100,8 @@ static inline uint32_t fixed_over(uint32_t d)
   return over - 1;
 }
 
-/* Return n/d rounded down, n/2^16 up to d: by the upper digits of n, then at most 6
- * corrections. */
+/* Return n/d rounded down, for n up to 2^16 d. It is estimated from the upper 16 bits of
+ * n and over = fixed_over(d), and then corrected at most 6 times. */
 static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over)
 {
   uint32_t q = ((n >> 16) * over) >> 15, rest = n - q * d;
@@ -124,8 +126,8 @@ static inline uint32_t fixed_digit(uint32_t n, uint32_t d, uint32_t over) { retu
 #define FIXED_APART inline
 #endif
 
-/* Split x into hi 2^32 + lo with a signed lower half, so that all partial products are
- * signed. */
+/* x = hi 2^32 + lo. The lower half is signed, too, so that all partial
+ * products are signed. */
 typedef struct fixed_halves {
   int32_t hi, lo;
 } fixed_halves;
@@ -136,7 +138,8 @@ static inline fixed_halves fixed_halves_of(int64_t x)
   return h;
 }
 
-/* Return a b from halves, nearest, ties towards +infinity. */
+/* Return the product of two numbers of the format, given by their halves: rounded to
+ * nearest (ties towards +infinity) and saturated. */
 static FIXED_APART int64_t fixed_mul_any(fixed_halves a, fixed_halves b)
 {
   const int64_t middle = (int64_t)((uint64_t)(int64_t)fixed_product_upper(a.lo, b.lo)
@@ -159,8 +162,8 @@ static inline int64_t fixed_joint(int32_t hi, uint32_t lo)
 
 static inline int fixed_is_short(int32_t x) { return x > -32768 && x < 32768; }
 
-/* Return the same, with a shortcut: upper halves of 16 bits have 32-bit products and
- * sums. */
+/* Return the same as fixed_mul_any(). If both upper halves fit into 16 bits, 32-bit
+ * products and sums are enough. */
 static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
 {
   if (!fixed_is_short(a.hi) || !fixed_is_short(b.hi)) return fixed_mul_any(a, b);
@@ -175,7 +178,8 @@ static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b)
 static inline int64_t fixed_mul_quick(fixed_halves a, fixed_halves b) { return fixed_mul_any(a, b); }
 #endif
 
-/* Return a b.   Given: a, b  sums of at most fifteen results */
+/* Return the product of two numbers of the format.
+ *   Given:  a, b  results, or native sums of at most fifteen results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {
   return fixed_mul_quick(fixed_halves_of(a), fixed_halves_of(b));
@@ -200,9 +204,9 @@ static inline int fixed_zeros(uint64_t x)
 #endif
 }
 
-/* Return (hi 2^32 + lo)/d, hi < d, d from 2^31: two digits to base 2^16, each estimated
- * by the leading digit of d and corrected at most twice (Knuth, The Art of Computer
- * Programming 2, 4.3.1 D). */
+/* Return (hi 2^32 + lo)/d rounded down, for hi < d and d >= 2^31. The quotient has two
+ * digits to base 2^16. Each digit is estimated with the leading digit of d, and corrected
+ * at most twice (Knuth, The Art of Computer Programming 2, 4.3.1 D). */
 static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
 {
   const uint32_t base = (uint32_t)1 << 16, d1 = d >> 16, d0 = d & 0xffffu, over = fixed_over(d1);
@@ -220,8 +224,10 @@ static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
   return quotient;
 }
 
-/* Return (hi 2^64 + lo)/d, hi < d: two digits to base 2^32, the same way; n/d1 by the
- * reciprocal of d1 (Moeller & Granlund 2011). */
+/* Return (hi 2^64 + lo)/d rounded down, for hi < d. The quotient has two digits to base
+ * 2^32, computed as in fixed_divide_word(). Division by d1, the leading digit of d, is a
+ * product with its reciprocal (Moeller & Granlund 2011).
+ *   Returned:  *rest  remainder */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
   const int shift = fixed_zeros(d);
@@ -250,7 +256,7 @@ static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64
       part -= d1;
     }
     uint64_t r = part;
-    if (n1 >= d1) { /* the digit is the largest */
+    if (n1 >= d1) { /* begin with the largest digit */
       q = UINT32_MAX;
       r = (uint64_t)n0 + d1;
     }
@@ -265,7 +271,8 @@ static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64
   return quotient;
 }
 
-/* Return n/d, nearest, ties away from zero; x/0 = +-FIXED_MOST, 0/0 = 0. */
+/* Return the quotient a/b of two numbers of the format: rounded to nearest (ties away
+ * from zero) and saturated. x/0 is +-FIXED_MOST, and 0/0 is 0. */
 static inline int64_t fixed_div_halves(int64_t a, int64_t b)
 {
   const uint64_t n = fixed_magnitude(a), d = fixed_magnitude(b);
@@ -277,8 +284,8 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
   return fixed_signed(quotient + (rest >= d - rest ? 1u : 0u), negative);
 }
 
-/* Return the square root of 32 bits that begin with 1 or 01: a line, then Newton steps
- * from above. */
+/* Return the square root of x >= 2^30, rounded down. The first approximation is a line.
+ * Three Newton steps from above follow. */
 static inline uint32_t fixed_sqrt_half(uint32_t x)
 {
   uint32_t s = (((x >> 16) * 43691u) >> 16) + 21847u;
@@ -287,9 +294,11 @@ static inline uint32_t fixed_sqrt_half(uint32_t x)
   return s * s > x ? s - 1 : s;
 }
 
-/* Return the nearest root of x 2^FIXED_BITS; 0 for x <= 0. The upper half of its digits
- * is a root, the lower half a quotient by twice that root, less 1 if its square is too
- * large (Zimmermann, Karatsuba Square Root, 1999): 16, 32, and all digits. */
+/* Return the square root of a number of the format, rounded to nearest; 0 for x <= 0. It
+ * is the integer root of x 2^FIXED_BITS, and its number of digits doubles in each step:
+ * 16, 32, all (Zimmermann, Karatsuba Square Root, 1999). The digits so far are the upper
+ * half. The lower half is the remainder divided by twice the upper half, less 1 if the
+ * square of the result is too large. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
   if (x <= 0) return 0;
@@ -318,8 +327,9 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
   return (int64_t)((root + ((uint64_t)1 << (zeros / 2 - 1))) >> (zeros / 2));
 }
 
-/* Products are inlined on 64-bit machines and called on others, where one takes 30 .. 60
- * instructions and the filter contains two thousand. -DTSE_FIXED_CALLS=0 or 1 overrides. */
+/* Products are inlined on 64-bit machines. On other machines they are function calls,
+ * because a product takes 30 .. 60 instructions and the filter contains two thousand
+ * products. -DTSE_FIXED_CALLS=0 or 1 overrides this. */
 #if !defined(TSE_FIXED_CALLS)
 #if UINTPTR_MAX > 0xffffffffu
 #define TSE_FIXED_CALLS 0

@@ -1,15 +1,16 @@
-/* number/random.h - random numbers as a function of (seed, step, particle, purpose): no
- * state, any order of evaluation.
+/* number/random.h - random numbers as a function of seed, step, particle and purpose. The
+ * generator has no state, and numbers may be computed in any order.
  *
- * threefry2x32, 20 rounds: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3",
- * SC11 (2011). */
+ * It is threefry2x32 with 20 rounds: Salmon et al., "Parallel random numbers: as easy as
+ * 1, 2, 3", SC11 (2011). */
 #ifndef TSE_RANDOM_H
 #define TSE_RANDOM_H
 
 #include "number/real_ops.h"
 
-/* Purpose of a number, which separates the streams of one step: upper bits of the
- * counter, above the 16 bits of the particle. */
+/* Purpose of a random number: numbers of one step with different purposes
+ * are independent. The purpose is in the bits of the counter above the 16
+ * bits of the particle. */
 enum {
   RANDOM_DRAW_A = 0,
   RANDOM_DRAW_B,
@@ -29,7 +30,8 @@ enum {
 
 static inline uint32_t rotate_left(uint32_t x, int n) { return (x << n) | (x >> (32 - n)); }
 
-/* Compute two words from the key (seed) and the counter (step, purpose, particle). */
+/* Compute two random words from the key (seed) and the counter (step,
+ * purpose, particle). */
 static inline void random_words(
     const uint32_t seed[2], uint32_t step, uint32_t purpose, uint32_t particle, uint32_t *a, uint32_t *b)
 {
@@ -48,7 +50,7 @@ static inline void random_words(
   *b = y;
 }
 
-/* Compute two standard normals from two words: Box & Muller. */
+/* Compute two standard normal numbers from two random words, by Box & Muller. */
 static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real *n2)
 {
   tse_real s, c;
@@ -58,13 +60,14 @@ static inline void random_normal2(uint32_t a, uint32_t b, tse_real *n1, tse_real
   *n2 = r_mul(radius, s);
 }
 
-/* Compute three uncorrelated standard Student-t variates with nu degrees of freedom
- * (jointly spherical: one chi-square for all) from four words, without rejection: Bailey,
- * Math. Comp. 62 (1994) 779.
- *   (t1, t2)  radius^2 = nu (U^(-2/nu) - 1), angle uniform: the bivariate t
- *   t3        given those is t(nu + 2) sqrt((nu + radius^2)/(nu + 2))
- * Given: minus_2_nu = -2/nu, minus_2_nu2 = -2/(nu + 2), inv_nu2 = 1/(nu + 2), common to
- * all particles. */
+/* Compute three uncorrelated standard Student-t numbers with nu degrees of freedom. Their
+ * joint distribution is spherical: they share one chi-square. Four random words are used,
+ * without rejection: Bailey, Math. Comp. 62 (1994) 779.
+ *   (t1, t2)  bivariate t: radius^2 = nu (U^(-2/nu) - 1), uniform angle
+ *   t3        given t1 and t2: t(nu + 2) sqrt((nu + radius^2)/(nu + 2))
+ *   Given:  minus_2_nu   -2/nu, computed once for all particles
+ *           minus_2_nu2  -2/(nu + 2)
+ *           inv_nu2      1/(nu + 2) */
 static inline void random_student3(const uint32_t u[4], tse_real nu, tse_real minus_2_nu,
     tse_real minus_2_nu2, tse_real inv_nu2, tse_real *t1, tse_real *t2, tse_real *t3)
 {

@@ -1,20 +1,17 @@
-/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div, r_sqrt,
- * r_exp2 ...
+/* number/real_ops.h - arithmetic in the number format of the build: r_mul, r_div,
+ * r_sqrt, r_exp2 ...
  *
- * `+ - <` and unary minus are native in every format; every other operation has a
- * function here.
+ * `+ - <` and unary minus are native in every format. Every other operation has
+ * a function here.
  *
- * double, float   Only + - * /, sqrt and integer operations: the same bits on every IEEE
- *                 machine. Build
- *                 with -ffp-contract=off and without -ffast-math (adding and subtracting
- *                 1.5*2^52 must
- *                 round). Options that the preprocessor sees are errors below;
- *                 tse_self_test() detects
- *                 the others. Branch-free, so that loops over particles vectorise with
- *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
- * fixed           Integers only, 64 bits, 32 of them fraction: number/fixed.h. Fifteen
- *                 results fit a
- *                 native sum; r_add_sat saturates.
+ * double, float   Only + - * /, sqrt and integer operations are used, so that every IEEE
+ *                 machine computes the same bits. Build with -ffp-contract=off, without
+ *                 -ffast-math (adding and subtracting 1.5*2^52 must round). Options that
+ *                 the preprocessor can detect are errors below; tse_self_test() detects
+ *                 the others. The functions have no branches: loops over particles
+ *                 vectorise with -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
+ * fixed           Only integers are used: 64 bits, 32 of them fraction (number/fixed.h).
+ *                 Fifteen results fit into a native sum; r_add_sat saturates.
  *
  * Guarantees and largest measured errors (tested by tests/unit/number/test_real_ops.c;
  * LSB = 2^-32; coefficients: tests/reference/fit_elementary.py):
@@ -28,22 +25,21 @@
  *   r_sincos_turn  8.4e-14           3.4e-7            3.0e-9
  *   r_atan2        2.7e-14 relative  2.0e-7 relative   1.8e-9
  *
- *   r_log2(x)      x > 0, normal. log2(1) = 0 and whole results are exact. Other x: see
- *                  the function.
- *   r_exp2(x)      any finite x, clamped to +-120 (fixed: 0 below -33, the largest number
- *                  from 27 on).
- *                  Exact for whole x, never infinite. NaN stays NaN.
- *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) =
- *                  sin(1/2) = sin(1) = 0.
- *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over
- *                  particles.
- *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
- *   r_share(x, n)  x/n, n > 0; in fixed rounded towards zero.
+ *   r_log2(x)         x > 0, normal. log2(1) = 0, and integer results are exact. For
+ *                     other x see the function.
+ *   r_exp2(x)         any finite x, clamped to +-120 (fixed: 0 below -33, the largest
+ *                     number from 27 on). Exact for integer x, never infinite. NaN stays
+ *                     NaN.
+ *   r_sincos_turn     sine and cosine of 2 pi t; t in [0, 1] is in turns. sin(0) =
+ *                     sin(1/2) = sin(1) = 0.
+ *   r_atan2(y, x)     radians in [-pi, pi], atan2(0, 0) = 0. Called once a step, not in
+ *                     loops over particles.
+ *   r_uniform(w)      a random word as an exact number in the open interval (0, 1).
+ *   r_share(x, n)     x/n, n > 0; in fixed rounded towards zero.
  *   r_single_bits(x)  a setting as the bits of an IEEE single.
- *   r_to_q24(x)    int32 in units of 2^-24, for files: nearest, saturates at +-127; NaN
- *                  gives INT32_MIN.
- *   r_from_q24(n)  back, nearest.
- * / */
+ *   r_to_q24(x)       int32 in units of 2^-24, for files: nearest, saturates at +-127.
+ *                     NaN gives INT32_MIN.
+ *   r_from_q24(n)     the inverse of r_to_q24, nearest. */
 #ifndef TSE_REAL_OPS_H
 #define TSE_REAL_OPS_H
 
@@ -56,34 +52,33 @@
 #include "tables/names.h"
 
 #if !defined(TSE_REAL_FIXED)
-/* Type in which the compiler computes sums: 0 (16, 32: for narrower types) their own, 1
- * (64) double, 2 and more wider, -1 unknown. */
+/* FLT_EVAL_METHOD is the type in which the compiler computes sums. 0, 16, 32: the type of
+ * the operands; 1, 64: double; 2 and more: a wider type; -1: unknown. */
 #if defined(FLT_EVAL_METHOD)
 #if !(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 16 || FLT_EVAL_METHOD == 32 \
     || FLT_EVAL_METHOD == 64)
-#error \
-    "sums are wider than double, as x87 makes them, and round differently: compile with -msse2 -mfpmath=sse"
+#error "sums are computed wider than double (x87) and round differently: compile with -msse2 -mfpmath=sse"
 #elif defined(TSE_REAL_FLOAT) && (FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 64)
-#error "sums of float are made in double, as on s390x: compile with -fexcess-precision=fast"
+#error "sums of float are computed in double (s390x): compile with -fexcess-precision=fast"
 #endif
 #endif
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) \
     || defined(__NO_SIGNED_ZEROS__) || defined(_M_FP_FAST) \
     || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
-#error "-ffast-math and what belongs to it change results: compile without, with -ffp-contract=off"
+#error "-ffast-math, or an option that it implies, changes results: compile without, with -ffp-contract=off"
 #endif
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(_MSC_VER)
 #pragma fp_contract(off)
-#endif /* gcc knows no such pragma: tse_self_test() */
+#endif /* gcc has no such pragma: tse_self_test() detects contracted products */
 #endif
 
 #if defined(TSE_REAL_STRONG) && !defined(TSE_REAL_PLAIN)
 /* tests/unit/strong_real.hpp includes this file for double and wraps its functions. */
 #elif !defined(TSE_REAL_FIXED)
 
-/* ------------------------------------------------------------------------- double and float ---- */
+/* ------------------------------------------------------------------- double and float */
 
 static inline tse_real r_mul(tse_real a, tse_real b) { return a * b; }
 static inline tse_real r_div(tse_real a, tse_real b) { return a / b; }
@@ -101,38 +96,38 @@ static inline uint32_t r_single_bits(tse_setting x)
   return word;
 }
 
-/* Format-specific part: bits, root, and the polynomials of r_log2, r_exp2, r_sincos_turn
- * and r_atan2. */
+/* The part that depends on the format: layout of the bits, square root, and the
+ * polynomials of r_log2, r_exp2, r_sincos_turn and r_atan2. */
 #if defined(TSE_REAL_FLOAT)
 typedef uint32_t real_bits;
-#define REAL_FRACTION 23                /* bits of a significand, behind its 1 */
-#define REAL_BIAS 127u                  /* exponent of 1 */
-#define REAL_MAGNITUDE 0x7fffffffu      /* all bits but the sign */
+#define REAL_FRACTION 23                /* bits of a significand, without its leading 1 */
+#define REAL_BIAS 127u                  /* stored exponent of the number 1 */
+#define REAL_MAGNITUDE 0x7fffffffu      /* mask of all bits but the sign */
 #define REAL_INFINITY 0x7f800000u
-#define REAL_ROOT_HALF 0x00cafb0du      /* carries into the exponent from sqrt(1/2) on, which is then one
-                                         * more than REAL_BIAS says */
+#define REAL_ROOT_HALF 0x00cafb0du      /* added to the bits of a number, it increases the exponent by 1,
+                                         * or by 2 if the significand is at least sqrt(2) */
 #define REAL_MOST_INT 2147483520.0f     /* largest below 2^31 */
-#define REAL_UNIFORM 9                  /* bits of a random word that are too many */
+#define REAL_UNIFORM 9                  /* bits of a random word that do not fit into a number */
 static inline tse_real r_sqrt(tse_real x) { return sqrtf(x); }
-static inline tse_real log2_series(tse_real z)
+static inline tse_real evaluate_log2_series(tse_real z)
 {
   return 2.88539004f + z * (0.961798847f + z * (0.576714396f + z * 0.431735873f));
 }
-static inline tse_real exp2_series(tse_real r)
+static inline tse_real evaluate_exp2_series(tse_real r)
 {
   return 0.693147004f + r * (0.240222424f + r * (0.0555073358f + r * (0.00967149809f + r * 0.00132647553f)));
 }
-static inline tse_real sine_series(tse_real z)
+static inline tse_real evaluate_sine_series(tse_real z)
 {
   const tse_real p3 = 0.075192228f + z * (0.00686792191f + z * 0.000389815948f); /* from z^3 on */
   return 3.14159274f + z * (2.02611947f + z * (0.524037182f + z * p3));
 }
-static inline tse_real cosine_series(tse_real z)
+static inline tse_real evaluate_cosine_series(tse_real z)
 {
   const tse_real q3 = 0.0571990833f + z * (0.00624197442f + z * 0.000399173965f);
   return 1.0f + z * (0.934801161f + z * (0.31949079f + z * q3));
 }
-static inline tse_real atan_series(tse_real z)
+static inline tse_real evaluate_atan_series(tse_real z)
 {
   return 1.0f + z * (-0.333327979f + z * (0.199744701f + z * (-0.138520882f + z * 0.0798673555f)));
 }
@@ -147,12 +142,12 @@ typedef uint64_t real_bits;
 #define REAL_MOST_INT 2147483647.0
 #define REAL_UNIFORM 1 /* SSE2 converts signed integers only */
 static inline tse_real r_sqrt(tse_real x) { return sqrt(x); }
-static inline tse_real log2_series(tse_real z)
+static inline tse_real evaluate_log2_series(tse_real z)
 {
   const tse_real p3 = 0.41220925104433 + z * (0.31990575530912474 + z * 0.2828992804167811); /* from z^3 on */
   return 2.88539008177785 + z * (0.9617966941133057 + z * (0.5770779423769504 + z * p3));
 }
-static inline tse_real exp2_series(tse_real r)
+static inline tse_real evaluate_exp2_series(tse_real r)
 {
   const tse_real p6 = 1.5252989702166316e-05
       + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* from r^6 on */
@@ -160,14 +155,14 @@ static inline tse_real exp2_series(tse_real r)
       + r * (0.0013333557626443204 + r * (0.00015403440941983887 + r * p6));
   return 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444 + r * p3));
 }
-static inline tse_real sine_series(tse_real z)
+static inline tse_real evaluate_sine_series(tse_real z)
 {
   const tse_real p4 = 0.0069252258278788455
       + z * (0.0004450618605954197 + z * (2.1020491844271662e-05 + z * 6.923677125970025e-07));
   return 3.1415926535882295
       + z * (2.026120126368309 + z * (0.524043911871401 + z * (0.07522060439727324 + z * p4)));
 }
-static inline tse_real cosine_series(tse_real z)
+static inline tse_real evaluate_cosine_series(tse_real z)
 {
   const tse_real q6 = 2.588453671772188e-05
       + z * (1.0594002489588727e-06 + z * 3.047553945987138e-08); /* from z^6 on */
@@ -175,7 +170,7 @@ static inline tse_real cosine_series(tse_real z)
       + z * (0.006332740904225213 + z * (0.00047591530986587416 + z * q6));
   return 0.9999999999999934 + z * (0.9348022005434381 + z * (0.3195033242022668 + z * q3));
 }
-static inline tse_real atan_series(tse_real z)
+static inline tse_real evaluate_atan_series(tse_real z)
 {
   const tse_real p6 = 0.07564643175915622
       + z * (-0.05877867766480258 + z * 0.03071132978538272); /* from z^6 on */
@@ -186,7 +181,7 @@ static inline tse_real atan_series(tse_real z)
 
 #define REAL_ONE ((tse_real)1)
 #define REAL_LEAST_INT ((tse_real)-2147483648.0)
-#define REAL_WHOLE ((tse_real)((real_bits)1 << REAL_FRACTION)) /* from here on all numbers are whole */
+#define REAL_WHOLE ((tse_real)((real_bits)1 << REAL_FRACTION)) /* all numbers from here on are integers */
 
 static inline real_bits bits_of(tse_real x)
 {
@@ -215,17 +210,17 @@ static inline int32_t r_floor_to_int(tse_real x)
   return n - (inside < (tse_real)n ? 1 : 0);
 }
 
-/* Take the upper bits and add a half: exact, never 0 or 1. */
+/* Return (upper bits of the word + 1/2) 2^-bits: exact, never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word)
 {
   return ((tse_real)(int32_t)(word >> REAL_UNIFORM) + (tse_real)0.5)
       * (REAL_ONE / (tse_real)((uint32_t)1 << (32 - REAL_UNIFORM)));
 }
 
-/* x = 2^k m, sqrt(1/2) <= m < sqrt(2);  log2(m) = s P(s^2), s = (m-1)/(m+1).
- * 0 gives -REAL_BIAS, infinity and NaN REAL_BIAS + 1 and more, the sign of x is ignored:
- * a broken argument reads as a huge one. k becomes a number through the low bits of
- * REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
+/* Return log2(x) = k + log2(m), x = 2^k m with sqrt(1/2) <= m < sqrt(2), where
+ * log2(m) = s P(s^2), s = (m - 1)/(m + 1). The sign of x is ignored. 0 gives -REAL_BIAS.
+ * Infinity and NaN give REAL_BIAS + 1 or more, like a very large number. k is converted
+ * through the low bits of REAL_WHOLE, because SSE2 cannot convert 64-bit integers. */
 static inline tse_real r_log2(tse_real x)
 {
   const real_bits u = bits_of(x) & REAL_MAGNITUDE,
@@ -234,30 +229,31 @@ static inline tse_real r_log2(tse_real x)
   const tse_real s = (m - REAL_ONE) / (m + REAL_ONE);
   return (from_bits(k | ((real_bits)(REAL_BIAS + REAL_FRACTION) << REAL_FRACTION))
              - (REAL_WHOLE + (tse_real)(REAL_BIAS + 1u)))
-      + s * log2_series(s * s);
+      + s * evaluate_log2_series(s * s);
 }
 
-/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding one and a half REAL_WHOLE leaves k in
- *                         the low bits. */
+/* Return 2^x = 2^k 2^r, x = k + r with |r| <= 1/2, where 2^r = 1 + r P(r). Adding
+ * 1.5 REAL_WHOLE to x leaves the integer k in the low bits of the sum. */
 static inline tse_real r_exp2(tse_real x)
 {
   const tse_real low = x < -120 ? -120 : x, y = low > 120 ? 120 : low;
   const tse_real rounder = (tse_real)1.5 * REAL_WHOLE, t = y + rounder, r = y - (t - rounder);
-  return (REAL_ONE + r * exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
+  return (REAL_ONE + r * evaluate_exp2_series(r)) * from_bits((bits_of(t) + REAL_BIAS) << REAL_FRACTION);
 }
 
-/* With v = 2t - 1:  sin = -v (1 - v^2) P(-v^2),  cos = -(1 - 4 v^2) Q(-v^2). Polynomials
- *                                                of -v^2 have
- * positive coefficients: gcc 12 fuses mixed sums and differences, in spite of
- * -ffp-contract=off. */
+/* Compute with v = 2t - 1: sin = -v (1 - v^2) P(-v^2) and cos = -(1 - 4 v^2) Q(-v^2).
+ * The polynomials are in -v^2, because their coefficients are then positive: gcc 12
+ * contracts mixed sums and differences in spite of -ffp-contract=off. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const tse_real v = t + t - REAL_ONE, w = v * v;
-  *s = v * (w - REAL_ONE) * sine_series(-w);
-  *c = (4 * w - REAL_ONE) * cosine_series(-w);
+  *s = v * (w - REAL_ONE) * evaluate_sine_series(-w);
+  *c = (4 * w - REAL_ONE) * evaluate_cosine_series(-w);
 }
 
-static inline tse_real atan_eighth(tse_real q) { return q * atan_series(q * q); } /* |q| <= tan(pi/8) */
+/* Return atan(q), |q| <= tan(pi/8). */
+static inline tse_real atan_eighth(tse_real q) { return q * evaluate_atan_series(q * q); }
+
 #define R_PI ((tse_real)3.141592653589793)
 #define R_TAN_EIGHTH ((tse_real)0.41421356237309503)
 
@@ -269,7 +265,8 @@ static inline int32_t r_to_q24(tse_real x)
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * (tse_real)(1.0 / 16777216); }
 
-/* Return NaN if an argument is NaN. |x| + |y| must not overflow. */
+/* Return the angle of (x, y), or NaN if an argument is NaN. |x| + |y| must
+ * not overflow. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const tse_real ax = r_abs(x), ay = r_abs(y);
@@ -290,7 +287,7 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
 
 #else /* TSE_REAL_FIXED */
 
-/* ------------------------------------------------------------------------------------- fixed ---- */
+/* ------------------------------------------------------------------------------ fixed */
 
 #if TSE_FIXED_CALLS
 #define r_mul  TSE_NAME(tse_fixed_mul)
@@ -316,14 +313,14 @@ static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a
 static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 #endif
 
-/* Round to nearest, ties to even; exact for settings made by TSE_S() of numbers from 2^-8
- * on. */
+/* Round to nearest, ties to even. The result is exact for settings that TSE_S() makes of
+ * magnitudes of 2^-8 or more. */
 static inline uint32_t r_single_bits(tse_setting x)
 {
   const uint64_t m = fixed_magnitude(x);
   if (m == 0) return 0;
   const int zeros = fixed_zeros(m);
-  const uint64_t left = m << zeros; /* 24 digits above 40 */
+  const uint64_t left = m << zeros; /* 24 bits of the significand, then 40 to round off */
   const uint32_t digits = (uint32_t)(left >> 40), odd = digits & 1u;
   const uint64_t rest = left & (((uint64_t)1 << 40) - 1), half = (uint64_t)1 << 39;
   const uint32_t up = rest > half || (rest == half && odd) ? 1u : 0u;
@@ -331,8 +328,8 @@ static inline uint32_t r_single_bits(tse_setting x)
   return (x < 0 ? 0x80000000u : 0u) | ((exponent << 23) + (digits - 0x800000u) + up);
 }
 
-/* Return c + p x, one step of a polynomial in Q30. */
-static inline int32_t q30_step(int32_t c, int32_t p, int32_t x)
+/* Return c + p x in Q30 (units of 2^-30): one step of the evaluation of a polynomial. */
+static inline int32_t evaluate_q30_step(int32_t c, int32_t p, int32_t x)
 {
   return (int32_t)(c + ((fixed_product(p, x) + (1 << 29)) >> 30));
 }
@@ -345,7 +342,7 @@ static inline int r_is_finite(tse_real x) { return x < FIXED_MOST && x > -FIXED_
 static inline int r_is_nan(tse_real x) { return x == FIXED_NAN; }
 static inline tse_real r_abs(tse_real x) { return x == FIXED_NAN ? INT64_MAX : (x < 0 ? -x : x); }
 
-/* Add numbers of any size, saturated. */
+/* Return the saturated sum of two numbers of any size. */
 static inline tse_real r_add_sat(tse_real a, tse_real b)
 {
   if (b > 0) return a > FIXED_MOST - b ? FIXED_MOST : fixed_saturate(a + b);
@@ -370,9 +367,8 @@ static inline int32_t r_to_q24(tse_real x)
 }
 static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * ((tse_real)1 << (FIXED_BITS - 24)); }
 
-/* x = 2^k (1 + f), sqrt(1/2) <= 1 + f <= sqrt(2);  log2(1 + f) = f P(f).  x <= 0 gives
- *                                                  the value of the smallest positive
- *                                                  number. */
+/* Return log2(x) = k + log2(1 + f), x = 2^k (1 + f) with sqrt(1/2) <= 1 + f <= sqrt(2),
+ * where log2(1 + f) = f P(f). For x <= 0 return the logarithm of the smallest number. */
 static inline tse_real r_log2(tse_real x)
 {
   const uint64_t u = x > 0 ? (uint64_t)x : 1u;
@@ -382,20 +378,21 @@ static inline tse_real r_log2(tse_real x)
   const int32_t k = 63 - FIXED_BITS - zeros + halve;
   const int32_t f = (int32_t)(m >> (1 + halve)) - 1073741824;
   int32_t p = 104075279;
-  p = q30_step(-184201811, p, f);
-  p = q30_step(186422404, p, f);
-  p = q30_step(-191715534, p, f);
-  p = q30_step(219823290, p, f);
-  p = q30_step(-258211884, p, f);
-  p = q30_step(309879893, p, f);
-  p = q30_step(-387271120, p, f);
-  p = q30_step(516359561, p, f);
-  p = q30_step(-774540990, p, f);
-  p = q30_step(1549082010, p, f);
+  p = evaluate_q30_step(-184201811, p, f);
+  p = evaluate_q30_step(186422404, p, f);
+  p = evaluate_q30_step(-191715534, p, f);
+  p = evaluate_q30_step(219823290, p, f);
+  p = evaluate_q30_step(-258211884, p, f);
+  p = evaluate_q30_step(309879893, p, f);
+  p = evaluate_q30_step(-387271120, p, f);
+  p = evaluate_q30_step(516359561, p, f);
+  p = evaluate_q30_step(-774540990, p, f);
+  p = evaluate_q30_step(1549082010, p, f);
   return k * FIXED_ONE + ((fixed_product(p, f) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
 }
 
-/* x = k + f, 0 <= f < 1;  2^f = 1 + f P(f). 0 far below, the largest number far above. */
+/* Return 2^x = 2^k 2^f, x = k + f with 0 <= f < 1, where 2^f = 1 + f P(f). The result is
+ * 0 for x far below 0, and the largest number for x far above. */
 static inline tse_real r_exp2(tse_real x)
 {
   const int64_t k = x >> FIXED_BITS, part = x - k * FIXED_ONE;
@@ -405,32 +402,32 @@ static inline tse_real r_exp2(tse_real x)
   int64_t y;
   if (k >= 63 - FIXED_ROOM - FIXED_BITS) return FIXED_MOST;
   if (k < -FIXED_BITS - 1) return 0;
-  p = q30_step(154374, p, f);
-  p = q30_step(1440856, p, f);
-  p = q30_step(10323258, p, f);
-  p = q30_step(59598065, p, f);
-  p = q30_step(257941138, p, f);
-  p = q30_step(744261122, p, f);
+  p = evaluate_q30_step(154374, p, f);
+  p = evaluate_q30_step(1440856, p, f);
+  p = evaluate_q30_step(10323258, p, f);
+  p = evaluate_q30_step(59598065, p, f);
+  p = evaluate_q30_step(257941138, p, f);
+  p = evaluate_q30_step(744261122, p, f);
   y = (int64_t)1073741824 + ((fixed_product(p, f) + (1 << 29)) >> 30); /* Q30 in [1, 2] */
   return k + up >= 0 ? y * ((int64_t)1 << (k + up)) : (y + ((int64_t)1 << (-k - up - 1))) >> (-k - up);
 }
 
-/* t = quarter/4 + x/8, |x| <= 1;  sin(pi/4 x) = x P(x^2),  cos(pi/4 x) = 1 + x^2 Q(x^2).
- * Any t: whole turns drop out. */
+/* Compute with t = quarter/4 + x/8, |x| <= 1: sin(pi/4 x) = x P(x^2) and
+ * cos(pi/4 x) = 1 + x^2 Q(x^2). Of any number t, only the fraction of a turn counts. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
   const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);
-  const int64_t off = turn - quarter * (FIXED_ONE / 4); /* 1/8 of a turn is 1 */
+  const int64_t off = turn - quarter * (FIXED_ONE / 4); /* from the nearest quarter, at most 1/8 turn */
   const int32_t x = (int32_t)(2 * off);
-  const int32_t w = q30_step(0, x, x);
+  const int32_t w = evaluate_q30_step(0, x, x);
   int32_t p = 331, q = 3792;
-  p = q30_step(-39268, p, w);
-  p = q30_step(2674039, p, w);
-  p = q30_step(-86699833, p, w);
-  p = q30_step(843314857, p, w);
-  q = q30_step(-349978, q, w);
-  q = q30_step(17023455, q, w);
-  q = q30_step(-331168968, q, w);
+  p = evaluate_q30_step(-39268, p, w);
+  p = evaluate_q30_step(2674039, p, w);
+  p = evaluate_q30_step(-86699833, p, w);
+  p = evaluate_q30_step(843314857, p, w);
+  q = evaluate_q30_step(-349978, q, w);
+  q = evaluate_q30_step(17023455, q, w);
+  q = evaluate_q30_step(-331168968, q, w);
   const int64_t sine = (fixed_product(p, x) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS);
   const int64_t cosine = FIXED_ONE
       + ((fixed_product(q, w) + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
@@ -440,14 +437,15 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   if (((quarter + 1) & 2) != 0) { *c = -*c; }
 }
 
-/* Reduce the quotient to tan(pi/8); angles in Q32. */
+/* Return the angle of (x, y). The quotient is reduced to at most tan(pi/8). Angles are in
+ * Q32 (units of 2^-32). */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
   const uint64_t ax = fixed_magnitude(x), ay = fixed_magnitude(y);
   uint64_t big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
   if (big == 0) return 0;
   const int zeros = fixed_zeros(big);
-  const int shift = zeros < 32 ? 32 - zeros : 0; /* 32 digits of the quotient's 30 */
+  const int shift = zeros < 32 ? 32 - zeros : 0; /* leaves `big` at most 32 bits */
   big >>= shift;
   small >>= shift;
   const int beyond = (small << 30) > 444758319u * big; /* tan(pi/8) */
@@ -455,14 +453,14 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   const int32_t quotient = (int32_t)fixed_divide(
                     0, (beyond ? big - small : small) << 30, beyond ? big + small : big, &rest),
                 q = beyond ? -quotient : quotient;
-  const int32_t w = q30_step(0, q, q);
+  const int32_t w = evaluate_q30_step(0, q, q);
   int32_t p = 50619838;
-  p = q30_step(-90836426, p, w);
-  p = q30_step(118553854, p, w);
-  p = q30_step(-153348062, p, w);
-  p = q30_step(214747145, p, w);
-  p = q30_step(-357913928, p, w);
-  int64_t a = ((int64_t)1073741824 * q + (int64_t)q30_step(0, p, w) * q + ((int64_t)1 << 27)) >> 28;
+  p = evaluate_q30_step(-90836426, p, w);
+  p = evaluate_q30_step(118553854, p, w);
+  p = evaluate_q30_step(-153348062, p, w);
+  p = evaluate_q30_step(214747145, p, w);
+  p = evaluate_q30_step(-357913928, p, w);
+  int64_t a = ((int64_t)1073741824 * q + (int64_t)evaluate_q30_step(0, p, w) * q + ((int64_t)1 << 27)) >> 28;
   if (beyond) { a += 3373259426; }
   if (ax < ay) { a = 6746518852 - a; }
   if (x < 0) { a = 13493037705 - a; }
@@ -471,9 +469,9 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
 
 #endif /* format */
 
-/* ------------------------------------------------------------------------------- all formats ---- */
+/* ------------------------------------------------------------------------ all formats */
 
-/* Return log2(a b c) of positive numbers whose product does not overflow (fixed: any). */
+/* Return log2(a b c) of positive numbers. Except in fixed, a b c must not overflow. */
 static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
 {
 #if defined(TSE_REAL_FIXED)
@@ -485,7 +483,7 @@ static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
 
 static inline tse_real r_sqr(tse_real x) { return r_mul(x, x); }
 
-/* Return the smaller or larger of two numbers; if one is NaN, the second. */
+/* Return the smaller, or the larger, of two numbers. If one of them is NaN, return b. */
 static inline tse_real r_min(tse_real a, tse_real b) { return a < b ? a : b; }
 static inline tse_real r_max(tse_real a, tse_real b) { return b < a ? a : b; }
 

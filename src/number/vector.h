@@ -1,21 +1,21 @@
-/* number/vector.h - rows of numbers and their products with a factor. Nearly all products
- * of the filter are computed here.
+/* number/vector.h - rows (vectors) of numbers, and sums of their products. Nearly all
+ * products of the filter are computed here.
  *
- * double, float: a tse_short and a factor are tse_real, and every loop is the plain one.
- * Sums are computed in the order in which they are written.
+ * double, float: a tse_short and a factor are both a tse_real, and every loop is a plain
+ * one. Sums are computed in the order in which they are written.
  *
  * fixed: a tse_short is an int32_t in units of 2^-SHORT_BITS, saturated at +-MAX_SHORT. A
- * factor is a mantissa of 31 bits and a shift, computed once per row (r_factor), so that
- * a product is 32 x 32 bits, rounded to nearest once. Sums of products are exact in 64
- * bits and rounded once. One of the two rows therefore has a shift of its own (r_row,
- * r_sparse). Quotients by one divisor share its reciprocal (r_divisor): relative error at
- * most 2^-29.
+ * factor is a mantissa of 31 bits and a shift, computed once per row (r_factor). A
+ * product is then one of 32 x 32 bits, rounded once to nearest. Sums of products are
+ * exact in 64 bits and rounded once. To use these bits, one of the two rows of such a sum
+ * is scaled with a shift of its own (r_row, r_sparse). Quotients with the same divisor
+ * share its reciprocal (r_divisor); their relative error is at most 2^-29.
  *
  *   r_short r_long           convert to a tse_short (nearest, saturated) and back
  *   r_mul_short(a, b)        r_mul() of two tse_short
- *   r_factor(x, up)          factor x 2^up for rows (up: shift of a scaled row, fixed only)
+ *   r_factor(x, up)          factor x 2^up; up: shift of a scaled row (fixed only)
  *   r_quotient(x, d, up)     factor x/d 2^up
- *   r_short_of(a, x, up)     r_short_scaled(x, up), where a is r_factor(x, up)
+ *   r_short_of(a, x, up)     r_short_scaled(x, up), if a is r_factor(x, up)
  *   r_by(x, d)               x/d
  *   r_left(x, was, more, d)  x was/d, d = was + more, all >= 0
  *   r_plus_times(y, a, x)    y + a x, for elements of rows */
@@ -27,25 +27,26 @@
 #include <arm_acle.h>
 #endif
 
-/* Number of rows, a divisor of `rows`, that one loop processes together, element by
- * element. A core without vector instructions then reads what they share only once. */
+/* Number of rows that one loop processes together, element by element; it divides
+ * `rows`. On a core without vector instructions, elements that the rows share are then
+ * loaded only once. */
 #if defined(__thumb__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__) && !defined(TSE_REAL_FIXED)
 #define R_TOGETHER(rows) ((rows) % 5 == 0 ? 5 : (rows) % 3 == 0 ? 3 : (rows) % 2 == 0 ? 2 : 1)
 #else
 #define R_TOGETHER(rows) 1
 #endif
 
-#define MAX_ROW 32 /* max elements of a row */
-#define ROW_UP 4 /* log2 of the scale of rows with small numbers */
+#define MAX_ROW 32 /* max number of elements of a row */
+#define ROW_UP 4 /* log2 of the scale of transition rows, whose numbers are small */
 
-/* Nonzero elements of a row, and their indices. */
+/* Nonzero elements of a row, their indices `at`, and their common shift `right`. */
 typedef struct r_sparse {
   tse_short m[MAX_ROW];
   int32_t count, right;
   uint8_t at[MAX_ROW];
 } r_sparse;
 
-/* A row x 2^up. Its factors are r_factor(x, up). */
+/* A row that is stored multiplied by 2^-up. Factors for it are r_factor(x, up). */
 typedef struct r_scaled {
   const tse_short *m;
   int32_t up;
@@ -53,7 +54,7 @@ typedef struct r_scaled {
 
 #if !defined(TSE_REAL_FIXED)
 
-/* ------------------------------------------------------------------------- double and float ---- */
+/* ------------------------------------------------------------------- double and float */
 
 typedef tse_real r_divided;
 typedef tse_real r_factored;
@@ -70,7 +71,7 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
   return (void)more, r_mul(x, r_div(was, d));
 }
 
-/* Scaling by a power of two: only the fixed-point format scales rows. */
+/* Scale rows by a power of two. Only the fixed-point format does so. */
 static inline int r_scale_of(const tse_real *x, int n, int max) { return (void)x, (void)n, (void)max, 0; }
 static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
 static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
@@ -78,14 +79,17 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up) { return (v
 static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
 static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
 
-/* Return whether a number of the row exceeds 15/16 of the saturation limit. */
+/* Return whether an element of the row exceeds 15/16 of the saturation
+ * limit (fixed only). */
 static inline int r_near_end(const tse_short *x, int n) { return (void)x, (void)n, 0; }
 
-/* Slopes of a transition in units of the state, by which rows are multiplied.
+/* Elements of a transition matrix ("slopes") in units of the state, and their
+ * products with rows:
  *   r_slope_in_units  x to/over, limited to +-max. Factors: r_unit(), r_over_unit()
  *   r_short_over      x/over for an element of a row, limited to +-max
- *   r_slope_sums      to += slope rows (`stride` apart) times each of `together` rows
- * x */
+ *   r_slope_sums      to[i, b] += sum of slope[i, j] x[b, j] over n elements j, for each
+ *                     of `rows` rows i of slopes, which are `stride` apart, and each of
+ *                     `together` rows b of x */
 static inline tse_short r_slope(tse_real x) { return x; }
 static inline r_factored r_unit(tse_real unit) { return unit; }
 static inline r_factored r_over_unit(tse_real unit) { return r_div(TSE_R(1), unit); }
@@ -105,8 +109,9 @@ static inline void r_slope_sums(
       for (int b = 0; b < together; b++) to[i * together + b] += r_mul(slope[i * stride + j], x[b][j]);
 }
 
-/* Prepare row x as the second operand of r_sum(). room: memory for it. Returned: *right
- * its shift */
+/* Return row x in the form of the second operand of r_sum().
+ *   Given:     room    memory for it
+ *   Returned:  *right  its shift */
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
 {
   return (void)n, (void)room, *right = 0, x;
@@ -148,7 +153,7 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return (void)from, (void)right, sum;
 }
 
-/* Sums of products, element by element: see the fixed-point version below. */
+/* Sums of products, one term after the other: see the fixed-point version below. */
 typedef tse_real r_coefficient;
 typedef tse_real r_total;
 static inline r_coefficient r_coef(tse_real x) { return x; }
@@ -163,7 +168,7 @@ static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
 
 #else /* TSE_REAL_FIXED */
 
-/* ------------------------------------------------------------------------------------- fixed ---- */
+/* ------------------------------------------------------------------------------ fixed */
 
 #define SHORT_BITS 22
 #define COEF_BITS 20
@@ -179,18 +184,18 @@ typedef struct r_divided {
   int32_t m, right;
 } r_divided;
 
-/* Saturate x to a number of bits. Some cores have an instruction for it. */
+/* Saturate x to this number of bits. Some cores have an instruction for it. */
 #if defined(__ARM_FEATURE_SAT) && defined(__GNUC__) && !defined(__clang__)
 #define FIXED_WITHIN(x, bits) __ssat(x, bits)
 #else
-#define FIXED_WITHIN(x, bits) fixed_within(x, (int32_t)1 << ((bits) - 1))
-static inline int32_t fixed_within(int32_t x, int32_t max)
+#define FIXED_WITHIN(x, bits) saturate_to(x, (int32_t)1 << ((bits) - 1))
+static inline int32_t saturate_to(int32_t x, int32_t max)
 {
   return x > max - 1 ? max - 1 : (x < -max ? -max : x);
 }
 #endif
 
-static inline int32_t short_stop(int32_t x) { return FIXED_WITHIN(x, 31); }
+static inline int32_t saturate_short(int32_t x) { return FIXED_WITHIN(x, 31); }
 
 /* Return x 2^-right, rounded to nearest and saturated; |x| up to 2^62. */
 static inline int64_t fixed_shifted(int64_t x, int right)
@@ -201,8 +206,9 @@ static inline int64_t fixed_shifted(int64_t x, int right)
   return x > max ? FIXED_MOST : (x < -max ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* Return x 2^-right, rounded to nearest and saturated to a number of bits, those of a
- * tse_short; |x| up to 2^62. A saturated result keeps its lower digits. */
+/* Return x 2^-right, rounded to nearest and saturated to a number of bits; FIXED_NARROW
+ * to those of a tse_short. |x| is at most 2^62. Saturation acts on the upper digits only:
+ * lower digits remain. */
 static inline uint64_t fixed_half_up(int64_t x, int right)
 {
   return (uint64_t)x + ((uint64_t)1 << (right - 1));
@@ -217,13 +223,13 @@ static inline int32_t fixed_joined(int32_t high, uint32_t low, int right)
       (uint32_t)fixed_half_up(x, right), right)
 #define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
 
-/* Return the leading zeros of the magnitude, 1 .. 63. Bits of several numbers may be
- * ORed. */
+/* Return the number of leading zeros of a magnitude, 1 .. 63. fixed_bits_of() gives its
+ * bits. Those of several numbers may be ORed, for the zeros that all of them have. */
 static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
-/* Return the 31 binary digits of x after `zeros` leading zeros (at most as many as it
- * has), with its sign. */
+/* Return the 31 binary digits of x that follow `zeros` leading zeros, with the sign of x.
+ * x must have that many leading zeros. */
 static inline int32_t fixed_mantissa(int64_t x, int zeros)
 {
   return (int32_t)(uint32_t)(((uint64_t)x << (zeros - 1)) >> 32);
@@ -254,7 +260,7 @@ static inline tse_real r_mul_short(tse_short a, tse_short b)
   return (fixed_product(a, b) + (1 << (2 * SHORT_BITS - FIXED_BITS - 1))) >> (2 * SHORT_BITS - FIXED_BITS);
 }
 
-static inline r_factored factor_limited(int32_t m, int right)
+static inline r_factored limit_factor(int32_t m, int right)
 {
   const r_factored none = { 0, 0 }, a = { m, right < -30 ? -30 : right };
   return right > 30 ? none : a;
@@ -263,12 +269,12 @@ static inline r_factored factor_limited(int32_t m, int right)
 static inline r_factored r_factor(tse_real x, int up)
 {
   const int zeros = fixed_zeros_of(fixed_bits_of(x));
-  return factor_limited(fixed_mantissa(x, zeros), FIXED_BITS + zeros - 65 - up);
+  return limit_factor(fixed_mantissa(x, zeros), FIXED_BITS + zeros - 65 - up);
 }
 
 static inline r_divided r_divisor(tse_real d)
 {
-  r_divided over = { INT32_MAX, -FIXED_BITS }; /* 1/0 is taken as 1/(half a step of the format) */
+  r_divided over = { INT32_MAX, -FIXED_BITS }; /* for d = 0: 1/(half a step of the format) */
   if (d <= 0) return over;
   const int zeros = fixed_zeros((uint64_t)d);
   const uint32_t reciprocal = fixed_divide_word(
@@ -289,13 +295,13 @@ static inline r_factored r_quotient(tse_real x, r_divided d, int up)
 {
   const int zeros = fixed_zeros_of(fixed_bits_of(x));
   const int64_t product = fixed_product(fixed_mantissa(x, zeros), d.m); /* 2^60 .. 2^62 */
-  return factor_limited(
+  return limit_factor(
       (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
 
-/* Computed as x - x more/d: the decrement is rounded, and is 0 where it should be 0. more
- * is at most d. Their quotient has 32 digits, and both halves of x are multiplied by
- * it. */
+/* Compute x - x more/d, so that a decrement is rounded, and is 0 if it should be 0.
+ * `more` is at most d. The quotient more/d has 32 digits, and both halves of x are
+ * multiplied by it. */
 static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
 {
   const int zeros = 64 - FIXED_BITS - d.right; /* of d */
@@ -306,8 +312,9 @@ static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided
          x - (tse_real)(fixed_product_unsigned((uint32_t)((uint64_t)x >> 32), share) + (low >> 32));
 }
 
-/* Return the shift that brings the numbers to an eighth of the range of a row, and the
- * square root of a variance to a tenth or more. */
+/* Return the shift that scales the largest of the numbers to about an eighth of the
+ * range of a row. r_scale_of_variance() does so for the square root of a variance, to a
+ * tenth or more. */
 static inline int r_scale_of(const tse_real *x, int n, int max)
 {
   int64_t bits = 0;
@@ -328,15 +335,15 @@ static inline tse_short r_short_of(r_factored a, tse_real x, int up)
   return right > 31 ? 0 : ((a.m >> (right - 1)) + 1) >> 1;
 }
 
-/* Return a x. The row of x has the scale for which a was computed. */
+/* Return a x. a must have been computed for the scale of the row that contains x. */
 static inline tse_real r_times(tse_short x, r_factored a)
 {
   return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS);
 }
 
-/* Write mantissas of `digits` binary digits with a common shift and return it: x = m
- * 2^-(right + FIXED_BITS) */
-static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
+/* Write the row as mantissas m of `digits` binary digits with a common shift.
+ *   Returned:  the shift: x = m 2^-(right + FIXED_BITS) */
+static inline int32_t write_mantissas(const tse_real *x, int n, tse_short *m, int digits)
 {
   int64_t bits = 0;
   for (int i = 0; i < n; i++) bits |= fixed_bits_of(x[i]);
@@ -347,18 +354,18 @@ static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
 
 static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
 {
-  *right = row_of(x, n, room, 27);
+  *right = write_mantissas(x, n, room, 27);
   return room;
 }
 
 static inline r_scaled r_scaled_of(const tse_real *x, int n, tse_short *room)
 {
-  const int32_t right = row_of(x, n, room, 30);
+  const int32_t right = write_mantissas(x, n, room, 30);
   const r_scaled s = { room, SHORT_BITS - FIXED_BITS - right };
   return s;
 }
 
-/* Return the sum of at most 32 products, each below 2^57. */
+/* Return the sum of n products, at most 32. Each must be below 2^57. */
 static inline int64_t fixed_sum(const tse_short *a, const tse_short *b, int n)
 {
   int64_t sum = 0;
@@ -403,48 +410,49 @@ static inline tse_real r_dot_end(tse_real from, r_dot sum, int32_t right)
   return from + fixed_shifted(sum, SHORT_BITS + right);
 }
 
-/* Return a factor below 1/2 in units of 2^-32. The digits that are shifted out change a
- * row by less than an eighth of a step. */
-static inline int32_t factor_below_half(r_factored a)
+/* Return a factor whose magnitude is below 1/2, in units of 2^-32. The digits that are
+ * shifted out change a row by less than an eighth of a step. */
+static inline int32_t convert_small_factor(r_factored a)
 {
   return a.right > 0 ? ((a.m >> (a.right - 1)) + 1) >> 1 : a.m;
 }
 
-/* Return y + m x/2^32, rounded to nearest, saturated. */
-static inline int32_t short_plus(int32_t y, int32_t x, int32_t m)
+/* Return y + m x/2^32, rounded to nearest and saturated. */
+static inline int32_t add_to_short(int32_t y, int32_t x, int32_t m)
 {
-  return short_stop((int32_t)((uint32_t)y + (uint32_t)fixed_product_upper(x, m)));
+  return saturate_short((int32_t)((uint32_t)y + (uint32_t)fixed_product_upper(x, m)));
 }
 
 static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
 {
-  if (a.right >= 0) return short_plus(y, x, factor_below_half(a));
+  if (a.right >= 0) return add_to_short(y, x, convert_small_factor(a));
   const int32_t product = fixed_product_upper(x, a.m), max = MAX_SHORT >> -a.right;
   const int32_t more = product > max
       ? MAX_SHORT - 1
       : (product < -max ? -MAX_SHORT : (int32_t)((uint32_t)product << -a.right));
-  return short_stop(y + more);
+  return saturate_short(y + more);
 }
 
-/* Slopes have units of 2^-SLOPE_BITS and are below 16, so that 32 products with a row are
- * below 2^62. Units of states are 2^-8 .. 1; a divisor is at most 1. */
+/* Slopes are in units of 2^-SLOPE_BITS and below 16 in magnitude, so that the sum of
+ * 32 products with a row is below 2^62. Units of states are 2^-8 .. 1, and a divisor
+ * is at most 1. */
 #define SLOPE_BITS 23
 #define SLOPE_ALL (SLOPE_BITS + 5) /* digits and the sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
 static inline r_factored r_unit(tse_real unit)
 {
-  const r_factored half = { factor_below_half(r_factor(unit, -1)), 0 };
+  const r_factored half = { convert_small_factor(r_factor(unit, -1)), 0 };
   return half;
 }
 static inline r_factored r_over_unit(tse_real unit)
 {
-  const r_factored part = { factor_below_half(r_quotient(FIXED_ONE, r_divisor(unit), -9)), 0 };
+  const r_factored part = { convert_small_factor(r_quotient(FIXED_ONE, r_divisor(unit), -9)), 0 };
   return part;
 }
 
 static inline tse_short r_slope_in_units(tse_short x, r_factored to, r_factored over, tse_real max)
 {
-  const int32_t moved = short_plus(0, x, to.m); /* half of the product */
+  const int32_t moved = add_to_short(0, x, to.m); /* half of the product */
   const int64_t product = fixed_product(moved, over.m);
   return (void)max, FIXED_NARROW_TO(product, SHORT_BITS + ROW_UP + 22 - SLOPE_BITS, SLOPE_ALL);
 }
@@ -466,12 +474,13 @@ static inline void r_slope_sums(
     }
 }
 
-/* Sums of products, element by element, of coefficients and numbers of scaled rows: exact
- * in 64 bits and rounded at the end, to a scaled number or to an unscaled rate.
+/* Sums of products of coefficients and numbers of scaled rows, one term after the other.
+ * They are exact in 64 bits, and rounded once at the end: to a scaled number, or to a
+ * rate, which is not scaled.
  *   coefficient  units 2^-20, up to 1024
  *   number       units 2^-(SHORT_BITS + ROW_UP), up to 16
  *   rate         units 2^-SHORT_BITS, up to 256
- * At max 7 products, each below 2^60. */
+ * A sum has at most 7 products, each below 2^60. */
 typedef int32_t r_coefficient;
 typedef int64_t r_total;
 static inline r_coefficient r_coef(tse_real x) { return FIXED_NARROW(x, FIXED_BITS - COEF_BITS); }
@@ -481,19 +490,19 @@ static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s
 static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - fixed_product(a, x); }
 static inline tse_short r_end(r_total s) { return FIXED_NARROW(s, COEF_BITS); }
 static inline tse_short r_end_rate(r_total s) { return FIXED_NARROW(s, COEF_BITS + ROW_UP); }
-static inline tse_short r_short_sum(tse_short x, tse_short y) { return short_stop(x + y); }
+static inline tse_short r_short_sum(tse_short x, tse_short y) { return saturate_short(x + y); }
 
 #endif /* format */
 
-/* ------------------------------------------------------------------------------- all formats ---- */
+/* ------------------------------------------------------------------------ all formats */
 
-/* y += a x */
+/* Compute y += a x. */
 static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
 {
   for (int i = 0; i < n; i++) y[i] = r_plus_times(y[i], a, x[i]);
 }
 
-/* y += a x, x += b y, both from the old values */
+/* Compute y += a x and x += b y, both from the old values of x and y. */
 static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   for (int i = 0; i < n; i++) {
@@ -503,7 +512,7 @@ static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factor
   }
 }
 
-/* The same with y[0] and then with y[1]. x is read once for both. */
+/* Do as r_add_both() with y[0] and then with y[1]. x is read once for both. */
 static inline void r_add_both_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
@@ -517,7 +526,7 @@ static inline void r_add_both_twice(
   }
 }
 
-/* x += b y, then y += a x with the new x */
+/* Compute x += b y, then y += a x with the new x. */
 static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
 {
   for (int i = 0; i < n; i++) {
@@ -526,7 +535,7 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
   }
 }
 
-/* The same with y[0] and then with y[1]. */
+/* Do as r_add_in_turn() with y[0] and then with y[1]. */
 static inline void r_add_in_turn_twice(
     tse_short *const y[2], tse_short *x, const r_factored a[2], const r_factored b[2], int n)
 {
