@@ -132,7 +132,7 @@ static int read_channel(const tse_alignment *m, int c, tse_real age, tse_real *v
 static void compose_row(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {
   tse_real lost[TSE_CHANNELS];
-  row->dt = m->since > TSE_R(0) ? m->since : p->sample_time; /* the first row does not use it */
+  row->dt = m->since > TSE_R(0) ? m->since : p->sample_time; /* the first step ignores dt */
   row->missing = 0;
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
     tse_real x;

@@ -60,11 +60,12 @@ static uint32_t compute_vehicle_fingerprint(const tse_config *c)
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_word(h, r_single_bits(real_at(c, &setting_reals[i])));
   const uint64_t on = find_active_effects(c)
-      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* always exact in the filter */
+      & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* exact in every filter */
   for (int i = 0; i < COUNT_EFFECTS; i++) {
     const real_row *const row = &setting_reals[FIRST_EFFECTS + i];
     const tse_setting value = real_at(c, row);
-    /* only if not 0: states persisted before this setting existed stay valid */
+    /* this setting counts only if it is not 0: states persisted before it
+     * existed stay valid */
     const int counts = row->at != offsetof(tse_config, tyre_saturation_balance) || value != 0;
     h = mix_effect(h, counts && (on >> setting_effects[i].effect & 1u), row->name, value);
   }
@@ -87,7 +88,7 @@ static void apply_constant_effects(uint64_t mask, tse_config *car)
   EFFECTS_CONSTANT(CONSTANT_ON)
 }
 
-/* Copy the parameters of all effects and of a formula. */
+/* Copy the parameters of all effects and of the user's formula. */
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 {
   p->effects.mask = mask;
@@ -102,7 +103,8 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   e->mass = real_of(c->mass);
   e->formula_gain = real_of(c->formula_gain);
   for (int k = 0; k < TSE_FORMULA_NUMBERS; k++)
-    e->formula[k] = real_of(real_at(c, &setting_reals[FIRST_FORMULA + 1 + k])); /* after the gain */
+    e->formula[k] = real_of(
+        real_at(c, &setting_reals[FIRST_FORMULA + 1 + k])); /* the first one is the gain */
   e->formula_place = c->formula_place;
   unpack_formula(c, e->formula_code);
 #endif
@@ -154,7 +156,7 @@ static tse_status check_range(const tse_params *p, const tse_config *c, const ch
 }
 #endif
 
-/* Copy the constants that equal a setting. */
+/* Copy the settings that are used as they are. */
 static void prepare_copies(const tse_config *c, tse_params *p)
 {
   for (size_t i = 0; i < sizeof copied / sizeof copied[0]; i++) {

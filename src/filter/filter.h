@@ -254,10 +254,10 @@ void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt);
 
 /* --------------------------------------------------------------------------- events.c */
 
-/* Return the posterior of the amplitude of slot n. */
+/* Return the posterior of the amplitude of the event in slot n. */
 event_posterior compute_posterior(const tse_kalman *k, int n);
 
-/* Return whether the amplitude of slot n is below the size that needs a reaction. */
+/* Return whether the event in slot n is too small to need a reaction. */
 int event_is_small(const tse_kalman *k, int n);
 
 /* Return the regime TSE_REGIME_* that starts with a kind of event. */

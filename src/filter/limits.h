@@ -26,10 +26,10 @@
 #define MAX_ROW_TIME TSE_R(0.125)       /* [s] max row length that the substeps of TSE_SMALL resolve */
 #define FORCE_TIME TSE_R(0.1)           /* [s] time constant of the low pass of the slip that is
                                          * computed from accel_x */
-#define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] below it the sd of a course grows as 1/speed */
+#define MIN_COURSE_SPEED TSE_R(10)      /* [m/s] speed below which the sd of a course grows as 1/speed */
 #define MIN_SIDEWAYS_SPEED TSE_R(0.2)   /* [m/s] min sideways speed of an axle in the sd of the model
                                          * discrepancy of the lateral speed */
-#define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] below it a car may change between forward and reverse */
+#define MIN_ROLLING_SPEED TSE_R(0.5)    /* [m/s] speed below which a car may change into or out of reverse */
 #define REVERSE_SD TSE_R(1)             /* [m/s] test for reverse: sd of the gain of speed compared with
                                          * integrated accel_x, and min speed in the sd of the yaw rate
                                          * expected from the steering angle */
@@ -71,7 +71,7 @@
                                          * event before normalisation */
 #define MIN_WEIGHT TSE_R(1e-6)          /* [1] min probability with which an event contributes to a result */
 #define MIN_ALONG_VAR TSE_R(1e-6)       /* [1] min prior variance of the logarithm of the slip stiffness */
-#define MIN_RECALL_VAR TSE_R(1e-4)      /* [unit^2] min variance of a recalled stiffness */
+#define MIN_RECALL_VAR TSE_R(1e-4)      /* [unit^2] min variance of a stiffness that is recalled */
 #define MIN_FORCE TSE_R(0.2)            /* [1] min ratio of the tyre force after a change to that before.
                                          * The ratio is computed to first order, and below this its
                                          * logarithm has no meaning */
@@ -104,7 +104,7 @@
 #define MAX_LINEAR_RATIO TSE_R(9)       /* [1] max of (force of a linear tyre / force of the tyre)^2. At this
                                          * ratio the whole contact patch of a brush tyre slides, and beyond it
                                          * its curve is flat */
-#define MIN_SIDESLIP_SPEED TSE_R(0.01)  /* [m/s] below it the sideslip angle is reported as 0 */
+#define MIN_SIDESLIP_SPEED TSE_R(0.01)  /* [m/s] speed below which the sideslip angle is reported as 0 */
 #define MIN_SIDESLIP_SD_SPEED TSE_R(1)  /* [m/s] min divisor of the sd of the sideslip angle */
 #define MIN_SPEED TSE_R(0.1)            /* [m/s] min speed in the partial derivatives of course and speed,
                                          * which divide by it */
@@ -129,7 +129,7 @@
                                          * Roll, banked roads, load, compliance and slip change the ratio of
                                          * the quantities by less than 2.5 */
 #define UNRELATED TSE_R(0.1)            /* [1] squared correlation below which the quantities of a pair
-                                         * disagree. In any car that works it is higher in spite of noise */
+                                         * disagree. If a channel is only noisy it remains higher */
 #define AGAINST TSE_R(0.2)              /* [1] min squared correlation at which a wrong sign counts, for pairs
                                          * whose signal is small compared with its noise */
 #define GAINS_SPEED TSE_R(-0.3)         /* [m/s2] accel_x above which the car drives. Below it the
@@ -193,7 +193,7 @@
 #define MIN_WHEELBASE TSE_R(0.3)        /* [1] min of (L + K v^2)/L, L: wheelbase, K: understeer gradient. An
                                          * oversteering car (K < 0) reaches it at speed */
 
-/* Min element of D [unit^2]: rounding must not leave it at 0 (fixed point) or make it a
+/* [unit^2] Min element of D: rounding must not leave it at 0 (fixed point) or make it a
  * denormal number. */
 #if defined(TSE_REAL_FIXED)
 #define MIN_D ((tse_real)16)

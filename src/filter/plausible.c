@@ -293,7 +293,8 @@ int32_t find_implausible_channel(const tse_kalman *k, tse_real *factor)
     *factor = compute_factor(&a->pair[ACROSS]);
     return 1 + (int32_t)TSE_CHANNEL_accel_y;
   }
-  /* front and rear wheels are exchanged, or the other axle is driven */
+  /* front and rear wheel speeds are exchanged, or the driven axle is not that
+   * of the settings */
   if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   *factor = invert_factor(compute_factor(going));
   return 1 + (int32_t)TSE_CHANNEL_accel_x;

@@ -12,7 +12,7 @@ void sensitivities_clear(tse_kalman *k, int count)
 
 static void fade_element(tse_short *v, tse_real left)
 {
-  if (*v != TSE_R(0)) *v = r_short(r_mul(left, r_long(*v))); /* most are 0 */
+  if (*v != TSE_R(0)) *v = r_short(r_mul(left, r_long(*v))); /* most elements are 0 */
 }
 
 void sensitivities_fade(tse_kalman *k, int i, tse_real left)

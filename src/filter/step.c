@@ -248,7 +248,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   decoded z;
   tse_output now;
   const tse_status refused = decode_row(p, f, u, &z);
-  if (refused < 0) return refused; /* before anything changes */
+  if (refused < 0) return refused; /* f is unchanged */
   if (f->step == 0) start_state(p, f);
   if (watch_steering(&f->k, &z)) restart_with_frozen_angle(p, f, &z);
   update_road(p, &f->k, &z);

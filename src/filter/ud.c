@@ -132,7 +132,7 @@ void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c)
   const int up = r_scale_of(a, last + 1, r_scale_of(a + STATES, EXTRAS_IN_USE(p), 64));
   for (int j = 0; j <= last; j++) row[j] = r_short_scaled(a[j], up);
   for (int j = STATES; j < STATES + EXTRAS_IN_USE(p); j++) row[j] = r_short_scaled(a[j], up);
-  for (int j = last; j >= 0; j--) { /* two columns at once where a is not 0 in both */
+  for (int j = last; j >= 0; j--) { /* process two columns at once if a is not 0 in both */
     r_factored share[2], pull[2];
     if (!take_part(p, row, up, j, &c, &share[0], &pull[0]) || j == 0) continue;
     tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j - 1)] };
@@ -293,7 +293,7 @@ void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real h_P_h,
     for (int k = 0; k < e; k++) r_add_both(&p->w[k][STATES + e], &g[STATES + k], pull, push, 1);
     g[STATES + e] = r_short_of(push, v[STATES + e], up);
   }
-  for (int j = 0; j < STATES; j += 2) { /* two columns at once */
+  for (int j = 0; j < STATES; j += 2) { /* process two columns at once */
     const int columns = j + 1 < STATES ? 2 : 1;
     tse_short *const u[2] = { &p->u[ud_column(j)], &p->u[ud_column(j + 1)] };
     r_factored pull[2], push[2];

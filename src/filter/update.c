@@ -192,7 +192,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   m->e = z->z[channel] - s->read[channel];
   for (int i = 0; i < STATES; i++) {
     m->h[i] = TSE_R(0);
-    if (!(s->H[channel][i] != TSE_R(0))) continue; /* most are 0 */
+    if (!(s->H[channel][i] != TSE_R(0))) continue; /* most elements are 0 */
     m->h[i] = r_mul(s->H[channel][i], state_unit[i]);
     m->e -= r_mul(m->h[i], change[i]);
   }

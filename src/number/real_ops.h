@@ -119,7 +119,7 @@ static inline tse_real evaluate_exp2_series(tse_real r)
 }
 static inline tse_real evaluate_sine_series(tse_real z)
 {
-  const tse_real p3 = 0.075192228f + z * (0.00686792191f + z * 0.000389815948f); /* from z^3 on */
+  const tse_real p3 = 0.075192228f + z * (0.00686792191f + z * 0.000389815948f); /* terms from z^3 on */
   return 3.14159274f + z * (2.02611947f + z * (0.524037182f + z * p3));
 }
 static inline tse_real evaluate_cosine_series(tse_real z)
@@ -144,13 +144,14 @@ typedef uint64_t real_bits;
 static inline tse_real r_sqrt(tse_real x) { return sqrt(x); }
 static inline tse_real evaluate_log2_series(tse_real z)
 {
-  const tse_real p3 = 0.41220925104433 + z * (0.31990575530912474 + z * 0.2828992804167811); /* from z^3 on */
+  const tse_real p3 = 0.41220925104433
+      + z * (0.31990575530912474 + z * 0.2828992804167811); /* terms from z^3 on */
   return 2.88539008177785 + z * (0.9617966941133057 + z * (0.5770779423769504 + z * p3));
 }
 static inline tse_real evaluate_exp2_series(tse_real r)
 {
   const tse_real p6 = 1.5252989702166316e-05
-      + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* from r^6 on */
+      + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07); /* terms from r^6 on */
   const tse_real p3 = 0.009618129181074433
       + r * (0.0013333557626443204 + r * (0.00015403440941983887 + r * p6));
   return 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444 + r * p3));
@@ -165,7 +166,7 @@ static inline tse_real evaluate_sine_series(tse_real z)
 static inline tse_real evaluate_cosine_series(tse_real z)
 {
   const tse_real q6 = 2.588453671772188e-05
-      + z * (1.0594002489588727e-06 + z * 3.047553945987138e-08); /* from z^6 on */
+      + z * (1.0594002489588727e-06 + z * 3.047553945987138e-08); /* terms from z^6 on */
   const tse_real q3 = 0.057249471531854196
       + z * (0.006332740904225213 + z * (0.00047591530986587416 + z * q6));
   return 0.9999999999999934 + z * (0.9348022005434381 + z * (0.3195033242022668 + z * q3));
@@ -173,7 +174,7 @@ static inline tse_real evaluate_cosine_series(tse_real z)
 static inline tse_real evaluate_atan_series(tse_real z)
 {
   const tse_real p6 = 0.07564643175915622
-      + z * (-0.05877867766480258 + z * 0.03071132978538272); /* from z^6 on */
+      + z * (-0.05877867766480258 + z * 0.03071132978538272); /* terms from z^6 on */
   const tse_real p3 = -0.1428569090793922 + z * (0.1111039608499545 + z * (-0.09078528868272435 + z * p6));
   return 0.9999999999999744 + z * (-0.3333333333088931 + z * (0.19999999615328912 + z * p3));
 }
@@ -397,7 +398,7 @@ static inline tse_real r_exp2(tse_real x)
 {
   const int64_t k = x >> FIXED_BITS, part = x - k * FIXED_ONE;
   const int32_t f = (int32_t)(part >> (FIXED_BITS - 30));
-  const int up = FIXED_BITS - 30; /* 1 is 2^30 in y, 2^FIXED_BITS in the result */
+  const int up = FIXED_BITS - 30; /* shift from Q30 to the units of the result */
   int32_t p = 23011;
   int64_t y;
   if (k >= 63 - FIXED_ROOM - FIXED_BITS) return FIXED_MOST;

@@ -172,14 +172,14 @@ static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
 
 #define SHORT_BITS 22
 #define COEF_BITS 20
-#define MAX_SHORT ((int32_t)1 << 30) /* [2^-SHORT_BITS] 256; the upper limit is one less */
+#define MAX_SHORT ((int32_t)1 << 30) /* [2^-SHORT_BITS] limit of a tse_short: 256. The max is one step less */
 
-/* value = m 2^-(32 + right) */
+/* A factor: m 2^-(32 + right). */
 typedef struct r_factored {
   int32_t m, right;
 } r_factored;
 
-/* 1/d = m 2^-(30 + right), m up to 2^31 - 1 */
+/* Reciprocal of a divisor d: 1/d = m 2^-(30 + right), m up to 2^31 - 1. */
 typedef struct r_divided {
   int32_t m, right;
 } r_divided;
@@ -278,7 +278,7 @@ static inline r_divided r_divisor(tse_real d)
   if (d <= 0) return over;
   const int zeros = fixed_zeros((uint64_t)d);
   const uint32_t reciprocal = fixed_divide_word(
-      (uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62/(2^31 .. 2^32) */
+      (uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62 over the upper 32 bits of d */
   over.m = reciprocal > INT32_MAX ? INT32_MAX : (int32_t)reciprocal;
   over.right = 64 - zeros - FIXED_BITS;
   return over;
@@ -294,7 +294,7 @@ static inline tse_real r_by(tse_real x, r_divided d)
 static inline r_factored r_quotient(tse_real x, r_divided d, int up)
 {
   const int zeros = fixed_zeros_of(fixed_bits_of(x));
-  const int64_t product = fixed_product(fixed_mantissa(x, zeros), d.m); /* 2^60 .. 2^62 */
+  const int64_t product = fixed_product(fixed_mantissa(x, zeros), d.m); /* magnitude 2^60 .. 2^62 */
   return limit_factor(
       (int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
 }
@@ -437,7 +437,7 @@ static inline tse_short r_plus_times(tse_short y, r_factored a, tse_short x)
  * 32 products with a row is below 2^62. Units of states are 2^-8 .. 1, and a divisor
  * is at most 1. */
 #define SLOPE_BITS 23
-#define SLOPE_ALL (SLOPE_BITS + 5) /* digits and the sign */
+#define SLOPE_ALL (SLOPE_BITS + 5) /* bits of a slope with its integer part and sign */
 static inline tse_short r_slope(tse_real x) { return FIXED_NARROW_TO(x, FIXED_BITS - SLOPE_BITS, SLOPE_ALL); }
 static inline r_factored r_unit(tse_real unit)
 {

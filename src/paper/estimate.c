@@ -85,7 +85,7 @@ void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *
     tse_real mean;
     compute_moments(f->weight, q->mu[a], count, total, &mean, &var);
     const tse_real sigma = r_mul(inv, r_div(sum_products(f->weight, q->lam[diagonal[a]], count), total));
-    y->stiffness[a] = y->stiffness_secant[a] = TSE_R(1) + mean; /* linear tyres */
+    y->stiffness[a] = y->stiffness_secant[a] = TSE_R(1) + mean; /* tyres are linear */
     y->stiffness_sd[a] = r_sqrt(r_mul(f->gamma, sigma) + var);
     y->stiffness_spread[a] = r_sqrt(sigma);
     compute_moments(f->weight, q->bias[a], count, total, &mean, &var);

@@ -9,7 +9,7 @@
 #define MAX_REGRESSOR TSE_R(1e6) /* [1] max regressor over its sensor's sd, for numerics: its square
                                   * fits a float */
 
-/* Kind of a row. */
+/* Classification of a row. */
 typedef struct row_kind {
   int gap;            /* 1: too long after the previous row; the motion is initialised again */
   int held;           /* 1: too slow, in reverse or at a large angle: (4) is not valid */

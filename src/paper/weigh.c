@@ -51,7 +51,7 @@ static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRI
   const int32_t count = pad_count(p->particles);
   for (int32_t i = 0; i < count; i++) {
     const innovation e = compute_innovation(p, c, y, q, i);
-    /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
+    /* log2 of the density: common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
     q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
         - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
   }
