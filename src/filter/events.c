@@ -245,11 +245,11 @@ static int can_name_frozen(const tse_kalman *k, int32_t which)
 }
 
 /* Return the log2 penalty of an event that increases a cornering stiffness. The nominal
- * stiffness is that of a road with grip, so that other roads decrease it. A road change
- * is therefore penalised, by the prior, if it leads to more than nominal. A change of an
- * axle is penalised for the whole increase, less the decrease by the last change.
- * Otherwise stiffer rear tyres would be as likely as softer front tyres, which have the
- * same effect on the steering. */
+ * stiffness is that of a road with grip, so that other roads decrease it. A change of the
+ * road is penalised, according to the prior sd, if it leads to more than nominal. A
+ * change of an axle is penalised for the whole increase, less the decrease by the last
+ * change. Otherwise stiffer rear tyres would be as likely as softer front tyres, which
+ * have the same effect on the steering. */
 static tse_real penalise_stiffer(
     const tse_params *p, const tse_kalman *k, const tse_event *a, tse_real amplitude)
 {

@@ -110,7 +110,7 @@
                                          * which divide by it */
 #define PAST_INTERVAL TSE_R(0.035)      /* [s] interval at which the past motion is stored: 8 intervals span
                                          * the max latency, 0.28 s */
-#define MAX_CORRELATION TSE_R(0.999)    /* [1] max correlation of loaded states. It is below 1, so that
+#define MAX_CORRELATION TSE_R(0.999)    /* [1] max correlation in a loaded covariance. Below 1, so that
                                          * conditional variances stay positive */
 #define MAX_D TSE_R(1e6)                /* [unit^2] max element of D of the motion: an sd of 1000 units.
                                          * Beyond it the motion is unknown */

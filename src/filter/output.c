@@ -230,8 +230,9 @@ static tse_reason find_reason(const tse_params *p, const tse_kalman *k, const ro
   return parameters_dominate ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
-/* Return whether the wheel radii differ from the settings by more than their prior
- * allows. Until the filter has found the radii, the stiffness absorbs an error. */
+/* Return whether the wheel radii differ from the settings by more than their
+ * prior allows. The stiffness has then absorbed an error before the filter had
+ * found the radii. */
 static int has_other_wheels(const tse_params *p, const tse_kalman *k)
 {
   return HAS_SLIP && r_sqr(k->x[RAD]) > r_max(r_sqr(MAX_RADIUS_ERROR), r_mul(TAIL, r_sqr(p->prior_sd[RAD])));

@@ -7,9 +7,10 @@
  * above its diagonal are stored one after the other.
  *
  * Extra states are those of a measured velocity. No other state depends on them. In U
- * they therefore come before the other states: each adds a row above the rows of the
- * others, whose elements it leaves unchanged. In vectors (a, h, f, v, gain) they come
- * after the other states. While p->extras is 0, these elements are not read. */
+ * they therefore come before the other states: each adds a row (W, p->w) above the
+ * rows of the others, and leaves the elements of these unchanged. In vectors (a, h, f,
+ * v, gain) extra states come after the others. While p->extras is 0, these elements
+ * are not read. */
 #ifndef TSE_UD_H
 #define TSE_UD_H
 
@@ -33,8 +34,8 @@ static inline int ud_column(int j) { return j * (j - 1) / 2; }
 /* Set the covariance to this diagonal, without extra states. */
 void ud_set(tse_ud *p, const tse_real variance[STATES]);
 
-/* Set the covariance of the TSE_KEPT states from `first` on. Before, they must not
- * correlate with other states. Correlations are limited to MAX_CORRELATION. */
+/* Set the covariance of the TSE_KEPT states from `first` on, which must not correlate
+ * with other states before the call. Correlations are limited to MAX_CORRELATION. */
 void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT]);
 
 /* Return the variance of state i.    O(STATES) time */

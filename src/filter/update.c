@@ -51,10 +51,10 @@ static void compute_consider_slopes(const tse_params *p, tse_kalman *k, const fo
   k->before[2] = k->x[VX];
 }
 
-/* Return whether the car brakes, according to the force at the estimated slip, or
- * to accel_x if accel_x contradicts that force. The estimated slip varies within
- * each rotation of the wheels. By it alone, the rows would be selected in which it
- * is too large. */
+/* Return whether the car brakes, according to the force at the estimated slip, or to
+ * accel_x if accel_x contradicts that force. The estimated slip oscillates with the
+ * rotation of the wheels. Without accel_x, rows would count as driving mostly in those
+ * halves of a rotation in which the slip is too large, which would bias it. */
 static int is_braking(const tse_params *p, const tse_kalman *k, const forces *f)
 {
   const tse_real e = k->innovation[ACCEL_X];

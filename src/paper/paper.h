@@ -130,8 +130,8 @@ void paper_update(
 
 /* ---------------------------------------------------------------------------- start.c */
 
-/* Initialise all particles, from the settings or the persisted state. In Algorithm 1 it is
- * the line Initialize. */
+/* Initialise all particles, from the settings or the persisted state. In Algorithm 1 it
+ * is the line Initialize. */
 void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* Initialise only the motion of all particles, from wheel speeds and gyro. */
