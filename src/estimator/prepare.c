@@ -113,7 +113,7 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #if defined(TSE_REAL_FIXED)
 /* Limits of the constants in fixed point. A covariance in sigma^2 contains squares of
  * these quantities, up to FIXED_MOST, 2^27 (1.3e8). One step of the format is 2e-10, and
- * an increment per row must be at least that. */
+ * an increment per row must be at least one step. */
 #define MAX_SIGNAL_GAIN TSE_R(131072) /* [sigma per unit of slip] 230 times that of the default car: for a
                                        * slip of 10 % and a stiffness error of 30 % */
 #define MAX_START TSE_R(4096) /* [sigma] max initial error of a state */

@@ -295,7 +295,8 @@ int event_is_small(const tse_kalman *k, int n)
   const tse_event *const a = &k->event[n];
   if (can_name_frozen(k, a->kind) && is_frozen(k, get_kind(a->kind)->channel)) return 0;
   if (a->kind == EVENT_ROAD_RETURN) return 0;
-  /* compare the mean square of the amplitude; without samples it is that of the prior */
+  /* compare the mean square of the amplitude: its posterior or, without
+   * samples, its prior */
   const event_posterior s = integrate_second(k, n);
   const tse_real one = TSE_R(1) + s.info;
   return r_mul(s.score, s.score) + one < r_mul(r_sqr(get_kind(a->kind)->least), r_mul(one, one));
@@ -515,9 +516,9 @@ static void discard_event(const tse_params *p, tse_kalman *k, int n, tse_real we
     k->along.var += r_mul(r_max(ud_variance(&k->ud, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX]));
 }
 
-/* Open the next event of each kind that is due, in place of the event in its slot, which
- * is discarded. At most one event is merged per row, which bounds the computing time. The
- * slots of a kind follow those of the kind before. */
+/* Open the next event of each kind that is due. An older event in its slot is discarded.
+ * At most one event is merged per row, which bounds the computing time. The slots are in
+ * the order of the kinds. */
 static void open_due_events(const tse_params *p, tse_kalman *k, const tse_real ratio[TSE_EVENTS], tse_real dt)
 {
   int first = 0, has_merged = 0;

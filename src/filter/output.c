@@ -87,8 +87,8 @@ static void report_motion(const tse_params *p, const tse_kalman *k, const possib
   out->sideslip_sd = r_min(r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), MIN_SIDESLIP_SD_SPEED)), HALF_TURN);
 }
 
-/* Report stiffness, grip and model discrepancy. The relative sd of a stiffness is at
- * least that of the model error. While velocities are used this minimum is larger,
+/* Report stiffness, grip and model discrepancy. The sd of the model error is a lower
+ * limit of the relative sd of a stiffness. While velocities are used the limit is larger,
  * because the covariance then shrinks faster than the model error allows. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {

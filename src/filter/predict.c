@@ -100,10 +100,11 @@ static void add_walk(const tse_params *p, tse_kalman *k, int i, tse_real dt)
   if (q > TSE_R(0)) ud_add_at(&k->ud, i, q);
 }
 
-/* Each row adds process noise to one slow state, in turn, and to those whose last noise
- * is WALK_TIME or WANDER_TIME ago. Each receives the noise of the time since then. All of
- * them in each row would take too long, because each is a rank-one change of the
- * covariance. TSE_SMALL has few slow states, and all receive their noise in each row. */
+/* Each row adds process noise to one slow state, in turn, and to states that have
+ * received none for WALK_TIME or WANDER_TIME. A state receives the noise of the whole
+ * time since its last noise. To treat all states in each row would take too long, because
+ * each noise is a rank-one change of the covariance. TSE_SMALL has few slow states and
+ * treats all of them in each row. */
 void predict_slow_states(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   for (int n = 0; n < TSE_SLOW; n++) {
@@ -135,8 +136,8 @@ static void move_motion(
 }
 
 /* Scale the transition to units of the state. Multiply its partial derivatives with
- * respect to a stiffness by compute_signal_shares(). Set to 0 those with respect to slip
- * and slip stiffness in rows that hold no information on them.
+ * respect to a stiffness by compute_signal_shares(). Set to 0 the partial derivatives
+ * with respect to slip and slip stiffness if the row holds no information on these.
  *   Given:    share  from compute_signal_shares()
  *             z      if no_slip: v_x does not depend on the slip stiffness; if no_second:
  *                    no state depends on slips and slip stiffness

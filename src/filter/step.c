@@ -179,8 +179,8 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
 }
 
 /* Return whether all variances of the motion, given by their elements of D, are below
- * MAX_D. With unrealistic settings the motion can diverge within a substep, and that of
- * an unstable car diverges without measurements. Its variance exceeds the limit long
+ * MAX_D. The motion can diverge within a substep if settings are unrealistic, and
+ * without measurements if the car is unstable. Its variance exceeds the limit long
  * before a number overflows. */
 static int is_motion_known(const tse_kalman *k)
 {

@@ -78,8 +78,8 @@ static int32_t is_driving(const tse_params *p, const tse_kalman *k, const decode
   return is_rolling_axle(z->rolls) || (z->rolls == ROLLS_UNKNOWN && !is_braking(p, k, f));
 }
 
-/* Update the filter with a pseudo-measurement: the slip of the freely rolling axle is
- * that of its rolling resistance. */
+/* Update the filter with a pseudo-measurement of the slip of the freely rolling axle,
+ * which follows from its rolling resistance. */
 static void use_free_rolling(
     const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
@@ -167,9 +167,9 @@ static tse_real compute_slip_var(const tse_params *p, const tse_kalman *k, int c
 }
 
 /* Return whether a channel is used as a measurement in this row. If slip is computed from
- * the force, accel_x is an input. Of the wheel speeds then only that of the undriven axle
- * is used (the rear one if the driven axle is unknown): the difference of both contains
- * errors of radius and slip, is not white, and would look like a yaw rate. */
+ * the force, accel_x is an input, and only the wheel speed of the undriven axle is used
+ * (of the rear axle if the driven axle is unknown). The difference of both wheel speeds
+ * contains errors of radius and slip. It is not white, and would look like a yaw rate. */
 static int is_measured(const tse_params *p, const decoded *z, int channel)
 {
   if (HAS_SLIP && !z->no_second) return 1;

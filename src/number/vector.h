@@ -223,8 +223,8 @@ static inline int32_t fixed_joined(int32_t high, uint32_t low, int right)
       (uint32_t)fixed_half_up(x, right), right)
 #define FIXED_NARROW(x, right) FIXED_NARROW_TO(x, right, 31)
 
-/* Return the number of leading zeros of a magnitude, 1 .. 63. fixed_bits_of() gives its
- * bits. Those of several numbers may be ORed, for the zeros that all of them have. */
+/* Return the number of leading zeros of a magnitude, 1 .. 63. `bits` is fixed_bits_of()
+ * of a number, or the OR of several, for the leading zeros that all of them have. */
 static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
