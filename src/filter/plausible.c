@@ -40,9 +40,9 @@ enum {
 enum { SIDE, SIDE_ASKED, GAINED, SPEED, TURN, TURN_ASKED };
 
 /* Return the part of the variance of the first quantity of a pair that the second
- * quantity should also have. accel_x also measures gravity along the road: (3 sd of the
- * grade)^2 is subtracted from its variance, which is then at least the variance of the
- * second quantity or, if less, as before. */
+ * quantity should also have. accel_x also measures gravity along the road: (3 sd of
+ * the grade)^2 is subtracted from its variance. The result is at least the smaller
+ * of both variances. */
 static tse_real compute_explainable(const tse_params *p, const tse_pair *q, int which)
 {
   const tse_real road = which == ALONG ? r_mul(TAIL, r_sqr(p->prior_sd[GX])) : TSE_R(0);
