@@ -1,2 +1,2 @@
-"""Run the filter over a log, and put its result into words: answer, verdict, events,
-smoother."""
+"""Run the filter over a log, smooth its estimates, and describe them in words: the answer
+in three lines, the verdicts, the events."""

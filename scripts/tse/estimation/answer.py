@@ -1,4 +1,5 @@
-"""The answer in three aligned lines: each stiffness, and whether to act on it."""
+"""The answer of a run: three aligned lines, each with a stiffness, its 95 % interval, and
+whether it is usable."""
 
 from __future__ import annotations
 
@@ -23,25 +24,25 @@ LITTLE = {
     "cx_front": "too little acceleration in this log",
 }
 WHY_NOT = {
-    "starting": "too little was seen since the start",
+    "starting": "too little excitation since the start",
     "sensor fault": "a sensor was at fault",
-    "held": "the car stood, crept, reversed or slid",
+    "held": "standstill, low speed, reverse or sliding wheels",
     "input invalid": "inputs or measurements are missing",
-    "parameters uncertain": "the car is not known well enough (tselab calibrate)",
-    "does not fit": "the sensors read what the model does not explain (tselab gap)",
+    "parameters uncertain": "the car's parameters are too uncertain (tselab calibrate)",
+    "does not fit": "the model does not explain the measurements (tselab gap)",
     "implausible": "the channels contradict each other",
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong",
 }
-MAX_STRETCHES = 2  # of a road that changed: the last ones
+MAX_STRETCHES = 2  # stretches of road in the answer: the last ones, if the road changed
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last stretches of road, under its title if there
-    are several.
+    """Return three lines for each of the last MAX_STRETCHES stretches of road. If there are
+    several stretches, a title precedes the lines of each.
 
-    The value is that of compute_held_stiffness(). The longitudinal stiffness is that of
-    the driven axle, which shows it.
+    The values are those of compute_held_stiffness(). The longitudinal stiffness shown is
+    that of the driven axle, because the log measures it there.
     """
     rear = config.driven_axle == DRIVEN["rear"]
     by = config.longitudinal_stiffness_rear / config.longitudinal_stiffness_front if rear else 1.0
@@ -69,22 +70,24 @@ def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
 def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
     """Return the stiffness of a stretch of road, and half of its 95 % interval.
 
-    The smoothed value; the value at the end for a particle filter, and if rows are valid
-    and the smoothed value is not."""
+    Normally this is the smoothed value. It is the value at the end of the stretch if
+    there is no smoothed value (particle filters), or if the smoothed value is not valid
+    although rows of the stretch are."""
     smoothed = np.isfinite(v.smoothed) and (v.smoothed_reason == "valid" or v.level == "none")
     return (v.smoothed, v.smoothed_band) if smoothed else (v.value, v.band)
 
 
 def describe_rest(v: Verdict) -> str:
-    """Return the rest of the verdict, for the line beside compute_held_stiffness()."""
+    """Return the verdict without the value that compute_held_stiffness() returns, to stand
+    next to that value in a table."""
     if compute_held_stiffness(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"
 
 
 def _make_cells(v: Verdict, rear: bool) -> tuple[str, str, str]:
-    """Return place, value with 95 % interval, and whether to act on it. `rear`: the rear
-    axle drives."""
+    """Return three cells: place, value with 95 % interval, and whether it is usable.
+    `rear` is True for a rear-wheel-driven car."""
     where = "rear, along" if rear and v.key == "cx_front" else WHERE[v.key]
     value, band = compute_held_stiffness(v)
     if not np.isfinite(value):

@@ -1,5 +1,7 @@
-"""Run the filter over a log: from a learnt state (bytes of the library, tse/learnt.h) to
-the table of estimates, and write it."""
+"""Run the filter over a log and write the table of estimates (EST.csv or .parquet).
+
+A run may start from a learnt state of an earlier drive: bytes that the library writes and
+reads (tse/learnt.h)."""
 
 from __future__ import annotations
 
@@ -40,21 +42,21 @@ from tse.log.rows import MEASURES, CheckedLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-DAY = 86400.0  # s
-MAX_LEARNT = 1 << 16  # bytes; no learnt state is longer
+DAY = 86400.0  # [s]
+MAX_LEARNT = 1 << 16  # [bytes] read at most of a file; every learnt state is shorter
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """A learnt state, not yet checked, and its age."""
+    """A learnt state as read from its file, not yet checked by the library."""
 
     path: Path
     data: bytes
-    age: float  # s
-    given: bool  # whether the age was given; else it is that of the file
+    age: float  # [s] time since the drive that it was learnt on
+    given: bool  # True if the user gave the age, False if it is the age of the file
 
     def load(self, filter_: NativeFilter) -> None:
-        """Load it into the filter. UserError: the library refuses it."""
+        """Load the state into the filter. Raise UserError if the library refuses it."""
         try:
             filter_.load_learnt(self.data, self.age)
         except LearntError as error:
@@ -64,13 +66,15 @@ class Learnt:
     def note(self) -> str:
         days = f"{self.age / DAY:.3g} days"
         return f"{self.path}, {days} old" + (
-            " (--age)" if self.given else " (time of the file; --age says it better)"
+            " (--age)" if self.given else " (time of the file; give the true age by --age)"
         )
 
 
 def read_learnt(path: Path, age: float | None = None) -> Learnt:
-    """Read a file that write_learnt() wrote. `age`: s since that drive; None: the age of
-    the file."""
+    """Read a file that write_learnt() wrote.
+
+    `age` is the time since that drive in s. If it is None, the age of the file is
+    taken."""
     try:
         with open(path, "rb") as file:
             data = file.read(MAX_LEARNT)
@@ -85,23 +89,29 @@ def write_learnt(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-# ---- Rows as CSV. For the ten million cells of a long log pandas needs 8 s, Arrow 1 s,
-# orjson 0.25 s.
+# ---- Rows as CSV
+#
+# orjson writes the numbers, Arrow the columns that orjson cannot write. To write the ten
+# million cells of a long log, pandas takes 8 s, Arrow 1 s and orjson 0.25 s.
 
 
-Columns = Mapping[str, Any] | pd.DataFrame  # arrays, Categoricals or Series by name
-SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}  # sizes of numbers that orjson and Arrow write alike
-MAX_WHOLE = 1 << 24  # larger whole numbers may have no single-precision value
+Columns = Mapping[str, Any] | pd.DataFrame  # name -> array, Categorical or Series
+# Range of the absolute values for which orjson and Arrow write the same digits, for single
+# ("f") and double ("d") precision
+SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}
+MAX_WHOLE = 1 << 24  # single precision represents every whole number up to this one exactly
 
 
 def make_csv_header(table: Columns) -> bytes:
-    """Return the line of the column names."""
+    """Return the header line with the column names."""
     return pd.DataFrame(columns=list(table)).to_csv(index=False, lineterminator="\n").encode()
 
 
 def make_csv_rows(table: Columns) -> bytes:
-    """Return the lines of the rows. A number has the shortest digits that give the same
-    bits back; missing values are empty cells."""
+    """Return the rows as lines of CSV.
+
+    Each number has the fewest digits from which the same bits are read back. Missing
+    values are empty cells."""
     columns = [getattr(column, "array", column) for _, column in table.items()]
     columns = [c if isinstance(c, pd.Categorical) else np.asarray(c) for c in columns]
     if not columns or not len(columns[0]):
@@ -117,30 +127,34 @@ def make_csv_rows(table: Columns) -> bytes:
 
 
 def _find_kind(column: Any) -> tuple[str, bool, bool]:
-    """Return how a column is written.
+    """Return how a column is to be written.
 
     Returns
     -------
     kind : str
-        "words", "f" (also small whole numbers), "d"; empty: by Arrow only.
+        "words" for a Categorical, "d" for double precision, "f" for single precision and
+        integers. Empty if only Arrow can write the column.
     same : bool
-        All cells have the same text, as in most columns of a few rows.
+        True if all cells have the same text. The text is then made only once.
     plain : bool
-        No number is missing or whole: orjson writes those otherwise than Arrow."""
+        True if no number is missing or whole. Missing and whole numbers must be edited
+        after orjson, which writes "null" and "2.0" for them."""
     words = isinstance(column, pd.Categorical)
     values = column.codes if words else column
     if values.dtype.kind not in "iuf":
         return "", False, False
     missing = values != values
     same = bool((values == values[0]).all() or missing.all())
-    if same and values[0] == 0:  # -0.0 has another text
+    if same and values[0] == 0:  # 0.0 and -0.0 are equal, but their texts differ
         same = bool(np.signbit(values).all() == np.signbit(values).any())
     plain = values.dtype.kind == "f" and not bool((missing | (np.floor(values) == values)).any())
     return "words" if words else "d" if values.dtype == np.float64 else "f", same, plain
 
 
 def _join_cells(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] | None:
-    """Return the cells of these columns row by row; None if only Arrow can write them."""
+    """Return one string a row: the cells of these columns, joined by commas.
+
+    Return None if only Arrow can write one of them."""
     if kind == "words":
         return _encode_words(columns)
     if not kind or any(
@@ -150,10 +164,10 @@ def _join_cells(columns: Sequence[Any], kind: str, plain: bool) -> list[bytes] |
     import orjson
 
     block = np.stack(columns, axis=1, dtype=kind, casting="unsafe")
-    size, (least, most) = np.abs(block), SAME_TEXT[kind]
-    if ((size >= most) | ((size < least) & (size > 0))).any():
+    size, (low, high) = np.abs(block), SAME_TEXT[kind]
+    if ((size >= high) | ((size < low) & (size > 0))).any():
         return None
-    text = orjson.dumps(block, option=orjson.OPT_SERIALIZE_NUMPY)[2:-1]  # 1.5,null],[2.0,0.5]
+    text = orjson.dumps(block, option=orjson.OPT_SERIALIZE_NUMPY)[2:-1]  # such as 1.5,null],[2.0,0.5]
     if not plain:
         text = text.replace(b"null", b"").replace(b".0,", b",").replace(b".0]", b"]")
     return text[:-1].split(b"],[")
@@ -164,13 +178,13 @@ def _encode_words(columns: Sequence[pd.Categorical]) -> list[bytes] | None:
     for column in columns:
         words = [*map(str, column.categories), ""]
         if any(c in word for word in words for c in ',"\r\n'):
-            return None  # it needs quotes
+            return None  # CSV needs quotes around this word, which Arrow writes
         found.append(np.array([word.encode() for word in words], object)[column.codes].tolist())
     return list(map(b",".join, zip(*found, strict=True)))
 
 
 def _write_rows_by_arrow(table: Columns) -> bytes:
-    """Return the lines of the rows, of any numbers and words."""
+    """Return the rows as lines of CSV, whatever numbers and words they contain."""
     import pyarrow as pa
     from pyarrow.csv import WriteOptions, write_csv
 
@@ -180,21 +194,21 @@ def _write_rows_by_arrow(table: Columns) -> bytes:
         return b""
     rows = pa.table(plain, [str(name) for name in table])
 
-    def lines(quotes: str) -> bytes:
+    def write_lines(quotes: str) -> bytes:
         written = pa.BufferOutputStream()
         write_csv(rows, written, WriteOptions(include_header=False, quoting_style=quotes))
         return bytes(written.getvalue())
 
     try:
-        return lines("none")
-    except (
-        pa.ArrowInvalid
-    ):  # a text with a comma, a quote or a line's end; Arrow would put quotes around every text
-        return lines("needed")
+        return write_lines("none")
+    except pa.ArrowInvalid:
+        # A string contains a comma, a quote or a line break. Arrow then puts quotes around
+        # every string, so this is not the first choice.
+        return write_lines("needed")
 
 
 def _make_arrow(column: Any) -> pa.Array:
-    """Return a column as an array of Arrow; a Categorical as a dictionary."""
+    """Return a column as an Arrow array; a Categorical as a dictionary array."""
     import pyarrow as pa
 
     column = getattr(column, "array", column)
@@ -207,29 +221,29 @@ def _make_arrow(column: Any) -> pa.Array:
 # ---- the filter over a log
 
 
-CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
-BLOCK = 2048  # rows that are in memory with all columns at a time
-MAX_SUMMARY = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs every n-th row
-GROUP = 4 * BLOCK  # rows of a group of a Parquet file
-DOUBLE = ("time", "log_evidence")  # columns whose differences from row to row need double precision
+CHUNK = 64  # rows after which Ctrl-C is checked and the progress bar is updated
+BLOCK = 2048  # rows that are in memory with all their columns at one time
+MAX_SUMMARY = 1 << 19  # rows of a summary: 87 minutes at 100 Hz. Of longer logs every n-th row is kept
+GROUP = 4 * BLOCK  # rows of a row group in a Parquet file
+DOUBLE = ("time", "log_evidence")  # columns that stay double: small differences of large values
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
-REFUSED = "row refused"  # the reason of a row with a negative status
+REFUSED = "row refused"  # reason in every row whose status is negative
 
 
 @dataclass
 class Estimates:
-    """Estimates row by row, and how the run ended.
+    """The estimates of a run, row by row, and how the run ended.
 
-    The table has all columns of EST.csv, or those of SUMMARY and of long logs every n-th
-    row."""
+    The table of estimate() has all columns of EST.csv and all rows. The table of
+    estimate_to() has the columns of SUMMARY, and of a long log only every n-th row."""
 
     table: pd.DataFrame
-    interrupted: bool
-    learnt: bytes | None = None  # learnt state, for NativeFilter.load_learnt(); None without a row
-    uncertainty_sd: dict[str, np.ndarray] = field(
-        default_factory=dict
-    )  # NativeFilter.uncertainty_sd() at the end
-    statuses: dict[int, int] = field(default_factory=dict)  # number of rows with each status, of all rows
+    interrupted: bool  # True if Ctrl-C ended the run before the last row
+    learnt: bytes | None = None  # state for NativeFilter.load_learnt(); None if there is nothing to save
+    # NativeFilter.uncertainty_sd() after the last row
+    uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)
+    # status -> number of rows of the log that have it, also rows that the table leaves out
+    statuses: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.statuses:
@@ -240,12 +254,15 @@ class Estimates:
 
 
 def list_est_fields() -> list[Field]:
-    """Return the outputs of the library in the order of EST.csv: later additions last, so
-    that columns keep their places."""
+    """Return the library's outputs in the order of EST.csv.
+
+    Outputs that were added in later versions come last, so that older columns keep their
+    places."""
     return sorted(library().fields(OUTPUT), key=lambda f: _find_generation(f.name))
 
 
 def _find_generation(name: str) -> int:
+    """Return in which order an output was added to EST.csv: 0 first, 4 last."""
     if name.endswith("_secant") or name == "fault_factor":
         return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_", "nis_")) or name == "sideslip_sd":
@@ -276,13 +293,13 @@ def estimate(
 ) -> Estimates:
     """Run the filter over a log. Ctrl-C ends the run early; the rows done are kept.
 
-    `learnt`: state to start from. `contradicted`: the channels contradict each other, so
-    valid rows become implausible."""
+    `learnt` is the state to start from. If `contradicted` is True, the channels of the
+    log contradict each other, and every valid row is marked implausible."""
     tables = [pd.DataFrame(_make_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
-    teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
+    state, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
-    return Estimates(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
+    return Estimates(table, interrupted=len(table) < len(log), learnt=state, uncertainty_sd=uncertainty_sd)
 
 
 def estimate_to(
@@ -294,10 +311,12 @@ def estimate_to(
     watch: Sequence[Callable[[Block], None]] = (),
     contradicted: bool = False,
 ) -> Estimates:
-    """Run the filter over a log, and write EST.csv or .parquet on the way.
+    """Run the filter over a log, and write EST.csv or .parquet block by block.
 
-    The result has the columns of SUMMARY, so memory does not grow with the file. `path`:
-    None: nothing is written. `watch`: called with every block of rows."""
+    The table of the result has only the columns of SUMMARY and at most MAX_SUMMARY rows,
+    which limits the memory needed. If `path` is None, no file is written. The functions
+    `watch` are called with every block of rows. `learnt` and `contradicted` are those of
+    estimate()."""
     head = _make_head(config)
     summary = Summary(head, len(log))
     with _open_writer(path, head) as write:
@@ -307,11 +326,11 @@ def estimate_to(
             for each in (summary.add, *watch):
                 each(block)
 
-        teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
+        state, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
     return Estimates(
         summary.table(),
         interrupted=summary.rows < len(log),
-        learnt=teaches,
+        learnt=state,
         uncertainty_sd=uncertainty_sd,
         statuses=summary.statuses,
     )
@@ -319,8 +338,10 @@ def estimate_to(
 
 @contextmanager
 def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
-    """Give a function that writes blocks of rows: CSV, or Parquet by the name. `head`:
-    the table without rows."""
+    """Open the file, and yield a function that writes a block of rows to it.
+
+    The file is Parquet if its name ends so, otherwise CSV. `head` is the table without
+    rows."""
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
@@ -333,8 +354,10 @@ def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], o
 
 
 def convert_to_single(block: Columns) -> Block:
-    """Return estimates in single precision, as they are written: more digits mean
-    nothing, and double size and time of the file."""
+    """Return estimates in single precision, as they are written to files.
+
+    More digits are not significant, and would double the file's size and writing time.
+    The columns of DOUBLE stay as they are."""
     return {
         name: column.astype(np.float32) if column.dtype == np.float64 and name not in DOUBLE else column
         for name, column in block.items()
@@ -342,7 +365,7 @@ def convert_to_single(block: Columns) -> Block:
 
 
 class _Parquet:
-    """Writes blocks of rows, several in one group of the file."""
+    """Writes blocks of rows to a Parquet file, GROUP rows in each row group."""
 
     def __init__(self, file: IO[bytes], head: Block):
         import pyarrow as pa
@@ -379,8 +402,9 @@ def _run(
     learnt: Learnt | None,
     contradicted: bool,
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
-    """Run the filter, and call `take` with each block of rows. Return the learnt state,
-    and NativeFilter.uncertainty_sd()."""
+    """Run the filter over a log, and call `take` with each block of estimates.
+
+    Return the learnt state and NativeFilter.uncertainty_sd() after the last row."""
     filter_ = NativeFilter(config)
     if learnt is not None:
         learnt.load(filter_)
@@ -414,7 +438,8 @@ def _run(
 
 
 def mark_implausible(outputs: np.ndarray) -> None:
-    """Make valid rows implausible, with the status and reason that the library uses."""
+    """Change valid rows to implausible ones, with the library's status and reason for
+    them."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -430,8 +455,10 @@ def _make_head(config: Config) -> Block:
 
 
 def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
-    """Return outputs of the library as columns of EST.csv: stiffness in N and N/rad,
-    validity as 1 or 0, reasons as words."""
+    """Return the library's outputs as columns of EST.csv.
+
+    Stiffness, which the library gives as a ratio to nominal, is in N or N/rad, validity 1
+    or 0, and the reason a word."""
     refused = outputs["status"] < 0
     columns: Block = {"time": time}
     for f in library().fields(OUTPUT):
@@ -449,8 +476,8 @@ def make_block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
 
 
 def _name_reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
-    """Return codes of tse_reason as words."""
-    words = [f.name for _, f in sorted(library().codes(REASON).items())]  # the codes count from 0
+    """Return the words of codes of tse_reason; REFUSED for refused rows."""
+    words = [f.name for _, f in sorted(library().codes(REASON).items())]  # word i has code i
     known = (codes >= 0) & (codes < len(words))
     place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
     return pd.Categorical.from_codes(place, dtype=_make_categories((*words, "unknown", REFUSED)))
@@ -462,26 +489,27 @@ def _make_categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
 
 
 def write_estimates(table: pd.DataFrame, path: Path) -> None:
-    """Write EST.csv of a table with all columns."""
+    """Write EST.csv from a table with all its columns, in single precision."""
     write_table(pd.DataFrame(convert_to_single(table)), path)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write CSV with the shortest digits that give the same bits back."""
+    """Write a table as CSV, each number with the fewest digits that give the same bits
+    back."""
     with write_atomically(path, "wb") as file:
         file.write(make_csv_header(table))
         for start in range(0, len(table), BLOCK):
             file.write(make_csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# Columns that verdicts, remarks and events need, in the smallest types: 360 000 rows an
-# hour stay in memory.
+# Columns that verdicts, remarks and events are made from, each with the smallest type that
+# holds its values, because MAX_SUMMARY rows of them stay in memory
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
     **{f"{s}{part}": np.float32 for s in STIFFNESS for part in ("", "_sd", "_spread")},
     **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
-    **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},  # None: categories
+    **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},  # None: a pd.Categorical
     **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd", "lag_steer"), np.float32),
     f"{GRIP}_valid": np.int8,
     **{f"noise_{c}": np.float32 for c in MEASURES},
@@ -493,14 +521,15 @@ SUMMARY: dict[str, type | None] = {
 class Summary:
     """Collects the columns of SUMMARY block by block.
 
-    `head`: the table without rows. `rows`: max number of rows. Of more than MAX_SUMMARY
-    every second, third ... is kept."""
+    `head` is the table without rows, and `rows` the number of rows of the log. If there
+    are more than MAX_SUMMARY, only every second, third ... row is kept."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
         self._stride = max(1, -(-rows // MAX_SUMMARY))
         self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
-        # a column of zeros (no fault, no change) takes no memory
+        # np.zeros() reserves memory only for the parts written to. Columns that stay zero,
+        # such as those of faults and changes, therefore take none.
         self._columns = {
             name: np.zeros(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()
         }
@@ -510,6 +539,7 @@ class Summary:
 
     def add(self, block: Block) -> None:
         count = len(block["time"])
+        """Add the rows of a block."""
         rows = slice(-self.rows % self._stride, count, self._stride)
         part = slice(self._done, self._done + len(range(*rows.indices(count))))
         for name, column in self._columns.items():
@@ -529,7 +559,10 @@ class Summary:
 
 @contextmanager
 def _catch_interrupt() -> Iterator[Callable[[], bool]]:
-    """While open, let the first Ctrl-C only raise a flag; the second acts as usual."""
+    """Replace the handler of Ctrl-C, and yield a function that is True after the first one.
+
+    The first Ctrl-C only sets this flag, and a second one interrupts as usual. Outside
+    the main thread nothing is replaced, and the function is always False."""
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
         return

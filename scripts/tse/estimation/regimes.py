@@ -1,6 +1,8 @@
-"""Events of a drive from columns of EST.csv: changes of tyres or road, faults of a
-channel, sliding wheels; and the stretches of road between the changes. A table without
-these columns has no events and is one stretch."""
+"""Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults of
+a channel, sliding wheels. Find the stretches of road between the changes.
+
+If a table lacks the columns of COLUMNS, there are no events, and the whole drive is one
+stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +13,8 @@ import pandas as pd
 
 from tse.library.core import STIFFNESS, library
 
-REGIMES = {  # probability of each at a row; their sum is 1
+# Columns with the probabilities of the regimes at a row, whose sum is 1, and their names
+REGIMES = {
     "p_steady": "as before",
     "p_changed": "road changed",
     "p_axle": "an axle changed",
@@ -19,16 +22,19 @@ REGIMES = {  # probability of each at a row; their sum is 1
     "p_sliding": "sliding",
     "p_restarted": "started over",
 }
+# Meaning of the values of the column change_kind. 0 means that nothing has changed yet.
 KINDS = {
     1: "road changed",
     2: "front axle changed",
     3: "rear axle changed",
     4: "started over",
-}  # change_kind; 0: none yet
-# Stiffnesses that a change of this kind touches: their ratios are reported.
+}
+# change_kind -> the stiffnesses that such a change affects, whose ratios are reported
 TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
+# Regimes that are reported as intervals of time
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
-COLUMNS: dict[str, type] = {  # of a table, in the smallest type that holds them
+# Columns that events are found in, each with the smallest type that holds its values
+COLUMNS: dict[str, type] = {
     **dict.fromkeys(SPELLS, np.float32),
     "estimate_age": np.float32,
     "fault_channel": np.int8,
@@ -37,13 +43,15 @@ COLUMNS: dict[str, type] = {  # of a table, in the smallest type that holds them
     "change_kind": np.int8,
     **{f"change_{s}": np.float32 for s in STIFFNESS},
 }
-# Columns from which the sd of a ratio follows.
+# Columns from which the sd of the ratio of a change is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 LIKELY = 0.9  # min probability of a reported event
-MAX_GAP = 0.5  # s: changes nearer than this are one; shorter gaps in a spell are bridged
-MIN_CHANGE = 0.05  # relative: a smaller change of every stiffness needs no reaction
-MIN_STRETCH = 2.0  # s: a shorter stretch joins its neighbour
-CREEP = 0.01  # 1/s: share of a change by which estimates may drift without a change
+# [s] Changes that lie no further apart are one change, and intervals of the same event that
+# lie no further apart are joined.
+MAX_GAP = 0.5
+MIN_CHANGE = 0.05  # [1] relative change of stiffness; smaller changes are not reported
+MIN_STRETCH = 2.0  # [s] a shorter stretch is joined to a neighbour
+CREEP = 0.01  # [1/s] drift of an estimate that is no change yet, as a share of the following change
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
 
@@ -51,9 +59,10 @@ SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", 
 class Change:
     """A change of tyres or road.
 
-    `time`: its begin. `believed`: time from which on the estimates describe the road
-    after it; None: from its begin. `ratio`: stiffness after over before, with its sd (NaN
-    if unknown), of each stiffness that the change touches."""
+    `time` is when it began. `believed` is the time from which on the estimates describe
+    the road after the change; None if they do so from `time` on. `ratio` has for each
+    stiffness that the change affects the ratio of its values after and before, and the sd
+    of this ratio (NaN if unknown)."""
 
     time: float
     kind: int
@@ -72,7 +81,7 @@ class Change:
 
     @property
     def effect(self) -> str:
-        """The ratios in words; empty if they are not known."""
+        """The ratios as text; empty if none is known."""
         parts = []
         for key, (ratio, sd) in self.ratio.items():
             band = f" ± {sd:.2f}" if np.isfinite(sd) else ""
@@ -82,13 +91,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Spell:
-    """An interval of fault or sliding. `channel`: the channel at fault, if known."""
+    """An interval of time in which a channel was at fault or the wheels slid."""
 
     what: str
-    start: float
-    end: float
-    probability: float  # max
-    channel: str = ""
+    start: float  # [s]
+    end: float  # [s]
+    probability: float  # max of the interval's rows
+    channel: str = ""  # the channel at fault, if known
 
     @property
     def name(self) -> str:
@@ -103,8 +112,9 @@ class Spell:
 class Stretch:
     """The road from one change to the next.
 
-    `rows`: rows whose estimates describe it; they begin when the change is believed. If
-    shorter stretches have joined it, those of its longest piece."""
+    `rows` are the rows whose estimates describe this road. They begin at
+    Change.believed. If short stretches were joined, `rows` are those of the longest
+    one."""
 
     start: float
     end: float
@@ -112,13 +122,15 @@ class Stretch:
 
     @property
     def title(self) -> str:
-        start = round(self.start, 1) + 0.0  # no -0.0, of a row whose estimates refer to a time before the log
+        # A first row whose estimates refer to a time before the log would give "-0.0".
+        start = round(self.start, 1) + 0.0
         return f"{start:.1f} .. {self.end:.1f} s"
 
 
 def estimate_times(table: pd.DataFrame) -> np.ndarray:
-    """Return the times that the estimates refer to: earlier than their rows if channels
-    are logged late."""
+    """Return the time that the estimates in each row refer to, s.
+
+    It is earlier than the row's own time if channels are logged with a delay."""
     time = table["time"].to_numpy()
     age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
     return time - np.nan_to_num(age) if np.any(age > 0) else time
@@ -127,13 +139,14 @@ def estimate_times(table: pd.DataFrame) -> np.ndarray:
 def find_changes(table: pd.DataFrame) -> list[Change]:
     """Return the changes of a drive, in order of time.
 
-    Every row reports the age of the last change that the filter believes in. Reports
-    within MAX_GAP are one change; the last one counts. Changes are left out that are less
-    probable than LIKELY in half of their rows and in the last, or that change no
-    stiffness by MIN_CHANGE.
+    Each row reports the age of the last change that the filter has detected. Rows whose
+    reported times differ by at most MAX_GAP report the same change; its kind and ratios
+    are those of the last such row. A change is left out if its probability is below
+    LIKELY both in the median and in the last of its rows, or if it changes no stiffness
+    by more than MIN_CHANGE.
 
-    The filter believes a change after it began, and the estimates may have followed it
-    before: see _find_begin()."""
+    The filter detects a change some time after it began. In between, the estimates may
+    already have followed it. _find_begin() finds the begin."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = estimate_times(table), table["change_kind"].to_numpy()
@@ -162,7 +175,10 @@ def find_changes(table: pd.DataFrame) -> list[Change]:
 def _make_change(
     columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray, earliest: float
 ) -> Change:
-    """Return a change. `time`: it is believed; `earliest`: its first possible begin."""
+    """Return the change that `rows` report.
+
+    `time` is when the change happened by these reports, and `earliest` the time before
+    which it cannot have begun. `times` are those that the rows' estimates refer to."""
     first, last = int(rows[0]), int(rows[-1])
     kind = int(columns["change_kind"][last])
     probability = columns.get("change_probability", np.full(len(times), np.nan))
@@ -184,28 +200,32 @@ def _make_change(
 def _find_begin(
     columns: Mapping[str, np.ndarray], time: np.ndarray, kind: int, first: int, before: int, last: int
 ) -> int:
-    """Find the row, of `first` to `before`, after which a change began that is believed
-    after `before`.
+    """Find the row after which a change began that the filter detects only after row
+    `before`. The result lies between `first` and `before`.
 
-    Before the change is believed, the filter attributes the new samples to the old road,
-    and its means drift towards those of the new road, which row `last` has. The change
-    began where the drift since then exceeds CREEP by most: the share of the whole step,
-    mean of the stiffnesses that the change touches. A mean that moves while its variance
-    falls has learnt: 1.96 sd of that do not count."""
+    Until the filter detects the change, it attributes the new samples to the old road.
+    Its means therefore drift towards those of the new road, which row `last` has. The
+    drift from a row to `before` is expressed as a share of the whole step, and averaged
+    over the stiffnesses that the change affects. The change began at the row from which
+    on this share exceeds CREEP times the time by most.
+
+    A mean also moves while the filter still learns the old road. Then its variance falls,
+    and the first 1.96 sd of what was learnt are not counted as drift."""
     keys = [key for key in TOUCHED.get(kind, ()) if {key, f"{key}_sd"} <= set(columns)]
-    first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))  # a share is at most 1
-    gone = np.zeros(max(0, before + 1 - first))
-    if not keys or not len(gone):
+    # The share is at most 1, so it cannot exceed CREEP times more than 1 / CREEP seconds.
+    first = max(first, int(np.searchsorted(time, time[before] - 1 / CREEP)))
+    drift = np.zeros(max(0, before + 1 - first))
+    if not keys or not len(drift):
         return before
     for key in keys:
         mean, sd = (columns[name][first : before + 1].astype(float) for name in (key, f"{key}_sd"))
         log, var, to = np.log(mean), (sd / mean) ** 2, np.log(float(columns[key][last]))
         learnt = 1.96 * np.sqrt(np.maximum(var - var[-1], 0))
-        way = np.maximum(np.sign(to - log[-1]) * (log[-1] - log) - learnt, 0) / np.maximum(
+        share = np.maximum(np.sign(to - log[-1]) * (log[-1] - log) - learnt, 0) / np.maximum(
             np.abs(to - log), MIN_CHANGE
         )
-        gone += np.nan_to_num(way) / len(keys)  # NaN in refused rows
-    return first + int(np.argmax(gone - CREEP * (time[before] - time[first : before + 1])))
+        drift += np.nan_to_num(share) / len(keys)  # the share is NaN in refused rows
+    return first + int(np.argmax(drift - CREEP * (time[before] - time[first : before + 1])))
 
 
 def _compute_relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
@@ -214,8 +234,8 @@ def _compute_relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) 
 
 
 def find_spells(table: pd.DataFrame) -> list[Spell]:
-    """Return the intervals in which a channel was at fault or wheels slid, by their
-    start."""
+    """Return the intervals in which a channel was at fault or the wheels slid, in order of
+    their start."""
     if table.empty:
         return []
     time = estimate_times(table)
@@ -235,8 +255,10 @@ def find_spells(table: pd.DataFrame) -> list[Spell]:
 
 
 def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """Return the channel at fault by row: rows of a run before the channel is named get
-    the name that follows."""
+    """Return the number of the channel at fault in each row.
+
+    The first rows of a fault may not have a channel yet (0). They get the channel of the
+    next row of the same run that has one."""
     found = channel.copy()
     for first, after in runs:
         for i in range(after - 2, first - 1, -1):
@@ -246,8 +268,8 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
 
 
 def find_spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
-    """Return first row and row after the last of each run of rows; shorter gaps than
-    MAX_GAP are bridged."""
+    """Return the first row and the row after the last of each run of rows for which `where`
+    is True. Runs that lie at most MAX_GAP apart are joined."""
     found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -264,14 +286,15 @@ def _make_spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, 
 
 
 def find_channel_name(number: int) -> str:
-    """Return the name of the channel with this fault_channel; empty for 0."""
+    """Return the name of the channel with this number in the column fault_channel; empty
+    for 0."""
     channels = [*library().channels, *library().optional]
     return channels[number - 1].name if 0 < number <= len(channels) else ""
 
 
 def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """Return the stretches between changes. A stretch shorter than MIN_STRETCH joins the
-    next one, the last one the one before it."""
+    """Return the stretches between changes. A stretch shorter than MIN_STRETCH is joined to
+    the next one; if it is the last, to the one before it."""
     if table.empty:
         return []
     time = estimate_times(table)
@@ -301,7 +324,8 @@ def _join(one: Stretch, other: Stretch) -> Stretch:
 
 
 def describe_events(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
-    """Return a line for each change, and for each kind of spell their number."""
+    """Return a line for each change, and a line for each kind of interval: the interval
+    itself if there is one, otherwise their number and total length."""
     lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
     for name in dict.fromkeys(s.name for s in times):
         same = [s for s in times if s.name == name]
@@ -314,7 +338,7 @@ def describe_events(found: Sequence[Change], times: Sequence[Spell]) -> list[str
 
 
 def format_percent(share: float) -> str:
-    """Return a share in percent; "under 1 %" and "over 99 %" near the ends."""
+    """Return a share in percent: "under 1 %" and "over 99 %" near 0 and 1."""
     if 0 < share < 0.01:
         return "under 1 %"
     return "over 99 %" if 0.995 <= share < 1 else f"{share * 100:.0f} %"

@@ -1,9 +1,9 @@
 """Fixed-interval smoother: the stiffness on a stretch of road, from the filter's means
 and sds.
 
-The filter uses the rows up to each row. The smoother adds the rows after it, up to the
-end of the stretch. Rows beyond a change are not used, since its report may name the wrong
-axle."""
+The filter's estimate at a row uses the rows up to it. The smoother also uses the later
+rows of the stretch. It does not use rows after the next change of the road, because the
+filter may attribute the change to the wrong axle."""
 
 from collections.abc import Mapping
 
@@ -13,9 +13,9 @@ import pandas as pd
 
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
-STEP = 0.1  # s: the smoother uses one row, the last, of each such interval
-# Min share of a variance that later rows can reduce: the fixed part is known at the end
-# only.
+STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
+# Min share of a row's variance that later rows can reduce. The remaining part, which no row
+# reduces, is known only at the end of the log and may exceed the variance of an earlier row.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -27,49 +27,50 @@ def smooth_backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]
     Parameters
     ----------
     mean, var : (n,) array
-        Mean and variance after each row, given all rows up to it.
+        Mean and variance of the filter at each row, given all rows up to it.
     walk : (n - 1,) array
-        Min process variance from each row to the next. Where the filter's variance rises
-        by more, that rise is taken.
+        Variance that the random walk adds from each row to the next. If the filter's
+        variance rises by more between two rows, this rise is taken instead.
 
     Returns
     -------
     mean, var : (n,) array
-        Mean and variance, given all rows.
+        Mean and variance at each row, given all rows.
 
     Notes
     -----
     Rauch, Tung & Striebel (1965): with Q = max(walk, rise of P) and C = P/(P + Q),
-    m += C (m' - m), P += C^2 (P' - P - Q). Primes denote the smoothed next row.
+    m += C (m' - m) and P += C^2 (P' - P - Q). m and P are the filter's mean and variance
+    at a row, m' and P' the smoothed ones at the next row.
     """
     m, p = mean.tolist(), var.tolist()
-    opened = np.maximum(walk, np.diff(var)).tolist()
+    q = np.maximum(walk, np.diff(var)).tolist()
     for i in range(len(m) - 2, -1, -1):
-        before = p[i] + opened[i]
-        gain = p[i] / before if before > 0 else 0.0
+        predicted = p[i] + q[i]
+        gain = p[i] / predicted if predicted > 0 else 0.0
         m[i] += gain * (m[i + 1] - m[i])
-        p[i] += gain * gain * (p[i + 1] - before)
+        p[i] += gain * gain * (p[i + 1] - predicted)
     return np.array(m), np.array(p)
 
 
 def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Return the part of each stiffness' relative variance that no row changes: model
+    """Return the part of each stiffness' relative variance that no row reduces: model
     error and uncertain parameters of the car.
 
     Parameters
     ----------
     table : DataFrame
-        The whole log, with columns of EST.csv: status, each stiffness.
+        Estimates of the whole log: status and each stiffness, as in EST.csv.
     config : Config
         Settings of the run.
     parts : mapping
-        Filter.uncertainty_sd() at the end.
+        Filter.uncertainty_sd() after the last row.
 
     Returns
     -------
     dict
-        By stiffness. Empty without a row, and for particle filters, which have no random
-        walk.
+        Stiffness -> relative variance. Empty if no row was used, and for particle
+        filters, whose estimates are not smoothed because they have no random walk.
     """
     used = np.flatnonzero(table["status"].to_numpy() >= 0)
     if config.form or not len(used):
@@ -81,29 +82,30 @@ def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str,
 
 
 def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:
-    """Return the stiffness on a stretch of road, and the sd of a row drawn at random.
+    """Return the smoothed stiffness on a stretch of road, and the sd of the stiffness in a
+    row drawn at random.
 
     Parameters
     ----------
     rows : DataFrame
-        Rows of the stretch, with columns of EST.csv: time, status, the stiffness and its
-        sd.
+        Estimates on the stretch: time, status, the stiffness and its sd, as in EST.csv.
     key : str
         Which stiffness.
     config : Config
-        Settings of the run: steady_walk.
+        Settings of the run, of which steady_walk is used.
     part : float
         Part of the relative variance that is common to all rows (compute_fixed_parts()).
 
     Returns
     -------
     tuple
-        In the unit of the column; NaN where every row was refused.
+        Stiffness and sd in the unit of the column. NaN if every row was refused.
 
     Notes
     -----
-    Mean of the smoothed logarithms. Its variance is the mean of the rows' variances plus
-    the variance of their means, so it does not shrink with the number of rows.
+    The stiffness is the exponential of the mean of the smoothed logarithms. The variance
+    is the mean of the rows' smoothed variances plus the variance of their smoothed means,
+    so it does not shrink with the number of rows.
     """
     used = np.flatnonzero(rows["status"].to_numpy() >= 0)
     last = used[np.flatnonzero(np.diff(np.floor(rows["time"].to_numpy()[used] / STEP), append=np.inf))]

@@ -1,4 +1,5 @@
-"""The verdict on each stiffness, in one plain sentence for terminal and report."""
+"""The verdict on each stiffness, grip and sideslip: value, interval, whether it is valid and
+why not, as a sentence for terminal and report. Also remarks on the sensors of the log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,41 +34,43 @@ TOO_QUIET = {
     "cy_rear": "too little steering excitation",
     GRIP: "the tyres were not driven near their limit",
 }
-CONTRADICTED = "contradicted"  # the reason of a log, not of a row
+CONTRADICTED = "contradicted"  # reason that applies to a whole log, not to single rows
 WHY = {
-    "starting": "too little was seen since the start",
+    "starting": "too little excitation since the start",
     "sensor fault": "a sensor was probably at fault",
     "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
     "input invalid": "inputs or measurements were missing",
-    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known "
-    "better in [uncertainty]",
-    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is "
+    "parameters uncertain": "the car's parameters are too uncertain: calibrate, or enter smaller sds "
+    "in [uncertainty] if the parameters are known better",
+    "does not fit": "the model does not explain the measurements: calibrate, or look for what is "
     "missing (tselab gap)",
     "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, "
     "fault_factor)",
     "row refused": "the rows were refused",
-    CONTRADICTED: "channels or vehicle file are wrong (see the warning); with that put right the log may "
-    "show it",
+    CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# Reasons of the last row by which a stiffness is not valid to the end of the log.
+# If the last row has one of these reasons, a stiffness cannot have the level "good".
 AT_FAULT = ("sensor fault", "implausible")
-LIMITED = ("uncertain", "parameters uncertain")  # reasons beside which sd and limit are given
-# Changes, and s from one to the next: so many, so near to each other, mean a wrong model.
+LIMITED = ("uncertain", "parameters uncertain")  # reasons after which the sd and its limit are shown
+# At least so many changes, on average less than so many seconds apart, indicate a wrong
+# model rather than changes of the road.
 MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
-NOISY = 1.25  # min ratio of estimated noise over its setting that is reported
-# Reasons of rows that show nothing of the agreement of the channels.
+NOISY = 1.25  # min ratio of estimated noise to its setting that is reported
+# Reasons of rows in which the agreement of the channels is not checked
 STILL = ("starting", "held", "input invalid", "row refused")
-AGREED = 20.0  # s of driving without contradiction, after which a channel failed late
+# [s] Driving time without contradiction. If the first contradiction comes later, a channel
+# has failed during the drive, and the log as a whole is not contradicted.
+AGREED = 20.0
 MIN_IMPLAUSIBLE = 0.5  # min share of the driven rows that makes a log implausible
-RECENT = 1.0  # s: valid within this time before the end counts as valid at the end
-# Min share of the variance from which an interval is attributed to uncertain parameters
-# ...
+RECENT = 1.0  # [s] a row that is valid this long before the end counts as valid at the end
+# An interval is attributed to uncertain parameters if they contribute more than this share
+# of the variance, and if their sd is more than this share of the stiffness.
 UNCERTAIN_SHARE = 0.5
-MIN_UNCERTAIN = 0.02  # ... and min sd, relative
-# Prior sd: a larger difference in the lag of the steering angle means another logger. No
-# cornering stiffness is valid then.
+MIN_UNCERTAIN = 0.02
+# Limit of the estimated lag of the steering angle, in prior sds. A larger lag means that
+# another logger or signal was used.
 UNLIKELY = 3.0
-MIN_VALID = 0.005  # share of valid rows: a stiffness with fewer is not valid
+MIN_VALID = 0.005  # min share of valid rows; with fewer of them a stiffness is not valid
 DEGREE = 180 / np.pi
 
 
@@ -79,16 +82,18 @@ class Verdict:
     name: str
     level: str  # good, partly, none
     unit: str
-    # At the end of the stretch; of a particle filter the median of the valid rows
+    # Value at the end of the stretch; of a particle filter the median over the valid rows
     value: float
     band: float  # half of the 95 % interval
-    spread: float  # sample to sample, share of the mean; NaN: not observed, or not estimated by this filter
+    # Variation from sample to sample, as a share of the value. NaN if the log does not show
+    # it, or if this filter does not estimate it
+    spread: float
     nominal: float
-    valid: float  # share of the rows
-    reason: str  # the commonest reason for not being valid
-    reason_share: float
+    valid: float  # share of the rows that are valid
+    reason: str  # the most frequent reason of the rows that are not valid
+    reason_share: float  # share of the rows that have this reason
     text: str
-    smoothed: float = float("nan")  # over the stretch (smooth.py)
+    smoothed: float = float("nan")  # smoothed value of the stretch (smooth.py)
     smoothed_band: float = float("nan")  # half of its 95 % interval
     smoothed_reason: str = ""  # "valid", or the reason why not; empty: not smoothed
 
@@ -102,7 +107,7 @@ class Verdict:
 
     @property
     def detail(self) -> str:
-        """The text without the value at its begin."""
+        """The text without the value that it begins with."""
         return self.text.split(" (95 %), ", 1)[-1]
 
 
@@ -115,14 +120,14 @@ class Quantity:
     unit: str
     value: float
     band: float  # half of the 95 % interval
-    valid: float  # share of the rows; NaN: not judged
-    reason: str  # the commonest reason for not being valid
-    time: float  # s, of the value
+    valid: float  # share of the rows that are valid; NaN for the sideslip, which has no validity
+    reason: str  # the most frequent reason of the rows that are not valid
+    time: float  # [s] time that the value refers to
     text: str
 
     @property
     def shown(self) -> str:
-        """Value and 95 % interval."""
+        """The value and its 95 % interval, as text."""
         return f"{self.value:.2f} ± {max(self.band, 0.005):.2f}"
 
     def line(self) -> str:
@@ -133,9 +138,11 @@ class Quantity:
 def make_verdicts(
     table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
 ) -> list[Verdict]:
-    """Return the verdict on each stiffness, of the whole log or of a stretch.
+    """Return the verdict on each stiffness. `whole` is True if the table is the whole log,
+    False if it is one stretch of road.
 
-    `parts`: smooth.compute_fixed_parts(); with it the smoothed values are added."""
+    If `parts` is given (the result of smooth.compute_fixed_parts()), the smoothed values
+    are added."""
     found = [_make_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
         _add_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
@@ -144,8 +151,10 @@ def make_verdicts(
 
 
 def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
-    """Add the smoothed value. It is valid if rows are valid and its sd is within
-    valid_sd."""
+    """Return the verdict with the smoothed value added.
+
+    The smoothed value is valid if enough rows are valid and its relative sd is at most
+    the setting valid_sd."""
     value, sd = smooth_stretch(rows, v.key, config, part)
     if not value > 0:
         return v
@@ -165,8 +174,8 @@ def _add_smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, o
 
 @dataclass(frozen=True)
 class Finding:
-    """Verdicts on a stretch of road; without a stretch on the whole log. `others`: grip,
-    sideslip."""
+    """The verdicts on one stretch of road, or on the whole log if `stretch` is None.
+    `others` are the verdicts on grip and sideslip."""
 
     stretch: Stretch | None
     verdicts: list[Verdict]
@@ -178,7 +187,7 @@ class Finding:
 
     @property
     def nothing(self) -> str:
-        """Reason why no stiffness is valid; empty if one is."""
+        """The reason why no stiffness is valid. Empty if at least one is valid."""
         if any(v.level != "none" for v in self.verdicts):
             return ""
         reasons = dict.fromkeys(v.reason for v in self.verdicts if v.reason)
@@ -199,16 +208,18 @@ def make_findings(
     contradictions: Sequence[str] = (),
     uncertainty_sd: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
-    """Return the verdicts on each stretch of road between changes; one finding on the
-    whole log if nothing changed.
+    """Return a finding for each stretch of road between changes. If nothing changed, return
+    one finding for the whole log.
 
-    A mean over two roads is true of neither. On a stretch the filter does not forget, so
-    its value at the end is its best one. It is given with its interval then, also where
-    no row is valid, and beside it the smoothed value over the stretch.
+    Stretches are judged separately because a mean over two roads describes neither. On a
+    stretch the filter does not forget, so its value at the end, which has used all rows,
+    is its best one. This value is given with its interval even if no row is valid. The
+    smoothed value of the stretch is given next to it.
 
-    `uncertainty_sd`: Filter.uncertainty_sd() at the end. `contradictions`: sentences of
-    check_car(). The filter cannot distinguish a permanently wrong channel from a
-    different car, so no stiffness of such a log is valid."""
+    `uncertainty_sd` is Filter.uncertainty_sd() after the last row. `contradictions` are
+    the sentences of check_car(). If there are any, no stiffness of the log is valid,
+    because the filter cannot distinguish a permanently wrong channel from a different
+    car."""
     if contradictions:
         return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
     pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
@@ -224,13 +235,16 @@ def make_findings(
 
 
 def describe_implausible(table: pd.DataFrame) -> str:
-    """Return the contradiction of the channels that the filter finds, in words; empty if
-    most driven rows and the last one are not implausible.
+    """Return a sentence if the filter finds that the channels contradict each other in the
+    log as a whole; otherwise an empty string.
 
-    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses
-    of speed. A wrong unit, sign or axle lasts. A channel that fails late contradicts
-    fewer rows, or has no constant factor: it costs these rows only, and the rows before
-    stay valid."""
+    This is the case if more than MIN_IMPLAUSIBLE of the driven rows are implausible,
+    among them the last. A wrong unit, sign or axle persists to the end. A channel that
+    fails during the drive makes fewer rows implausible, or has no constant factor. Then
+    only these rows are not valid, and the string is empty.
+
+    The filter's own check of each row (src/filter/plausible.c) needs some bends and some
+    gains and losses of speed before it starts."""
     reasons = [table[f"{key}_reason"] for key in STIFFNESS]
     drives = ~np.any([r.isin(STILL) for r in reasons], axis=0)
     against = np.flatnonzero(drives & np.any([r == "implausible" for r in reasons], axis=0))
@@ -251,22 +265,23 @@ def describe_implausible(table: pd.DataFrame) -> str:
 
 
 def _name_contradiction(row: pd.Series) -> str:
-    """Return the contradiction of an implausible row, in words."""
+    """Return a description of the contradiction that an implausible row reports."""
     channel, factor = find_channel_name(int(row["fault_channel"])), float(row["fault_factor"])
     wheels = channel.startswith("wheel_speed")
     if wheels and factor == 0:
-        return "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
+        return "front and rear wheel speeds seem to be exchanged, or driven_axle names the wrong axle"
     if factor == 0:
-        return f"{channel} does not go with the others"
+        return f"{channel} does not agree with the other channels"
     if factor < 0:
         return f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
     named = "the wheel speeds seem" if wheels else f"{channel} seems"
-    also = f", or the steps of time {factor:.3g} times" if channel == "accel_x" else ""
+    also = f", or the time steps {factor:.3g} times theirs" if channel == "accel_x" else ""
     return f"{named} to be {factor:.3g} times the true value{also}"
 
 
 def list_contradictions(table: pd.DataFrame) -> list[str]:
-    """Return where the channels contradict each other in part of a log, in words."""
+    """Return a sentence on the intervals in which the channels contradict each other; an
+    empty list if there are none."""
     rows = np.any([table[f"{key}_reason"] == "implausible" for key in STIFFNESS], axis=0)
     time, said = estimate_times(table), []
     for first, after in find_spans(time, rows):
@@ -281,11 +296,13 @@ def list_contradictions(table: pd.DataFrame) -> list[str]:
 
 
 def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
-    """Return the time that the car has driven up to each row, s."""
+    """Return the driving time up to each row, s. `drives` is True for rows that count."""
     return np.cumsum(np.diff(table["time"].to_numpy(float), prepend=float(table["time"].iloc[0])) * drives)
 
 
 def _mark_contradicted(v: Verdict) -> Verdict:
+    """Return the verdict without a value, because the channels of the log contradict each
+    other."""
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
     return replace(
@@ -302,7 +319,8 @@ def _mark_contradicted(v: Verdict) -> Verdict:
 
 
 def list_remarks(table: pd.DataFrame) -> list[str]:
-    """Return what the filter has found about the sensors, in words."""
+    """Return sentences on what the filter has found about the sensors: channels noisier than
+    their settings, implausibly many changes, faults."""
     found = []
     learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
     for channel in MEASURES:
@@ -310,16 +328,16 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
         if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "sensor fault" for key in STIFFNESS], axis=0)
-    if "p_fault" in table:  # of a standing car the reason is "held", although the fault lasts
+    if "p_fault" in table:  # at standstill the reason is "held" even if the fault persists
         off |= table["p_fault"].to_numpy() >= LIKELY
     changes = regimes.find_changes(table)
     if len(changes) >= MANY_CHANGES and len(changes) * CHANGE_INTERVAL > (
         seconds := float(table["time"].iloc[-1] - table["time"].iloc[0])
     ):
         found.append(
-            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are more than roads have: rather "
-            "a channel or the vehicle "
-            "file is wrong (latency, offset, steering ratio, another car)"
+            f"{len(changes)} changes of road or tyres in {seconds:.0f} s are implausibly many. More "
+            "probably a channel or the vehicle file is wrong: check latencies, offsets, the steering "
+            "ratio and whether it is this car"
         )
     times = len(find_spans(estimate_times(table), off))
     if times:
@@ -332,7 +350,8 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return a sentence if the lag of the steering angle contradicts the vehicle file."""
+    """Return a sentence if the estimated lag of the steering angle contradicts the vehicle
+    file; otherwise an empty list."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -349,8 +368,8 @@ def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
 def list_uncertain_parameters(
     table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]
 ) -> list[str]:
-    """Return a sentence for each interval that comes mostly from uncertain parameters,
-    with the three largest."""
+    """Return a sentence for each stiffness whose interval is due mostly to uncertain
+    parameters of the car. It names the three parameters that contribute most."""
     found = []
     for a, key in enumerate(STIFFNESS):
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
@@ -374,11 +393,11 @@ def list_uncertain_parameters(
 
 
 def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
-    """Return the verdict with the value of the last valid row, or of the last row if
-    hardly any is valid.
+    """Return the verdict on one stiffness.
 
-    A particle filter forgets: if nothing changed, its values are medians over the valid
-    rows of the whole log."""
+    Its value is that of the last valid row. If fewer than MIN_VALID of the rows are
+    valid, it is that of the last row. A particle filter forgets, so its value is the
+    median over the valid rows of the log, unless the stiffness changed."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
@@ -431,38 +450,40 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
 
 
 def _explain(reason: str, key: str) -> str:
-    """Return the reason in more words."""
+    """Return an explanation of a reason; empty if the reason needs none."""
     return TOO_QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
 
 
 def _find_commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
-    """Return the commonest reason of the rows that are not valid, and its share of all
-    rows."""
-    others = table.loc[~valid, f"{key}_reason"].value_counts()  # counts unused categories, too
+    """Return the most frequent reason of the rows that are not valid, and the share of all
+    rows that have it."""
+    others = table.loc[~valid, f"{key}_reason"].value_counts()  # has also categories of no row
     others = others[others > 0]
     return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)
 
 
 def _is_used(table: pd.DataFrame) -> np.ndarray:
-    """Return whether each row was used, not refused."""
+    """Return for each row True if it was used, False if it was refused."""
     return table["status"].to_numpy() >= 0
 
 
 def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
-    """Return the time of the last valid row; None if it is within RECENT of the end."""
+    """Return the time of the last valid row; None if it is at most RECENT before the end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
 
 
 def list_other_quantities(table: pd.DataFrame, config: Config) -> list[Quantity]:
-    """Return the verdicts on grip, if estimated, and on the largest sideslip angle."""
+    """Return the verdicts on the grip, if it is estimated, and on the largest sideslip
+    angle. Particle filters have neither."""
     if config.form or f"{GRIP}_sd" not in table:
         return []
     return [q for q in (_find_grip(table, config), _find_largest_sideslip(table)) if q is not None]
 
 
 def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
-    """Return the grip of the last valid row, or of the last row."""
+    """Return the grip of the last valid row; of the last row if none is valid. Return None
+    if grip is not estimated."""
     valid = table[f"{GRIP}_valid"].to_numpy() == 1
     rows = np.flatnonzero(valid if valid.any() else _is_used(table))
     if not config.grip_sd > 0 or not len(rows):
@@ -482,8 +503,8 @@ def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
 
 
 def _find_largest_sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Return the sideslip angle that exceeds its own interval by most, of rows with a
-    valid motion."""
+    """Return the sideslip angle whose 95 % interval lies farthest from zero, among the rows
+    in which the motion of the car is estimated."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None
