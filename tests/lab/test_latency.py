@@ -177,7 +177,7 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
 
 def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> None:
     done, est, table, page = run
-    words = "steer_angle 34 ms, accel_y -11 ms behind yaw_rate; estimates are of 40 ms before the row"
+    words = "steer_angle 34 ms, accel_y -11 ms behind yaw_rate; estimates refer to 40 ms before their row"
     assert words in done.out and words in page
     assert np.array_equal(est["time"], table["time"])
     waiting = est["status"] == library().status("TSE_W_WAITING")

@@ -1,1 +1,2 @@
-"""Results for people and programs: tables, plots, the report in HTML."""
+"""Write the results of a run, for people and for programs: tables, JSON, plots, the HTML
+report."""

@@ -1,6 +1,8 @@
-"""Interactive figures of the report, one function a section. They are plain
-dictionaries as plotly draws them: plotly's classes check every number of every line
-and take a hundred times as long."""
+"""Interactive figures of the report, one function for each section.
+
+The figures are plain dictionaries in the format of plotly.js. plotly's Python classes are
+not used, because they check every number of every line, which takes a hundred times as
+long."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,12 +22,12 @@ from tse.log.rows import MEASURES, CheckedLog
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
-THIN_ROWS = 1 << 18  # rows that are thinned at a time, whole strides
-MAX_POINTS = 8000  # per line; longer logs are thinned
-# Max ratio of estimated noise over its setting that is not drawn: steps of steering and
-# torque look like some noise.
+THIN_ROWS = 1 << 18  # rows that are thinned in one call; a multiple of every stride
+MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
+# The estimated noise is drawn only if its ratio to the setting exceeds this limit. Steps of
+# steering and torque alone raise the ratio somewhat above 1.
 MAX_NOISE_RATIO = 1.4
-SETTLING = 2.0  # s at the start in which the estimate of the noise settles
+SETTLING = 2.0  # [s] time from the start in which the estimate of the noise is not yet usable
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 REGIME_COLOURS = {
     "p_steady": "#dfe4e9",
@@ -35,11 +37,12 @@ REGIME_COLOURS = {
     "p_sliding": ORANGE,
     "p_restarted": INK,
 }
-MAX_LABELS = 16  # events named in the plot; the others have a line
-MAX_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
+MAX_LABELS = 16  # events with a label in the plot; further changes have only a line
+MAX_SHADES = 150  # shaded intervals in a plot; if there are more, the shortest gaps are closed
 
 
-LOOKS = {  # of every figure
+# Layout that all figures have in common
+LOOKS = {
     "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
     "paper_bgcolor": "white",
     "plot_bgcolor": "white",
@@ -56,7 +59,7 @@ AXIS = {"gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4"}
 
 
 def set_layout(figure: Any, height: int, **more: object) -> Any:
-    """Give a figure of plotly the looks of these pages."""
+    """Apply the common layout of the pages to a plotly figure, and return the figure."""
     figure.update_layout(height=height, margin={"l": 66, "r": 18, "t": 64, "b": 48}, **LOOKS)
     figure.update_layout(**more)
     axis = {**AXIS, "showgrid": True, "title_font_size": 13}
@@ -68,8 +71,8 @@ def set_layout(figure: Any, height: int, **more: object) -> Any:
 
 
 def draw_lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
-    """Return a figure of rows, each with a title, and name, time and values of each
-    line."""
+    """Return a figure with one plot below the other. Each plot is given by its title and
+    its lines, each line by its name, times and values."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
@@ -95,7 +98,8 @@ STYLE = {
 
 @contextmanager
 def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
-    """Give matplotlib's pyplot; write the figure that the block draws as PNG."""
+    """Yield matplotlib's pyplot. After the with block, write the figure drawn in it as
+    PNG."""
     try:
         import matplotlib
     except ImportError:
@@ -110,13 +114,13 @@ def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
         plt.close()
 
 
-# Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers
-# use.
+# Names that loggers give to reference columns -> quantity. Other reference columns are
+# named ref_<quantity> or ref_<quantity>_<anything>.
 ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "sideslip"}
 
 
 def match_reference(column: str) -> str | None:
-    """Return the quantity that a ref_ column is drawn with; None: none."""
+    """Return the quantity in whose plot a ref_ column is drawn; None if it matches none."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -131,8 +135,8 @@ def match_reference(column: str) -> str | None:
 
 
 def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return min and max of every `stride` values of a line, in their order, so that
-    peaks survive. `y`: a line, or lines as rows."""
+    """Return the min and the max of every `stride` values, in the order in which they
+    occur. Peaks are thus kept. `y` is a line, or a matrix with a line in each row."""
     if stride == 1:
         return y
     missing = np.full((*y.shape[:-1], -y.shape[-1] % stride), np.nan)
@@ -146,22 +150,23 @@ def thin_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pick_rows(rows: int, stride: int) -> np.ndarray:
-    """Return the rows at which the values of thin_rows() are drawn."""
+    """Return the rows whose times are used to draw the values of thin_rows()."""
     if stride == 1:
         return np.arange(rows)
     first = np.arange(0, rows, stride)
     return np.minimum(np.stack([first, first + stride // 2], axis=1).ravel(), rows - 1)
 
 
-def find_stride(rows: int, most: int) -> int:
-    """Return the stride of thin_rows() that leaves about `most` points of a line."""
-    return 1 if rows <= most else -(-2 * rows // most)
+def find_stride(rows: int, points: int) -> int:
+    """Return the stride for which thin_rows() returns about `points` points of a line."""
+    return 1 if rows <= points else -(-2 * rows // points)
 
 
-def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a line of about `most` points with its peaks, broken by NaN where `time`
-    jumps by more than `hole` s."""
-    stride = find_stride(len(y), most)
+def thin_line(time: np.ndarray, y: np.ndarray, points: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and values of a line thinned to about `points` points, with its peaks.
+
+    If `time` jumps by more than `hole` s, a NaN interrupts the line there."""
+    stride = find_stride(len(y), points)
     xs, ys = [], []
     for part in np.split(np.arange(len(y)), 1 + np.flatnonzero(np.diff(time) > hole)):
         if xs:
@@ -173,9 +178,10 @@ def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[
 
 
 def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
-    """Return the row of the min of y in every `stride` rows, twice.
+    """Return the row of the min of `y` in every `stride` rows, each row twice.
 
-    These are the rows of thin_rows(), for lines that belong together.
+    The result has as many entries as thin_rows() returns values. It serves lines whose
+    values must be from the same row, such as probabilities with the sum 1.
     """
     if stride == 1:
         return np.arange(len(y))
@@ -185,14 +191,16 @@ def find_min_rows(y: np.ndarray, stride: int) -> np.ndarray:
 
 
 def find_block_stride(rows: int) -> int:
-    """Return a stride that is a power of two, so that blocks of a run are whole
-    numbers of strides."""
+    """Return the stride for a log with this number of rows: a power of two, so that the
+    blocks of a run have a whole number of strides."""
     return 1 if rows <= MAX_POINTS else min(BLOCK, 1 << int(np.ceil(np.log2(2 * rows / MAX_POINTS))))
 
 
 class Data:
-    """Lines of the figures, thinned to the resolution of a screen. A run adds its
-    estimates block by block; all but the last block are a multiple of `stride` rows."""
+    """The lines of the figures, thinned to the resolution of a screen.
+
+    A run adds its estimates block by block. The number of rows of every block but the
+    last is a multiple of `stride`."""
 
     def __init__(self, log: CheckedLog):
         self.stride = find_block_stride(len(log))
@@ -202,7 +210,7 @@ class Data:
         self._hover: dict[str, list[str]] = {key: [] for key in STIFFNESS}
 
     def add(self, block: Block | pd.DataFrame) -> None:
-        """Add rows of EST.csv."""
+        """Add a block of rows with the columns of EST.csv."""
         columns = {name: np.asarray(column) for name, column in block.items() if not name.endswith("_reason")}
         count = len(columns["time"])
         at = pick_rows(count, self.stride)
@@ -227,30 +235,30 @@ class Data:
 
     @property
     def logged_time(self) -> np.ndarray:
-        """Time of the rows, for columns of the log."""
+        """Times of the rows, with which columns of the log are drawn."""
         return self._log.time[pick_rows(self.rows, self.stride)]
 
     @property
     def time(self) -> np.ndarray:
-        """Time that the estimates refer to: before the row if channels are logged
-        late."""
+        """Times that the estimates refer to. They are earlier than the times of the rows if
+        channels are logged with a delay."""
         time = self.logged_time
         age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
         return time - age if np.any(age > 0) else time
 
     def line(self, name: str) -> np.ndarray:
-        """Return a line of compute_drawn_lines()."""
+        """Return the values of a line of compute_drawn_lines()."""
         return np.concatenate(self._lines[name])
 
     def __contains__(self, name: str) -> bool:
         return name in self._lines
 
     def hover(self, key: str) -> list[str]:
-        """Return the texts that are shown under the mouse."""
+        """Return the texts that appear when the mouse is over a stiffness."""
         return self._hover[key]
 
     def logged(self, name: str) -> np.ndarray:
-        """Return a column of the log or a reference."""
+        """Return the thinned values of a column of the log or of a reference column."""
         column = self._log.data[name] if name in self._log.data else self._log.ref[name]
         y = column.to_numpy()[: self.rows]
         return np.concatenate(
@@ -258,14 +266,17 @@ class Data:
         )
 
     def references(self, quantity: str | None) -> list[str]:
-        """Return the reference columns of a quantity."""
+        """Return the names of the reference columns of a quantity; of None, those that match
+        no quantity."""
         return [c for c in self._log.ref if match_reference(c) == quantity]
 
 
+# Factors from the units of EST.csv to the units of the plots
 FACTOR = {
     **dict.fromkeys(STIFFNESS, 1e-3),
     "sideslip": 180 / np.pi,
-}  # from the units of EST.csv to those of the plots
+}
+# Columns that are drawn with their 95 % interval
 WITH_BAND = (
     *STIFFNESS,
     "vel_x",
@@ -277,13 +288,16 @@ WITH_BAND = (
     "bias_accel_y",
     "bias_yaw_rate",
 )
-OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # if the table has them
+# Columns that are drawn if the table has them
+OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")
+# Columns that are drawn without an interval
 PLAIN = ("log_evidence", "n_eff", "status", *(f"{what}_{c}" for what in ("nis", "noise") for c in MEASURES))
 
 
 def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the lines that are drawn of rows of EST.csv, in the units of the plots.
-    `x_low` and `x_high` are the 95 % interval."""
+    """Return the lines to be drawn from a block of EST.csv, in the units of the plots.
+
+    For a column x, the lines x_low and x_high are the ends of its 95 % interval."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -299,8 +313,8 @@ def compute_drawn_lines(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray
 
 
 class Figure:
-    """Plots below each other with a common time axis. `heights`: of each row, in
-    pixels."""
+    """Plots below each other with a common time axis. `heights` are the heights of the
+    rows in pixels."""
 
     def __init__(self, titles: Sequence[str], heights: Sequence[float]):
         self.height = sum(heights) + 70
@@ -355,7 +369,7 @@ class Figure:
 
     @staticmethod
     def axis(row: int) -> str:
-        """Return the name of an axis of a row in plotly: x, x2, x3 ..."""
+        """Return the suffix of plotly's axis names in a row. Its axes are x, x2, x3 ..."""
         return "" if row == 1 else str(row)
 
     def y_axis(self, row: int) -> dict[str, Any]:
@@ -418,8 +432,8 @@ def _draw_band(
 
 
 def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None:
-    """Shade the intervals where `where` is true. If there are too many, bridge the
-    shortest gaps."""
+    """Shade the intervals in which `where` is True. If there are more than MAX_SHADES,
+    first close the shortest gaps between them."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     if len(starts) > MAX_SHADES:
@@ -450,9 +464,12 @@ def shade_intervals(figure: Figure, row: int, time: np.ndarray, where: np.ndarra
 def draw_stiffness(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Return means with their 95 % intervals, of particle filters the spread, too:
-    grey where not valid, with the reason on hover. Below them the events, if the table
-    has them. `table`: at least the columns of SUMMARY."""
+    """Return the figure of the stiffnesses: means and 95 % intervals, of particle filters
+    also the spread.
+
+    Means that are not valid are grey, and the mouse shows the reason. Below the
+    stiffnesses, the probabilities of the events are drawn if the estimates have them.
+    `table` needs the columns of SUMMARY."""
     regimes = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
     figure = Figure(titles, [230] * 3 + [130] * regimes)
@@ -522,7 +539,7 @@ def draw_stiffness(
 
 
 def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
-    """Draw the probabilities of the regimes, stacked."""
+    """Draw the probabilities of the regimes on top of each other."""
     for name, title in REGIMES.items():
         figure.add(
             row,
@@ -541,8 +558,8 @@ def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
 
 
 def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
-    """Draw a line through all rows for each change, with its name in `row`; the same
-    for the most probable spells."""
+    """Draw a line through all plots for each change. Label the most probable changes and
+    the longest spells in `row`, at most MAX_LABELS together."""
     figure.layout["shapes"] += [
         {
             "type": "line",
@@ -578,8 +595,8 @@ def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Seq
 
 
 def draw_states(d: Data, grip: bool = False) -> Figure:
-    """Return states with their 95 % intervals, references and measured values. `grip`:
-    it is estimated."""
+    """Return the figure of the states: estimates with 95 % intervals, references, and the
+    measured yaw rate. If `grip` is True, the grip is drawn, too."""
     rows = [
         ("vel_x", "Longitudinal velocity [m/s]"),
         ("vel_y", "Lateral velocity [m/s]"),
@@ -613,7 +630,7 @@ def draw_states(d: Data, grip: bool = False) -> Figure:
 
 
 def draw_inputs(d: Data) -> Figure:
-    """Return the channels of the log."""
+    """Return the figure of the log's channels: steering angle, wheel speeds, accelerations."""
     rows = [
         ("Steering angle [rad]", ["steer_angle"]),
         ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),
@@ -642,14 +659,16 @@ NIS = tuple(f"nis_{channel}" for channel in MEASURES)
 UNEXPLAINED = (
     ("Model discrepancy, sd [m/s2]", ("discrepancy_accel_x", "discrepancy_accel_y")),
     ("Model discrepancy of the yaw rate, sd [rad/s]", ("discrepancy_yaw_rate",)),
-    ("How late the steering acts [s]", ("lag_steer",)),
+    ("Estimated lag of the steering angle [s]", ("lag_steer",)),
 )
 
 
 def draw_health(d: Data) -> Figure:
-    """Return biases, log-likelihood, innovations or effective particles, status; the
-    estimated noise where it differs from the settings; the model discrepancy, if the
-    estimates have it."""
+    """Return the figure of the filter's health: biases, log-likelihood, normalised
+    innovations or the effective number of particles, and status.
+
+    The estimated noise is added if it exceeds the settings by MAX_NOISE_RATIO, the model
+    discrepancy and the lag of the steering angle if the estimates have them."""
     particles = bool((d.line("n_eff") > 1).any())
     titles = [
         "Accelerometer biases [m/s2]",
@@ -657,13 +676,13 @@ def draw_health(d: Data) -> Figure:
         "Log-likelihood of each row [nat]",
         "Effective particles"
         if particles
-        else "Normalised innovation squared: far above 1 on average, intervals are too narrow",
+        else "Normalised innovation squared. If its mean is far above 1, intervals are too narrow",
         "Status",
     ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}
     found = np.asarray(d.time) > d.time[0] + SETTLING if len(d.time) else np.zeros(0, bool)
     noisy = any((x[found] > MAX_NOISE_RATIO).any() for x in noise.values())
-    titles += ["Noise found, over the settings'"] * noisy
+    titles += ["Ratio of the estimated noise to the settings"] * noisy
     unexplained = [(title, names) for title, names in UNEXPLAINED if all(n in d for n in names)]
     titles += [title for title, _ in unexplained]
     figure = Figure(titles, [150] * len(titles))
@@ -714,8 +733,8 @@ def draw_health(d: Data) -> Figure:
 
 
 def draw_other_references(d: Data) -> Figure | None:
-    """Return reference columns that belong to no quantity of the estimator; None:
-    there are none."""
+    """Return the figure of the reference columns that match no quantity of the estimator.
+    Return None if there are none."""
     names = d.references(None)
     if not names:
         return None

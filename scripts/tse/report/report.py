@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs nothing else and can be read offline."""
+"""Write the report: one HTML file that loads no other file and can be read offline."""
 
 import base64
 import gzip
@@ -24,9 +24,9 @@ from tse.log.rows import CheckedLog
 from tse.report import plots
 from tse.report.results import list_run_facts
 
-MAX_CARDS = 6  # stretches of road with a card; the table has all
-MAX_TABLE_EVENTS = 200  # in the table
-LEVEL = 4  # of compression; 9 takes three times as long for 3 %
+MAX_CARDS = 6  # stretches of road that have cards of verdicts; the table below lists all
+MAX_TABLE_EVENTS = 200  # max number of events in the table
+LEVEL = 4  # gzip compression level; level 9 takes three times as long and saves 3 %
 
 
 def write_report(
@@ -42,9 +42,9 @@ def write_report(
 ) -> None:
     """Write the report of a run.
 
-    `data`: lines that were collected during the run; `judged`: its changes and
-    findings. Without them both are made from the table of `est`. `contradictions`: as
-    in verdict.make_findings()."""
+    `data` has the lines of the plots that were collected during the run, `judged` the
+    run's changes and findings. Either is made from the table of `est` if it is None.
+    `contradictions` are those of verdict.make_findings()."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
@@ -56,18 +56,17 @@ def write_report(
         (
             "Stiffness",
             "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to "
-            "reset; all plots "
-            "share the time axis.",
+            "reset. All plots share the time axis.",
             plots.draw_stiffness(data, est.table, config, changes, spells),
         ),
         (
             "States",
-            "Estimates against the reference columns of the log, where there are any.",
+            "Estimates, and the reference columns of the log if it has any.",
             plots.draw_states(data, config.form == 0 and config.grip_sd > 0),
         ),
         (
             "Inputs and measurements",
-            "The log as it was read; references are off until their legend entry is clicked.",
+            "The log as it was read. Click a reference in the legend to show it.",
             plots.draw_inputs(data),
         ),
         (
@@ -99,11 +98,11 @@ def write_report(
 
 
 def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
-    """Write a page that needs nothing else.
+    """Write an HTML page that loads no other file.
 
-    `sections`: title, text and figure of plots.py or plotly; a section without a
-    figure is left out. `words`: further variables of the template; `filters` among
-    them are its filters."""
+    `sections` are title, text and figure of each section. The figure is one of plots.py
+    or of plotly; a section whose figure is None is left out. `words` are further
+    variables of the template; `filters` among them are further jinja2 filters."""
     shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
     figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
     heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
@@ -129,7 +128,8 @@ def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any
 def list_events(
     changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]
 ) -> list[tuple[str, str, str, str]]:
-    """Return the events in order of time: when, what, probability, effect."""
+    """Return time, name, probability and effect of each event, in order of time. If there
+    are more than MAX_TABLE_EVENTS, return the most probable ones."""
     rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
     rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
     likeliest = sorted(rows, key=lambda r: -r[3])[:MAX_TABLE_EVENTS]
@@ -137,12 +137,12 @@ def list_events(
 
 
 def pack_text(text: str | bytes) -> Markup:
-    """Return text compressed, in letters that need no escaping."""
+    """Return text compressed by gzip and encoded in base64, which HTML need not escape."""
     data = text.encode() if isinstance(text, str) else text
     return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
 
 
 def read_figures(page: str) -> list[dict]:
-    """Return the figures inside a report, unpacked, for tests and scripts."""
+    """Return the figures that a report contains, for tests and scripts."""
     packed = page.split('id="figures">', 1)[1].split("<", 1)[0]
     return json.loads(gzip.decompress(base64.b64decode(packed)))

@@ -1,4 +1,5 @@
-"""Results of a run for programs: rows of a table, a JSON document, an exit code."""
+"""Return the results of a run for programs: rows of a table, a JSON document, an exit
+code."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,11 +18,12 @@ from tse.library.core import Config, library
 from tse.library.files import is_parquet, write_atomically
 from tse.log.rows import CheckedLog
 
-USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; 2 is bad input
-CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}
-LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # of a verdict
-KILO = 1000.0  # verdicts are in kN and kN/rad
-# Types of pandas of the table of an estimate, a row per stretch of road and stiffness.
+USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; code 2 is used for bad input
+CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}  # exit code -> column "usable"
+LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # level of a verdict -> column "usable"
+KILO = 1000.0  # from kN and kN/rad of the verdicts to N and N/rad
+# Columns of the table of results and their pandas types. The table has a row for each
+# stretch of road and stiffness.
 COLUMNS: dict[str, str] = {
     "log": "string",
     "stretch": "Int64",
@@ -52,8 +54,8 @@ COLUMNS: dict[str, str] = {
 
 
 def choose_exit_code(found: Sequence[Finding]) -> int:
-    """Return USABLE if every stiffness is usable on some stretch, NOTHING if none has
-    a value on any, else IN_PART."""
+    """Return USABLE if every stiffness has the level "good" on at least one stretch,
+    NOTHING if no stiffness is usable on any stretch, otherwise IN_PART."""
     best: dict[str, str] = {}
     for v in (v for f in found for v in f.verdicts):
         best[v.key] = min(best.get(v.key, v.level), v.level, key=list(LEVELS).index)
@@ -68,8 +70,8 @@ def make_rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """Return the table of an estimate: a dict with COLUMNS per row. A change stands in
-    the rows of the stretch that begins with it."""
+    """Return the rows of the table of results, each a dict with the keys COLUMNS. A change
+    is given in the rows of the stretch that begins with it."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
@@ -97,7 +99,7 @@ def make_rows(
 
 
 def _convert_verdict(v: Verdict) -> dict[str, Any]:
-    """Return the columns of a verdict, in N and N/rad."""
+    """Return a verdict as columns of the table, stiffness in N and N/rad."""
     return {
         "stiffness": v.key,
         "value": KILO * v.value,
@@ -113,12 +115,12 @@ def _convert_verdict(v: Verdict) -> dict[str, Any]:
         "nominal": KILO * v.nominal,
         "valid": v.valid,
         "usable": LEVELS[v.level],
-        "reason": (v.reason or None) if v.level != "good" else None,  # a usable stiffness has none
+        "reason": (v.reason or None) if v.level != "good" else None,  # a usable stiffness needs no reason
     }
 
 
 def _convert_quantity(q: Quantity) -> dict[str, Any]:
-    """Return the entries of grip or sideslip, in its unit."""
+    """Return the verdict on grip or sideslip as entries of the JSON document."""
     return {
         "value": q.value,
         "sd": q.band / 1.96,
@@ -135,8 +137,8 @@ def _convert_quantity(q: Quantity) -> dict[str, Any]:
 def make_document(
     log: Path, est: Estimates, found: Sequence[Finding], config: Config, said: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return an estimate as a JSON document. `said`: further entries, such as vehicle,
-    notes and files."""
+    """Return the results of a run as a JSON document. `said` are further entries, such as
+    vehicle, notes and files."""
     changes, spells = regimes.find_changes(est.table), regimes.find_spells(est.table)
     time = est.table["time"]
     keys, per = ("stretch", "start", "end"), len(found[0].verdicts)
@@ -173,7 +175,8 @@ def _drop_keys(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
 
 
 def convert_to_plain(x: Any) -> Any:
-    """Return data in types of JSON: NaN is None, paths are texts."""
+    """Return data converted to types that JSON has. NaN and infinity become None, paths
+    strings."""
     if isinstance(x, Mapping):
         return {str(k): convert_to_plain(v) for k, v in x.items()}
     if isinstance(x, (list, tuple, set)):
@@ -196,8 +199,10 @@ def make_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -
 def write_rows(
     path: Path, table: Sequence[Mapping[str, Any]], columns: Mapping[str, str] | None = None
 ) -> None:
-    """Write rows as Parquet or CSV, by the name. `columns`: order and types; None:
-    those of the first row."""
+    """Write rows as Parquet or CSV, depending on the file name.
+
+    `columns` are the names and types of the columns, in order. If it is None, pandas
+    chooses them from the rows."""
     frame = make_frame(table, columns) if columns else pd.DataFrame([convert_to_plain(r) for r in table])
     with write_atomically(path, "wb") as file:
         if is_parquet(path):
@@ -212,7 +217,9 @@ def write_rows(
 def list_run_facts(
     est: Estimates, log: CheckedLog, vehicle: Vehicle, config: Config, stride: int = 1
 ) -> list[tuple[str, str]]:
-    """Return the facts of a run: a name and a value each."""
+    """Return name and value of each fact of a run: log, vehicle, filter, latencies ...
+
+    `stride` is that of the plots; if it is above 1, a fact says that they are thinned."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
     every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
     every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""
@@ -229,12 +236,14 @@ def list_run_facts(
     if late:
         said = ", ".join(f"{channel} {ms:.3g} ms" for channel, ms in late.items())
         age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0
-        facts.append(("Latency", f"{said} behind yaw_rate; estimates are of {age:.3g} ms before the row"))
+        facts.append(
+            ("Latency", f"{said} behind yaw_rate; estimates refer to {age:.3g} ms before their row")
+        )
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
     recovered = est.statuses.get(library().status("TSE_W_RECOVERED"), 0)
     if recovered:
-        facts.append(("Recoveries", f"{recovered} (what was believed was given up)"))
+        facts.append(("Recoveries", f"{recovered} (the filter discarded its estimates and started again)"))
     if stride > 1:
-        facts.append(("Plots", f"the least and the greatest of every {stride} rows"))
+        facts.append(("Plots", f"min and max of every {stride} rows"))
     return facts

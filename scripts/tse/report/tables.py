@@ -1,4 +1,5 @@
-"""The library's tables as text."""
+"""Return the library's tables as text: settings, columns, codes, and example vehicle
+files."""
 
 from collections.abc import Iterable
 
@@ -15,8 +16,8 @@ from tse.library.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
-    """Return a table whose columns are padded to their widest cell. `right`:
-    right-aligned columns."""
+    """Return a table as text, each column padded to its widest cell. `right` are the
+    indices of the columns that are aligned on the right."""
     rows = [list(r) for r in rows]
     widths = [max(len(r[i]) for r in rows) for i in range(len(rows[0]))]
     lines = []
@@ -29,15 +30,16 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
 
 
 def format_markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
-    """Return the lines of a table in Markdown. All but the first `left` columns are
-    numbers."""
+    """Return the lines of a Markdown table. The first `left` columns are aligned on the
+    left, the others on the right."""
     lines = ["|" + "|".join(f" {c} " if c else " " for c in cells) + "|" for cells in (head, *rows)]
     columns = len(list(head))
     return [lines[0], "|" + "---|" * left + "---:|" * (columns - left), *lines[1:]]
 
 
 def settings_table(which: int = CONFIG) -> str:
-    """Return all settings: name, default, range, unit, meaning."""
+    """Return a table of all settings of the filter, or of the struct `which`: name,
+    default, range, unit, meaning."""
     rows = [["setting", "default", "range", "unit", "meaning"]]
     rows += [
         [f.name, f"{f.default:.6g}", f"{f.low:g} .. {f.high:g}", f.unit, f.text]
@@ -85,9 +87,9 @@ def sim_settings_table() -> str:
 def example_vehicle() -> str:
     """Return a commented vehicle file to edit.
 
-    Required keys have the values of the built-in car; the others are commented out.
-    Sensors and stiffness of another car, or a car that is known exactly, would make an
-    estimate sure of wrong values."""
+    Required keys have the values of the built-in car. The other keys are commented out,
+    because the sensors, stiffnesses or exact parameters of a different car would give
+    wrong estimates with narrow intervals."""
     car = Config.exact()
     fields = car.fields
     required = [n for n in list_vehicle_settings() if n in REQUIRED]
@@ -98,25 +100,23 @@ def example_vehicle() -> str:
         'name = "my car"',
         *(_format_line(fields[name], getattr(car, name)) for name in required),
         "",
-        "# All below is optional: take the # away where you know it. What is left out is that of an "
-        "ordinary car of its mass and",
-        "# axles, and the run names them.",
+        "# All keys below are optional. Remove the # of a key to set it. For keys left out, the run takes the",
+        "# values of an ordinary car of this mass and these axle positions, and lists them.",
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
-        '# driven_axle = "front"  # front, rear or both; of tselab simulate, and of the filter: the other '
-        "axle rolls freely",
+        '# driven_axle = "front"  # front, rear or both; the filter assumes that the other axle rolls freely',
         "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
         *(f"# {_format_line(fields[name], getattr(car, name))}" for name in others),
         "",
-        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. "
-        "0: known exactly.",
+        "# Uncertainty of the values above: the sd of each. 0: known exactly. Left out: the values below, of",
+        "# a car that has not been calibrated.",
         "# [uncertainty]",
         *(f"# {_format_line(fields[name], get_unknown_car()[name])}" for name in list_uncertainty_settings()),
         "",
-        "# Noise and bias of the sensors. Left out: of ordinary ones at first, then found while driving.",
+        "# Noise and bias of the sensors. Left out: those of ordinary sensors, then estimated while driving.",
         "# [sensors]",
         *(f"# {_format_line(fields[name], getattr(car, name))}" for name in list_sensor_settings()),
         "",
-        "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
+        "# Delay of each channel behind the gyro, as far as it is known. Negative: earlier than the gyro.",
         "# [latency]",
         *(
             f"# {_format_line(fields[name], getattr(car, name), key)}"
@@ -128,13 +128,13 @@ def example_vehicle() -> str:
 
 
 def simulated_vehicle() -> str:
-    """Return the vehicle file of the car of `tselab simulate`, known exactly: only for
-    logs with known truth."""
+    """Return the vehicle file of the car that `tselab simulate` drives. Its parameters are
+    known exactly, so the file is only for simulated logs."""
     car = Config.exact()
     fields = car.fields
     lines = [
-        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is "
-        "'tselab vehicle --example'.",
+        "# The car of 'tselab simulate', whose parameters are known exactly. For a real car start from",
+        "# 'tselab vehicle --example'.",
         "# SI units; stiffness per axle (both wheels).",
         'name = "mid-size car"',
         f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
@@ -142,7 +142,7 @@ def simulated_vehicle() -> str:
         "",
         *(_format_line(fields[name], getattr(car, name)) for name in list_vehicle_settings()),
         "",
-        "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
+        "# Uncertainty of the values above: the sd of each. 0: known exactly, as here.",
         "[uncertainty]",
         *(_format_line(fields[name], getattr(car, name)) for name in list_uncertainty_settings()),
         "",
@@ -161,9 +161,9 @@ def simulated_vehicle() -> str:
 
 _EFFECTS = (
     "",
-    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the "
-    "parameters of",
-    "# src/tables/effects.toml ('tselab settings' has them as <id>_<parameter>). Left out: none.",
+    "# Effects that the single-track model leaves out, if known of this car: [effects.<id>] with the",
+    "# parameters of src/tables/effects.toml ('tselab settings' lists them as <id>_<parameter>).",
+    "# Left out: no such effect.",
     "# [effects.body_roll]",
     "# gain = 0.008  # rad s2/m",
 )
@@ -171,12 +171,13 @@ _EFFECTS = (
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
     """Return a line of a vehicle file with unit, range and meaning."""
-    about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text  # a file leaves out unknown values
+    # If 0 is out of range here, the text on the meaning of 0 is dropped: a file leaves such keys out.
+    about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text
     return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
 
 
 def _find_unit(f: Field) -> str:
-    """Return the unit in EST.csv, where stiffness is absolute."""
+    """Return the unit of an output in EST.csv, in which stiffness is in N or N/rad."""
     if f.name.startswith("cx_") and f.unit == "1":
         return "N"
     return "N/rad" if f.name.startswith("cy_") and f.unit == "1" else f.unit
