@@ -523,8 +523,8 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     grade = Named(
         load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
     )
-    assert "an accel_x bias that wanders by 0.2 m/s2" in workflow._describe_name(grade)
-    assert "wanders" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
+    assert "that the accel_x bias varies by 0.2 m/s2" in workflow._describe_name(grade)
+    assert "bias varies" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
     assert workflow._convert_name(bank)["parameters"].keys() == {"angle"}
     delay = Named(
         load_catalogue()["imu_delay"],
@@ -542,8 +542,8 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     grade = Named(
         load_catalogue()["grade"], {"grade_angle": 0.02}, {"grade_angle": (0.01, 0.03)}, 0.5, 40.0, 0.99
     )
-    assert "an accel_x bias that wanders by 0.2 m/s2" in workflow._describe_name(grade)
-    assert "wanders" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
+    assert "that the accel_x bias varies by 0.2 m/s2" in workflow._describe_name(grade)
+    assert "bias varies" not in workflow._describe_name(grade, 2)  # a road is the same again, a sensor is not
     assert workflow._convert_name(bank)["parameters"].keys() == {"angle"}
     delay = Named(
         load_catalogue()["imu_delay"],

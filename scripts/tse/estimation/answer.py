@@ -38,8 +38,8 @@ MAX_STRETCHES = 2  # stretches of road in the answer: the last ones, if the road
 
 
 def make_answer(found: Sequence[Finding], config: Config) -> list[str]:
-    """Return three lines for each of the last MAX_STRETCHES stretches of road. If there are
-    several stretches, a title precedes the lines of each.
+    """Return three lines for each of the last MAX_STRETCHES stretches of road. If there
+    are several stretches, a title precedes the lines of each.
 
     The values are those of compute_held_stiffness(). The longitudinal stiffness shown is
     that of the driven axle, because the log measures it there.
@@ -78,8 +78,8 @@ def compute_held_stiffness(v: Verdict) -> tuple[float, float]:
 
 
 def describe_rest(v: Verdict) -> str:
-    """Return the verdict without the value that compute_held_stiffness() returns, to stand
-    next to that value in a table."""
+    """Return the verdict without the value that compute_held_stiffness() returns, to
+    stand next to that value in a table."""
     if compute_held_stiffness(v)[0] == v.value or not np.isfinite(v.smoothed):
         return v.detail
     return f"{v.detail.split('; smoothed over ')[0]}; at the end {v.value:.0f} ± {max(v.band, 0.5):.0f}"

@@ -96,8 +96,8 @@ def write_learnt(path: Path, data: bytes) -> None:
 
 
 Columns = Mapping[str, Any] | pd.DataFrame  # name -> array, Categorical or Series
-# Range of the absolute values for which orjson and Arrow write the same digits, for single
-# ("f") and double ("d") precision
+# Range of the absolute values for which orjson and Arrow write the same digits, for
+# single ("f") and double ("d") precision
 SAME_TEXT = {"f": (0.0, 1e10), "d": (1e-5, 1e10)}
 MAX_WHOLE = 1 << 24  # single precision represents every whole number up to this one exactly
 
@@ -202,8 +202,8 @@ def _write_rows_by_arrow(table: Columns) -> bytes:
     try:
         return write_lines("none")
     except pa.ArrowInvalid:
-        # A string contains a comma, a quote or a line break. Arrow then puts quotes around
-        # every string, so this is not the first choice.
+        # A string contains a comma, a quote or a line break. Arrow then puts quotes
+        # around every string, so this is not the first choice.
         return write_lines("needed")
 
 
@@ -242,7 +242,8 @@ class Estimates:
     learnt: bytes | None = None  # state for NativeFilter.load_learnt(); None if there is nothing to save
     # NativeFilter.uncertainty_sd() after the last row
     uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)
-    # status -> number of rows of the log that have it, also rows that the table leaves out
+    # status -> number of rows of the log that have it, also rows that the table leaves
+    # out
     statuses: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -502,8 +503,8 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
             file.write(make_csv_rows(table.iloc[start : start + BLOCK]))
 
 
-# Columns that verdicts, remarks and events are made from, each with the smallest type that
-# holds its values, because MAX_SUMMARY rows of them stay in memory
+# Columns that verdicts, remarks and events are made from, each with the smallest type
+# that holds its values, because MAX_SUMMARY rows of them stay in memory
 SUMMARY: dict[str, type | None] = {
     "time": np.float64,
     "status": np.int16,
@@ -528,8 +529,8 @@ class Summary:
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
         self._stride = max(1, -(-rows // MAX_SUMMARY))
         self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
-        # np.zeros() reserves memory only for the parts written to. Columns that stay zero,
-        # such as those of faults and changes, therefore take none.
+        # np.zeros() reserves memory only for the parts written to. Columns that stay
+        # zero, such as those of faults and changes, therefore take none.
         self._columns = {
             name: np.zeros(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()
         }
@@ -559,7 +560,8 @@ class Summary:
 
 @contextmanager
 def _catch_interrupt() -> Iterator[Callable[[], bool]]:
-    """Replace the handler of Ctrl-C, and yield a function that is True after the first one.
+    """Replace the handler of Ctrl-C, and yield a function that is True after the first
+    one.
 
     The first Ctrl-C only sets this flag, and a second one interrupts as usual. Outside
     the main thread nothing is replaced, and the function is always False."""

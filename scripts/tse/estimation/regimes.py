@@ -1,5 +1,5 @@
-"""Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults of
-a channel, sliding wheels. Find the stretches of road between the changes.
+"""Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults
+of a channel, sliding wheels. Find the stretches of road between the changes.
 
 If a table lacks the columns of COLUMNS, there are no events, and the whole drive is one
 stretch."""
@@ -23,12 +23,7 @@ REGIMES = {
     "p_restarted": "started over",
 }
 # Meaning of the values of the column change_kind. 0 means that nothing has changed yet.
-KINDS = {
-    1: "road changed",
-    2: "front axle changed",
-    3: "rear axle changed",
-    4: "started over",
-}
+KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}
 # change_kind -> the stiffnesses that such a change affects, whose ratios are reported
 TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}
 # Regimes that are reported as intervals of time
@@ -46,8 +41,8 @@ COLUMNS: dict[str, type] = {
 # Columns from which the sd of the ratio of a change is computed
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}
 LIKELY = 0.9  # min probability of a reported event
-# [s] Changes that lie no further apart are one change, and intervals of the same event that
-# lie no further apart are joined.
+# [s] Changes that lie no further apart are one change, and intervals of the same event
+# that lie no further apart are joined.
 MAX_GAP = 0.5
 MIN_CHANGE = 0.05  # [1] relative change of stiffness; smaller changes are not reported
 MIN_STRETCH = 2.0  # [s] a shorter stretch is joined to a neighbour
@@ -234,8 +229,8 @@ def _compute_relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) 
 
 
 def find_spells(table: pd.DataFrame) -> list[Spell]:
-    """Return the intervals in which a channel was at fault or the wheels slid, in order of
-    their start."""
+    """Return the intervals in which a channel was at fault or the wheels slid, in order
+    of their start."""
     if table.empty:
         return []
     time = estimate_times(table)
@@ -268,8 +263,8 @@ def _fill_names(channel: np.ndarray, runs: Sequence[tuple[int, int]]) -> np.ndar
 
 
 def find_spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first row and the row after the last of each run of rows for which `where`
-    is True. Runs that lie at most MAX_GAP apart are joined."""
+    """Return the first row and the row after the last of each run of rows for which
+    `where` is True. Runs that lie at most MAX_GAP apart are joined."""
     found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -293,8 +288,8 @@ def find_channel_name(number: int) -> str:
 
 
 def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
-    """Return the stretches between changes. A stretch shorter than MIN_STRETCH is joined to
-    the next one; if it is the last, to the one before it."""
+    """Return the stretches between changes. A stretch shorter than MIN_STRETCH is joined
+    to the next one; if it is the last, to the one before it."""
     if table.empty:
         return []
     time = estimate_times(table)

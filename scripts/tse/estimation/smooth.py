@@ -14,8 +14,9 @@ import pandas as pd
 from tse.library.core import NOMINAL, STIFFNESS, Config
 
 STEP = 0.1  # [s] the smoother uses the last row of each interval of this length
-# Min share of a row's variance that later rows can reduce. The remaining part, which no row
-# reduces, is known only at the end of the log and may exceed the variance of an earlier row.
+# Min share of a row's variance that later rows can reduce. The remaining part, which no
+# row reduces, is known only at the end of the log and may exceed the variance of an
+# earlier row.
 MIN_FREE = 0.01
 
 Array = npt.NDArray[np.float64]
@@ -82,8 +83,8 @@ def compute_fixed_parts(table: pd.DataFrame, config: Config, parts: Mapping[str,
 
 
 def smooth_stretch(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:
-    """Return the smoothed stiffness on a stretch of road, and the sd of the stiffness in a
-    row drawn at random.
+    """Return the smoothed stiffness on a stretch of road, and the sd of the stiffness in
+    a row drawn at random.
 
     Parameters
     ----------

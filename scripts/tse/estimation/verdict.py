@@ -1,5 +1,6 @@
-"""The verdict on each stiffness, grip and sideslip: value, interval, whether it is valid and
-why not, as a sentence for terminal and report. Also remarks on the sensors of the log."""
+"""The verdict on each stiffness, grip and sideslip: value, interval, whether it is valid
+and why not, as a sentence for terminal and report. Also remarks on the sensors of the
+log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -58,13 +59,13 @@ MANY_CHANGES, CHANGE_INTERVAL = 3, 60.0
 NOISY = 1.25  # min ratio of estimated noise to its setting that is reported
 # Reasons of rows in which the agreement of the channels is not checked
 STILL = ("starting", "held", "input invalid", "row refused")
-# [s] Driving time without contradiction. If the first contradiction comes later, a channel
-# has failed during the drive, and the log as a whole is not contradicted.
+# [s] Driving time without contradiction. If the first contradiction comes later, a
+# channel has failed during the drive, and the log as a whole is not contradicted.
 AGREED = 20.0
 MIN_IMPLAUSIBLE = 0.5  # min share of the driven rows that makes a log implausible
 RECENT = 1.0  # [s] a row that is valid this long before the end counts as valid at the end
-# An interval is attributed to uncertain parameters if they contribute more than this share
-# of the variance, and if their sd is more than this share of the stiffness.
+# An interval is attributed to uncertain parameters if they contribute more than this
+# share of the variance, and if their sd is more than this share of the stiffness.
 UNCERTAIN_SHARE = 0.5
 MIN_UNCERTAIN = 0.02
 # Limit of the estimated lag of the steering angle, in prior sds. A larger lag means that
@@ -85,8 +86,8 @@ class Verdict:
     # Value at the end of the stretch; of a particle filter the median over the valid rows
     value: float
     band: float  # half of the 95 % interval
-    # Variation from sample to sample, as a share of the value. NaN if the log does not show
-    # it, or if this filter does not estimate it
+    # Variation from sample to sample, as a share of the value. NaN if the log does not
+    # show it, or if this filter does not estimate it
     spread: float
     nominal: float
     valid: float  # share of the rows that are valid
@@ -138,8 +139,8 @@ class Quantity:
 def make_verdicts(
     table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
 ) -> list[Verdict]:
-    """Return the verdict on each stiffness. `whole` is True if the table is the whole log,
-    False if it is one stretch of road.
+    """Return the verdict on each stiffness. `whole` is True if the table is the whole
+    log, False if it is one stretch of road.
 
     If `parts` is given (the result of smooth.compute_fixed_parts()), the smoothed values
     are added."""
@@ -208,8 +209,8 @@ def make_findings(
     contradictions: Sequence[str] = (),
     uncertainty_sd: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
-    """Return a finding for each stretch of road between changes. If nothing changed, return
-    one finding for the whole log.
+    """Return a finding for each stretch of road between changes. If nothing changed,
+    return one finding for the whole log.
 
     Stretches are judged separately because a mean over two roads describes neither. On a
     stretch the filter does not forget, so its value at the end, which has used all rows,
@@ -235,8 +236,8 @@ def make_findings(
 
 
 def describe_implausible(table: pd.DataFrame) -> str:
-    """Return a sentence if the filter finds that the channels contradict each other in the
-    log as a whole; otherwise an empty string.
+    """Return a sentence if the filter finds that the channels contradict each other in
+    the log as a whole; otherwise an empty string.
 
     This is the case if more than MIN_IMPLAUSIBLE of the driven rows are implausible,
     among them the last. A wrong unit, sign or axle persists to the end. A channel that
@@ -319,8 +320,8 @@ def _mark_contradicted(v: Verdict) -> Verdict:
 
 
 def list_remarks(table: pd.DataFrame) -> list[str]:
-    """Return sentences on what the filter has found about the sensors: channels noisier than
-    their settings, implausibly many changes, faults."""
+    """Return sentences on what the filter has found about the sensors: channels noisier
+    than their settings, implausibly many changes, faults."""
     found = []
     learnt = table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))
     for channel in MEASURES:
@@ -350,8 +351,8 @@ def list_remarks(table: pd.DataFrame) -> list[str]:
 
 
 def check_steering_lag(table: pd.DataFrame, config: Config) -> list[str]:
-    """Return a sentence if the estimated lag of the steering angle contradicts the vehicle
-    file; otherwise an empty list."""
+    """Return a sentence if the estimated lag of the steering angle contradicts the
+    vehicle file; otherwise an empty list."""
     sd = config.steer_lag_sd
     if "lag_steer" not in table or not len(table) or not sd > 0:
         return []
@@ -455,8 +456,8 @@ def _explain(reason: str, key: str) -> str:
 
 
 def _find_commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
-    """Return the most frequent reason of the rows that are not valid, and the share of all
-    rows that have it."""
+    """Return the most frequent reason of the rows that are not valid, and the share of
+    all rows that have it."""
     others = table.loc[~valid, f"{key}_reason"].value_counts()  # has also categories of no row
     others = others[others > 0]
     return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)
@@ -468,7 +469,8 @@ def _is_used(table: pd.DataFrame) -> np.ndarray:
 
 
 def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
-    """Return the time of the last valid row; None if it is at most RECENT before the end."""
+    """Return the time of the last valid row; None if it is at most RECENT before the
+    end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
 
@@ -482,8 +484,8 @@ def list_other_quantities(table: pd.DataFrame, config: Config) -> list[Quantity]
 
 
 def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
-    """Return the grip of the last valid row; of the last row if none is valid. Return None
-    if grip is not estimated."""
+    """Return the grip of the last valid row; of the last row if none is valid. Return
+    None if grip is not estimated."""
     valid = table[f"{GRIP}_valid"].to_numpy() == 1
     rows = np.flatnonzero(valid if valid.any() else _is_used(table))
     if not config.grip_sd > 0 or not len(rows):
@@ -503,8 +505,8 @@ def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
 
 
 def _find_largest_sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Return the sideslip angle whose 95 % interval lies farthest from zero, among the rows
-    in which the motion of the car is estimated."""
+    """Return the sideslip angle whose 95 % interval lies farthest from zero, among the
+    rows in which the motion of the car is estimated."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None

@@ -1,8 +1,8 @@
-"""The gap workflow: where simulation and measurement disagree, which effect is missing,
-what adding it gains.
+"""The gap workflow: find where simulation and measurement disagree, which effect is
+missing, and what adding it gains.
 
-Here is what the two rooms above share: data, the comparison (problem.py) and its fit.
-    infer    which effect or formula it is, judged by pieces of logs that were held out
-    run      workflow, check and plan, and its results: vehicle file, header, report,
-    tables, pictures
+This folder has what its two subfolders share: the catalogue of effects, the comparison
+(problem.py) and its fit (fit.py).
+    infer    infer which effect or formula is missing, judged by held-out pieces of logs
+    run      run the workflow, check and plan, and write their results
 """

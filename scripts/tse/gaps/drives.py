@@ -1,9 +1,9 @@
-"""A library of manoeuvres as inputs of the model: steering angle and wheel speeds,
-without noise, for planning.
+"""A library of manoeuvres for planning, as noise-free inputs of the model: steering angle
+and wheel speeds.
 
-The wheels turn as the car would need them: each axle rolls along its own way through the
-bend, and slips as the force asks for that changes the speed and overcomes what the
-steered wheels brake.
+The wheel speeds are those that the nominal car needs for the manoeuvre. Each axle rolls
+along its own path through the bend. Its slip provides the longitudinal force that changes
+the speed and balances the longitudinal component of the steered wheels' side force.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from tse.library.core import Config, Replay
 from tse.log.rows import DRIVES, MEASURES
 from tse.simulation.maneuvers import compute_understeer, make_square
 
-STEP = 0.01  # s: rows of a planned log
-DURATION = 30.0  # s: of a manoeuvre
-HAND = 0.06  # s: sd of the smoothing that makes a step one of a driver's hand
-ROUNDS = 3  # of finding wheel speeds and motion across from each other
+STEP = 0.01  # [s] time between the rows of a planned log
+DURATION = 30.0  # [s] duration of a manoeuvre
+HAND = 0.06  # [s] sd of the Gaussian that smooths a step, which a driver cannot steer infinitely fast
+ROUNDS = 3  # iterations between wheel speeds and lateral motion, which depend on each other
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One manoeuvre: pieces that are driven one after the other, each a steering angle
-    and a speed over time.
+    """One manoeuvre. It consists of pieces that are driven one after the other, each
+    given by steering angle and speed over time.
     """
 
     name: str
@@ -42,7 +42,9 @@ class Candidate:
 
 
 def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]:
-    """Return a drive as the workflow takes logs. Measurements are put in later."""
+    """Return a manoeuvre in the form of prepared logs, one for each piece. The
+    measurements are zeros, which Problem.measure() replaces.
+    """
     logs = []
     rows = round(BLOCK_TIME / STEP)
     for i, (steer, speed) in enumerate(candidate.pieces):
@@ -62,10 +64,12 @@ def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]
 
 
 def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the wheel speeds of the nominal car, rad/s, at these angles and speeds.
+    """Return the wheel speeds of the nominal car [rad/s] for a steering angle and a speed
+    over time.
 
-    Straight driving gives the lateral motion, which hardly depends on them. It gives the
-    speeds over ground of the steered wheels.
+    They are found by iteration. The first wheel speeds are those without lateral motion.
+    Simulated with them, the model gives the lateral motion, from which follow the path
+    speed of the steered wheels and new wheel speeds.
     """
     share, length = c.exact_kinematics_share, c.lf + c.lr
     across = turning = side = np.zeros(len(steer))
@@ -88,7 +92,7 @@ def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> di
 
 
 def make_candidates(config: Config) -> list[Candidate]:
-    """Return every manoeuvre in every size."""
+    """Return every manoeuvre at every speed and size."""
     return list(_generate_candidates(config))
 
 
@@ -97,7 +101,9 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
     short = np.arange(round(0.5 * DURATION / STEP) + 1) * STEP
 
     def steady(v: float, ay: float) -> float:
-        """Return the steering angle of the nominal car for a lateral acceleration."""
+        """Return the steering angle at which the nominal car, driven steadily at the
+        speed v, has the lateral acceleration ay.
+        """
         return ay * (c.lf + c.lr + compute_understeer(c) * v**2) / v**2
 
     def straight(time: np.ndarray) -> np.ndarray:
@@ -121,7 +127,9 @@ def _generate_candidates(c: Config) -> Iterator[Candidate]:
         )
 
     def pulses(time: np.ndarray, v: float, depth: float) -> np.ndarray:
-        """Return steps of brake and throttle about a speed."""
+        """Return the speed during alternating braking and acceleration by `depth`, with
+        the mean v.
+        """
         acceleration = gaussian_filter1d(depth * make_square(time, 3.0), HAND / STEP)
         speed = v + cumulative_trapezoid(acceleration, dx=STEP, initial=0.0)
         return np.maximum(speed - speed.mean() + v, 3.5)

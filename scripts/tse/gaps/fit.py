@@ -1,6 +1,6 @@
-"""Least squares of a problem over stiffness and effect parameters, and what a fit is
-worth, also on manoeuvres that it has not seen: rms over noise before and after with
-paired block-bootstrap intervals.
+"""Fit stiffness and effect parameters to a problem by least squares, and compare two fits
+by the ratio of residual rms to sensor noise, with paired block-bootstrap intervals. Fits
+can also be compared on logs that were not fitted.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ from tse.gaps.catalogue import CatalogueParameter, Key
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-# rms over noise up to which nothing is left to explain: noise is known to some percent,
-# inputs are smoothed
+# Ratio of residual rms to sensor noise up to which the model explains a channel. It is
+# above 1 because the noise is known only to some percent, and because inputs are
+# smoothed.
 NOISE_LIMIT = 1.2
-MAX_LAG = 4.0  # s: of autocorrelation that are looked at
+MAX_LAG = 4.0  # [s] max lag of the autocorrelation that is computed
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
-TOGETHER = 2.0  # s: of residuals that are resampled together
-DRAWS = 1000  # of the bootstrap
-SEED = 1  # of the bootstrap
+TOGETHER = 2.0  # [s] length of the blocks of residuals that are resampled
+DRAWS = 1000  # number of bootstrap samples
+SEED = 1  # seed of the bootstrap
 
 
 @dataclass
 class Fit:
     """A fitted model."""
 
-    parameters: list[CatalogueParameter]
+    parameters: list[CatalogueParameter]  # those that were fitted
     values: dict[Key, float]
-    residuals: np.ndarray
-    jacobian: np.ndarray
+    residuals: np.ndarray  # whitened
+    jacobian: np.ndarray  # of the residuals with respect to the parameters
 
 
 def fit_parameters(
@@ -42,7 +43,9 @@ def fit_parameters(
     most: int = 12,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Fit the parameters from `start`; what it does not name starts at its default."""
+    """Fit the parameters by least squares. Parameters without a value in `start` start at
+    their default. `most` is the limit of the number of evaluations.
+    """
     parameters = list(parameters)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
     scale = np.array([p.scale for p in parameters])
@@ -65,7 +68,7 @@ def fit_parameters(
             residuals(x)
         return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
-    # of parameters that change nothing
+    # Parameters without influence on the residuals cause divisions by zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         result = least_squares(
             residuals,
@@ -79,15 +82,15 @@ def fit_parameters(
             max_nfev=most,
         )
     rows = len(result.fun) - int(known.sum())
-    if not np.isfinite(result.x).all():  # it has gone nowhere
+    if not np.isfinite(result.x).all():  # the fit failed: return the start
         return Fit(parameters, values(x0), residuals(x0)[:rows], jacobian(x0)[:rows])
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
 
 
 def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the integrated autocorrelation of each channel, in blocks, at least 1.
+    """Return the integrated autocorrelation time of each channel's residuals, in blocks.
 
-    So many blocks of residual count as one independent block.
+    It is at least 1. So many blocks have the information of one independent block.
     """
     found = {}
     for channel, _ in problem.used():
@@ -109,16 +112,18 @@ def compute_correlation_lengths(problem: Problem, residuals: np.ndarray) -> dict
 
 
 def compute_gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the rms of the residual over the noise of the sensor, by channel; 1 is
-    noise.
+    """Return the ratio of residual rms to sensor noise for each channel. It is 1 if the
+    residual is noise only.
     """
     return {c: float(np.sqrt(np.mean(residuals[rows] ** 2))) for c, rows in problem.used()}
 
 
 def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the energy above the noise of the sensors, by channel.
+    """Return the sum of squared residuals less the part expected from sensor noise, for
+    each channel.
 
-    A floor under the noise does not make the gap smaller.
+    If the noise of a channel was raised to its floor, the expected part is that of the
+    original noise, so that the floor does not reduce the gap.
     """
     return {
         c: max(0.0, float(residuals[rows] @ residuals[rows]) - float(problem.noise_energy[rows].sum()))
@@ -127,15 +132,16 @@ def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str,
 
 
 def compute_excess(problem: Problem, residuals: np.ndarray) -> float:
-    """Return the energy above the noise of the sensors, of all channels."""
+    """Return the sum of compute_channel_excess() over all channels."""
     return sum(compute_channel_excess(problem, residuals).values())
 
 
 def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
-    """Return the covariance of the parameters, with correlated residuals.
+    """Return the covariance of the parameters of a fit, for correlated residuals.
 
-    It is a sandwich with the autocorrelation of each channel. The covariance of the noise
-    alone is 2 to 15 times too small where the forms of the model differ.
+    It is a sandwich estimate with the autocorrelation of each channel. If the form of the
+    model differs from the car, the covariance from sensor noise alone would be 2 to 15
+    times too small.
     """
     length = compute_correlation_lengths(problem, f.residuals)
     scale = np.zeros(len(f.residuals))
@@ -152,12 +158,12 @@ def compute_covariance(problem: Problem, f: Fit) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ChannelChange:
-    """One channel before and after."""
+    """The residual of one channel with two models."""
 
-    before: float  # rms over noise
-    after: float
-    change: float  # relative, of the rms
-    ci95: tuple[float, float]
+    before: float  # ratio of rms to noise with the first model
+    after: float  # the same with the second model
+    change: float  # relative change of the rms
+    ci95: tuple[float, float]  # 95 % interval of the change
 
     @property
     def better(self) -> bool:
@@ -165,7 +171,9 @@ class ChannelChange:
 
 
 def compare_models(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str, ChannelChange]:
-    """Compare two models by whitened residuals of the same logs, by channel. Seeded."""
+    """Compare two models channel by channel. `before` and `after` are their whitened
+    residuals of the same logs. The bootstrap has a fixed seed.
+    """
     rng = np.random.default_rng(SEED)
     found = {}
     for c, mine in problem.used():

@@ -1,5 +1,5 @@
-"""Much work at once: in copies of this process, where threads would wait for Python's
-lock most of the time.
+"""Run work in parallel in forked copies of this process. It serves work for which threads
+would mostly wait for Python's global lock.
 """
 
 from __future__ import annotations
@@ -12,37 +12,37 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-_work: tuple[Callable[[Any], Any], Sequence[Any]] | None = (
-    None  # what copies inherit: a closure cannot be sent
-)
+# Function and arguments. The copies inherit them, because a closure cannot be pickled.
+_work: tuple[Callable[[Any], Any], Sequence[Any]] | None = None
 _copy = False
 
 
 def is_copy() -> bool:
-    """Return whether this process is a copy: a copy makes no copies."""
+    """Return whether this process is a copy. A copy starts no further copies."""
     return _copy
 
 
 def run_in_processes(
     jobs: int, do: Callable[[Any], Any], asked: Sequence[Any], light: Callable[[Any], Any] = lambda x: x
 ) -> list[Any]:
-    """Run `do` for each of `asked`, in this order, in as many processes as jobs.
+    """Return the results of `do` for each of `asked`, computed in up to `jobs` processes.
 
-    Each process is a copy of this one. It sends back `light` of the result, and its other
-    changes are lost. On systems other than Linux threads run, which keep their changes:
-    nothing may depend on either.
+    Each process is a copy of this one. It sends back `light` of each result. Other
+    changes that it makes in memory are lost. On systems other than Linux, threads are
+    used, and their changes are kept. So `do` must work the same whether changes are kept
+    or lost.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:
         return [do(a) for a in asked]
-    if sys.platform != "linux":  # elsewhere libraries do not survive being copied
+    if sys.platform != "linux":  # on other systems some libraries fail after a fork
         with ThreadPoolExecutor(jobs) as pool:
             return list(pool.map(do, asked))
     _work = (lambda a: light(do(a))), asked
     try:
         with warnings.catch_warnings():
-            # Python 3.12 warns of threads in what is copied: they sleep, and copies use
-            # none of their locks
+            # Python 3.12 warns if a process with threads is forked. Here the threads are
+            # idle, and the copies use none of their locks.
             warnings.simplefilter("ignore", DeprecationWarning)
             with multiprocessing.get_context("fork").Pool(min(jobs, len(asked)), _begin_worker) as copies:
                 return copies.map(_run_one, range(len(asked)), chunksize=1)
@@ -53,7 +53,7 @@ def run_in_processes(
 def _begin_worker() -> None:
     global _copy
     _copy = True
-    # it is this process's, which ends its copies
+    # Only the parent process handles Ctrl-C. It ends its copies.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

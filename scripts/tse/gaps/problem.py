@@ -1,10 +1,10 @@
-"""The comparison: a simulation of all logs against what was measured, whitened by the
-sensors' noise.
+"""The comparison of a simulation of all logs with their measurements. The difference,
+divided by the sensor noise, is the residual.
 
-Stiffness and effect parameters are the same over all logs; the bias of each sensor is one
-number per log, found in closed form (residuals are linear in it). Residuals are means
-over blocks of 40 ms, in units of what the sensor's noise leaves of them: a perfect model
-has residuals of size one.
+Stiffness and effect parameters have one value for all logs. The bias of each sensor has
+one value in each log. It is found in closed form, because residuals are linear in it.
+Residuals are means over blocks of 40 ms, divided by the sd that the sensor noise has in
+such a mean. With a perfect model their variance is 1.
 """
 
 from __future__ import annotations
@@ -31,61 +31,65 @@ STIFFNESS = tuple(
 )
 
 
-# Latencies of channels beyond those of the vehicle file. They shift the measurements: the
-# simulation has no such setting.
+# Latencies of channels in addition to those of the vehicle file. They are not settings of
+# the simulation, but shift the measurements in time.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What the entries of a residual vector are."""
+    """Log, channel and time of each entry of a residual vector."""
 
     log: np.ndarray  # index of the log
     channel: np.ndarray  # index in COMPARED_CHANNELS
-    time: np.ndarray  # s, mean of the block
-    block: np.ndarray  # index of the block: the same for all channels of a moment
-    group: np.ndarray  # log and channel: shares a bias
+    time: np.ndarray  # [s] mean time of the block
+    block: np.ndarray  # index of the block; channels of the same time have the same index
+    group: np.ndarray  # index of the pair of log and channel, whose entries share a bias
 
     def of(self, channel: str) -> np.ndarray:
+        """Return for each entry True if it belongs to this channel."""
         return self.channel == COMPARED_CHANNELS.index(channel)
 
 
 class Problem:
-    """All logs against one model. Thread-safe: simulations share nothing."""
+    """All logs, compared with one model. Threads may simulate at the same time, because
+    simulations share no data that they change.
+    """
 
     def __init__(self, logs: Sequence[PreparedLog], config: Config, jobs: int = 1):
         self.logs = [log for log in logs if log.stretches]
         self.notes = [n for log in logs for n in log.notes]
         self.config = config
         self.jobs = max(1, jobs)
-        # values that are not fitted, and not those of the settings
+        # Values that replace those of the settings and are not fitted
         self.fixed: dict[Key, float] = {}
         self.nominal = config.as_dict()
         self.given = {name: self.nominal[name] for name in list_signed_delays()}
-        if self.logs:  # a drift is one over the time of the longest log
+        if self.logs:  # a drift of the stiffness is defined over the duration of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [
             {c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs
         ]
         self._missing = [{c: rows for c, rows in log.items() if rows.any()} for log in missing]
-        self._measured, self.weight, self.rows = self._layout()
-        self.noise_energy = self._noise_energy()
+        self._measured, self.weight, self.rows = self._lay_out_rows()
+        self.noise_energy = self._compute_noise_energy()
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
 
     def of(self, logs: Sequence[PreparedLog]) -> Problem:
-        """Return the problem with other logs."""
+        """Return a problem with the same car and different logs."""
         return Problem(logs, self.config, self.jobs)
 
     def holding(self, values: Mapping[Key, float]) -> Problem:
-        """Return the problem with further values that are not fitted."""
+        """Return a copy of the problem in which these values are fixed, not fitted."""
         other = copy.copy(self)
         other.fixed = self.fixed | dict(values)
         return other
 
     def measure(self, values: Mapping[Key, float]) -> None:
-        """Replace the measurements by those of a car with these values.
+        """Replace the measurements by a simulation of a car with these values.
 
-        They have a thousandth of the noise, so that a perfect fit has an end.
+        A thousandth of the sensor noise is added, so that the sum of squares of a perfect
+        fit is not 0 and its relative change can become small.
         """
         noise = np.random.default_rng(0).standard_normal(len(self.weight))
         self._measured = self.predict(values) + np.where(
@@ -95,7 +99,9 @@ class Problem:
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[CatalogueParameter, ...]:
-        """Return the fitted strengths of an effect, or the road profiles of the logs."""
+        """Return the strengths of an effect. For a road effect, return the values of its
+        profiles under all logs.
+        """
         if effect.id not in PROFILES:
             return effect.strengths
         p, prior = effect.strengths[0], KNOT_SD
@@ -124,7 +130,7 @@ class Problem:
 
     # ---- layout
 
-    def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
+    def _lay_out_rows(self) -> tuple[np.ndarray, np.ndarray, Rows]:
         measured, weight, columns, group, block = [], [], [], 0, 0
         for i, log in enumerate(self.logs):
             time, _ = average_blocks(log, log.time)
@@ -132,9 +138,9 @@ class Problem:
                 mean, count = average_blocks(log, log.measured[channel])
                 measured.append(mean)
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
-                usual = (
-                    float(np.median(count[count > 0])) if count.any() else 1.0
-                )  # a slow sensor has fewer rows with a value
+                # Number of values in a block, which is small for a slow sensor. Blocks
+                # with at most half as many are not used.
+                usual = float(np.median(count[count > 0])) if count.any() else 1.0
                 weight.append(np.where(count > 0.5 * usual, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
                 columns.append(
@@ -157,26 +163,30 @@ class Problem:
         w = np.concatenate(weight) if weight else np.zeros(0)
         return np.where(w > 0, y, 0.0), w, rows
 
-    def _noise_energy(self) -> np.ndarray:
-        """Return the expected square of the noise of each entry.
+    def _compute_noise_energy(self) -> np.ndarray:
+        """Return the expected square of the noise in each entry of the residuals.
 
-        It is 1, and less where a floor raised the noise.
+        It is 1, and less than 1 for channels whose noise was raised to its floor.
         """
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     def used(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield each channel and its measured entries of the residual vector."""
+        """Yield each channel, and for each entry of the residual vector True if it is a
+        measurement of this channel.
+        """
         for c in np.unique(self.rows.channel):
             yield COMPARED_CHANNELS[c], (self.rows.channel == c) & (self.weight > 0)
 
     @property
     def measured(self) -> np.ndarray:
-        """Measurements, one value per entry of the residual vector; NaN: missing."""
+        """The measurements, one for each entry of the residual vector. NaN if missing."""
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """Return an input or a measurement in blocks, a value per entry of residuals."""
+        """Return an input or a measurement as block means, one for each entry of the
+        residual vector.
+        """
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
@@ -187,21 +197,25 @@ class Problem:
     # ---- residuals
 
     def model(self, values: Mapping[Key, float]) -> Config:
-        """Return the settings of the effects."""
+        """Return the settings of the simulation with these values of the effects.
+        Stiffness and latencies are not settings here: see stiffness() and later().
+        """
         values = drop_log_values(self.fixed | dict(values))
         others = {*NOMINAL, *LATENT, *list_signed_delays()}
         return Config.exact(self.nominal | {k: v for k, v in values.items() if k not in others})
 
     def stiffness(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """Return the stiffness over that of the vehicle file."""
+        """Return the ratio of each stiffness to that of the vehicle file."""
         values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) for k in NOMINAL}
 
     def later(self, values: Mapping[Key, float]) -> dict[str, float]:
-        """Return the latencies of channels beyond those of the vehicle file, s.
+        """Return the latencies of channels in addition to those of the vehicle file, s.
 
-        Delays are latencies of either sign: the wheels turn after the logged angle, or
-        the whole IMU is behind the channels that drive the model.
+        The delays of steering and IMU are treated as latencies of the input channels,
+        with either sign. If the steering is delayed, the wheels turn after the logged
+        angle. If the IMU is delayed, its values come after the channels that drive the
+        model.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):
@@ -220,10 +234,12 @@ class Problem:
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
     def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
-        """Return the profiles of the road along a log, linear between their values."""
+        """Return bank and grade along a log, interpolated linearly between the values of
+        their profiles. Profiles that are 0 are left out.
+        """
         values = self.fixed | dict(values)
         found = {}
-        # mostly none: this is asked often
+        # This function is called often, and mostly there is no profile.
         own = [k for k in values if isinstance(k, Own) and k.log == i]
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._count_knots(i))]
@@ -232,28 +248,34 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Return the prediction without bias, one value per entry of the residuals."""
+        """Return the simulated measurements without bias, one for each entry of the
+        residual vector.
+        """
         config, later, parts = self.model(values), self.later(values), []
         for i, log in enumerate(self.logs):
             simulated = simulate(
                 config, log, log.channels, self.stiffness(values), self.profiles(values, i), later
             )
-            for channel in log.channels:  # means over the same rows as those of what was measured
+            for channel in log.channels:  # means over the rows in which the channel was measured
                 missing = self._missing[i].get(channel)
                 x = simulated[channel] if missing is None else np.where(missing, np.nan, simulated[channel])
                 parts.append(average_blocks(log, x)[0])
         return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
-        """Return predict() of many values, as many at once as there are jobs."""
+        """Return predict() for each of many sets of values, computed in up to `jobs`
+        threads.
+        """
         if self.jobs == 1 or len(asked) < 2 or is_copy():
             return [self.predict(values) for values in asked]
-        # the library runs without Python's lock
+        # The library releases Python's global lock while it simulates.
         with ThreadPoolExecutor(self.jobs) as pool:
             return list(pool.map(self.predict, asked))
 
     def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return quantities of the simulation, one value per entry of the residuals."""
+        """Return simulated quantities as block means, one for each entry of the residual
+        vector.
+        """
         config = self.model(values)
         later = self.later(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
@@ -264,15 +286,15 @@ class Problem:
         return {n: np.concatenate(p) for n, p in parts.items()}
 
     def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Return measured less predicted less bias, in units of the noise of a block."""
+        """Return measured minus simulated minus bias, divided by the noise of a block."""
         return self.whiten(self._measured - self.predict(values))
 
     def whiten(self, difference: np.ndarray) -> np.ndarray:
-        """Take the bias of each log and sensor out and divide by the noise."""
+        """Subtract the bias of each log and sensor, and divide by the noise."""
         return self.weight * self.unbiased(difference)
 
     def unbiased(self, difference: np.ndarray) -> np.ndarray:
-        """Take the bias of each log and sensor out."""
+        """Subtract the bias of each log and sensor: the weighted mean of its differences."""
         w2 = self.weight**2
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
@@ -281,10 +303,12 @@ class Problem:
     def moved(
         self, values: Mapping[Key, float], parameters: Sequence[CatalogueParameter], reach: float = 1.0
     ) -> Iterator[tuple[dict[int, float], np.ndarray]]:
-        """Yield moves of parameters, `reach` times their steps, and predict() with them.
+        """Change the parameters by `reach` times their steps. Yield these changes, by
+        index of the parameter, and the result of predict() with them.
 
-        Profile values of different logs act on different residuals: one simulation serves
-        one of each log.
+        Each simulation changes one parameter. Values of road profiles are an exception:
+        those of different logs act on different residuals, so one simulation changes one
+        value in each log.
         """
 
         def shifted(p: CatalogueParameter) -> float:
@@ -308,7 +332,9 @@ class Problem:
         parameters: Sequence[CatalogueParameter],
         reach: float = 1.0,
     ) -> np.ndarray:
-        """Return the slopes of the whitened residuals, by finite differences."""
+        """Return the partial derivatives of the whitened residuals with respect to the
+        parameters, by finite differences of `reach` steps.
+        """
         slopes = np.zeros((len(base), len(parameters)))
         for run, predicted in self.moved(values, parameters, reach):
             change = self.whiten(self._measured - predicted) - base

@@ -1,6 +1,9 @@
-"""What a disturbance at a place does to the channels, for many at once: the single-track
-model linearised about straight driving at the speed of each moment, one step a block.
-Good enough to choose what is then simulated in full.
+"""Compute how disturbances at a place of the car change the channels, for many
+disturbances at once.
+
+The single-track model is linearised about straight driving at the current speed, and
+integrated with one step for each block. This is accurate enough to choose the
+disturbances that are then simulated with the full model.
 """
 
 from __future__ import annotations
@@ -14,15 +17,18 @@ from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME, MIN_FIT_SPEED
 from tse.library.core import Config
 
-# no place of a formula: gravity, which an accelerometer does not feel; m/s2
+# [m/s2] A further place, at which formulas cannot act: the component of gravity along a
+# banked road. It accelerates the car, but an accelerometer does not measure it.
 ROAD = "bank"
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
 def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[str, np.ndarray]]:
-    """Return the signals of formulas and dt, s, of each log, a value a block.
+    """Return the signals that formulas use, and the time step dt in s, for each log with
+    one value for each block.
 
-    They are from inputs and simulation, by their names in formulas.
+    The signals have their names in formulas. They are taken from inputs and simulation,
+    not from measurements.
     """
     c, rows = problem.model(values), problem.rows
     simulated = problem.channels(values, SIMULATED)
@@ -50,7 +56,7 @@ def compute_signals(problem: Problem, values: Mapping[str, float]) -> list[dict[
 
 
 def _fill_gaps(x: np.ndarray) -> np.ndarray:
-    """Return blocks with gaps filled by their neighbours."""
+    """Return a signal with missing blocks interpolated between their neighbours."""
     bad = ~np.isfinite(x)
     if bad.any() and not bad.all():
         x = x.copy()
@@ -65,10 +71,11 @@ def compute_responses(
     place: str,
     forms: list[np.ndarray],
 ) -> np.ndarray:
-    """Return the change of the whitened residuals by a unit of each form at a place.
+    """Return the change of the whitened residuals if each form is added at a place.
 
-    Its shape is (entries, forms). `at` is that of compute_signals(). `forms` is an array
-    (blocks, forms) of each log, in the unit of the place.
+    The result has the shape (entries, forms). `at` is the result of compute_signals().
+    `forms` has for each log an array of the shape (blocks, forms), in the unit of the
+    place.
     """
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
@@ -86,13 +93,15 @@ def compute_responses(
 def _move_simulation(
     c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return the simulation with a form. `k` is the stiffness over the settings'."""
+    """Return the change of the simulated channels of one log by the disturbances `u` at a
+    place. `k` is the ratio of each stiffness to the settings.
+    """
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], MIN_FIT_SPEED), c.mass
-    # over the step that ends at a block
+    # mean of the disturbance over the step that ends at a block
     mean = np.concatenate([u[:1], 0.5 * (u[1:] + u[:-1])])
-    if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
+    if place == "force_x":  # the prescribed wheel speeds restore the speed: dx/dt = u - along x/(m v)
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])
@@ -102,7 +111,7 @@ def _move_simulation(
         return {"accel_x": out}
     front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
     turn, square = c.lf * front - c.lr * rear, c.lf**2 * front + c.lr**2 * rear
-    across, turning = {  # m/s2 and rad/s2 by one of u
+    across, turning = {  # lateral [m/s2] and yaw acceleration [rad/s2] for a disturbance of 1
         "front_angle": (front / m, c.lf * front / c.yaw_inertia),
         "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
         "force_y": (1.0, 0.0),
@@ -114,7 +123,7 @@ def _move_simulation(
     a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
     a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
     f = expm(a * s["dt"][:, None, None])
-    felt = 0.0 if place == ROAD else across  # an accelerometer feels no gravity
+    felt = 0.0 if place == ROAD else across  # an accelerometer does not measure gravity's part
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
         x = f[n, :2, :2] @ x + f[n, :2, 2:] * mean[n]

@@ -24,8 +24,8 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 THIN_ROWS = 1 << 18  # rows that are thinned in one call; a multiple of every stride
 MAX_POINTS = 8000  # max number of points of a line; the lines of longer logs are thinned
-# The estimated noise is drawn only if its ratio to the setting exceeds this limit. Steps of
-# steering and torque alone raise the ratio somewhat above 1.
+# The estimated noise is drawn only if its ratio to the setting exceeds this limit. Steps
+# of steering and torque alone raise the ratio somewhat above 1.
 MAX_NOISE_RATIO = 1.4
 SETTLING = 2.0  # [s] time from the start in which the estimate of the noise is not yet usable
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
@@ -120,7 +120,8 @@ ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "side
 
 
 def match_reference(column: str) -> str | None:
-    """Return the quantity in whose plot a ref_ column is drawn; None if it matches none."""
+    """Return the quantity in whose plot a ref_ column is drawn; None if it matches
+    none."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -240,8 +241,8 @@ class Data:
 
     @property
     def time(self) -> np.ndarray:
-        """Times that the estimates refer to. They are earlier than the times of the rows if
-        channels are logged with a delay."""
+        """Times that the estimates refer to. They are earlier than the times of the rows
+        if channels are logged with a delay."""
         time = self.logged_time
         age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
         return time - age if np.any(age > 0) else time
@@ -266,16 +267,13 @@ class Data:
         )
 
     def references(self, quantity: str | None) -> list[str]:
-        """Return the names of the reference columns of a quantity; of None, those that match
-        no quantity."""
+        """Return the names of the reference columns of a quantity; of None, those that
+        match no quantity."""
         return [c for c in self._log.ref if match_reference(c) == quantity]
 
 
 # Factors from the units of EST.csv to the units of the plots
-FACTOR = {
-    **dict.fromkeys(STIFFNESS, 1e-3),
-    "sideslip": 180 / np.pi,
-}
+FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}
 # Columns that are drawn with their 95 % interval
 WITH_BAND = (
     *STIFFNESS,
@@ -369,7 +367,8 @@ class Figure:
 
     @staticmethod
     def axis(row: int) -> str:
-        """Return the suffix of plotly's axis names in a row. Its axes are x, x2, x3 ..."""
+        """Return the suffix of plotly's axis names in a row. Its axes are x, x2, x3
+        ..."""
         return "" if row == 1 else str(row)
 
     def y_axis(self, row: int) -> dict[str, Any]:
@@ -630,7 +629,8 @@ def draw_states(d: Data, grip: bool = False) -> Figure:
 
 
 def draw_inputs(d: Data) -> Figure:
-    """Return the figure of the log's channels: steering angle, wheel speeds, accelerations."""
+    """Return the figure of the log's channels: steering angle, wheel speeds,
+    accelerations."""
     rows = [
         ("Steering angle [rad]", ["steer_angle"]),
         ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),

@@ -70,8 +70,8 @@ def make_rows(
     changes: Sequence[regimes.Change],
     warnings: Sequence[str],
 ) -> list[dict[str, Any]]:
-    """Return the rows of the table of results, each a dict with the keys COLUMNS. A change
-    is given in the rows of the stretch that begins with it."""
+    """Return the rows of the table of results, each a dict with the keys COLUMNS. A
+    change is given in the rows of the stretch that begins with it."""
     time = regimes.estimate_times(est.table)
     whole = (float(time[0]), float(time[-1])) if len(time) else (np.nan, np.nan)
     table = []
@@ -236,9 +236,7 @@ def list_run_facts(
     if late:
         said = ", ".join(f"{channel} {ms:.3g} ms" for channel, ms in late.items())
         age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0
-        facts.append(
-            ("Latency", f"{said} behind yaw_rate; estimates refer to {age:.3g} ms before their row")
-        )
+        facts.append(("Latency", f"{said} behind yaw_rate; estimates refer to {age:.3g} ms before their row"))
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
     recovered = est.statuses.get(library().status("TSE_W_RECOVERED"), 0)

@@ -100,7 +100,7 @@ def example_vehicle() -> str:
         'name = "my car"',
         *(_format_line(fields[name], getattr(car, name)) for name in required),
         "",
-        "# All keys below are optional. Remove the # of a key to set it. For keys left out, the run takes the",
+        "# All keys below are optional. Remove the # of a key to set it. For keys left out the run takes the",
         "# values of an ordinary car of this mass and these axle positions, and lists them.",
         f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         '# driven_axle = "front"  # front, rear or both; the filter assumes that the other axle rolls freely',
@@ -128,8 +128,8 @@ def example_vehicle() -> str:
 
 
 def simulated_vehicle() -> str:
-    """Return the vehicle file of the car that `tselab simulate` drives. Its parameters are
-    known exactly, so the file is only for simulated logs."""
+    """Return the vehicle file of the car that `tselab simulate` drives. Its parameters
+    are known exactly, so the file is only for simulated logs."""
     car = Config.exact()
     fields = car.fields
     lines = [
@@ -171,7 +171,8 @@ _EFFECTS = (
 
 def _format_line(f: Field, value: float, key: str = "") -> str:
     """Return a line of a vehicle file with unit, range and meaning."""
-    # If 0 is out of range here, the text on the meaning of 0 is dropped: a file leaves such keys out.
+    # If 0 is out of range here, the text on the meaning of 0 is dropped: a file leaves
+    # such keys out.
     about = f.text.partition("; 0: ")[0] if f.low > 0 else f.text
     return f"{key or f.name} = {float(value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {about}"
 

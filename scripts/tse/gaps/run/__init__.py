@@ -1,3 +1,3 @@
-"""The workflow, check and plan; and what people and programs get: pictures, the report,
-tables, the improved vehicle file, and what the estimator gains by it.
+"""Run the gap workflow, the check and the plan, and write their results: verdict, report,
+pictures, tables, the improved vehicle file, and what the estimator gains by that file.
 """

@@ -1,7 +1,8 @@
-"""What was found, for those who use it: the improved vehicle file, and a C header that
-sets tse_config to it.
+"""Write what was found to an improved vehicle file, and to a C header that sets
+tse_config to the same values.
 
-What has no name is not written; nor is a profile of the road, which is not of the car.
+Only named effects and a formula are written. Road profiles are not written, because they
+are properties of the road, not of the car.
 """
 
 from __future__ import annotations
@@ -41,12 +42,16 @@ FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 
 
 def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found) -> tuple[Path, Path]:
-    """Write both files. The header is made from the vehicle file as it reads back."""
+    """Write the vehicle file and the C header, and return their paths.
+
+    The header is made from the vehicle file read back, so the two agree. A formula is
+    written to files of its own.
+    """
     path = out / VEHICLE
     vehicle = read_vehicle(vehicle_path)
     formula = result.formula or vehicle.formula
     for name in (FORMULA, FORMULA_HEADER):
-        (out / name).unlink(missing_ok=True)  # of an earlier run
+        (out / name).unlink(missing_ok=True)  # an earlier run may have left the file
     if formula is not None:
         write_formula(out / FORMULA, formula)
         with write_atomically(out / FORMULA_HEADER) as file:
@@ -59,14 +64,16 @@ def write_vehicle(out: Path, vehicle_path: Path, problem: Problem, result: Found
 
 
 def write_formula_files(out: Path, improved: Path) -> list[Path]:
-    """Return the files of a formula."""
+    """Return the paths of the formula's files if the improved vehicle has a formula."""
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
 def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
-    """Return the vehicle file with fitted stiffness and the named effects.
+    """Return the text of the vehicle file with the fitted stiffness and the named
+    effects.
 
-    `vehicle` is as the user wrote it, sensors not filled in.
+    `vehicle` is the file as the user wrote it. Sensor settings that it leaves out must
+    not be filled in.
     """
     fit, named = result.final, {n.effect.id: n for n in result.naming.named}
     logs = [log for part, log in result.read if part == FIT]
@@ -88,7 +95,7 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
         bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
         said = notes.setdefault("bank" if i == SUPERELEVATION else i, [])
         if i in PROFILES:
-            said.append("a profile over the distance, of the road and not of the car: not written")
+            said.append("not written: a profile over the distance belongs to the road, not to the car")
             continue
         said.append(f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats")
         if n.look_alikes:
@@ -115,9 +122,10 @@ def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
 
 
 def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the fitted stiffness as settings.
+    """Return the fitted stiffness as settings, clipped to their limits.
 
-    The rear longitudinal one follows the front as the settings say.
+    The rear longitudinal stiffness changes with the front one by the share that the
+    setting rear_longitudinal_follows_front states.
     """
     found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
     follows = config.rear_longitudinal_follows_front
@@ -127,25 +135,25 @@ def convert_stiffness(config: Config, values: Mapping[str, float]) -> dict[str, 
     return {k: float(np.clip(v, limits[k].low, limits[k].high)) for k, v in found.items()}
 
 
-# ---- C
+# ---- the C header
 
 
 def _find_group(key: str) -> str:
     """Return the heading of a setting in effects.h."""
     if key in list_uncertainty_settings():
-        return "how uncertain that is"
+        return "uncertainty of the parameters"
     if key in list_formula_settings():
-        return "a formula of the user"
+        return "formula"
     if key in list_latency_settings().values():
-        return "how late channels are logged"
-    return "vehicle" if key in list_vehicle_settings() else "sensors, and what the filter starts from"
+        return "latencies of the channels"
+    return "vehicle" if key in list_vehicle_settings() else "sensors and initial values of the filter"
 
 
 def make_header(vehicle: Vehicle) -> str:
-    """Return a C header whose function sets tse_config as the estimator has it.
+    """Return a C header with a function that sets tse_config as the estimator uses it for
+    this vehicle file, with the sds and the grip of the posterior.
 
-    It has the vehicle file with the sds and the grip of the posterior. The same file
-    gives the same bytes: there is no date in it.
+    The header contains no date, so the same vehicle file always gives the same bytes.
     """
     slug = re.sub(r"\W+", "_", vehicle.name.lower(), flags=re.ASCII).strip("_") or "car"
     guard = f"TSE_EFFECTS_{slug.upper()}_H"
@@ -169,11 +177,11 @@ def make_header(vehicle: Vehicle) -> str:
         )
     return "\n".join(
         [
-            f"/* {_make_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of "
-            "this car show.",
+            f"/* {_make_plain(vehicle.name)}: settings of tse_config, with the effects found in the logs of "
+            "this car.",
             f" * Written by tselab gap {__version__} from "
-            f"{_make_plain(vehicle.path.name) if vehicle.path else 'the built-in car'},"
-            " beside which it lies; whoever changes one makes the other again.",
+            f"{_make_plain(vehicle.path.name) if vehicle.path else 'the built-in car'}"
+            " in the same folder. If you change one of the two files, change the other, too.",
             " *",
             " *   tse_config c;",
             " *   tse_config_default(&c);",
@@ -195,5 +203,5 @@ def make_header(vehicle: Vehicle) -> str:
 
 
 def _make_plain(text: str) -> str:
-    """Return text that may stand in a comment of C."""
+    """Return text in which nothing ends or nests a C comment."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")

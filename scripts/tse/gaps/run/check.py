@@ -1,4 +1,6 @@
-"""`tselab gap check`: what logs can and cannot show, before any effect is fitted."""
+"""`tselab gap check`: find which effects the logs could show, before any effect is
+fitted.
+"""
 
 from __future__ import annotations
 
@@ -25,22 +27,24 @@ from tse.report.tables import text_table
 
 @dataclass(frozen=True)
 class Check:
-    """What was found."""
+    """Result of the check."""
 
     effects: list[detect.Detectable]
-    gap: dict[str, float]
+    gap: dict[str, float]  # ratio of residual rms to sensor noise by channel, with fitted stiffness
     notes: list[str]
 
     @property
     def code(self) -> int:
-        """Of the command: can what is in these logs be named?"""
+        """Exit code: USABLE if every effect that is searched would be visible at its
+        typical size, NOTHING if no effect would be, otherwise IN_PART.
+        """
         if not any(d.visible for d in self.effects):
             return NOTHING
         searched = [d for d in self.effects if load_catalogue()[d.id].occurrence != "ABSORBED"]
         return USABLE if all(d.visible for d in searched) else IN_PART
 
     def as_json(self) -> dict[str, Any]:
-        """Return the result for programs."""
+        """Return the result as a JSON document, for programs."""
         return {
             "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
             "gap": self.gap,
@@ -49,9 +53,9 @@ class Check:
         }
 
     def text(self) -> str:
-        """Return the result for people."""
+        """Return the result as a table and sentences, for people."""
         order = sorted(self.effects, key=lambda d: (not d.visible, d.smallest / d.typical))
-        rows = [["effect", "parameter", "smallest that shows", "typical", "visible", "taken up by stiffness"]]
+        rows = [["effect", "parameter", "smallest visible", "typical", "visible", "absorbed by stiffness"]]
         for d in order:
             unit = "" if d.unit == "1" else f" {d.unit}"
             smallest = f"{d.smallest:.2g}{unit}" if np.isfinite(d.smallest) else "never"
@@ -72,10 +76,12 @@ class Check:
             f"({compute_threshold(len(order)):.1f} nats)."
         )
         if hidden := [d for d in order if not d.visible]:
-            lines.append("The others would show in:")
+            lines.append("The other effects would be visible in these channels:")
             lines += [f"  {d.id}: {load_catalogue()[d.id].channels}" for d in hidden]
         parts = ", ".join(f"{c} {x:.2f}" for c, x in self.gap.items())
-        lines.append(f"Gap with fitted stiffness, residual over sensor noise: {parts}; 1 is noise alone.")
+        lines.append(
+            f"Gap with fitted stiffness, ratio of residual to sensor noise: {parts}; 1 is noise alone."
+        )
         return "\n".join(lines + [f"note: {n}" for n in self.notes])
 
 
@@ -86,7 +92,9 @@ def check_model(
     say: Callable[[str], None] = lambda _: None,
     reading: Reading | None = None,
 ) -> Check:
-    """Fit stiffness and biases, and look around."""
+    """Fit stiffness and biases to the logs, and return the smallest visible size of every
+    effect. `say` is called with each step.
+    """
     say("reading the logs")
     notes: list[str] = []
     read, config = workflow.read_logs(logs, read_vehicle(vehicle_path), reading, notes)
@@ -96,7 +104,7 @@ def check_model(
         raise UserError("; ".join(notes) or "no log can be compared")
     say("fitting stiffness and biases")
     baseline = fit_parameters(problem, STIFFNESS, {})
-    say("every effect")
+    say("computing the smallest visible size of every effect")
     found = detect.compute_detectable(problem, baseline, list(load_catalogue().values()))
     return Check(
         found, compute_gap(problem, baseline.residuals), [*(n for log in read for n in log.notes), *notes]

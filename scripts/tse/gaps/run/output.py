@@ -1,6 +1,6 @@
-"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h,
-residuals.parquet, report.html, gap.png; and what the estimator gains by the improved
-vehicle.
+"""Write the files of a run to DIR: verdict.json, vehicle_improved.toml, effects.h,
+residuals.parquet, report.html, gap.png. Also compute what the estimator gains by the
+improved vehicle file.
 """
 
 from __future__ import annotations
@@ -57,11 +57,12 @@ BOTH = ("before", "after")
 
 @dataclass(frozen=True)
 class WrittenFiles:
-    """What was made."""
+    """The files that write_all() wrote, and the numbers in them that the terminal shows.
+    """
 
     files: list[Path]
-    gain: dict[str, Any]
-    changes: dict[str, dict[str, ChannelChange]]  # of each part: its channels, before and after
+    gain: dict[str, Any]  # compute_gain()
+    changes: dict[str, dict[str, ChannelChange]]  # part of the logs -> channel -> before and after
 
 
 def write_all(
@@ -71,7 +72,10 @@ def write_all(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> WrittenFiles:
-    """Add and Show."""
+    """Do the steps "add" and "show" of the workflow: write all files of a run.
+
+    `say` is called with each step.
+    """
     problem, naming = result.problem, result.naming
     before, after = naming.baseline.values, result.after
     parts = {FIT: (result.level, problem)} | (
@@ -91,10 +95,9 @@ def write_all(
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
     stiffness = {k: new.values[setting] / getattr(problem.config, setting) for k, setting in NOMINAL.items()}
     read = [(part, log.path.stem, log) for part, log in result.read]
-    for vehicle in (
-        old,
-        new,
-    ):  # the same sensors on both sides: those of the first log where the file is silent
+    # Both cars get the same sensor settings. Those that the file leaves out come from the
+    # first log.
+    for vehicle in (old, new):
         fill_sensors(vehicle, read[0][2])
     gained = compute_gain(read, old, new, jobs, say)
 
@@ -126,7 +129,9 @@ def write_all(
 
 
 def write_road_files(out: Path, result: GapResult) -> list[Path]:
-    """Write the roads that were found; files of an earlier run that are none go."""
+    """Write the roads that were found, and return the paths. Remove road files of an
+    earlier run that are not written again.
+    """
     found = result.roads.profiles() if result.roads is not None else []
     files = [out / (f"road_{k}.csv" if k > 1 else ROAD) for k in range(1, len(found) + 1)]
     for path, road in zip(files, found, strict=True):
@@ -137,7 +142,7 @@ def write_road_files(out: Path, result: GapResult) -> list[Path]:
 
 
 def make_headline(result: GapResult) -> str:
-    """Return the verdict in a few words."""
+    """Return the verdict in a few words, for the title of the picture."""
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"
     if result.verdict == "not_in_catalogue":
@@ -155,12 +160,14 @@ def make_headline(result: GapResult) -> str:
 def make_table(
     parts: Mapping[str, tuple[Problem, Problem]], before: Mapping[str, float], after: Mapping[str, float]
 ) -> pd.DataFrame:
-    """Return every block of 40 ms of every log and channel as a table.
+    """Return a table with a row for each log, channel and block of 40 ms.
 
-    Columns predicted_* have the bias of the log. Columns residual_* are measured less
-    predicted over `noise`, the noise of the sensor in a block: 1 is noise alone. NaN is
-    not measured. `parts` has, of each part, its logs on level roads (before) and on the
-    roads that were found.
+    The columns predicted_* include the sensor bias of the log. The columns residual_* are
+    measured minus predicted, divided by `noise`, the noise of the sensor in a block. With
+    noise alone their rms is 1. They are NaN in blocks without a measurement.
+
+    `parts` has two problems for each part of the logs: on level roads, which is used for
+    "before", and on the roads that were found, which is used for "after".
     """
     frames = []
     for part, (level, problem) in parts.items():
@@ -190,7 +197,7 @@ def make_table(
 
 
 def list_log_names(problem: Problem) -> list[str]:
-    """Return the names of the logs. The same name from another folder gets a number."""
+    """Return the names of the logs. If a name occurs again, a number is added."""
     seen: dict[str, int] = {}
     names = []
     for log in problem.logs:
@@ -199,8 +206,10 @@ def list_log_names(problem: Problem) -> list[str]:
     return names
 
 
-# ---- gain of the estimator. Without truth it is shown by the evidence of the rows, in
-# nats, and by the share of the rows that are valid.
+# ---- gain of the estimator
+#
+# There is no true stiffness to compare with. The gain is measured by the log evidence of
+# the rows, in nats, and by the share of the rows that are valid.
 
 
 def compute_gain(
@@ -210,22 +219,23 @@ def compute_gain(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
-    """Return evidence per row and share of valid rows, before and after.
+    """Return log evidence per row and share of valid rows with both cars, for all logs
+    together and for each log.
 
-    Both are of all logs together and of each one. `logs`: (part, name, log).
+    `logs` has part, name and rows of each log. `before` and `after` are the cars.
     """
 
-    def one(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:
+    def estimate_log(task: tuple[tuple[str, str, CheckedLog], Vehicle]) -> pd.DataFrame:
         (_, name, log), vehicle = task
-        say(f"the estimator over {name}")
+        say(f"estimating {name}")
         return estimate(log, make_config(vehicle, log)[0]).table
 
-    # the library runs without Python's lock
+    # Threads suffice, because the library releases Python's global lock.
     with ThreadPoolExecutor(max(1, jobs)) as pool:
-        tables = list(pool.map(one, [(log, vehicle) for log in logs for vehicle in (before, after)]))
+        tables = list(pool.map(estimate_log, [(log, vehicle) for log in logs for vehicle in (before, after)]))
     drives = []
     for (part, name, _), *pair in zip(logs, tables[::2], tables[1::2], strict=True):
-        # the same rows on both sides: where both used a measurement
+        # The evidence is compared over the rows in which both runs used a measurement.
         used = np.logical_and(*(np.isfinite(t["log_evidence"]) & (t["log_evidence"] != 0) for t in pair))
         drives.append(
             {
@@ -250,7 +260,7 @@ def compute_gain(
 
 
 def describe_gain(gained: Mapping[str, Any]) -> list[str]:
-    """Return the text for the terminal."""
+    """Return the gain as sentences for the terminal."""
     shares = {k: [100 * gained["valid"][w][k] for w in BOTH] for k in STIFFNESS}
     return [
         f"The estimator's {NAMES[k][0].lower() + NAMES[k][1:]}: valid {old:.0f} -> {new:.0f} % of the time."

@@ -1,4 +1,6 @@
-"""The gap report's figures (plotly), one function a section, and gap.png (matplotlib)."""
+"""Draw the figures of the gap report (plotly), one function for each section, and gap.png
+(matplotlib).
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,12 @@ from tse.gaps.fit import ChannelChange
 from tse.report.plots import BLUE, CHANNEL_UNITS, GREY, INK, ORANGE, open_picture, set_layout, thin_line
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
-MAX_POINTS = 3000  # per line; longer logs are thinned, to their peaks
-# s without a value from which a line is broken: a log may not have the channel all the
-# time
+MAX_POINTS = 3000  # max number of points of a line; longer logs are thinned such that peaks are kept
+# [s] A line is interrupted if there is no value for longer than this, because the channel
+# was not logged.
 HOLE = 1.0
-MAX_LOGS = 12  # that can be chosen; of a fleet, the worst
-PICTURE_SECONDS = 8.0
+MAX_LOGS = 12  # logs that can be chosen in the figure; if there are more, those with the largest gap
+PICTURE_SECONDS = 8.0  # [s] length of the interval in gap.png
 
 
 def _list_channels(table: pd.DataFrame) -> list[str]:
@@ -27,14 +29,18 @@ def _list_channels(table: pd.DataFrame) -> list[str]:
 
 
 def _list_logs(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Return part and name of every log, or of the worst of many."""
+    """Return part and name of each log. If there are more than MAX_LOGS, return those
+    with the largest residuals.
+    """
     energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
     worst = energy.sort_values(ascending=False).head(MAX_LOGS).index
     return [key for key in energy.index if key in set(worst)]
 
 
 def draw_overlay(table: pd.DataFrame) -> go.Figure:
-    """Plot measured, before and after, per channel. The log is chosen from a list."""
+    """Plot each channel as measured and as simulated before and after. The user chooses
+    the log from a list.
+    """
     channels, logs = _list_channels(table), _list_logs(table)
     figure = make_subplots(
         len(channels),
@@ -86,9 +92,9 @@ def draw_overlay(table: pd.DataFrame) -> go.Figure:
 
 
 def draw_gap_bars(parts: Mapping[str, Mapping[str, ChannelChange]]) -> go.Figure:
-    """Plot rms over noise before and after, per channel.
+    """Plot the ratio of residual rms to noise for each channel, before and after.
 
-    The interval is that of the change (paired blocks).
+    The error bars are the 95 % interval of the change, from paired blocks.
     """
     figure = make_subplots(
         1,
@@ -150,7 +156,8 @@ def _make_part_title(part: str) -> str:
 
 
 def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
-    """Draw gap.png: the moment in which the gap closed most."""
+    """Draw gap.png: the interval in which adding the effects reduced the residual most.
+    """
     with open_picture(path) as plt:
         figure, (above, below) = plt.subplots(
             2, 1, figsize=(9, 5), dpi=120, layout="constrained", sharex=True, height_ratios=[2.1, 1]
@@ -180,10 +187,11 @@ def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
 
 
 def find_best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
-    """Return the seconds in which most of the gap closed.
+    """Return the rows of the interval in which the sum of squared residuals fell most,
+    its channel, and the name of its log.
 
-    They are of a held-out log if there is one. If the gap closed nowhere, they are the
-    worst.
+    The log is a held-out one if there is any. If the residuals changed nowhere, return
+    the interval with the largest residuals.
     """
     t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
     won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)

@@ -1,8 +1,9 @@
-"""`tselab gap plan`: the manoeuvre that tells two effects apart.
+"""`tselab gap plan`: find the manoeuvre that separates two effects A and B best.
 
-A car that has A at typical size drives each manoeuvre; B is fitted to it together with
-the stiffness. What B cannot copy is worth nats at the noise of the sensors; the worse of
-the two directions counts.
+A car that has A at its typical size is simulated in each manoeuvre. B is fitted to this
+simulation together with the stiffness. The remaining residual, in units of the sensor
+noise, is the evidence in nats by which such a drive separates A from B. The same is done
+with A and B exchanged, and the smaller evidence counts.
 """
 
 from __future__ import annotations
@@ -25,42 +26,43 @@ from tse.library.core import Config
 from tse.library.errors import UserError, suggest_names
 from tse.report.tables import text_table
 
-NEED = 8.0  # nats: by which two effects are separable
-# of the nats by which an effect shows: the forms of a real car are not known better
+NEED = 8.0  # [nat] evidence from which on two effects are separated
+# The evidence for the difference of two effects must be at least this share of the
+# evidence for either of them, because models of a real car are not more accurate than
+# that.
 RIVAL_SHARE = 0.1
-NOTHING = 0.1  # nats: by which an effect shows: less is not excited
-# relative change of the sum of squares at which a fit ends: without noise it is the whole
-# difference
+NOTHING = 0.1  # [nat] a manoeuvre in which an effect has less evidence does not excite it
+# Relative change of the sum of squares at which a fit ends. It is small because the logs
+# have no noise, so that the sum of squares consists only of the difference of the
+# effects.
 EXACT = 1e-6
-MAX_STEPS = 30  # of a fit
-SAME = (
-    # of the nats by which an effect shows: less is the integration's steps, and no model
-    # is that good
-    0.02
-)
-MAX_NEEDED = 3600.0  # s: what takes longer cannot be separated by driving
+MAX_STEPS = 30  # max number of evaluations of a fit
+# A smaller share of an effect's evidence counts as 0. Such differences come from the step
+# size of the integration, and no model is that accurate.
+SAME = 0.02
+MAX_NEEDED = 3600.0  # [s] effects that need a longer drive count as not separable
 
 
 @dataclass(frozen=True)
 class Option:
-    """One manoeuvre and what it is worth."""
+    """One manoeuvre, and the evidence that it gives."""
 
     name: str
     seconds: float
-    nats: float  # of the worse direction
-    shows: float  # nats by which the weaker of the two shows at all
-    # of the nats by which an effect shows, those that the other one cannot take over
+    nats: float  # evidence that separates the effects: the smaller of the two directions
+    shows: float  # [nat] evidence for the weaker effect against a car without it
+    # share of an effect's evidence that the other effect cannot explain
     share: float
 
     @property
     def needed(self) -> float:
-        """How long it must be driven."""
+        """[s] the time that the manoeuvre must be driven to give NEED nats."""
         return NEED * self.seconds / self.nats if self.nats > 0 else float("inf")
 
 
 @dataclass(frozen=True)
 class ManeuverPlan:
-    """All manoeuvres, best first."""
+    """All manoeuvres for two effects, the best one first."""
 
     first: str
     second: str
@@ -71,14 +73,14 @@ class ManeuverPlan:
         return bool(self.options) and self.options[0].needed <= MAX_NEEDED
 
     def text(self, top: int) -> str:
-        """Return the plan for people."""
+        """Return the plan as a sentence and a table of the `top` best manoeuvres."""
         pair = f"{self.first} and {self.second}"
         if not self.separable:
             shown = [o for o in self.options if o.shows >= NEED]
             why = (
-                "each shows, but the other one can always stand in for it"
+                "each of them is visible, but the other one explains the same residual"
                 if shown
-                else "no manoeuvre shows both"
+                else "in no manoeuvre are both visible"
             )
             return f"{pair} cannot be separated by any of the {len(self.options)} manoeuvres: {why}."
         rows = [
@@ -86,7 +88,7 @@ class ManeuverPlan:
                 "manoeuvre",
                 f"nats in {self.options[0].seconds:.0f} s",
                 f"s for {NEED:g} nats",
-                "of the evidence",
+                "share of evidence",
             ]
         ]
         for o in self.options[:top]:
@@ -98,16 +100,15 @@ class ManeuverPlan:
         times = np.ceil(best.needed / best.seconds)
         long = f"once ({best.seconds:.0f} s)" if once else f"for {best.needed:.0f} s, {times:.0f} times"
         lines = [
-            f"To tell {pair} apart, drive: {best.name}, {long}. {NEED:g} nats are enough.",
+            f"To separate {pair}, drive: {best.name}, {long}. {NEED:g} nats are enough.",
             "",
             text_table(rows, right=(1, 2, 3)),
         ]
         if best.share < RIVAL_SHARE:
             lines.append(
-                f"The difference is only {100 * best.share:.0f} % of what either of them shows; "
-                "'tselab gap' asks for "
-                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: "
-                "it will not exclude either."
+                f"The difference has only {100 * best.share:.0f} % of the evidence for either effect. "
+                f"'tselab gap' needs {100 * RIVAL_SHARE:.0f} %, because models of a real car are not more "
+                "accurate: it will not exclude either effect."
             )
         return "\n".join(lines)
 
@@ -115,21 +116,24 @@ class ManeuverPlan:
 def make_plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
 ) -> ManeuverPlan:
-    """Return every manoeuvre of the library for two effects, "A,B"."""
+    """Return the plan for two effects, given as "A,B", over all manoeuvres of the
+    library.
+    """
     first, second = read_pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
     candidates = make_candidates(config)
 
-    def one(candidate: Candidate) -> Option:
+    def judge_candidate(candidate: Candidate) -> Option:
         say(candidate.name)
         return compute_worth(candidate, config, first, second)
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:
-        options = [o for o in pool.map(one, candidates) if o is not None]
+        options = [o for o in pool.map(judge_candidate, candidates) if o is not None]
     return ManeuverPlan(first.id, second.id, sorted(options, key=lambda o: (-o.nats / o.seconds, o.name)))
 
 
 def read_pair(separate: str) -> tuple[Effect, Effect]:
+    """Return the two effects of the option --separate."""
     known = load_catalogue()
     ids = [x.strip() for x in separate.split(",") if x.strip()]
     for i in ids:
@@ -137,22 +141,23 @@ def read_pair(separate: str) -> tuple[Effect, Effect]:
             raise UserError(f"option --separate: there is no effect '{i}'{suggest_names(i, known)}")
     if len(ids) != 2 or ids[0] == ids[1]:
         raise UserError(
-            f"option --separate: {separate!r} is not two effects, for instance relaxation,steering_lag"
+            f"option --separate: {separate!r} is not two effects; write two ids, for instance "
+            "relaxation,steering_lag"
         )
     return known[ids[0]], known[ids[1]]
 
 
 def compute_worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
-    """Return nats of the worse direction, and of the weaker effect against stiffness
-    alone.
+    """Return the evidence that a manoeuvre gives: for the difference of the two effects
+    (the smaller of both directions), and for the weaker effect against a fit of the
+    stiffness alone.
     """
     problem = Problem(prepare_candidate(candidate, config), config)
     both, shows, shares = [], [], []
     for hidden, other in ((first, second), (second, first)):
         problem.measure(make_typical_values(problem, hidden))
-        if (
-            compute_expected_nats(problem, problem.residuals({})) < NOTHING
-        ):  # nothing to fit: it is not excited
+        # If the manoeuvre does not excite the effect, there is nothing to fit.
+        if compute_expected_nats(problem, problem.residuals({})) < NOTHING:
             shows.append(0.0)
             both.append(0.0)
             continue
@@ -170,9 +175,9 @@ def compute_worth(candidate: Candidate, config: Config, first: Effect, second: E
 
 
 def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
-    """Return the expected evidence for the true model, in nats.
+    """Return the expected evidence for the true model against a different one, in nats.
 
-    The other model leaves this residual of a log without noise.
+    `residuals` are what the different model leaves of a log without noise.
     """
     total = 0.0
     for c in np.unique(problem.rows.channel):
@@ -183,7 +188,9 @@ def compute_expected_nats(problem: Problem, residuals: np.ndarray) -> float:
 
 
 def make_typical_values(problem: Problem, e: Effect) -> dict[Key, float]:
-    """Return an effect at its typical size. A road goes up and down every WAVE metres."""
+    """Return the values of an effect at its typical size. A road profile is a sine with
+    the wavelength WAVE.
+    """
     if e.id in PROFILES:
         p = e.strengths[0]
         amplitude = np.sqrt(2.0) * p.scale

@@ -1,9 +1,10 @@
-"""How well the improved car is known: the covariance of its stiffness, of what was named,
-and of what every car has a little of and these logs did not show, which moves no mean
-and widens the others.
+"""Compute how well the improved car is known: the joint covariance of its stiffness, of
+the named effects, and of effects that were not named but have a prior sd. The effects
+without a name change no mean, but they widen the intervals of the other parameters.
 
-The covariance is that of the fit (identify/fit.py) at the values that stand. The prior of
-what has no name is what the vehicle file says of it in [uncertainty], or its class.
+The covariance is that of the fit (identify/fit.py), evaluated at the values found. The
+prior sd of an effect without a name is that of [uncertainty] in the vehicle file, or of
+the class of the car.
 """
 
 from __future__ import annotations
@@ -27,41 +28,43 @@ from tse.identify.vehicle_file import estimate_model_sd
 from tse.library.core import NOMINAL
 from tse.log.rows import CheckedLog
 
-# Mass, yaw inertia with it and all stiffnesses by the same factor: no log shows it, and
-# what was known of it stays.
+# sd of a common factor of mass, yaw inertia and all stiffnesses. Logs cannot show such a
+# factor, so this sd stays as it was.
 SCALE = "mass_sd"
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Of the parameters of the car, at the values of the file."""
+    """Posterior mean and covariance of the car's parameters."""
 
     names: tuple[Key, ...]
     values: np.ndarray
     covariance: np.ndarray
-    model_sd: float
+    model_sd: float  # the setting model_sd: relative sd of the model discrepancy
 
     @property
     def stiffness(self) -> dict[str, float]:
-        """Over the vehicle file's."""
+        """Ratio of each stiffness to that of the vehicle file."""
         return {str(n): float(x) for n, x in zip(self.names, self.values, strict=True) if n in NOMINAL}
 
     def sd(self, name: str) -> float:
-        """Return the sd of a parameter; of the scale of accel_y with the part of the
-        roll.
+        """Return the sd of a parameter. For a parameter in SCALE_PARTNERS (the scale of
+        accel_y), return the sd of its sum with the weighted partner (body roll), because
+        logs show only this sum.
         """
         weights = dict([(name, 1.0), *([SCALE_PARTNERS[name]] if name in SCALE_PARTNERS else [])])
         w = np.array([weights.get(n, 0.0) for n in self.names])
         return float(np.sqrt(w @ self.covariance @ w))
 
     def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
-        """Return the settings of [uncertainty] by this posterior.
+        """Return the settings of [uncertainty] for the improved vehicle file.
 
-        They are not below the limits of any model of a car. The others stay.
+        Settings that this posterior contains are replaced, but not by less than MIN_SD,
+        the accuracy of any model of a car. Other settings stay as they are.
         """
         v = {key: vehicle.values[key] for key in list_uncertainty_settings() if key in vehicle.values}
         if not any(v.values()):
-            return v  # known exactly
+            return v  # all sds are 0: the car is known exactly
         v["model_sd"] = self.model_sd
         return v | {
             key: max(self.sd(name), min(MIN_SD.get(key, 0.0), v[key]))
@@ -70,9 +73,10 @@ class Posterior:
         }
 
     def calibration(self) -> dict[str, Any]:
-        """Return names, mean and covariance as calibration_toml() takes them.
+        """Return names, mean and covariance for format_calibration_table().
 
-        Stiffness is in ln over that of this file.
+        Stiffness is given by the ln of its ratio to the improved vehicle file, so its
+        mean is 0.
         """
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
@@ -90,17 +94,31 @@ def compute_posterior(
     logs: Sequence[CheckedLog] = (),
     spread: np.ndarray | None = None,
 ) -> Posterior:
-    """Return the posterior of the car: values, covariance and stiffness.
+    """Return the posterior of the car: values, covariance and model discrepancy.
 
-    `vehicle` is the file before. `settings` are those of a formula in the fit. `logs` are
-    the fitted ones as read. `spread` is the covariance of ln stiffness over effects in
-    the place of the named ones.
+    Parameters
+    ----------
+    problem, fit
+        The fitted logs and their fit with the named effects.
+    vehicle
+        The car before, from the vehicle file.
+    settings
+        Settings of the formula that is part of the fit; empty without a formula.
+    logs
+        The fitted logs as they were read.
+    spread
+        Covariance of ln stiffness over sets of effects that explain the logs as well as
+        the named ones.
 
-    The estimator has no formula: its part is model error there.
+    Notes
+    -----
+    model_sd is computed without the formula, because the estimator does not use formulas
+    and what they explain is model error there.
 
-    Where the model that wheels drive does not explain accel_x, its longitudinal stiffness
-    only smooths their noise and is 13 .. 45 % too soft, on three multi-body cars. Then
-    the stiffness is that of a calibration of the slip, or the one before.
+    The wheel speeds drive the simulation. If it does not explain accel_x, the fitted
+    longitudinal stiffness only smooths the noise of the wheel speeds, and was 13 to 45 %
+    too soft for three multi-body cars. In this case the longitudinal stiffness is that of
+    a calibration of the slip, or else that of the vehicle file.
     """
     prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items() if key != SCALE}
     fitted = {p.name for p in fit.parameters}
@@ -109,7 +127,7 @@ def compute_posterior(
     bare = problem.holding(fit.values)
     problem = bare.holding(settings)
 
-    def fitted_at(problem: Problem) -> tuple[Space, np.ndarray, engine.CarFit]:
+    def evaluate_fit(problem: Problem) -> tuple[Space, np.ndarray, engine.CarFit]:
         space = Space(problem, effects, [h.id for h in effects])
         start = problem.nominal | problem.fixed
         at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
@@ -119,13 +137,13 @@ def compute_posterior(
         space.mean, space.information = space.to_search(at), np.diag(space.sd**-2)
         return space, at, engine.fit(space, space.mean, max_steps=0, near=True)
 
-    space, at, found = fitted_at(problem)
+    space, at, found = evaluate_fit(problem)
     car = [
         k
         for k, p in enumerate(space.parameters)
         if p.name in NOMINAL or p.name in fitted or prior.get(p.name)
     ]
-    there, _, alone = fitted_at(bare) if settings else (space, at, found)
+    there, _, alone = evaluate_fit(bare) if settings else (space, at, found)
     before = vehicle.values.get("model_sd", get_unknown_car()["model_sd"])
     left = estimate_model_sd(there, alone.residuals, before)
     values, covariance = at[car], found.covariance[np.ix_(car, car)]

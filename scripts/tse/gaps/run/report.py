@@ -1,5 +1,5 @@
-"""DIR/report.html of the gap workflow: one file that needs nothing else, readable
-offline; the verdict first.
+"""Write DIR/report.html of the gap workflow: one file that loads no other file and begins
+with the verdict.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ MAX_CONDITIONS = 12
 
 @dataclass
 class ReportInput:
-    """All that the report shows."""
+    """All data that the report shows."""
 
     result: GapResult
     vehicle: str
-    table: pd.DataFrame
+    table: pd.DataFrame  # output.make_table()
     parts: Mapping[str, Mapping[str, ChannelChange]]
-    gain: Mapping[str, Any]
-    stiffness: Mapping[str, float]  # over the vehicle file's, as it is written
+    gain: Mapping[str, Any]  # output.compute_gain()
+    stiffness: Mapping[str, float]  # ratio of the improved vehicle file to the vehicle file
     notes: list[str] = field(default_factory=list)
 
 
 def write_report(path: Path, shown: ReportInput) -> None:
     """Write the report of a run."""
     result = shown.result
-    claim = "" if result.naming.named else " Nothing was added: after is as before."
+    claim = "" if result.naming.named else " Nothing was added, so after is the same as before."
     sections = [
         (
             "The gap before and after",
-            "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
-            f"intervals: of the change, pairs of 2 s blocks resampled.{claim}",
+            "Residual divided by sensor noise; 1 is noise alone. Bars: rms over all logs. Error bars: "
+            f"95 % interval of the change, by resampling pairs of 2 s blocks.{claim}",
             pictures.draw_gap_bars(shown.parts),
         ),
         (
             "Measured and simulated",
-            "The simulation has the sensor biases of its log. Choose the log from the list; click "
-            "a name to hide it.",
+            "The simulation includes the sensor biases found for its log. Choose the log from the list. "
+            "Click a name in the legend to hide its line.",
             pictures.draw_overlay(shown.table),
         ),
     ]
@@ -84,35 +84,40 @@ def format_percent(x: float) -> str:
 
 
 def format_size(x: float, unit: str = "", digits: int = 3) -> str:
-    """Return a size with its unit, or never."""
+    """Return a size with its unit; "never" if it is infinite."""
     return f"{x:.{digits}g} {'' if unit == '1' else unit}".strip() if np.isfinite(x) else "never"
 
 
 def sort_by_size(found: Sequence[Any]) -> list[Any]:
-    """Sort effects by their smallest visible size over the typical one."""
+    """Sort effects by the ratio of their smallest visible size to their typical size."""
     return sorted(found, key=lambda d: d.smallest / d.typical)
 
 
 def make_gain_rows(gain: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Return rows of the gain of the estimator: quantity, before, after."""
+    """Return the gain of the estimator as rows: quantity, before, after."""
 
-    def row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
+    def make_row(title: str, of: Mapping[str, Any], say: Callable[[Any], str]) -> tuple[str, ...]:
         return title, say(of["before"]), say(of["after"])
 
     rows = [
-        row("log evidence per row [nat], mean over all logs", gain["log_evidence_per_row"], "{:.3f}".format)
+        make_row(
+            "log evidence per row [nat], mean over all logs", gain["log_evidence_per_row"], "{:.3f}".format
+        )
     ]
     for key in STIFFNESS:
         rows.append(
-            row(f"{NAMES[key]}: valid", gain["valid"], lambda v, k=key: f"{100 * v[k]:.0f} % of the time")
+            make_row(
+                f"{NAMES[key]}: valid", gain["valid"], lambda v, k=key: f"{100 * v[k]:.0f} % of the time"
+            )
         )
     for d in gain["logs"]:
         held = " (held out)" if d["part"] == "held_out" else ""
-        rows.append(row(f"{d['log']}{held}: log evidence per row [nat]", d["evidence"], "{:.3f}".format))
+        rows.append(make_row(f"{d['log']}{held}: log evidence per row [nat]", d["evidence"], "{:.3f}".format))
     return rows
 
 
 def list_facts(shown: ReportInput) -> list[tuple[str, str]]:
+    """Return name and value of each fact of the run: logs, sensor noise, stiffness."""
     problem, held = shown.result.problem, shown.result.held
     baseline = shown.result.naming.baseline.values
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]
@@ -124,7 +129,7 @@ def list_facts(shown: ReportInput) -> list[tuple[str, str]]:
     for key in STIFFNESS:
         rows.append(
             (
-                f"{NAMES[key]}, over the vehicle file's",
+                f"{NAMES[key]}, ratio to the vehicle file",
                 f"{baseline[key]:.3f} before, {shown.stiffness[key]:.3f} after",
             )
         )

@@ -1,5 +1,6 @@
-"""Residuals in three stages, in the units of the sensors: the car as its file says,
-what every car has calibrated, and with what is named."""
+"""Residuals of the simulation in three stages, in the units of the sensors: with the
+vehicle file, after calibrating the parameters that every car has, and with the named
+effects."""
 
 from __future__ import annotations
 
@@ -17,32 +18,30 @@ from tse.identify.fit import fit
 from tse.identify.unknowns import CHANNEL_UNIT, LATENCIES, STIFFNESS, make_prior
 from tse.library.core import Config
 
-# of the unknowns of a calibration those that every car has and no effect of the catalogue
-# is: biases are free anyway
+# Parameters that the second stage calibrates: the unknowns of a calibration that every
+# car has and that are no effects of the catalogue. Biases are fitted in all stages.
 EVERY_CAR = (*LATENCIES, "steering_ratio_change", "steering_offset_angle", "yaw_inertia", *STIFFNESS)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Rms of a channel over some logs, as means over 40 ms: of the measurement about the
-    mean of each log, of the residuals in each stage, and of the noise of the sensor.
-    """
+    """Rms values of one channel over some logs, computed from means over 40 ms."""
 
-    signal: float
-    filed: float
-    calibrated: float
-    named: float
-    noise: float
+    signal: float  # of the measurement about its mean in each log
+    filed: float  # of the residual with the vehicle file
+    calibrated: float  # of the residual after calibrating EVERY_CAR
+    named: float  # of the residual with the named effects
+    noise: float  # of the sensor noise
 
     @property
     def explained(self) -> float:
-        """Share of the signal's square that the last stage explains."""
+        """Share of the signal's mean square that the last stage explains."""
         return 1.0 - (self.named / max(self.signal, 1e-300)) ** 2
 
 
 def calibrate_every_car(ready: Sequence[PreparedLog], config: Config, vehicle: Vehicle, jobs: int) -> Config:
-    """Return the car with EVERY_CAR fitted to logs as data.prepare() leaves them, on
-    level roads.
+    """Return the car with the parameters EVERY_CAR fitted on level roads. `ready` are the
+    logs that data.prepare() returns.
     """
     prior = make_prior(vehicle, config).select(EVERY_CAR)
     problem = car.CarProblem(
@@ -54,18 +53,18 @@ def calibrate_every_car(ready: Sequence[PreparedLog], config: Config, vehicle: V
 def compute_stages(
     level: Problem, ready: Sequence[PreparedLog], found: Config, named: tuple[Problem, Mapping[Key, float]]
 ) -> dict[str, Stage]:
-    """Return each channel of some logs.
+    """Return the rms values of each channel of some logs.
 
     Parameters
     ----------
     level
-        The logs on level roads, with the car of the file.
+        The logs on level roads, with the car of the vehicle file.
     ready
-        The same as data.prepare() leaves them.
+        The same logs as data.prepare() returns them.
     found
         The car of calibrate_every_car().
     named
-        The logs on the roads that were named, and what is named.
+        The logs on the roads that were found, and the values of the named effects.
     """
     again = Problem([remove_latencies(log, found) for log in ready], found, level.jobs)
     left = [
@@ -85,7 +84,7 @@ def compute_stages(
 
 
 def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
-    """Return a line for all channels of a part of the logs, and one for each."""
+    """Return a heading for a part of the logs, and a line for each channel."""
     head = f"Error of the simulation, {title}: vehicle file, calibrated, with named effects (noise)"
     rows = [
         f"  {c + ',':<10}{CHANNEL_UNIT[c]:<6}  {s.filed:<8.3g}{s.calibrated:<8.3g}{s.named:<8.3g}"
@@ -96,11 +95,13 @@ def describe_channels(channels: Mapping[str, Stage], title: str) -> list[str]:
 
 
 def describe_stages(found: Mapping[str, Mapping[str, Stage]], title: Callable[[str], str]) -> list[str]:
-    """Return a line for each channel of each part of the logs. `title`: of a part."""
+    """Return a sentence for each channel of each part of the logs. `title` returns the
+    name of a part.
+    """
     return [
         f"{c} of {title(part)}: rms error {s.filed:.3g} {CHANNEL_UNIT[c]} with the vehicle file, "
         f"{s.calibrated:.3g} calibrated, {s.named:.3g} with the named effects; sensor noise {s.noise:.2g}. "
-        f"The model explains {100 * s.explained:.1f} % of the signal."
+        f"The model explains {100 * s.explained:.1f} % of the signal's mean square."
         for part, channels in found.items()
         for c, s in channels.items()
     ]

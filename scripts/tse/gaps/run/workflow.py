@@ -1,4 +1,6 @@
-"""`tselab gap`: run the steps where, name, add and show, and describe the result."""
+"""`tselab gap`: find where simulation and logs disagree, name the missing effects, search
+a formula if the names leave a remainder, and describe the result.
+"""
 
 from __future__ import annotations
 
@@ -34,43 +36,44 @@ from tse.log.rows import CheckedLog, Reading
 from tse.roads.road import Road
 from tse.roads.road_match import add_road, match_log
 
+# Key of EXIT for results that are less certain than a name: below NAME_AT, or look-alikes
 DOUBTFUL = "below 90 %, or look-alikes"
-EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
-LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
+EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}  # exit codes
+LIKELY = 0.5  # min probability of an effect without a name that makes the verdict "possible"
 FIT, HELD_OUT = "fit", "held_out"  # parts of the logs
 
 
 @dataclass
 class Found:
-    """Names, and the formula beside them."""
+    """The named effects, and the formula for the remainder that they leave."""
 
     naming: name.Naming
-    # a formula for the rest that the names leave; None: no rest, or none was searched
+    # result of the search of a formula; None if no formula was searched
     discovery: Discovery | None = None
-    # names, formulas, both: how likely
+    # the combinations of names and formulas that were compared, with their probabilities
     rivals: list[dict[str, Any]] = field(default_factory=list)
-    read: list[tuple[str, CheckedLog]] = field(default_factory=list)  # part, log
-    roads: Roads | None = None  # under the fitted logs
+    read: list[tuple[str, CheckedLog]] = field(default_factory=list)  # each log with its part
+    roads: Roads | None = None  # the roads of the fitted logs
 
     @property
     def most_laps(self) -> int:
-        """Number of fitted logs on their most frequent road."""
+        """The number of fitted laps on the road that has most of them."""
         laps = self.roads.laps if self.roads is not None else None
         return max(map(laps.count, range(len(laps.path)))) if laps is not None else 1
 
     @property
     def formula(self) -> Formula | None:
-        """The proposed formula."""
+        """The proposed formula; None if there is none."""
         return self.discovery.formula if self.discovery else None
 
     @property
     def final(self) -> Fit:
-        """Names and the formula, fitted."""
+        """The fit with the named effects and the formula."""
         return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
 
     @property
     def after(self) -> dict[Key, float]:
-        """Values of `final` and of the formula, as a simulation takes them."""
+        """The values of `final` and the settings of the formula, for a simulation."""
         return dict(self.final.values) | (self.formula.settings() if self.formula else {})
 
 
@@ -83,18 +86,18 @@ class GapResult(Found):
     words: list[str]
     problem: Problem  # the fitted logs, on the roads that were found
     level: Problem  # the fitted logs on level roads
-    stages: dict[str, dict[str, Stage]]  # of each part: its channels in their units
+    stages: dict[str, dict[str, Stage]]  # part of the logs -> channel -> residuals in its unit
     conditions: list[where.Condition]
     entries: list[where.Entry]
     remainders: list[remainder.Remainder]
-    elsewhere: list[remainder.Remainder]  # errors of the held-out logs above noise
+    elsewhere: list[remainder.Remainder]  # remaining errors of the held-out logs above the noise
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, ChannelChange]
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
-    # the held-out logs, on the roads of the fitted logs where they are on one
+    # the held-out logs, on the roads of the fitted logs if they match one of them
     held: Problem | None = None
     held_level: Problem | None = None  # the held-out logs on level roads
 
@@ -158,7 +161,9 @@ def read_logs(
     reading: Reading | None = None,
     notes: list[str] | None = None,
 ) -> tuple[list[CheckedLog], Config]:
-    """Read logs, and the vehicle with sensors filled in from the first log."""
+    """Read the logs. Fill in the sensor settings that the vehicle file leaves out, from
+    the first log, and return the settings of the car.
+    """
     if not paths:
         raise UserError("no logs to fit: at least one is needed")
     logs = read_agreeing(paths, [] if notes is None else notes, replace(reading or Reading(), car=vehicle))
@@ -176,11 +181,12 @@ def run_workflow(
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> GapResult:
-    """Find the effects that are missing.
+    """Find the effects that are missing in the vehicle file.
 
-    `road` is the road of all logs, if it is known; else laps of one road are detected.
-    The result holds beyond the fitted logs only if held-out logs confirm it. A formula is
-    searched if the names leave a rest; with `formula` in any case.
+    `logs` are fitted. The logs `hold_out` test whether the result also holds for logs
+    that were not fitted. `road` is the road of all logs, if it is known; otherwise laps
+    of the same road are detected. A formula is searched if the named effects leave a
+    remainder, and always if `formula` is True. `say` is called with each step.
     """
     say("reading the logs")
     vehicle, notes = read_vehicle(vehicle_path), []
@@ -197,7 +203,7 @@ def run_workflow(
     if not level.logs:
         raise UserError("; ".join(said) or "no log can be compared")
     held = held if held is not None and held.logs else None
-    say("car and road")
+    say("fitting car and road")
     roads = find_roads(ready, config, vehicle, jobs, say, fitted)
     say("fitting stiffness and biases")
     baseline = few_baseline = name.fit_plain_car(level)
@@ -218,17 +224,17 @@ def run_workflow(
         )
     if held is not None and is_long(held):
         few_held = choose_excerpt(held, name.fit_plain_car(held))
-    say("where simulation and logs disagree")
+    say("finding where simulation and logs disagree")
     conditions = where.find_conditions(level, baseline.residuals, baseline.values)
     entries = where.find_entries(few, few_baseline)
 
     naming = name.name_effects(few, apply_priors(vehicle), say, few_baseline, roads.found)
     notes += said
-    say("the rest that the names leave")
+    say("checking what the named effects do not explain")
     found = Found(naming)
     if vehicle.formula is not None:
         notes.append(
-            f"the formula {vehicle.formula.id} of the vehicle file is kept: no other one is searched"
+            f"the formula {vehicle.formula.id} of the vehicle file is kept, so no formula is searched"
         )
     elif formula or leaves_something(few_held, naming) or find_excess_remainders(few, naming.final):
         discovery, naming, rivals = explain_remainder(few, few_held, naming, say)
@@ -238,7 +244,7 @@ def run_workflow(
         few, found.naming.final, [e for e in load_catalogue().values() if e.id not in named]
     )
     if few is not problem:
-        say("all logs")
+        say("fitting all logs")
         naming = name.refit_on_all(problem, found.naming, baseline)
         found = replace(
             found,
@@ -246,18 +252,18 @@ def run_workflow(
             discovery=found.discovery and search.refit_on_all(problem, naming.final, found.discovery),
         )
 
-    if found.formula:  # the sizes beside the formula, as the vehicle file has them
+    if found.formula:  # the vehicle file gets the sizes from the fit together with the formula
         found.naming = replace(found.naming, named=[n.at(found.final.values) for n in found.naming.named])
 
     changes: dict[str, ChannelChange] = {}
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
-        say("held-out logs")
+        say("checking the held-out logs")
         values = drop_log_values(found.after)
         after = held.residuals(values)
         changes = compare_models(held, held_level.residuals(found.naming.baseline.values), after)
         elsewhere = find_excess_remainders(held, Fit([], values, after, np.zeros((len(after), 0))))
-    say("vehicle file, calibrated car and named effects")
+    say("comparing vehicle file, calibrated car and named effects")
     every_car = calibrate_every_car(ready, config, vehicle, jobs)
     in_stages = {FIT: compute_stages(level, ready, every_car, (problem, found.after))}
     if held is not None:
@@ -270,7 +276,7 @@ def run_workflow(
     found.roads = roads
     found.read = [(FIT, x) for x in fitted] + [(HELD_OUT, x) for x in others]
     verdict, exit_code, words = judge_run(found, entries, left, elsewhere)
-    # effects that the logs cannot tell from a named one
+    # effects that the logs cannot distinguish from a named effect
     alike = {i for n in found.naming.named for i in n.look_alikes}
     return GapResult(
         **vars(found),
@@ -299,8 +305,8 @@ def run_workflow(
 
 
 def closes_part(problem: Problem, level: Problem, baseline: Fit) -> bool:
-    """Return whether the plain car fits better on the roads that were found than on level
-    ones.
+    """Return whether the car without effects fits better on the roads that were found
+    than on level roads.
     """
     return compute_excess(problem, name.fit_plain_car(problem).residuals) < compute_excess(
         level, baseline.residuals
@@ -315,18 +321,17 @@ def place_on_roads(
     config: Config,
     notes: list[str],
 ) -> Problem:
-    """Place the held-out logs on the roads of the fitted ones.
-
-    A log that matches none of these roads stays on a level one.
+    """Return the held-out logs, each on the road of the fitted logs that it matches. A
+    log that matches none of them stays on a level road.
     """
     placed = []
     for log, one in zip(logs, ready, strict=True):
         for road in roads:
             try:
                 found = match_log(road, log, config)
-            except UserError:  # it is on another one
+            except UserError:  # the log is not on this road
                 continue
-            notes.append(f"{log.path.name} is on the road of fitted logs: {found.describe()}")
+            notes.append(f"{log.path.name} is on the same road as fitted logs: {found.describe()}")
             placed.append(replace(one, road={n: np.nan_to_num(getattr(found, n)) for n in ("bank", "grade")}))
             break
         else:
@@ -335,9 +340,8 @@ def place_on_roads(
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
-    """Return whether names that explain the fitted logs fail on held-out ones.
-
-    A patchwork of effects may do so.
+    """Return whether the named effects, which explain the fitted logs, leave an error in
+    the held-out logs. Several effects that together imitate a missing one may do so.
     """
     if held is None or not naming.named:
         return False
@@ -345,16 +349,17 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
 
 
 def _count_seconds(problem: Problem) -> float:
+    """Return the total length of the logs, s."""
     return sum(log.seconds for log in problem.logs)
 
 
 def find_excess_remainders(problem: Problem, last: Fit) -> list[remainder.Remainder]:
-    """Return the remaining errors above the noise of the sensors after a fit."""
+    """Return the remaining errors of a fit that exceed the sensor noise."""
     return drop_noise(remainder.find_remainders(problem, last.residuals, last.values, NOISE_LIMIT))
 
 
 def drop_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
-    """Return the remaining errors above the noise of the sensors."""
+    """Return the remaining errors without those that are sensor noise."""
     return [r for r in left if r.kind != "noise"]
 
 
@@ -364,10 +369,10 @@ def judge_run(
     left: list[remainder.Remainder],
     elsewhere: Sequence[remainder.Remainder] = (),
 ) -> tuple[str, int, list[str]]:
-    """Return verdict, exit code and sentences.
+    """Return the verdict, the exit code, and sentences that describe the result.
 
-    `left` are the errors of the fitted logs after names and formula, `elsewhere` those of
-    the held-out logs.
+    `left` are the remaining errors of the fitted logs with names and formula. `elsewhere`
+    are the remaining errors of the held-out logs.
     """
     naming, formula = found.naming, found.formula
     remains = drop_noise(left)
@@ -381,15 +386,15 @@ def judge_run(
         verdict = "possible" if likely else "none"
     if naming.named and (remains or formula):
         rest = (
-            "no effect of the catalogue explains the rest"
+            "no effect of the catalogue explains the remainder"
             if verdict == "named"
-            else "another effect is missing that is not in the catalogue"
+            else "a further effect is missing that is not in the catalogue"
         )
         words.append(f"Together the named effects close {100 * naming.closed:.0f} % of the gap; {rest}.")
     elif verdict == "not_in_catalogue" and not (remains or formula):
         words.append(
-            "Something is missing: the residuals of the fitted logs are sensor noise, those of the "
-            "held-out logs are larger."
+            "Something is missing: the residuals of the fitted logs are sensor noise, but the residuals "
+            "of the held-out logs are larger."
         )
     elif verdict == "not_in_catalogue":
         words.append("Something is missing that no effect of the catalogue explains.")
@@ -434,9 +439,8 @@ def _convert_name(n: Named) -> dict[str, Any]:
 
 
 def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
-    """Return latencies of channels beyond the vehicle file, and low passes of the IMU.
-
-    They come from named sensor errors; effects of the car are not among them.
+    """Return the sensor errors among the named effects: latencies of channels that differ
+    from the vehicle file, and low-pass filters of the IMU.
     """
     late = [n for n in naming.named if n.message]
     if not late:
@@ -457,11 +461,12 @@ def list_sensor_corrections(problem: Problem, naming: name.Naming) -> list[dict[
 
 
 def _compute_half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
-    """Return half of the 95 % intervals of latencies.
+    """Return half the width of the 95 % interval of each latency.
 
-    A latency may be the sum of several names, as of the IMU and of the steering. Their
-    intervals are added as if they were independent, and linearly: a delay is far from
-    changing its sign.
+    A latency may depend on several named effects, such as the delays of the IMU and of
+    the steering. Their intervals are propagated linearly and added as if the effects were
+    independent. Linear propagation is accurate because a delay is too far from 0 to
+    change its sign.
     """
     values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
     step = 1e-6  # s
@@ -482,13 +487,15 @@ ROAD_WORDS = {"bank": "The road banks", "grade": "The road climbs and falls"}
 
 
 def _describe_road(n: Named, laps: int) -> str:
-    """Return the sentence about a road profile: size, laps, probability, closed share."""
+    """Return the sentence about a road profile: size, number of laps, probability, and
+    the share of the gap that it closes.
+    """
     ((size, (low, high)),) = ((v, n.ci95[k]) for k, v in n.values.items())
     degrees = " .. ".join(f"{np.degrees(x):.2g}" for x in (low, high))
     same = f", the same on {laps} laps" if laps > 1 else ""
     other = ""
-    if n.effect.id == "grade" and laps == 1:  # wheels give the speed: accel_x alone shows a grade
-        other = f" One lap cannot exclude an accel_x bias that wanders by {GRAVITY * size:.2g} m/s2."
+    if n.effect.id == "grade" and laps == 1:  # only accel_x shows a grade, since wheels give the speed
+        other = f" One lap cannot exclude that the accel_x bias varies by {GRAVITY * size:.2g} m/s2."
     return (
         f"{ROAD_WORDS[n.effect.id]} by {np.degrees(size):.2g} degrees rms (95 %: {degrees}){same} "
         f"({n.effect.id}); probability {_format_percent(n.probability)}, it closes "
@@ -497,6 +504,9 @@ def _describe_road(n: Named, laps: int) -> str:
 
 
 def _describe_name(n: Named, laps: int = 1) -> str:
+    """Return the sentence about a named effect: size, probability, share of the gap that
+    it closes, look-alikes.
+    """
     if n.effect.id in PROFILES:
         return _describe_road(n, laps)
     units = {p.name: p for p in n.effect.parameters}
@@ -511,7 +521,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
     text += f"; probability {_format_percent(n.probability)}"
     if n.share >= 0.005:
         text += f", it closes {100 * n.share:.0f} % of the gap."
-    elif n.alone < 1.0:  # beside a large one
+    elif n.alone < 1.0:  # a small effect next to a large one
         text += f", it closes {100 * n.alone:.0f} % of the gap that the other names leave."
     else:
         text += "."
@@ -521,7 +531,7 @@ def _describe_name(n: Named, laps: int = 1) -> str:
 
 
 def _describe_axle_friction(n: Named) -> str:
-    """Return the friction of each axle, where they differ."""
+    """Return text with the friction of each axle; empty if both axles have the same."""
     inverse, balance = (n.values.get(f"tyre_saturation_{k}", 0.0) for k in ("inverse_friction", "balance"))
     if not inverse or not balance:
         return ""
