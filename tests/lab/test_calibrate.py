@@ -290,9 +290,7 @@ def test_a_log_of_seconds_is_nothing_to_rely_on(case: Path, tmp_path: Path) -> N
         "calibrate", "--verbose", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml"
     )
     assert run.code == 4, run.err
-    assert re.search(
-        r"Not to be relied on: \d s can be compared with a simulation, 20 s are needed\.", run.out
-    )
+    assert re.search(r"Not reliable: \d s can be compared with a simulation, 20 s are needed\.", run.out)
 
 
 def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) -> None:
@@ -588,8 +586,8 @@ def test_a_log_that_contradicts_the_calibration_is_named() -> None:
     )
     (first,) = list_contradicting([right, wrong])
     assert (
-        first.startswith("b.csv contradicts the calibration (accel_y -33 %, yaw_rate +25 %")
-        and "another car" in first
+        first.startswith("b.csv contradicts the calibration (residuals: accel_y -33 %, yaw_rate +25 %")
+        and "a different car" in first
     )
 
 
@@ -604,9 +602,13 @@ def test_a_proof_says_each_channel_in_its_unit_and_as_a_share_of_its_signal() ->
     ]
     held = Proof("h.csv", True, {"accel_y": ProofChannel(2.0, 0.4, 0.2, 0.03)})
     fitted, other = describe_proofs([*logs, held])
-    assert fitted.startswith("accel_y of fitted logs: 0.3 m/s2 off before, 0.1 after, 0.03 is noise")
+    assert fitted.startswith(
+        "accel_y of fitted logs: rms error 0.3 m/s2 before, 0.1 after, sensor noise 0.03"
+    )
     assert fitted.endswith("(98 % of the signal explained before, 100 % after).")
-    assert other.startswith("accel_y of held-out logs: 0.4 m/s2 off before, 0.2 after, 0.03 is noise")
+    assert other.startswith(
+        "accel_y of held-out logs: rms error 0.4 m/s2 before, 0.2 after, sensor noise 0.03"
+    )
     assert other.endswith("(96 % of the signal explained before, 99 % after).")
 
 

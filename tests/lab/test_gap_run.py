@@ -137,7 +137,9 @@ def test_check_sees_what_quick_steering_shows_and_names_what_is_missing(folder, 
 def test_check_prints_a_table(folder, vehicle):
     log = write_log(folder / "print.csv", vehicle, "sweep", {}, 1, seconds=12.0)
     done = tselab_here("gap", "check", log, "--vehicle", vehicle)
-    assert done.code == 3 and "smallest visible" in done.out and "visible in these channels" in done.out, done.err
+    assert done.code == 3 and "smallest visible" in done.out and "visible in these channels" in done.out, (
+        done.err
+    )
 
 
 # ---- optional columns

@@ -146,7 +146,7 @@ def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
     for text in (whole[:-20], whole.replace("cornering_stiffness_front = ", "cornering_stiffness_front = 1")):
         entry.write_text(text)
         again = own.calibrate_once(read_vehicle(case.car), [read_log(case.log)])
-        assert again.words[-1] == f"broken, made anew: {entry}"
+        assert again.words[-1] == f"kept file was damaged, replaced: {entry}"
         assert entry.read_text() == whole
 
 
@@ -320,7 +320,7 @@ def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
     made.write(tmp_path, "mountain")
     found = own.calibrate_once(read_vehicle(tmp_path / "car.toml"), [read_log(tmp_path / "log_mountain.csv")])
     assert not found.text and not found.found["used"]
-    assert "the road or the tyres change during it" in found.words[0]
+    assert "the road or the tyres change during the log" in found.words[0]
 
 
 def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
@@ -335,4 +335,5 @@ def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     assert own._describe_contradiction(config, last, found) == ""
     front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
     text = own._describe_contradiction(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})
-    assert f"the search finds {front['value'] / 1000:.0f} " in text and "in the front, the filter " in text
+    assert f"the front cornering stiffness is {front['value'] / 1000:.0f} " in text
+    assert "by the calibration" in text and "by the filter on the same rows" in text

@@ -1,1 +1,1 @@
-"""Calibrate a car and its sensors by logs of ordinary driving."""
+"""Calibrate a car and its sensors on logs of ordinary driving."""

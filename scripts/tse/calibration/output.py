@@ -1,5 +1,5 @@
-"""Write the result of a calibration: vehicle file, its formula if it has one, and
-JSON."""
+"""Write the result of a calibration: the vehicle file, a JSON file, and a file with the
+formula if the car has one."""
 
 import json
 from collections.abc import Mapping
@@ -31,11 +31,12 @@ from tse.library.core import NOMINAL
 from tse.library.files import write_atomically
 from tse.report.results import convert_to_plain
 
-MAX_ROLL_STEER_SD = 0.03  # of a calibrated car
+MAX_ROLL_STEER_SD = 0.03  # upper limit of roll_steer_sd in a calibrated vehicle file
 
 
 def collect_settings(result: CalibrationResult) -> dict[str, float]:
-    """Return the calibrated settings; unknowns without evidence keep their prior."""
+    """Return the calibrated settings. Unknowns that the logs do not show have the mean
+    of their prior."""
     found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
@@ -47,20 +48,23 @@ def collect_settings(result: CalibrationResult) -> dict[str, float]:
 
 
 def _list_superelevations(result: CalibrationResult) -> list[float]:
-    """Return the lean of the roads of each log; empty: their profile is known."""
+    """Return the superelevation of the road of each log. The list is empty if the
+    profiles of the roads were fitted or known."""
     at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
     return [at[name_in_log(SUPERELEVATION, i)] for i in range(result.problem.leans)]
 
 
 def collect_latencies(result: CalibrationResult) -> dict[str, float]:
-    """Return the latency behind the gyro [s] by channel."""
+    """Return channel -> its delay behind the gyro [s]."""
     return {LATENCIES[f.name]: f.value for f in result.findings if f.name in LATENCIES}
 
 
 def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
-    """Return the sds of the calibrated car, as settings of src/tables/uncertainty.toml.
+    """Return the sds of the calibrated car's parameters, as
+    settings of src/tables/uncertainty.toml.
 
-    What logs cannot show stays as it was.
+    The sds of parameters that logs cannot show are those of the vehicle file, or of a car
+    that has not been calibrated.
     """
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
@@ -92,22 +96,23 @@ def collect_uncertainty(result: CalibrationResult) -> dict[str, float]:
 
 
 def place_formula(path: Path) -> Path:
-    """Return the path of the formula of a calibrated vehicle file.
+    """Return the path of the formula file of a calibrated vehicle file.
 
-    It is a copy beside the vehicle file: the result holds with this formula only, and
-    [formula] names a file in the same folder.
+    The formula is copied to the folder of the vehicle file, because [formula] names a
+    file there and the calibration is valid only with this formula.
     """
     return path.with_suffix(".formula.toml")
 
 
 def format_calibrated(result: CalibrationResult, logs: list[str], formula: Path) -> str:
-    """Return the calibrated vehicle file as text. `formula`: path of its formula."""
+    """Return the text of the calibrated vehicle file. `formula` is the path of
+    its formula file."""
     vehicle, found = result.vehicle, collect_settings(result)
     found |= {f"{c}{LATENCY_SUFFIX}": v for c, v in collect_latencies(result).items()}
     name = vehicle.path.name if vehicle.path else "the built-in car"
     title = [f"# {name}, calibrated by tselab {__version__} from {', '.join(logs)}"]
     if not result.fit.converged:
-        title.append("# NOT CONVERGED: the numbers are where the search stood.")
+        title.append("# NOT CONVERGED: the numbers are those of the last step of the search.")
     everything = result.config.as_dict() | found
     written = {k: v for k, v in everything.items() if k not in list_sensor_settings()}
     written |= (
@@ -123,7 +128,8 @@ def format_calibrated(result: CalibrationResult, logs: list[str], formula: Path)
 
 
 def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
-    """Return place, latency and heading of the velocity sensor with their sds, if any."""
+    """Return position, latency and heading of the velocity sensor with their sds; empty
+    if there is none."""
     found = {f.name: f for f in result.findings if f.name in VELOCITY_SD}
     fields = result.config.fields
     sds: dict[str, float] = {}
@@ -137,10 +143,11 @@ def _collect_velocity(result: CalibrationResult) -> dict[str, float]:
 def _collect_start(
     result: CalibrationResult, written: Mapping[str, float]
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Return names, means and covariance of the unknowns, for the next calibration.
+    """Return names, means and covariance of the unknowns, as the prior of
+    the next calibration.
 
-    Means are relative to the stiffness of the written file; those of the fit are relative
-    to the file that was read.
+    The means of ln stiffness refer to the written vehicle file. In the fit they refer to
+    the file that was read, so the difference is subtracted.
     """
     of_velocity = {u.name for u in OF_VELOCITY}
     own = [k for k, name in enumerate(result.problem.prior.names) if name not in of_velocity]
@@ -149,20 +156,23 @@ def _collect_start(
     for key, setting in NOMINAL.items():
         mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
     if not result.own:
-        rear = names.index("longitudinal_stiffness_rear")  # relative to the front one
+        # In the fit this unknown is relative to the front stiffness. It becomes absolute.
+        rear = names.index("longitudinal_stiffness_rear")
         unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
     return names, mean * unit, result.fit.covariance[np.ix_(own, own)] * np.outer(unit, unit)
 
 
 def _format_band(f: NumberFinding) -> str:
-    """Format the interval of a number as the end of a comment."""
+    """Return the interval of a number, to be appended to a comment in
+    the vehicle file."""
     if not f.shown:
         return ", not shown by these logs"
     return f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
 
 
 def write(path: Path, result: CalibrationResult, logs: list[str]) -> Path:
-    """Write the vehicle file, its formula and the JSON; return the path of the JSON."""
+    """Write the vehicle file, the formula file and the JSON file. Return the path of
+    the JSON file."""
     formula = place_formula(path)
     if result.vehicle.formula is not None:
         write_formula(formula, result.vehicle.formula)
@@ -176,7 +186,7 @@ def write(path: Path, result: CalibrationResult, logs: list[str]) -> Path:
 
 
 def to_json(result: CalibrationResult) -> dict[str, Any]:
-    """Return all results as a dictionary."""
+    """Return the result of a calibration as a JSON document."""
     return {
         "converged": result.fit.converged,
         "steps": result.fit.steps,

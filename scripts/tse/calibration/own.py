@@ -1,10 +1,12 @@
-"""Calibrate a car on the logs that are estimated, once, and keep the result for later
-runs.
+"""Calibrate a car on the logs that are to be estimated, and keep the result in a cache
+for later runs.
 
-This is for a car without calibration. As after any calibration, the posterior of the
-cornering stiffness is the filter's prior. So the same rows are prior and measurement. The
-model discrepancy gives the second use little weight. Longitudinal stiffness and model
-discrepancy stay those of the class: one short log shows too little of either.
+This is done for cars without a calibration. As after any calibration, the posterior of
+the cornering stiffness becomes the prior of the filter, which then uses the same rows
+again as measurements. This double use has little effect, because the filter's model
+discrepancy gives the rows a low weight. Longitudinal stiffness and model discrepancy are
+not calibrated but stay those of the car's class, because a short log contains too little
+information about them.
 """
 
 import copy
@@ -29,35 +31,43 @@ from tse.library.errors import UserError
 from tse.library.files import lock_file, read_sealed, tomllib, write_sealed
 from tse.log.rows import CheckedLog, select_liveliest
 
-MAX_OWN_SECONDS = 600.0  # s, of all logs together: of a longer log the part with the most turning
-MIN_OWN_SECONDS = 60.0  # s that can be compared with a simulation
-END_SECONDS = 2.0  # s at the ends of a log that cannot be compared: a row, and the burn-in
-MIN_TURNING_SECONDS = 2.0  # s with a lateral acceleration above MIN_TURNING_ACCEL
-MIN_TURNING_ACCEL = 1.0  # m/s2
-MAX_SHOWN_SD = 0.175  # ln: with a larger sd on both axles, the log shows no cornering stiffness
-MAX_SEARCH_SECONDS = 300.0  # s, run time of the search
+# [s] Max time of all logs together that is used. Of longer logs, the part with the most
+# turning is used.
+MAX_OWN_SECONDS = 600.0
+MIN_OWN_SECONDS = 60.0  # [s] min time of all logs together
+END_SECONDS = 2.0  # [s] time at the ends of a log that is not compared: the burn-in and a row
+MIN_TURNING_SECONDS = 2.0  # [s] min time with a lateral acceleration above MIN_TURNING_ACCEL
+MIN_TURNING_ACCEL = 1.0  # [m/s2]
+# sd of ln cornering stiffness. If it is larger for both axles, the logs do not show the
+# stiffness, and the calibration is not used.
+MAX_SHOWN_SD = 0.175
+MAX_SEARCH_SECONDS = 300.0  # [s] max run time of the search
 STOPPED = "it was stopped by Ctrl-C"
 TOO_LONG = f"the search took longer than {MAX_SEARCH_SECONDS:g} s"
 NOT_ASKED = (
     "not calibrated on the log itself, as asked: the car is taken as an ordinary one of its class, "
-    "as by C, FMU and page"
+    "as in C, the FMU and the page"
 )
 
 
 class _TooLong(Exception):
-    """The search has run for MAX_SEARCH_SECONDS."""
+    """Raised if the search takes longer than MAX_SEARCH_SECONDS."""
 
 
 @dataclass
 class OwnCalibration:
     """Result of a calibration on the logs that are estimated."""
 
-    text: str  # calibrated vehicle file; empty: the car stays one of its class
+    text: str  # the calibrated vehicle file; empty if the calibration is not used
     words: list[str]  # lines for the user
-    found: dict[str, Any]  # result for programs
+    found: dict[str, Any]  # the result for programs
 
     def apply_to(self, before: Vehicle) -> Vehicle:
-        """Return the calibrated car, with the facts of the vehicle file."""
+        """Return the calibrated car. If the calibration is not used, return the car as it
+        was, with the lines for the user.
+
+        Name, facts, notes and formula are those of the vehicle file.
+        """
         if not self.text:
             return replace(before, found=self.words)
         made = make_vehicle(tomllib.loads(self.text), before.path or Path("vehicle"))
@@ -73,7 +83,7 @@ def is_uncalibrated(vehicle: Vehicle) -> bool:
 
 
 def get_cache_folder() -> Path:
-    """Return the user's folder of kept calibrations."""
+    """Return the user's cache folder for calibrations."""
     base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
     return Path(base) / "tselab" / "calibrated"
 
@@ -81,7 +91,8 @@ def get_cache_folder() -> Path:
 def calibrate_once(
     vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None] = lambda _: None
 ) -> OwnCalibration:
-    """Calibrate on logs of the car, or return an earlier result on them."""
+    """Calibrate the car on these logs. If the cache has a result for the same logs, car
+    and code, return that."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
     if seconds < MIN_OWN_SECONDS - END_SECONDS:
         return keep_class(f"it lasts {seconds:.4g} s, {MIN_OWN_SECONDS:g} s are needed")
@@ -102,7 +113,7 @@ def calibrate_once(
             return OwnCalibration(
                 kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"]
             )
-        where = "broken, made anew" if path.exists() else "kept for the next run"
+        where = "kept file was damaged, replaced" if path.exists() else "kept for the next run"
         own = _calibrate(vehicle, parts, say)
         if own.found.get("why") != TOO_LONG:
             write_sealed(path, {"key": key, **vars(own)})
@@ -112,7 +123,8 @@ def calibrate_once(
 
 @contextmanager
 def _remove_on_exit(lock: Path) -> Iterator[None]:
-    """Remove the lock file on exit; a process in between repeats the work."""
+    """Remove the lock file on exit. A process that opens it just before
+    repeats the work."""
     try:
         yield
     finally:
@@ -121,7 +133,9 @@ def _remove_on_exit(lock: Path) -> Iterator[None]:
 
 
 def _measure_turning(log: CheckedLog, vehicle: Vehicle) -> float:
-    """Return the time [s] above MIN_TURNING_ACCEL, by gyro or else by accel_y."""
+    """Return the time [s] with a lateral acceleration above MIN_TURNING_ACCEL.
+
+    The acceleration is speed times yaw rate, or accel_y if the log has no yaw rate."""
     rate = log.data["yaw_rate"].to_numpy(float)
     speed = vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"]
     across = speed.to_numpy(float) * rate if np.isfinite(rate).any() else log.data["accel_y"].to_numpy(float)
@@ -130,22 +144,23 @@ def _measure_turning(log: CheckedLog, vehicle: Vehicle) -> float:
 
 
 def _make_cache_path(name: str) -> Path | None:
-    """Return the path of a kept calibration; None: no folder can hold it."""
+    """Return the path of a file in the cache folder; None if the folder
+    cannot be written."""
     try:
         folder = get_cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
+    except (OSError, RuntimeError):  # RuntimeError: the user has no home folder
         return None
     return folder / name if os.access(folder, os.W_OK) else None
 
 
 def _select_part(log: CheckedLog, seconds: float) -> CheckedLog:
-    """Return the part of a log with the most motion."""
+    """Return the part of a log in which the car turns most, of this length."""
     return select_liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
 
 
 def _compute_key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
-    """Return a hash of all inputs of the calibration: logs, car and code."""
+    """Return a hash of everything that the calibration depends on: logs, car and code."""
     digest = hashlib.sha256(library().path.read_bytes())
     for code in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(code.read_bytes())
@@ -161,7 +176,8 @@ def _compute_key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
 
 
 def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]) -> OwnCalibration:
-    """Calibrate on the logs, and check the result against the filter on the same rows."""
+    """Calibrate on the logs, and check the result with the filter on the same rows. If a
+    check fails, the car stays one of its class."""
     from tse.calibration import output, workflow
 
     car = copy.deepcopy(vehicle)
@@ -174,7 +190,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str]
 
     try:
         result = workflow.calibrate_logs(logs, car, report, min_seconds=MIN_OWN_SECONDS - END_SECONDS)
-    except (UserError, ValueError) as error:  # ValueError: LinAlgError, the rows determine nothing
+    except (UserError, ValueError) as error:  # ValueError (LinAlgError): too little information
         return keep_class(str(error))
     except _TooLong:
         return keep_class(TOO_LONG)
@@ -182,7 +198,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str]
     if not result.fit.converged:
         return keep_class(f"the search did not converge in {result.fit.steps} steps", found)
     if not any(found["stiffness"][axle]["sd_relative"] < MAX_SHOWN_SD for axle in CORNERING_AXLES):
-        return keep_class("these rows show nothing of the cornering stiffness", found)
+        return keep_class("the log does not show the cornering stiffness", found)
     if wrong := result.misstated:
         return keep_class(wrong, found | {"wrong": wrong})
     result = replace(result, vehicle=replace(car, formula=None), own=True)
@@ -194,19 +210,20 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str]
             out = NativeFilter(config).estimate_rows(log.rows())
             used = out[out["status"] >= 0]
             if (used["change_kind"] > 0).any():  # one stiffness cannot describe two roads
-                return keep_class("the road or the tyres change during it", found)
+                return keep_class("the road or the tyres change during the log", found)
             if contradicts and len(used) and (against := contradicts(config, used[-1], found)):
                 return keep_class(against, found)
     return made
 
 
 def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, Any]) -> str:
-    """Return how the search and the filter of the class contradict each other; empty:
-    they agree.
+    """Return a sentence if the calibration and the filter with the uncalibrated car
+    contradict each other; otherwise an empty string.
 
-    Both estimate from the same rows, with 95 % intervals. If their means are further
-    apart than both intervals allow, one model is wrong. The log cannot show which one,
-    since the likelihood favours the numbers that were searched.
+    Both estimate the cornering stiffness from the same rows, with 95 % intervals. If they
+    differ by more than their intervals allow together, one of the two models is wrong.
+    The log cannot show which one, since its likelihood is always higher with the
+    calibrated parameters, which maximise it.
     """
     for key, axle in CORNERING_AXLES.items():
         ours = found["stiffness"][key]
@@ -215,21 +232,23 @@ def _describe_contradiction(config: Config, last: np.void, found: Mapping[str, A
         if abs(np.log(ours["value"] / value)) > 1.96 * np.hypot(sd, ours["sd_relative"]):
             low, high = ours["low"] / 1000, ours["high"] / 1000
             return (
-                f"the search finds {ours['value'] / 1000:.0f} ({low:.0f} .. {high:.0f}) kN/rad "
-                f"in the {axle}, the filter {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} "
-                "on the same rows"
+                f"the {axle} cornering stiffness is {ours['value'] / 1000:.0f} ({low:.0f} .. {high:.0f}) "
+                f"kN/rad by the calibration, {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} by the "
+                "filter on the same rows"
             )
     return ""
 
 
 def keep_class(why: str, found: Mapping[str, Any] | None = None) -> OwnCalibration:
-    """Return that the car stays one of its class, with the reason."""
+    """Return the result that the calibration is not used and the car stays one of its
+    class. `why` is the reason."""
     words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
     return OwnCalibration("", words, {**(found or {}), "used": False, "why": why})
 
 
 def _collect_findings(result: Any) -> dict[str, Any]:
-    """Return stiffness, latencies and hidden numbers, for programs."""
+    """Return stiffness, latencies and the names of numbers that the logs do not
+    show, for programs."""
     from tse.calibration import output
 
     sds = dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True))
@@ -250,7 +269,7 @@ def _collect_findings(result: Any) -> dict[str, Any]:
 
 
 def _describe(result: Any, found: dict[str, Any]) -> list[str]:
-    """Return the result as lines for the user."""
+    """Return the result of the calibration as lines for the user."""
     stiffness = ", ".join(
         f"{CORNERING_AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"
         for key, s in found["stiffness"].items()
@@ -266,5 +285,5 @@ def _describe(result: Any, found: dict[str, Any]) -> list[str]:
         groups.setdefault(f.group, []).append(f.shown)
     hidden = [g if not any(shown) else f"part of {g}" for g, shown in groups.items() if not all(shown)]
     lines += result.slip_lines
-    lines += [f"could not be shown: {', '.join(hidden)}"] if hidden else []
+    lines += [f"not shown by the log: {', '.join(hidden)}"] if hidden else []
     return [*lines, *result.advice]

@@ -1,5 +1,5 @@
-"""Write the page of a calibration: the numbers, how well they show, and the misfit of the
-model."""
+"""Write the HTML page of a calibration: the numbers found, their intervals, and the
+misfit of the model before and after."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,19 +15,20 @@ from tse.report.report import write_page
 
 
 def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
-    """Write the page."""
+    """Write the page of a calibration. `words` are the sentences at its top."""
     sections: list[tuple[str, str, go.Figure]] = [
         (
-            "What is known now, and was before",
-            "Each number with its 95 % interval, in units of its sd before (0: what cars usually have; "
-            "-2 .. 2: their 95 % range). Grey: these logs do not show it.",
+            "Numbers found, compared with their prior",
+            "Each number with its 95 % interval, as its difference from the prior mean in units of the prior "
+            "sd. The prior, that of ordinary cars or of an earlier calibration, has its 95 % range from -2 "
+            "to 2. Grey: these logs do not show the number.",
             draw_bands(result),
         ),
         (
-            "Measured less simulated, before and after",
+            "Measured minus simulated, before and after",
             "Rms about the mean of each log. Before: the car of the vehicle file. After: the calibrated "
-            "car; of a fitted log on the road that was found, of a held-out log on one that leans into its "
-            "curves.",
+            "car. Fitted logs are simulated on the road that was found, held-out logs on a road whose "
+            "superelevation in curves is fitted.",
             draw_misfit(result.proofs),
         ),
     ]
@@ -41,23 +42,28 @@ def write(path: Path, result: CalibrationResult, words: Sequence[str]) -> None:
 
 
 def _list_facts(result: CalibrationResult) -> list[tuple[str, str]]:
-    """Return the facts of the page: name and text."""
+    """Return name and text of each fact of the run: logs, search, errors not
+    explained, quantisation, noise."""
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(
         ("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}")
     )
     for c, left in result.problem.measure_lasting(result.fit.level).items():
-        unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # accel_x is compared as a speed
-        text = f"as much as {np.sqrt(left.power):.2g} {unit} for 1 s; it walks {left.walk:.2g} {unit}/sqrt(s)"
+        unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # accel_x is integrated and compared as speed
+        text = (
+            f"an error of {np.sqrt(left.power):.2g} {unit} that lasts 1 s, and a random walk with sd "
+            f"{left.walk:.2g} {unit}/sqrt(s)"
+        )
         rows.append((f"Not explained on level roads, {c}", text))
     steps = ", ".join(f"{c} {step:.3g}" for c, step in result.steps.items() if step > 0)
-    rows.append(("Quantised in steps of", f"{steps} (rad, rad/s, m/s2)" if steps else "none that shows"))
+    rows.append(("Quantised in steps of", f"{steps} (rad, rad/s, m/s2)" if steps else "no visible steps"))
     rows.append(("Noise of wheel speeds", f"{result.sensors['wheel_noise_sd']:.3g} rad/s"))
     return rows
 
 
 def draw_bands(result: CalibrationResult) -> go.Figure:
-    """Draw the posterior of every number in units of its prior."""
+    """Return the figure of all numbers with their 95 % intervals, relative
+    to their prior."""
     rows = [f for g in result.groups for f in g.members][::-1]
     figure = go.Figure()
     figure.add_vrect(x0=-2, x1=2, fillcolor="#eef2f6", line_width=0, layer="below")
@@ -85,12 +91,12 @@ def draw_bands(result: CalibrationResult) -> go.Figure:
                 )
             )
     figure.update_yaxes(categoryorder="array", categoryarray=[f.name for f in rows], automargin=True)
-    figure.update_xaxes(title="found less known before, in its sd")
+    figure.update_xaxes(title="difference from the prior mean, in prior sds")
     return set_layout(figure, 160 + 20 * len(rows), title_text=None)
 
 
 def draw_misfit(proofs: Sequence[Proof]) -> go.Figure:
-    """Draw the rms of each log as bars, before and after."""
+    """Return the figure of the residual rms of each log as bars, before and after."""
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
     figure = make_subplots(
         1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True

@@ -1,4 +1,4 @@
-"""Hold the result of a calibration, and describe it number by number."""
+"""The result of a calibration, and its description number by number and as a whole."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -26,12 +26,16 @@ from tse.identify.unknowns import (
 )
 from tse.library.core import Config
 
-# s, of all logs together: with fewer the search converges near its prior, on a chance fit
+# [s] Min time of all logs together. With less, the search converges near the prior, and
+# what it finds is due to chance.
 MIN_RELIABLE_SECONDS = 20.0
-MAX_WORSE_RATIO = 1.05  # rms after over before: a log of the same car stays below
-# prior sd: a number of STATED beyond it shows a wrong vehicle file. Right cars: 2.4 at
-# most, a ratio 30 % wrong: 5.8
+# Max ratio of the residual rms after and before. A log of the same car stays below.
+MAX_WORSE_RATIO = 1.05
+# Max difference of a parameter in STATED from its prior mean, in prior sds. A larger one
+# means that the vehicle file is wrong. With correct files it was 2.4 at most; with a
+# steering ratio that is wrong by 30 % it was 5.8.
 MAX_STATED_SD = 4.0
+# parameter -> the entry of the vehicle file that is wrong if it is beyond MAX_STATED_SD
 STATED = {
     "steering_ratio_change": "the steering ratio or lf + lr",
     "imu_misalignment_angle": "the direction of the IMU",
@@ -52,19 +56,19 @@ NOT_ZERO = f", less than {SIGNIFICANT_SD:g} sd from 0, or too small to matter"
 
 @dataclass(frozen=True)
 class NumberFinding:
-    """One number of the car."""
+    """One number of the car, before and after the calibration."""
 
     name: str
     group: str
     unit: str
-    before: float  # of the vehicle file
-    prior: float
+    before: float  # value in the vehicle file
+    prior: float  # prior mean
     prior_sd: float
-    value: float
-    sd: float
-    shown: bool  # the logs reduced its sd
+    value: float  # posterior mean
+    sd: float  # posterior sd
+    shown: bool  # True if the logs reduced the sd enough (MAX_SHOWN_RATIO)
     words: str  # line for the user
-    shape: bool = False  # shape of an effect, without meaning where the effect is off
+    shape: bool = False  # True for a shape of an effect, which has no meaning if the effect is 0
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields as a dictionary."""
@@ -72,14 +76,15 @@ class NumberFinding:
 
 
 def describe_misstated(found: Sequence[NumberFinding]) -> str:
-    """Return the first stated number that the logs contradict; empty: none."""
+    """Return a sentence about the first number of the vehicle file that the logs
+    contradict; empty if they contradict none."""
     for f in found:
         if f.name not in STATED or f.prior_sd <= 0:
             continue
         if (off := abs(f.value - f.prior) / f.prior_sd) > MAX_STATED_SD:
             return (
-                f"{STATED[f.name]} seems wrong: {f.name} is {f.value:.3g} and not {f.prior:.3g}, "
-                f"{off:.0f} sd of what cars have"
+                f"{STATED[f.name]} seems wrong: by the logs {f.name} is {f.value:.3g}, expected is "
+                f"{f.prior:.3g}, a difference of {off:.0f} prior sd"
             )
     return ""
 
@@ -89,12 +94,13 @@ class FindingGroup:
     """Numbers that belong together, and the evidence for them."""
 
     name: str
-    nats: float  # evidence of the logs against the vehicle file
+    nats: float  # log evidence for the values found against those of the vehicle file
     members: tuple[NumberFinding, ...]
 
 
 def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float]) -> list[NumberFinding]:
-    """Return the unknowns but the stiffness. `before`: the file's values."""
+    """Return all unknowns except the stiffness as findings. `before` has the values of
+    the vehicle file."""
     known, found = np.sqrt(np.diag(fit.covariance)), fit.x
     times = compute_rear_factor(problem, fit)
     rows = []
@@ -117,17 +123,24 @@ def list_findings(problem: CarProblem, fit: CarFit, before: Mapping[str, float])
 
 
 def compute_rear_factor(problem: CarProblem, fit: CarFit) -> float:
-    """Return the factor by which the rear stiffness follows the front one."""
+    """Return the factor by which the rear longitudinal stiffness changes with
+    the front one."""
     follows = problem.config.rear_longitudinal_follows_front
     return float(1.0 + follows * (np.exp(fit.x[problem.names.index("cx_front")]) - 1.0))
 
 
 def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
-    """Return a number with its interval as a line for the user."""
+    """Return a line for the user: the number with its interval, or that the logs do
+    not show it.
+
+    The line also states if the number does not differ from the vehicle file
+    significantly, or by less than matters. `by` converts u.worth to the unit
+    of the value.
+    """
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
         if not shown:
-            return f"{what}: these logs do not show how late it is behind the gyro"
+            return f"{what}: these logs do not show its delay behind the gyro"
         low, high = (1000 * (value + side * 1.96 * sd) for side in (-1, 1))
         text = f"{what}: {1000 * value:.1f} ms behind the gyro, 95 % interval {low:.1f} .. {high:.1f}"
         return text + (NOT_ZERO if abs(value) < max(SIGNIFICANT_SD * sd, u.worth) else "")
@@ -147,14 +160,15 @@ def _describe_finding(u: Unknown, value: float, sd: float, shown: bool, before: 
 
 
 def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFinding]) -> list[FindingGroup]:
-    """Return the findings in groups, the one with the most evidence first.
+    """Return the findings in groups, the group with the most evidence first.
 
-    The evidence is that of a quadratic: half the square of the distance from the vehicle
-    file, in the joint covariance.
+    The evidence is computed from a quadratic approximation of the log likelihood. It
+    is half the squared Mahalanobis distance between the values found and those of
+    the vehicle file.
     """
     found = []
     for name in dict.fromkeys(r.group for r in rows):
-        # numbers that the logs do not show would count by their prior
+        # Numbers that the logs do not show are left out: they differ by their prior only.
         sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]
         off = np.array([(rows[k].value - rows[k].before) / rows[k].sd for k in sizes])
         sd = np.sqrt(np.diag(fit.covariance)[sizes])
@@ -166,7 +180,8 @@ def group_findings(problem: CarProblem, fit: CarFit, rows: Sequence[NumberFindin
 
 
 def list_stated(config: Config) -> dict[str, float]:
-    """Return the settings of each unknown; a latency that is no setting is 0."""
+    """Return unknown -> its value in the settings. It is 0 for unknowns that
+    are not settings."""
     values = config.as_dict()
     return {u.name: float(values.get(u.name, 0.0)) for u in (*UNKNOWNS, *OF_VELOCITY)}
 
@@ -176,29 +191,26 @@ def list_stated(config: Config) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class ProofChannel:
-    """A channel of a log, in its unit, as means over 40 ms.
+    """Rms values of one channel of a log, in its unit, computed from means over 40 ms."""
 
-    rms of the measured channel, of measured less simulated before and after (each about
-    its mean), and of the sensor noise.
-    """
-
-    signal: float
-    before: float
-    after: float
-    noise: float
+    signal: float  # of the measured channel about its mean
+    before: float  # of measured minus simulated about its mean, with the vehicle file
+    after: float  # of the same with the calibrated car
+    noise: float  # of the sensor noise
 
     @property
     def explained(self) -> tuple[float, float]:
-        """Share of the squared signal that the simulation explains."""
+        """Shares of the signal's mean square that the simulation explains,
+        before and after."""
         return tuple(1.0 - (x / max(self.signal, 1e-12)) ** 2 for x in (self.before, self.after))
 
 
 @dataclass(frozen=True)
 class Proof:
-    """Misfit of a log with the car of its file and with the calibrated one.
+    """Misfit of a log with the car of the vehicle file and with the calibrated car.
 
-    A fitted log is simulated on the road that was found. Of a held-out log only biases
-    and the lean of its road into curves are fitted.
+    A fitted log is simulated on the road that was found. For a held-out log, only the
+    biases and the superelevation of its road in curves are fitted.
     """
 
     log: str
@@ -218,36 +230,39 @@ class CalibrationResult:
     groups: list[FindingGroup]
     proofs: list[Proof]
     sensors: dict[str, float]
-    steps: dict[str, float]  # quantisation of each channel as logged; 0: none
+    steps: dict[str, float]  # channel -> step of its quantisation in the log; 0 if there is none
     notes: list[str] = field(default_factory=list)
     offers: list[Offer] = field(default_factory=list)  # proposals that narrow the intervals
-    own: bool = False  # on the logs that are estimated: their rows count once
+    own: bool = False  # True if calibrated on the same logs that are estimated (own.py)
 
     @property
     def seconds(self) -> float:
-        """Time that is compared, s."""
+        """[s] total time of the logs that is compared with the simulation."""
         return sum(log.seconds for log in self.problem.logs)
 
     @property
     def slip_lines(self) -> list[str]:
-        """Findings of the straight rows, as lines."""
+        """Lines on the longitudinal stiffness and wheel radii, found from the slip
+        in straight driving."""
         return describe_slip(self.problem, self.fit)
 
     @property
     def advice(self) -> list[str]:
-        """Proposals for the next drive or measurement, as lines."""
+        """Lines that propose the next drive or measurement."""
         sd = np.sqrt(np.diag(self.fit.covariance))
         now = {k: float(sd[self.problem.names.index(k)]) for k in CORNERING_AXLES}
         return describe_offers(now, self.offers)
 
     @property
     def misstated(self) -> str:
-        """Number of the vehicle file that the logs contradict; empty: none."""
+        """A sentence about a number of the vehicle file that the logs contradict; empty
+        if they contradict none."""
         return describe_misstated(self.findings)
 
 
 def describe_velocity_gain(result: CalibrationResult) -> list[str]:
-    """Return the 95 % intervals of the axles without and with the measured velocity."""
+    """Return a line with the 95 % intervals of the cornering stiffnesses without and with
+    the measured velocity. Return an empty list if no velocity is measured."""
     if not any(c in result.problem.channels for c in VELOCITY):
         return []
     without = np.sqrt(np.diag(compute_covariance(result.problem, result.fit, MEASURED)))
@@ -256,11 +271,12 @@ def describe_velocity_gain(result: CalibrationResult) -> list[str]:
     for key, axle in CORNERING_AXLES.items():
         k = result.problem.names.index(key)
         parts.append(f"{axle} +- {196 * without[k]:.0f} -> +- {196 * found[k]:.1f} %")
-    return [f"The measured velocity makes the stiffness surer: {', '.join(parts)}."]
+    return [f"The measured velocity narrows the intervals of the stiffness: {', '.join(parts)}."]
 
 
 def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
-    """Return the logs whose lateral motion the calibration fits worse."""
+    """Return a sentence for each log whose lateral motion the calibrated car explains
+    worse than the car before."""
     found = []
     for p in proofs:
         more = {
@@ -268,19 +284,22 @@ def list_contradicting(proofs: Sequence[Proof]) -> list[str]:
         }
         if max(more.values(), default=0.0) > MAX_WORSE_RATIO:
             parts = ", ".join(f"{c} {100 * (x - 1):+.0f} %" for c, x in more.items())
-            found.append(f"{p.log} contradicts the calibration ({parts}): another car, tyres, load?")
+            found.append(
+                f"{p.log} contradicts the calibration (residuals: {parts}): a different car, tyres or load?"
+            )
     return found
 
 
 def merge_channels(proofs: Sequence[Proof], channel: str) -> ProofChannel:
-    """Return the rms of a channel over several logs."""
+    """Return the rms values of a channel over several logs."""
     mine = [p.channels[channel] for p in proofs if channel in p.channels]
     names = (f.name for f in fields(ProofChannel))
     return ProofChannel(*(float(np.sqrt(np.mean([getattr(x, n) ** 2 for x in mine]))) for n in names))
 
 
 def describe_proofs(proofs: Sequence[Proof]) -> list[str]:
-    """Return a line for each channel, of fitted and of held-out logs."""
+    """Return a sentence on the misfit of each channel, separately for fitted
+    and held-out logs."""
     lines = []
     for held, title in ((False, "fitted"), (True, "held-out")):
         mine = [p for p in proofs if p.held_out == held]
@@ -288,14 +307,15 @@ def describe_proofs(proofs: Sequence[Proof]) -> list[str]:
             x = merge_channels(mine, c)
             was, now = (100 * e for e in x.explained)
             lines.append(
-                f"{c} of {title} logs: {x.before:.3g} {CHANNEL_UNIT[c]} off before, {x.after:.3g} after, "
-                f"{x.noise:.2g} is noise ({was:.0f} % of the signal explained before, {now:.0f} % after)."
+                f"{c} of {title} logs: rms error {x.before:.3g} {CHANNEL_UNIT[c]} before, {x.after:.3g} "
+                f"after, sensor noise {x.noise:.2g} ({was:.0f} % of the signal explained before, "
+                f"{now:.0f} % after)."
             )
     return lines
 
 
 def describe_result(result: CalibrationResult) -> list[str]:
-    """Return the whole result as lines: search, proof, checks, advice."""
+    """Return the whole result as lines: search, misfit, checks, proposals."""
     n = len(result.problem.logs)
     logs = f"{n} log{'s' if n > 1 else ''}, {result.seconds / 60:.1f} minutes"
     if result.fit.converged:
@@ -312,7 +332,7 @@ def describe_result(result: CalibrationResult) -> list[str]:
         lines.append(f"Check the vehicle file: {wrong}.")
     if result.seconds < MIN_RELIABLE_SECONDS:
         lines.append(
-            f"Not to be relied on: {result.seconds:.0f} s can be compared with a simulation, "
+            f"Not reliable: {result.seconds:.0f} s can be compared with a simulation, "
             f"{MIN_RELIABLE_SECONDS:g} s are needed."
         )
     hidden = [f.name for f in result.findings if not f.shown]
@@ -322,7 +342,7 @@ def describe_result(result: CalibrationResult) -> list[str]:
 
 
 def summarise_result(result: CalibrationResult, stiffness: str) -> list[str]:
-    """Return the result in a few lines, the stiffness first."""
+    """Return the result in a few lines. The first one is `stiffness`."""
     found = [
         g.name
         for g in result.groups
@@ -333,15 +353,15 @@ def summarise_result(result: CalibrationResult, stiffness: str) -> list[str]:
     of = [p for p in result.proofs if p.held_out == held]
     lines = [stiffness]
     lines.append(
-        f"Found beside it: {', '.join(found) if found else 'nothing that differs from the vehicle file'}."
+        f"Also found: {', '.join(found) if found else 'nothing that differs from the vehicle file'}."
     )
-    lines.append(f"Unchanged: {hidden} of {len(result.findings)} numbers, which these logs do not show.")
+    lines.append(f"Not shown by these logs: {hidden} of {len(result.findings)} numbers.")
     for c in ("accel_y", "yaw_rate"):
         if any(c in p.channels for p in of):
             x = merge_channels(of, c)
             lines.append(
-                f"{c} of {'held-out' if held else 'the fitted'} logs is {x.after:.2g} {CHANNEL_UNIT[c]} "
-                f"off the simulation, before {x.before:.2g}; {x.noise:.2g} is noise."
+                f"{c} of {'held-out' if held else 'the fitted'} logs: rms error of the simulation "
+                f"{x.after:.2g} {CHANNEL_UNIT[c]}, before {x.before:.2g}; sensor noise {x.noise:.2g}."
             )
     if not result.fit.converged:
         lines += [line for line in describe_result(result) if "NOT converged" in line]

@@ -1,5 +1,4 @@
-"""Calibrate a car: read and prepare logs, fit, and prove the result on logs that were not
-fitted."""
+"""Calibrate a car: read and prepare logs, fit, and test the result on held-out logs."""
 
 from __future__ import annotations
 
@@ -34,10 +33,13 @@ from tse.roads.road import Road
 from tse.roads.road_match import add_road
 
 Say = Callable[[str], None]
-MIN_LAG_SD = 0.003  # s: relaxation and lags of the model leave this uncertainty
-# rad/s/sqrt(s): no gyro drifts faster; a larger walk comes from a model that misses turns
+# [s] Min sd of the steering lag, which the model's relaxation and lags always
+# leave uncertain
+MIN_LAG_SD = 0.003
+# [rad/s/sqrt(s)] Max random walk of a gyro bias. Larger values come from model errors in
+# turns, not from the gyro.
 MAX_GYRO_WALK = 0.001
-MIN_STEPS = 10  # differences between values: with fewer, no quantisation is found
+MIN_STEPS = 10  # min number of different values less 1, to find the step of a quantisation
 
 
 def run(
@@ -50,24 +52,24 @@ def run(
     reading: Reading | None = None,
     road: Road | None = None,
 ) -> CalibrationResult:
-    """Calibrate a car and prove the result on the logs.
+    """Calibrate a car, and compare the result with the logs.
 
     Parameters
     ----------
     logs, held_out
-        Files that are fitted, and files that only prove the result.
+        Logs that are fitted, and logs that only test the result.
     vehicle
-        The car, or its file.
+        The car, or the path of its vehicle file.
     jobs
         Number of threads.
     say
-        Called with the progress, a text.
+        Called with a line of text for each step.
     max_steps
         Maximum number of steps of the search.
     reading
-        Options of reading.
+        Options for reading the logs.
     road
-        Known road of all logs.
+        The road of all logs, if it is known.
     """
     if isinstance(vehicle, Path):
         vehicle = read_vehicle(vehicle)
@@ -77,7 +79,7 @@ def run(
     problem = _make_problem(read, vehicle, jobs, notes, say)
     result = apply_slip_regression(problem, fit(problem, say=say, max_steps=max_steps), read, vehicle)
 
-    say("proof")
+    say("testing the result")
     proofs = _prove_fitted(problem, result)
     if held_out:
         others = place_on_known(road, read_agreeing(held_out, notes, reading), vehicle)
@@ -87,7 +89,8 @@ def run(
 
 
 def place_on_known(road: Road | None, logs: Sequence[CheckedLog], vehicle: Vehicle) -> list[CheckedLog]:
-    """Add bank and grade of a road. UserError: a log is on another road."""
+    """Return the logs with bank and grade of a known road; without a road, unchanged.
+    Raise UserError if a log is not on this road."""
     if road is None:
         return list(logs)
     config = Config.exact(vehicle.values)
@@ -101,7 +104,7 @@ def calibrate_logs(
     min_seconds: float = 0.0,
     notes: Sequence[str] = (),
 ) -> CalibrationResult:
-    """Calibrate on logs that are read and agree, without proof.
+    """Calibrate on logs that have been read and checked, without testing the result.
 
     Raises
     ------
@@ -150,10 +153,11 @@ def _make_result(
     proofs: list[Proof],
     notes: list[str],
 ) -> CalibrationResult:
-    """Collect the result of a fit, with its findings, sensors and advice."""
+    """Return the result of a calibration: the fit with its findings, sensor
+    settings and proposals."""
     if vehicle.formula is not None:
         notes.append(
-            f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept"
+            f"the formula {vehicle.formula.id} of the vehicle file was simulated unchanged, and is kept"
         )
     notes += describe_slip(problem, result)
     rows = list_findings(problem, result, list_stated(problem.config))
@@ -172,7 +176,8 @@ def _make_result(
 def _prepare(
     logs: Sequence[CheckedLog], config: Config, notes: list[str], say: Say
 ) -> list[PreparedLog | None]:
-    """Prepare each log for the simulation; None: it cannot be compared with one."""
+    """Return each log prepared for the simulation; None for a log that cannot be compared
+    with a simulation, about which a note is added."""
     ready: list[PreparedLog | None] = []
     for log in logs:
         say(f"smoothing {log.path.name}")
@@ -186,7 +191,7 @@ def _prepare(
     return ready
 
 
-# ---- proof
+# ---- test on fitted and held-out logs
 
 
 def _prove_fitted(problem: CarProblem, result: CarFit) -> list[Proof]:
@@ -197,7 +202,8 @@ def _prove_fitted(problem: CarProblem, result: CarFit) -> list[Proof]:
 
 
 def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[PreparedLog]) -> list[Proof]:
-    """Return the misfit of each held-out log; only biases and lean are fitted."""
+    """Return the misfit of each held-out log. Only biases and
+    superelevation are fitted."""
     car = make_known_car(problem, problem.to_search(result.x))
     other = CarProblem(logs, car, problem.prior.select(()), problem.jobs, road=False)
     filed = CarProblem(logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
@@ -206,7 +212,8 @@ def _prove_held_out(problem: CarProblem, result: CarFit, logs: Sequence[Prepared
 
 
 def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
-    """Return the problem of the car and lean of the file, and its unknowns."""
+    """Return the problem with car and superelevation of the vehicle file,
+    and its unknowns."""
     filed = CarProblem(problem.logs, problem.config, problem.prior.select(()), problem.jobs, road=False)
     x = filed.mean.copy()
     for i in range(filed.leans):
@@ -217,14 +224,16 @@ def _make_filed(problem: CarProblem) -> tuple[CarProblem, np.ndarray]:
 def _measure_residuals(
     problem: CarProblem, x: np.ndarray, z: np.ndarray | None = None
 ) -> dict[tuple[int, str], float]:
-    """Return the rms of measured less simulated about its mean, by log and channel."""
+    """Return the rms of measured minus simulated about its mean, for each pair of
+    log and channel."""
     z = np.zeros(problem.knots) if z is None else z
     sensed = problem.compute_sensed_residuals(x, z)
     return {g: float(np.std(e)) for g, e in zip(problem.groups, sensed, strict=True)}
 
 
 def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after: dict) -> Proof:
-    """Return the misfit of log i, with rms before and after by log and channel."""
+    """Return the misfit of log i. `before` and `after` have the rms for each pair of
+    log and channel."""
     log = problem.logs[i]
     channels = {}
     for g, (k, c) in enumerate(problem.groups):
@@ -240,17 +249,18 @@ def _make_proof(problem: CarProblem, i: int, held_out: bool, before: dict, after
 
 
 def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[CheckedLog]) -> dict[str, float]:
-    """Return the settings of the sensors: white noise of a row, walk of the residuals,
-    lags.
+    """Return the sensor settings: white noise of a row, random walk of the biases, noise
+    of the wheel speeds, sd of the steering lag.
 
-    The walk is that of the residuals on level roads.
+    The random walk is that of the residuals on level roads.
     """
     found = measure_row_noise(logs, problem.config)
     for c, left in problem.measure_lasting(result.level).items():
-        walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)  # of accel_x a speed is compared
+        # accel_x is integrated over SPEED_TIME and compared as a speed
+        walk = left.walk / (SPEED_TIME if c == "accel_x" else 1.0)
         found[f"{c}_bias_walk"] = min(walk, MAX_GYRO_WALK) if c == "yaw_rate" else walk
     found["wheel_noise_sd"] = max((log.wheel_noise for log in problem.logs), default=0.0)
-    # sd of the total lag of the steering, for the filter's prior
+    # The filter's prior needs the sd of the total lag of the steering: lag less latency.
     lag = np.zeros(len(problem.names))
     for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
         lag[problem.names.index(name)] = sign
@@ -260,7 +270,8 @@ def _collect_sensors(problem: CarProblem, result: CarFit, logs: Sequence[Checked
 
 
 def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, float]:
-    """Return the white noise of a row as settings, the largest of all logs."""
+    """Return the white noise of a row of each channel as settings; of several
+    logs, the largest."""
     found: dict[str, float] = {}
     for log in logs:
         with np.errstate(invalid="ignore"):
@@ -276,9 +287,10 @@ def measure_row_noise(logs: Sequence[CheckedLog], config: Config) -> dict[str, f
 
 
 def find_quantisation(x: np.ndarray) -> float:
-    """Return the step in which a channel is quantised; 0: none.
+    """Return the step by which a channel is quantised; 0 if it is not quantised.
 
-    It is the smallest difference between values, if all differences are whole multiples.
+    A channel is quantised if the differences between its values are integer multiples of
+    the smallest one, which is the step.
     """
     apart = np.diff(np.unique(x[np.isfinite(x)]))
     if len(apart) < MIN_STEPS or not (least := float(apart.min())) > 0:

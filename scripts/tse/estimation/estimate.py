@@ -1,7 +1,7 @@
 """Run the filter over a log and write the table of estimates (EST.csv or .parquet).
 
-A run may start from a learnt state of an earlier drive: bytes that the library writes and
-reads (tse/learnt.h)."""
+A run may start from a learnt state of an earlier drive: bytes that the library writes
+and reads (tse/learnt.h)."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ class Learnt:
 def read_learnt(path: Path, age: float | None = None) -> Learnt:
     """Read a file that write_learnt() wrote.
 
-    `age` is the time since that drive in s. If it is None, the age of the file is
-    taken."""
+    `age` is the time since that drive in s. If it is None, the age of the
+    file is taken."""
     try:
         with open(path, "rb") as file:
             data = file.read(MAX_LEARNT)
@@ -242,8 +242,8 @@ class Estimates:
     learnt: bytes | None = None  # state for NativeFilter.load_learnt(); None if there is nothing to save
     # NativeFilter.uncertainty_sd() after the last row
     uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)
-    # status -> number of rows of the log that have it, also rows that the table leaves
-    # out
+    # status -> number of rows of the log that have it, also rows that the table
+    # leaves out
     statuses: dict[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -257,8 +257,8 @@ class Estimates:
 def list_est_fields() -> list[Field]:
     """Return the library's outputs in the order of EST.csv.
 
-    Outputs that were added in later versions come last, so that older columns keep their
-    places."""
+    Outputs that were added in later versions come last, so that older columns
+    keep their places."""
     return sorted(library().fields(OUTPUT), key=lambda f: _find_generation(f.name))
 
 
@@ -314,10 +314,10 @@ def estimate_to(
 ) -> Estimates:
     """Run the filter over a log, and write EST.csv or .parquet block by block.
 
-    The table of the result has only the columns of SUMMARY and at most MAX_SUMMARY rows,
-    which limits the memory needed. If `path` is None, no file is written. The functions
-    `watch` are called with every block of rows. `learnt` and `contradicted` are those of
-    estimate()."""
+    The table of the result has only the columns of SUMMARY and at most MAX_SUMMARY
+    rows, which limits the memory needed. If `path` is None, no file is written. The
+    functions `watch` are called with every block of rows. `learnt` and `contradicted`
+    are those of estimate()."""
     head = _make_head(config)
     summary = Summary(head, len(log))
     with _open_writer(path, head) as write:
@@ -341,8 +341,8 @@ def estimate_to(
 def _open_writer(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
     """Open the file, and yield a function that writes a block of rows to it.
 
-    The file is Parquet if its name ends so, otherwise CSV. `head` is the table without
-    rows."""
+    The file is Parquet if its name ends so, otherwise CSV. `head` is the
+    table without rows."""
     if path is None:
         yield lambda block: None
     elif is_parquet(path):
@@ -439,8 +439,8 @@ def _run(
 
 
 def mark_implausible(outputs: np.ndarray) -> None:
-    """Change valid rows to implausible ones, with the library's status and reason for
-    them."""
+    """Change valid rows to implausible ones, with the library's status and
+    reason for them."""
     codes = {f.name: code for code, f in library().codes(REASON).items()}
     was_valid = np.zeros(len(outputs), bool)
     for s in (*STIFFNESS, GRIP):
@@ -495,8 +495,8 @@ def write_estimates(table: pd.DataFrame, path: Path) -> None:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV, each number with the fewest digits that give the same bits
-    back."""
+    """Write a table as CSV, each number with the fewest digits that give the
+    same bits back."""
     with write_atomically(path, "wb") as file:
         file.write(make_csv_header(table))
         for start in range(0, len(table), BLOCK):
@@ -560,8 +560,8 @@ class Summary:
 
 @contextmanager
 def _catch_interrupt() -> Iterator[Callable[[], bool]]:
-    """Replace the handler of Ctrl-C, and yield a function that is True after the first
-    one.
+    """Replace the handler of Ctrl-C, and yield a function that is True after
+    the first one.
 
     The first Ctrl-C only sets this flag, and a second one interrupts as usual. Outside
     the main thread nothing is replaced, and the function is always False."""

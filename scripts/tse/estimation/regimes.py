@@ -1,8 +1,8 @@
 """Find the events of a drive in the columns of EST.csv: changes of tyres or road, faults
 of a channel, sliding wheels. Find the stretches of road between the changes.
 
-If a table lacks the columns of COLUMNS, there are no events, and the whole drive is one
-stretch."""
+If a table lacks the columns of COLUMNS, there are no events, and the whole drive
+is one stretch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -107,9 +107,8 @@ class Spell:
 class Stretch:
     """The road from one change to the next.
 
-    `rows` are the rows whose estimates describe this road. They begin at
-    Change.believed. If short stretches were joined, `rows` are those of the longest
-    one."""
+    `rows` are the rows whose estimates describe this road. They begin at Change.believed.
+    If short stretches were joined, `rows` are those of the longest one."""
 
     start: float
     end: float
@@ -281,8 +280,8 @@ def _make_spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, 
 
 
 def find_channel_name(number: int) -> str:
-    """Return the name of the channel with this number in the column fault_channel; empty
-    for 0."""
+    """Return the name of the channel with this number in the column fault_channel;
+    empty for 0."""
     channels = [*library().channels, *library().optional]
     return channels[number - 1].name if 0 < number <= len(channels) else ""
 

@@ -1,5 +1,5 @@
-"""Fixed-interval smoother: the stiffness on a stretch of road, from the filter's means
-and sds.
+"""Fixed-interval smoother: the stiffness on a stretch of road, from the filter's
+means and sds.
 
 The filter's estimate at a row uses the rows up to it. The smoother also uses the later
 rows of the stretch. It does not use rows after the next change of the road, because the

@@ -1,6 +1,6 @@
-"""The verdict on each stiffness, grip and sideslip: value, interval, whether it is valid
-and why not, as a sentence for terminal and report. Also remarks on the sensors of the
-log."""
+"""The verdict on each stiffness, grip and sideslip: value, interval, whether it is
+valid and why not, as a sentence for terminal and report. Also remarks on the sensors
+of the log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -142,8 +142,8 @@ def make_verdicts(
     """Return the verdict on each stiffness. `whole` is True if the table is the whole
     log, False if it is one stretch of road.
 
-    If `parts` is given (the result of smooth.compute_fixed_parts()), the smoothed values
-    are added."""
+    If `parts` is given (the result of smooth.compute_fixed_parts()), the smoothed
+    values are added."""
     found = [_make_verdict(table, config, key, whole) for key in STIFFNESS]
     return [
         _add_smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v
@@ -217,10 +217,10 @@ def make_findings(
     is its best one. This value is given with its interval even if no row is valid. The
     smoothed value of the stretch is given next to it.
 
-    `uncertainty_sd` is Filter.uncertainty_sd() after the last row. `contradictions` are
-    the sentences of check_car(). If there are any, no stiffness of the log is valid,
-    because the filter cannot distinguish a permanently wrong channel from a different
-    car."""
+    `uncertainty_sd` is Filter.uncertainty_sd() after the last row.
+    `contradictions` are the sentences of check_car(). If there are any, no
+    stiffness of the log is valid, because the filter cannot distinguish a
+    permanently wrong channel from a different car."""
     if contradictions:
         return [Finding(None, [_mark_contradicted(v) for v in make_verdicts(table, config)])]
     pieces, parts = find_stretches(table, found), compute_fixed_parts(table, config, uncertainty_sd or {})
@@ -302,8 +302,8 @@ def _sum_driven(table: pd.DataFrame, drives: np.ndarray) -> np.ndarray:
 
 
 def _mark_contradicted(v: Verdict) -> Verdict:
-    """Return the verdict without a value, because the channels of the log contradict each
-    other."""
+    """Return the verdict without a value, because the channels of the log
+    contradict each other."""
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
     return replace(
@@ -469,8 +469,8 @@ def _is_used(table: pd.DataFrame) -> np.ndarray:
 
 
 def _find_last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
-    """Return the time of the last valid row; None if it is at most RECENT before the
-    end."""
+    """Return the time of the last valid row; None if it is at most RECENT
+    before the end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
 

@@ -1,5 +1,5 @@
-"""The catalogue of effects in the form that fits use. The library provides it from
-src/tables/effects.toml.
+"""The catalogue of effects in the form that fits use. The library provides
+it from src/tables/effects.toml.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Key = str | Own
 
 
 def drop_log_values(values: Mapping[Key, float]) -> dict[Key, float]:
-    """Return the fitted values without those that belong to a single log (road profiles)."""
+    """Return the fitted values without those of a single log (road profiles)."""
     return {k: v for k, v in values.items() if not isinstance(k, Own)}
 
 

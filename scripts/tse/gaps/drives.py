@@ -64,8 +64,8 @@ def prepare_candidate(candidate: Candidate, config: Config) -> list[PreparedLog]
 
 
 def _compute_wheel_speeds(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the wheel speeds of the nominal car [rad/s] for a steering angle and a speed
-    over time.
+    """Return the wheel speeds of the nominal car [rad/s] for a steering angle and a
+    speed over time.
 
     They are found by iteration. The first wheel speeds are those without lateral motion.
     Simulated with them, the model gives the lateral motion, from which follow the path

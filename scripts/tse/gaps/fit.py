@@ -15,9 +15,9 @@ from tse.gaps.catalogue import CatalogueParameter, Key
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-# Ratio of residual rms to sensor noise up to which the model explains a channel. It is
-# above 1 because the noise is known only to some percent, and because inputs are
-# smoothed.
+# Ratio of residual rms to sensor noise up to which the model explains a channel.
+# It is above 1 because the noise is known only to some percent, and because inputs
+# are smoothed.
 NOISE_LIMIT = 1.2
 MAX_LAG = 4.0  # [s] max lag of the autocorrelation that is computed
 TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
@@ -119,8 +119,8 @@ def compute_gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
 
 
 def compute_channel_excess(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
-    """Return the sum of squared residuals less the part expected from sensor noise, for
-    each channel.
+    """Return the sum of squared residuals less the part expected from sensor noise,
+    for each channel.
 
     If the noise of a channel was raised to its floor, the expected part is that of the
     original noise, so that the floor does not reduce the gap.

@@ -29,8 +29,8 @@ def run_in_processes(
 
     Each process is a copy of this one. It sends back `light` of each result. Other
     changes that it makes in memory are lost. On systems other than Linux, threads are
-    used, and their changes are kept. So `do` must work the same whether changes are kept
-    or lost.
+    used, and their changes are kept. So `do` must work the same whether changes are
+    kept or lost.
     """
     global _work
     if jobs == 1 or len(asked) < 2 or _copy:

@@ -184,8 +184,8 @@ class Problem:
         return np.where(self.weight > 0, self._measured, np.nan)
 
     def quantity(self, name: str) -> np.ndarray:
-        """Return an input or a measurement as block means, one for each entry of the
-        residual vector.
+        """Return an input or a measurement as block means, one for each entry of
+        the residual vector.
         """
         parts = []
         for log in self.logs:
@@ -212,10 +212,10 @@ class Problem:
     def later(self, values: Mapping[Key, float]) -> dict[str, float]:
         """Return the latencies of channels in addition to those of the vehicle file, s.
 
-        The delays of steering and IMU are treated as latencies of the input channels,
-        with either sign. If the steering is delayed, the wheels turn after the logged
-        angle. If the IMU is delayed, its values come after the channels that drive the
-        model.
+        The delays of steering and IMU are treated as latencies of the input
+        channels, with either sign. If the steering is delayed, the wheels turn after
+        the logged angle. If the IMU is delayed, its values come after the channels
+        that drive the model.
         """
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and list_signed_delays().isdisjoint(values):
@@ -248,8 +248,8 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
-        """Return the simulated measurements without bias, one for each entry of the
-        residual vector.
+        """Return the simulated measurements without bias, one for each entry of
+        the residual vector.
         """
         config, later, parts = self.model(values), self.later(values), []
         for i, log in enumerate(self.logs):
@@ -263,8 +263,8 @@ class Problem:
         return np.concatenate(parts)
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
-        """Return predict() for each of many sets of values, computed in up to `jobs`
-        threads.
+        """Return predict() for each of many sets of values, computed in up
+        to `jobs` threads.
         """
         if self.jobs == 1 or len(asked) < 2 or is_copy():
             return [self.predict(values) for values in asked]
@@ -273,8 +273,8 @@ class Problem:
             return list(pool.map(self.predict, asked))
 
     def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return simulated quantities as block means, one for each entry of the residual
-        vector.
+        """Return simulated quantities as block means, one for each entry of
+        the residual vector.
         """
         config = self.model(values)
         later = self.later(values)
@@ -294,7 +294,7 @@ class Problem:
         return self.weight * self.unbiased(difference)
 
     def unbiased(self, difference: np.ndarray) -> np.ndarray:
-        """Subtract the bias of each log and sensor: the weighted mean of its differences."""
+        """Subtract the bias of each log and sensor: its weighted mean difference."""
         w2 = self.weight**2
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)

@@ -73,9 +73,9 @@ def compute_responses(
 ) -> np.ndarray:
     """Return the change of the whitened residuals if each form is added at a place.
 
-    The result has the shape (entries, forms). `at` is the result of compute_signals().
-    `forms` has for each log an array of the shape (blocks, forms), in the unit of the
-    place.
+    The result has the shape (entries, forms). `at` is the result of
+    compute_signals(). `forms` has for each log an array of the shape (blocks, forms),
+    in the unit of the place.
     """
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))

@@ -1,8 +1,8 @@
 """Interactive figures of the report, one function for each section.
 
-The figures are plain dictionaries in the format of plotly.js. plotly's Python classes are
-not used, because they check every number of every line, which takes a hundred times as
-long."""
+The figures are plain dictionaries in the format of plotly.js. plotly's Python classes
+are not used, because they check every number of every line, which takes a hundred
+times as long."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -98,8 +98,8 @@ STYLE = {
 
 @contextmanager
 def open_picture(path: Path, style: Mapping[str, Any] = STYLE) -> Iterator[Any]:
-    """Yield matplotlib's pyplot. After the with block, write the figure drawn in it as
-    PNG."""
+    """Yield matplotlib's pyplot. After the with block, write the figure drawn in
+    it as PNG."""
     try:
         import matplotlib
     except ImportError:
@@ -120,8 +120,8 @@ ALIASES = {"ref_vehicle_speed": "vel_x", "ref_speed": "vel_x", "ref_beta": "side
 
 
 def match_reference(column: str) -> str | None:
-    """Return the quantity in whose plot a ref_ column is drawn; None if it matches
-    none."""
+    """Return the quantity in whose plot a ref_ column is drawn; None if
+    it matches none."""
     quantities = ("vel_x", "vel_y", "yaw_rate", "sideslip", "accel_x", "accel_y", "steer_angle", *STIFFNESS)
     for prefix, quantity in ALIASES.items():
         if column == prefix or column.startswith(prefix + "_"):
@@ -367,8 +367,8 @@ class Figure:
 
     @staticmethod
     def axis(row: int) -> str:
-        """Return the suffix of plotly's axis names in a row. Its axes are x, x2, x3
-        ..."""
+        """Return the suffix of plotly's axis names in a row. Its axes are x,
+        x2, x3 ..."""
         return "" if row == 1 else str(row)
 
     def y_axis(self, row: int) -> dict[str, Any]:
@@ -629,8 +629,8 @@ def draw_states(d: Data, grip: bool = False) -> Figure:
 
 
 def draw_inputs(d: Data) -> Figure:
-    """Return the figure of the log's channels: steering angle, wheel speeds,
-    accelerations."""
+    """Return the figure of the log's channels: steering angle,
+    wheel speeds, accelerations."""
     rows = [
         ("Steering angle [rad]", ["steer_angle"]),
         ("Wheel speeds [rad/s]", ["wheel_speed_front", "wheel_speed_rear"]),

@@ -137,8 +137,8 @@ def list_events(
 
 
 def pack_text(text: str | bytes) -> Markup:
-    """Return text compressed by gzip and encoded in base64, which HTML need not
-    escape."""
+    """Return text compressed by gzip and encoded in base64, which HTML
+    need not escape."""
     data = text.encode() if isinstance(text, str) else text
     return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
 

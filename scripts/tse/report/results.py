@@ -1,5 +1,5 @@
-"""Return the results of a run for programs: rows of a table, a JSON document, an exit
-code."""
+"""Return the results of a run for programs: rows of a table, a JSON document,
+an exit code."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -175,8 +175,8 @@ def _drop_keys(row: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
 
 
 def convert_to_plain(x: Any) -> Any:
-    """Return data converted to types that JSON has. NaN and infinity become None, paths
-    strings."""
+    """Return data converted to types that JSON has. NaN and infinity become
+    None, paths strings."""
     if isinstance(x, Mapping):
         return {str(k): convert_to_plain(v) for k, v in x.items()}
     if isinstance(x, (list, tuple, set)):

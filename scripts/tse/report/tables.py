@@ -1,5 +1,5 @@
-"""Return the library's tables as text: settings, columns, codes, and example vehicle
-files."""
+"""Return the library's tables as text: settings, columns, codes, and
+example vehicle files."""
 
 from collections.abc import Iterable
 

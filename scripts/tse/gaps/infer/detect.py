@@ -1,9 +1,10 @@
-"""What logs can show at all: the smallest size at which an effect would be named, before
-any effect is looked for.
+"""Compute the smallest size of each effect that the logs could show. No effect need be
+searched for this.
 
-Around a fitted model an effect of size s moves the whitened residuals by s times its
-slopes, less what stiffness (and the effects already named) can take up. It is named when
-that is worth compute_threshold() nats against residuals as they are.
+Near a fitted model, an effect of the size s changes the whitened residuals by s times
+their partial derivatives. The part of this change that the stiffness and the named
+effects can compensate is removed. The effect is visible if the remaining change gives
+compute_threshold() nats, at the present size of the residuals.
 """
 
 from __future__ import annotations
@@ -21,29 +22,31 @@ from tse.gaps.infer.space import REACH
 from tse.gaps.problem import Problem
 from tse.identify.knots import KNOT_DISTANCE, PROFILES
 
-WAVE = 400.0  # m: of a road that goes up and down, which stands for any: would it show?
+WAVE = 400.0  # [m] wavelength of the sinusoidal road profile that represents all profiles
 
 
 @dataclass(frozen=True)
 class Detectable:
-    """Smallest size of one effect that logs show, and the share that stiffness hides."""
+    """Smallest size at which one effect is visible, and the share
+    that stiffness absorbs.
+    """
 
     id: str
     parameter: str
     unit: str
-    smallest: float  # inf: at no size that the model takes
+    smallest: float  # inf if the effect is not visible at any size within its limits
     typical: float
-    absorbed: float  # share of what it does that stiffness and named effects take up
+    absorbed: float  # share of its change of the residuals that stiffness and named effects compensate
 
     @property
     def visible(self) -> bool:
-        """At its typical size."""
+        """True if the effect is visible at its typical size."""
         return self.smallest <= self.typical
 
 
 def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]) -> list[Detectable]:
-    """Return every effect with its smallest detectable size, by its most visible
-    strength.
+    """Return the smallest visible size of each effect. If an effect has several
+    strengths, the most visible one counts.
     """
     need = compute_threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
@@ -85,6 +88,8 @@ def compute_detectable(problem: Problem, current: Fit, effects: Sequence[Effect]
 
 
 def _make_wave(slopes: np.ndarray, parameters: Sequence[CatalogueParameter]) -> np.ndarray:
-    """Return a profile of rms one that goes up and down every WAVE metres."""
+    """Return the derivatives with respect to the rms of a sinusoidal road profile with
+    the wavelength WAVE, as a matrix of one column.
+    """
     place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT_DISTANCE / WAVE)))[:, None]

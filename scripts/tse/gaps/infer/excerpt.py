@@ -1,12 +1,14 @@
-"""Of long logs the stretches that say most: sets of effects and formulas are searched
-there, and what is found is fitted to all.
+"""Choose the most informative stretches of long logs. Sets of effects and formulas are
+searched in these stretches, and the result is fitted to the whole logs.
 
-What a stretch says is the information about stiffness and every effect of the catalogue
-(slopes where nothing is missing, channel by channel, sizes in units of what is typical)
-and about whatever the plain model leaves. The stretches are chosen one by one, each by
-how much it adds to ln det of the information of those that are there (a Bayesian
-D-optimal design, Chaloner & Verdinelli 1995): a second lane change adds less than the
-first braking.
+The information matrix of a stretch is that of stiffness and every effect of the
+catalogue, in units of their prior sds, from the partial derivatives of the residuals of
+the model without effects. These residuals themselves are a further column, so that
+stretches which the model does not explain are informative, too.
+
+The stretches are chosen one by one. Each is the one that adds most to ln det of the
+information of those chosen before (a Bayesian D-optimal design, Chaloner & Verdinelli
+1995). So after a lane change, a second one adds less than the first braking.
 """
 
 from __future__ import annotations
@@ -23,38 +25,45 @@ from tse.gaps.infer.space import REACH, STIFFNESS_SD
 from tse.gaps.problem import STIFFNESS, Problem
 from tse.identify.data import BURN_IN, FitStretch, PreparedLog
 
-# s: of logs, in which effects are searched: what is found is fitted to all of them
-MAX_SECONDS = 90.0
-# s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
+MAX_SECONDS = 90.0  # [s] total length of the stretches that are chosen
+# [s] Length of the pieces that are chosen from: one or two manoeuvres. The first BURN_IN
+# of each piece is lost.
 PIECE = 15.0
-# noise of a block: that a piece's information counts with: models are no better known
-# than that, and with less the first pieces are sure of everything
+# sd of the residuals with which a piece counts, in units of the noise of a block. It is
+# far above 1 because models are not more accurate. With a smaller sd the first few pieces
+# would determine everything, and the choice of the later ones would be arbitrary.
 ENTRY_SD = 30.0
 
 
 def is_long(problem: Problem) -> bool:
-    """Return whether logs are long enough for a choice of MAX_SECONDS."""
+    """Return whether the logs are so long that stretches should be chosen: longer
+    than twice MAX_SECONDS.
+    """
     return sum(log.seconds for log in problem.logs) > 2.0 * MAX_SECONDS
 
 
 def choose_excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """Return the stretches with the most information, MAX_SECONDS in all.
+    """Return the problem with only the most informative stretches, about
+    MAX_SECONDS in all.
 
-    A problem that is hardly longer is returned as it is. `baseline` is the fit of this
-    problem. Cost: as many simulations of everything as the catalogue has parameters.
+    A problem that is not long (is_long()) is returned unchanged. `baseline` is the fit of
+    the problem without effects. The cost is one simulation of all logs for each parameter
+    of the catalogue.
     """
     if not is_long(problem):
         return problem
     table, rows = _compute_slopes(problem, baseline), problem.rows
     pieces: list[tuple[int, FitStretch]] = []
-    says: list[np.ndarray] = []
+    information: list[np.ndarray] = []
     for i, log in enumerate(problem.logs):
         for piece in _cut_pieces(log):
             first, last = log.time[piece.first] + BURN_IN, log.time[piece.last - 1]
             mine = table[(rows.log == i) & (rows.time >= first) & (rows.time <= last)]
             pieces.append((i, piece))
-            says.append(mine.T @ mine / ENTRY_SD**2)
-    chosen = choose_best(says, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MAX_SECONDS)
+            information.append(mine.T @ mine / ENTRY_SD**2)
+    chosen = choose_best(
+        information, [piece.used.sum() * problem.logs[i].step for i, piece in pieces], MAX_SECONDS
+    )
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
@@ -63,23 +72,26 @@ def choose_excerpt(problem: Problem, baseline: Fit) -> Problem:
     return problem.of(logs)
 
 
-def choose_best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
-    """Return the indices of pieces, most informative first, up to the length `most`.
+def choose_best(information: Sequence[np.ndarray], seconds: Sequence[float], limit: float) -> list[int]:
+    """Return the indices of the most informative pieces, in the order of their choice.
 
-    `says` is their information, in units of the prior.
+    Pieces are added until their total length `seconds` reaches `limit`. `information` has
+    their information matrices, in units in which that of the prior is the identity.
     """
-    total = np.eye(len(says[0])) if says else np.zeros((0, 0))
-    left, chosen, length = list(range(len(says))), [], 0.0
-    while left and length < most:
-        gain = [np.linalg.slogdet(total + says[k])[1] for k in left]
+    total = np.eye(len(information[0])) if information else np.zeros((0, 0))
+    left, chosen, length = list(range(len(information))), [], 0.0
+    while left and length < limit:
+        gain = [np.linalg.slogdet(total + information[k])[1] for k in left]
         k = left.pop(int(np.argmax(gain)))
         chosen.append(k)
-        total, length = total + says[k], length + seconds[k]
+        total, length = total + information[k], length + seconds[k]
     return chosen
 
 
 def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
-    """Cut stretches to PIECE. Each starts anew, and its first second is not compared."""
+    """Return the stretches of a log cut into pieces of the length PIECE. The simulation
+    of each piece starts anew, so its first BURN_IN is not compared.
+    """
     found = []
     length = round(PIECE / log.step) // log.rows_per_block * log.rows_per_block
     ahead = -(-round(BURN_IN / log.step) // log.rows_per_block) * log.rows_per_block
@@ -94,7 +106,10 @@ def _cut_pieces(log: PreparedLog) -> list[FitStretch]:
 
 
 def _compute_slopes(problem: Problem, baseline: Fit) -> np.ndarray:
-    """Return the slopes of the residuals, per prior sd, and the residuals."""
+    """Return a matrix with the partial derivatives of the residuals with respect
+    to stiffness and strengths, in units of their prior sds. The residuals are
+    its last column.
+    """
     asked = make_hypotheses()
     parameters: list[CatalogueParameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
     at = baseline.values | {p.name: choose_start(p) for h in asked for p in h.effect.shapes}

@@ -1,10 +1,12 @@
-"""What a set of effects leaves of pieces of the logs that it was not fitted to.
+"""Compute the residuals of a set of effects in pieces of the logs that were left out of
+the fit (cross-validation).
 
-The logs are cut into pieces of PIECE, and dealt to FOLDS folds. Without the rows of one
-fold
-the fit would be elsewhere: by its slopes, x + d with
-    H' d = w J'e of that fold, H' the information of the other folds,
-and leave e + J d there.
+The logs are cut into pieces of the length PIECE, which are distributed over FOLDS folds.
+The fit is not repeated for each fold, but linearised. If the rows of one fold are left
+out, the parameters x change by d, where
+    H d = w J'e.
+H is the information of the other folds with the prior. J, e and w are the derivatives,
+residuals and weights of the fold that is left out. Its residuals become e + J d.
 """
 
 from __future__ import annotations
@@ -14,18 +16,18 @@ import numpy as np
 from tse.gaps.infer.search import Judged
 
 FOLDS = 5
-PIECE = 10.0  # s: a manoeuvre or two
+PIECE = 10.0  # [s] length of a piece: one or two manoeuvres
 
 
 def compute_held_out(judged: Judged) -> dict[str, float]:
-    """Return the sum of squares that each channel keeps of folds that were not fitted, in
-    units of the noise."""
+    """Return for each channel the sum of squared residuals over all folds, each fold left
+    out of the fit in turn. Residuals are in units of the noise."""
     space, fit = judged.space, judged.fit
     assert space is not None and fit is not None
     folds = [(time // PIECE).astype(int) % FOLDS for time in space.time]
     found = dict.fromkeys(space.channels, 0.0)
     weights = [fit.scales[c].sd ** -2 for _, c in space.groups]
-    # of equal rows: those of the fit count large residuals less
+    # Rows have equal weights here. In the fit, large residuals have smaller weights.
     whole = space.information + sum(w * j.T @ j for w, j in zip(weights, fit.slopes[0], strict=True))
     for k in range(FOLDS):
         mine = [(e[f == k], j[f == k]) for e, j, f in zip(fit.residuals, fit.slopes[0], folds, strict=True)]

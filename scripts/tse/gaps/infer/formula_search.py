@@ -1,9 +1,13 @@
-"""Search of formula and place: forms are chosen in a linearisation, those with the
-largest expected gain are simulated with the stiffness and everything named fitted
-beside them, complexity has a price, and logs that were held out have the last word.
+"""Search a formula, and the place where it acts, for what the named effects leave.
 
-Worth of a formula, nats: sum over channels of half the independent values of its residual
-x ln of how much it falls, so that no channel drowns another; less PRICE for every
+All forms at all places are first compared in a linearisation. Those with the largest
+expected gain are then simulated, with stiffness, named effects and the numbers of
+the formula fitted together. If there are held-out logs, they decide whether a
+formula is proposed.
+
+The gain of a formula in nats is a sum over the channels: half the number of
+independent residuals, times ln of the ratio of their sums of squares before and after.
+By the logarithm no channel dominates the others. PRICE is subtracted for each
 operation and number.
 """
 
@@ -34,62 +38,64 @@ from tse.gaps.problem import Problem
 from tse.gaps.respond import compute_responses, compute_signals
 from tse.identify.data import COMPARED_CHANNELS
 
-# nats: of an operation or a number: a library of some hundred forms times places times
-# sizes is some 12 nats
+# [nat] Price of each operation and number of a formula. It makes up for the number of
+# formulas tried: some hundred forms times places times sizes, which are about 12 nats.
 PRICE = 2.0
-FITTED = 6  # candidates that are simulated
-PER_PLACE = 3  # of them at one place, most
-MAX_WORSE = 100.0  # of the gap: a form that begins with more explains nothing
-MIN_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
-# relative rise of a channel of the held-out logs by which it forbids a formula
+FITTED = 6  # number of candidates that are simulated
+PER_PLACE = 3  # max number of these candidates at one place
+MAX_WORSE = 100.0  # max ratio of the gap to the gap before with which the fit of a form starts
+MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
+# If the rms of a channel of the held-out logs rises by more than this share, the formula
+# is not proposed.
 MIN_HARM = 0.01
-MAX_STEPS = 15  # of a fit
-CHUNK = 64  # forms that are looked at together: memory
-# %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
+MAX_STEPS = 15  # max number of evaluations of a fit
+CHUNK = 64  # number of forms that are compared at a time, which limits the memory
+# [%] The range of a signal is that from its quantile HALF to its quantile 100 - HALF.
 HALF = 0.5
 
 
 @dataclass
 class Discovery:
-    """A formula, fitted: one that was tried, or what a search came to.
+    """A fitted formula: a candidate, or the result of a search.
 
-    `formula` None: nothing that is worth proposing.
+    `formula` is None if the search found none that is worth proposing.
     """
 
     formula: Formula | None
-    fit: Fit | None  # residuals and slopes of the problem as it is
-    nats: float = 0.0  # worth, less its price
-    share: float = 0.0  # of what was left that it closes
-    price: float = 0.0  # nats, of its length
-    limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
-    changes: dict[str, ChannelChange] = field(default_factory=dict)  # on held-out logs
-    tried: list[dict] = field(
-        default_factory=list
-    )  # place, formula, nats, share, and whether held-out logs confirm it
+    fit: Fit | None  # its residuals have the weights of the problem, not balanced ones
+    nats: float = 0.0  # gain less the price
+    share: float = 0.0  # share of the remaining gap that it closes
+    price: float = 0.0  # [nat] price of its length
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # number -> low, high
+    changes: dict[str, ChannelChange] = field(default_factory=dict)  # change of the held-out logs
+    # all candidates: place, formula, nats, share, and whether held-out logs confirm them
+    tried: list[dict] = field(default_factory=list)
     words: list[str] = field(default_factory=list)
 
     @property
     def values(self) -> dict[str, float]:
-        """All that a simulation takes."""
+        """The values of the fit and the settings of the formula, for a simulation."""
         assert self.fit is not None and self.formula is not None
         return self.fit.values | self.formula.settings()
 
 
 @dataclass
 class Frame:
-    """What all candidates have in common."""
+    """Data that all candidates have in common."""
 
     problem: Problem
-    # each channel's residual is of size one before: none drowns another
+    # the problem with weights by which no channel's residual before has an rms above 1,
+    # so that no channel dominates the fit
     balanced: Problem
-    last: Fit
+    last: Fit  # the fit without a formula
     values: dict[str, float]
-    length: dict[str, float]
-    at: list[dict[str, np.ndarray]]
-    full: float  # energy above the noise, of all channels
+    length: dict[str, float]  # compute_correlation_lengths()
+    at: list[dict[str, np.ndarray]]  # compute_signals()
+    full: float  # compute_excess(): the gap without a formula
 
     @classmethod
     def of(cls, problem: Problem, last: Fit) -> Frame:
+        """Return the data for the search of a formula that is added to the fit `last`."""
         balanced = copy.copy(problem)
         balanced.weight = problem.weight.copy()
         for _, mine in problem.used():
@@ -106,15 +112,17 @@ class Frame:
         )
 
     def nats(self, residuals: np.ndarray) -> float:
+        """Return the gain of a formula with these residuals."""
         return compute_worth(self.problem, self.last.residuals, residuals, self.length)
 
 
 def compute_worth(
     problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[str, float]
 ) -> float:
-    """Return the log likelihood, in nats, that residuals have gained.
+    """Return the gain in log likelihood [nat] from the residuals `before` to `after`.
 
-    `length` is, of each channel, the blocks that count as one independent block.
+    `length` is the correlation length of each channel: the number of blocks that have the
+    information of one independent block.
     """
     total = 0.0
     for c, mine in problem.used():
@@ -124,6 +132,7 @@ def compute_worth(
 
 
 def compute_price(term: FormulaTerm) -> float:
+    """Return the price of a form and its numbers, in nats."""
     return PRICE * (term.price + len(term.sizes) + 1)
 
 
@@ -132,25 +141,27 @@ def discover_formula(
 ) -> Discovery:
     """Find the formula that explains most of the residuals of a fit.
 
-    `last`: of `problem`, with all that is named; `held`: logs that judge.
-
-    Cost: some ten simulations in full for each of about ten candidates; on the order of a
-    minute for minutes of log.
+    `last` is the fit of `problem` with all named effects. `held` are the held-out logs
+    that decide. Each of the FITTED candidates costs some ten simulations of all logs,
+    about a minute in total for some minutes of log.
     """
     frame = Frame.of(problem, last)
     places = _list_places(problem)
-    say(f"a formula: {sum(len(terms.list_forms(p)) for p in places)} forms at {len(places)} places")
+    say(f"searching a formula: {sum(len(terms.list_forms(p)) for p in places)} forms at {len(places)} places")
     listed = sorted((x for p in places for x in screen_forms(frame, p)), key=lambda x: -x[0])
     chosen = _choose_diverse(listed)
     tried: list[Discovery] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
-        say(f"a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
+        say(f"searching a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
         tried += _fit_formula(frame, place, term, coefficient)
     tried.sort(key=lambda c: -c.nats)
     return _choose_formula(frame, tried, held)
 
 
 def _list_places(problem: Problem) -> list[str]:
+    """Return the places whose channels are logged, so that a formula there
+    can be fitted.
+    """
     there = {c for log in problem.logs for c in log.channels}
     lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
     return [p for p in (*lateral, *terms.LONGITUDINAL) if p not in COMPARED_CHANNELS or p in there]
@@ -159,7 +170,9 @@ def _list_places(problem: Problem) -> list[str]:
 def _choose_diverse(
     listed: list[tuple[float, str, FormulaTerm, float]],
 ) -> list[tuple[float, str, FormulaTerm, float]]:
-    """Return the most promising forms: one size of each form, and several places."""
+    """Return the FITTED most promising candidates. Each form occurs at a place only with
+    its best size, and at most PER_PLACE candidates are at one place.
+    """
     found: list[tuple[float, str, FormulaTerm, float]] = []
     for one in listed:
         _, place, term, _ = one
@@ -179,9 +192,10 @@ def _choose_diverse(
 
 
 def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm, float]]:
-    """Return (nats less price, place, form, coefficient) of every form at a place.
+    """Return (expected gain less price, place, form, coefficient) of each form
+    at a place.
 
-    Everything that is fitted is fitted with it.
+    Stiffness and named effects are fitted together with the coefficient.
     """
     known, found = terms.list_forms(place), []
     for k in range(0, len(known), CHUNK):
@@ -193,8 +207,10 @@ def screen_forms(frame: Frame, place: str) -> list[tuple[float, str, FormulaTerm
 
 
 def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> list[tuple[float, float]]:
-    """Return (nats, coefficient) of forms by their values, an array (blocks, forms) a
-    log.
+    """Return (expected gain in nats, coefficient) of each form, in the linearisation.
+
+    `logs` has for each log the values of the forms, an array of the
+    shape (blocks, forms).
     """
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
@@ -216,14 +232,14 @@ def compute_expected_gain(frame: Frame, place: str, logs: list[np.ndarray]) -> l
     return [(float(n), float(v)) for n, v in zip(nats, x / size, strict=True)]
 
 
-# ---- in full
+# ---- with the full simulation
 
 
 def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float) -> list[Discovery]:
-    """Return the formula with everything fitted, in a list.
+    """Return a list with the formula, fitted together with stiffness and named effects.
 
-    The list is empty if the formula does not fit in a program, or makes the residuals
-    much worse.
+    The list is empty if the formula is too long for the library, or if the gap at the
+    start of the fit is more than MAX_WORSE times the gap before.
     """
     try:
         formula = terms.make_formula(place, term, coefficient)
@@ -231,8 +247,8 @@ def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float
         return []
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
     limits |= {s.name: (s.low, s.high) for s in term.sizes}
-    thrown = frame.problem.residuals(frame.values | formula.settings())
-    if compute_excess(frame.problem, thrown) > MAX_WORSE * max(frame.full, 1.0):
+    first = frame.problem.residuals(frame.values | formula.settings())
+    if compute_excess(frame.problem, first) > MAX_WORSE * max(frame.full, 1.0):
         return []
     return [refit(frame, formula, limits, compute_price(term))]
 
@@ -240,7 +256,9 @@ def _fit_formula(frame: Frame, place: str, term: FormulaTerm, coefficient: float
 def refit(
     frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float
 ) -> Discovery:
-    """Fit stiffness, all names and the numbers of a formula together."""
+    """Fit stiffness, named effects and the numbers of a formula together. `limits` are
+    those of its numbers, and `cost` is its price.
+    """
     slots = formula.slots
     own = [
         _make_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text)
@@ -278,11 +296,15 @@ def _make_parameter(
 
 
 def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) -> Discovery:
-    """Return the best formula over all logs that the held-out logs confirm.
+    """Return the confirmed formula with the largest gain over fitted and held-out logs.
 
-    Its numbers are those of the fitted logs. Confirmed: on held-out logs no channel is
-    worse by more than MIN_HARM, and some are better. Without held-out logs there must be
-    an error left to explain: a library of forms finds one in any noise.
+    With held-out logs, a formula is confirmed if no channel of them is significantly
+    worse by more than MIN_HARM, and at least one is significantly better. The numbers of
+    the formula remain those of the fitted logs.
+
+    Without held-out logs, a formula is confirmed only if the residuals exceed
+    NOISE_LIMIT. Otherwise there is nothing to explain, and among so many forms one
+    fits any noise.
     """
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(compute_gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
@@ -321,9 +343,9 @@ def _choose_formula(frame: Frame, tried: list[Discovery], held: Problem | None) 
 
 
 def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
-    """Fit the formula to more logs than it was found in.
+    """Fit a formula to more logs than it was found in.
 
-    `last` is the fit of these logs with all names.
+    `last` is the fit of these logs with all named effects.
     """
     if found.formula is None:
         return found
@@ -333,11 +355,11 @@ def refit_on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
 
 
 def _add_sentences(frame: Frame, c: Discovery) -> Discovery:
-    """Return the formula with the sentences for a person."""
+    """Return the formula with sentences that describe it."""
     formula = _describe_formula(frame, c)
     words = [
-        f"A formula closes {100 * c.share:.0f} % of the rest: {formula.text}, at {formula.place}. "
-        "It is a fit, not a cause, and valid only in the range that was driven."
+        f"A formula closes {100 * c.share:.0f} % of the remaining gap: {formula.text}, at {formula.place}. "
+        "It is a fit and does not identify the cause. It is valid only in the range that was driven."
     ]
     return replace(c, formula=formula, words=words)
 

@@ -1,10 +1,10 @@
-"""The library of forms: what may be added at a place, without its coefficient, and the
-sizes that a screening tries.
+"""The library of forms of formulas, without their coefficients, and the values of their
+numbers that the search tries.
 
-Everything is a product of what turns with the car (or pulls along it) and of what that
-depends on, or what such a signal becomes through play, dead time, lags, modes and rate
-limits. Units go with the text: the coefficient takes what is missing to that of the
-place.
+A form is one of three kinds: a signal of the car's motion times a factor that depends on
+speed, acceleration or steering; a nonlinear function of a signal; or a signal changed by
+play, dead time, lag, a second-order mode or a rate limit. Each form has a unit. The
+coefficient has the unit that turns it into the unit of the place.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LONGITUDINAL = ("force_x", "accel_x")
 
 @dataclass(frozen=True)
 class Size:
-    """A number of a form: where a search begins, and where it may go."""
+    """A number of a form: the value at which its fit starts, and its limits."""
 
     name: str
     value: float
@@ -36,7 +36,7 @@ class Size:
 
 @dataclass(frozen=True)
 class FormulaTerm:
-    """A form. `unit`: exponents of metre and second."""
+    """A form. `unit` has the exponents of metre and second."""
 
     text: str
     unit: tuple[int, int]
@@ -44,15 +44,15 @@ class FormulaTerm:
 
     @property
     def price(self) -> int:
-        """How much there is to it: numbers, signals and operations."""
+        """The length of the form: number of operations and parentheses, plus 1."""
         return sum(self.text.count(c) for c in "+-*/(") + 1
 
 
 @dataclass(frozen=True)
 class Signal:
-    """What forms are made of.
+    """A signal that forms are made of.
 
-    `sizes`: small, middle and large of what a driver does with it.
+    `sizes` are a small, a medium and a large value of it in ordinary driving.
     """
 
     text: str
@@ -73,23 +73,23 @@ STEER_RATE = Signal("rate(steer_angle)", "rad/s", (0.02, 0.1, 0.4))
 SPEED = Signal("vel_x", "m/s", (9.0, 16.0, 24.0))
 PULL = Signal("accel_x", "m/s2", (0.7, 1.5, 3.5))
 TURNING = (STEER, YAW, SIDE, FRONT, REAR, STEER_RATE)
-PLAYS = (0.001, 0.003, 0.01)  # rad: halves of plays of the steering that are tried
+PLAYS = (0.001, 0.003, 0.01)  # [rad] values of half the play of the steering that are tried
 
 
 def format_unit(exponents: tuple[int, int]) -> str:
-    """Return powers of metres and seconds as the text of a unit."""
+    """Return the text of a unit with these exponents of metre and second."""
 
-    def part(sign: int) -> str:
+    def format_part(sign: int) -> str:
         return " ".join(
             f"{u}{abs(n) if abs(n) > 1 else ''}" for u, n in zip("ms", exponents, strict=True) if n * sign > 0
         )
 
-    above, below = part(1), part(-1)
+    above, below = format_part(1), format_part(-1)
     return (above or "1") + "".join(f"/{u}" for u in below.split())
 
 
 def read_exponents(unit: str) -> tuple[int, int]:
-    """Return the powers of metres and seconds of a unit: rad, m/s2, rad/s ..."""
+    """Return the exponents of metre and second of a unit such as rad, m/s2 or rad/s."""
     found = {"m": 0, "s": 0}
     for k, part in enumerate(unit.split("/")):
         for u in part.split():
@@ -117,7 +117,7 @@ def _format_magnitude(s: Signal) -> str:
 
 
 def make_modulators() -> Iterator[FormulaTerm]:
-    """Return the factors that a signal may have."""
+    """Yield the factors that a signal may be multiplied by."""
     yield FormulaTerm("", (0, 0))
     yield FormulaTerm(
         "(vel_x/v - 1)", (0, 0), (Size("v", 18.0, 3.0, 80.0, "m/s", "speed at which it changes sign"),)
@@ -147,7 +147,7 @@ def _make_dead_zone(s: Signal, half: float) -> FormulaTerm:
 
 
 def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
-    """Return nonlinear forms of a signal."""
+    """Yield nonlinear functions of a signal."""
     yield FormulaTerm(f"{s.text}*abs({s.text})", _add_exponents(s.unit, s.unit))
     yield FormulaTerm(f"{s.text}*{s.text}*{s.text}", _add_exponents(s.unit, _add_exponents(s.unit, s.unit)))
     for w in s.sizes:
@@ -160,7 +160,9 @@ def make_shapes(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_memory(s: Signal) -> Iterator[FormulaTerm]:
-    """Return a signal after each operation with memory, with and without the signal."""
+    """Yield a signal after each operation with memory (lag, second-order mode, dead
+    time), and the difference of the result and the signal.
+    """
     for less in ("", f" - {s.text}"):
         for t in (0.05, 0.15, 0.4):
             yield FormulaTerm(
@@ -179,7 +181,9 @@ def add_memory(s: Signal) -> Iterator[FormulaTerm]:
 
 
 def add_play(s: Signal, halves: tuple[float, ...], rates: tuple[float, ...]) -> Iterator[FormulaTerm]:
-    """Return a signal after play, or after a limit of its rate."""
+    """Yield the changes of a signal by play of these halves, and by limits
+    of its rate.
+    """
     for w in halves:
         size = Size("w", w, 0.1 * w, 10.0 * w, s.units, "half of the play")
         yield FormulaTerm(f"(play({s.text}, w) - {s.text})", s.unit, (size,))
@@ -199,9 +203,10 @@ def _multiply_terms(a: FormulaTerm, b: FormulaTerm) -> FormulaTerm:
 
 
 def make_lateral_forms() -> list[FormulaTerm]:
-    """Return forms for the places of LATERAL.
+    """Return the forms for the places of LATERAL.
 
-    They are odd in the signals that turn the car, or forms of braking and speed.
+    Most forms change their sign with the direction of the turn. The others, with
+    acceleration, speed or absolute values, push the car to the same side in all turns.
     """
     found = [_multiply_terms(FormulaTerm(s.text, s.unit), m) for s in TURNING for m in make_modulators()]
     for s in TURNING:
@@ -210,7 +215,7 @@ def make_lateral_forms() -> list[FormulaTerm]:
         found += add_memory(s)
     found += add_play(STEER, PLAYS, (0.1, 0.3))
     found += add_play(SIDE, (0.2, 0.8), ())
-    # what pulls to one side, whichever way the car turns
+    # forms that push the car to the same side, whichever way it turns
     found += [
         FormulaTerm(t, u)
         for t, u in (("accel_x", PULL.unit), ("abs(accel_x)", PULL.unit), ("vel_x*vel_x", (2, -2)))
@@ -224,7 +229,7 @@ def make_lateral_forms() -> list[FormulaTerm]:
 
 
 def make_longitudinal_forms() -> list[FormulaTerm]:
-    """Return forms for the places of LONGITUDINAL."""
+    """Return the forms for the places of LONGITUDINAL."""
     found = [
         _multiply_terms(FormulaTerm(PULL.text, PULL.unit), m)
         for m in make_modulators()
@@ -249,10 +254,11 @@ def make_longitudinal_forms() -> list[FormulaTerm]:
     return found
 
 
-# What the catalogue has at a place, the signal that is in proportion first: imu_scale_ax,
-# pitch_leak and a late accel_x; imu_scale_ay, body_roll and a late accel_y; gyro_scale;
-# steering_ratio, steering_lag and steering_delay. Their evidence was asked for by these
-# names, and a name is not to lose to itself: as a formula it says less and costs less.
+# Forms at a place that are effects of the catalogue already, the proportional one first.
+# accel_x: imu_scale_ax, pitch_leak, latency of accel_x. accel_y: imu_scale_ay, body_roll,
+# latency of accel_y. yaw_rate: gyro_scale. front_angle: steering_ratio, steering_lag,
+# steering_delay. They are left out, because the search of effects has judged them, and
+# the same effect as a formula would have a lower price than as a name.
 KNOWN: dict[str, tuple[str, ...]] = {
     "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
     "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
@@ -266,7 +272,7 @@ KNOWN: dict[str, tuple[str, ...]] = {
 
 
 def list_forms(place: str) -> list[FormulaTerm]:
-    """Return the library at a place, without the forms of effects there."""
+    """Return the forms for a place, without those of KNOWN."""
     return [
         t
         for t in (make_lateral_forms() if place in LATERAL else make_longitudinal_forms())
@@ -280,7 +286,7 @@ def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
     Raises
     ------
     FormulaError
-        The form does not fit in a program.
+        The formula is too long for the library.
     """
     wanted = read_exponents(library().formula_places[place].unit)
     unit = format_unit((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
@@ -292,11 +298,12 @@ def make_formula(place: str, term: FormulaTerm, coefficient: float) -> Formula:
 
 
 def compute_values(term: FormulaTerm, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
-    """Return the values of a form over one log, shape (rows,).
+    """Return the values of a form in the rows of one log, an array of the shape (rows,).
 
-    `signals` are by their names in formulas, `dt` in s.
+    `signals` has the signals by their names in formulas, `dt` is the time step in s.
     """
-    # at front_angle a number of any unit makes the form one of its place
+    # The place does not matter here. At front_angle, whose unit is rad, a coefficient of
+    # 1 / (unit of the form) makes the units agree.
     unit = format_unit((-term.unit[0], -term.unit[1]))
     numbers = (Number("k", 1.0, unit), *(Number(s.name, s.value, s.unit) for s in term.sizes))
     return Formula("form", "form", "front_angle", f"k*{term.text}", numbers).evaluate(signals, dt)

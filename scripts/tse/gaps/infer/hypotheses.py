@@ -1,8 +1,9 @@
-"""Hypotheses of `tselab gap` and their prior: effects and latencies that a vehicle file
-may lack.
+"""The hypotheses of `tselab gap` and their priors: effects and latencies that a vehicle
+file may lack.
 
-The prior of a size is even over the typical range and normal beyond it, so that a size no
-car has costs evidence, as does one too small to matter.
+The prior of ln of a size is uniform over the typical range and falls like a normal
+density outside of it. So sizes that no car has cost evidence, as do sizes too
+small to matter.
 """
 
 from __future__ import annotations
@@ -18,47 +19,53 @@ from tse.gaps.catalogue import CatalogueParameter, Effect, list_signed_delays, l
 from tse.identify import unknowns
 from tse.identify.unknowns import SUPERELEVATION
 
-# Values of the column `occurrence` that are not searched.
-# ROAD: profiles of the road have a search of their own (infer/roads.py). A road that
-# leans or climbs all along is a bias.
-# ABSORBED: a stiffness takes the effect up, altogether or but for a twentieth
-# (aligning_moment, on the logs of two generators). The forms of tyres are known no
-# better. Drag and rolling resistance are among them: wheel speeds drive the model, and in
-# accel_x the rest of either looks like a road.
+# Values of the column `occurrence` of effects that are not searched. ROAD: road profiles
+# are searched in infer/roads.py. A constant bank or grade is the same as a sensor bias.
+# ABSORBED: the stiffness compensates the effect, completely or to at least 95 %
+# (aligning_moment, on the logs of two generators). Tyre models are not more accurate.
+# Drag and rolling resistance are among these effects, because the wheel speeds drive the
+# model, and what remains of them in accel_x looks like a grade of the road.
 NOT_SEARCHED = ("ROAD", "ABSORBED")
 EXPECTED = 1.0  # prior mean of the number of SOME_CARS effects that a vehicle file lacks
-SENSOR_SHARE = 0.1  # prior probability of one sensor error
-# prior probability that an EVERY_CAR effect matters and is not in the file
+SENSOR_SHARE = 0.1  # prior probability of each sensor error
+# prior probability that an EVERY_CAR effect is large enough to matter and not in the file
 EVERY_SHARE = 0.15
-WRONG_SIGN = 0.01  # prior probability of a sign against the physics of an effect
-SMALLER_SD = 0.7  # ln: sd of sizes below the typical range; half of it hardly matters
-LARGER_SD = 0.35  # ln: sd of sizes above the typical range; hardly a car has twice of it
-# ln: the same where the typical range is one value: an effect that is there or not
+WRONG_SIGN = 0.01  # prior probability of a sign that contradicts the physics of an effect
+# [ln] sd of sizes below the typical range: half the smallest typical size hardly matters
+SMALLER_SD = 0.7
+# [ln] sd of sizes above the typical range: hardly a car has twice the largest
+# typical size
+LARGER_SD = 0.35
+# [ln] sd of smaller sizes if the typical range is a single value: the effect is there
+# or not
 SWITCH_SD = 0.15
-# min probability of a named effect: less than one of 10 such names is wrong
+# min probability of a named effect, so that less than one in 10 of such names is wrong
 NAME_AT = 0.9
-SIZE_COST = 3.0  # nats: cost of a size that the logs show to a percent of the typical one
-MAX_LATE = 0.1  # s: max latency of a message behind or before another one
-# s: typical latency of a message behind another one: bus cycles of 5 .. 20 ms, filters of
-# 10 .. 30 Hz
+# [nat] cost of an unknown size whose posterior sd is about a percent of the typical size
+SIZE_COST = 3.0
+MAX_LATE = 0.1  # [s] max delay of a message relative to other messages, with either sign
+# [s] typical delay of a message relative to other messages: bus cycles of 5 .. 20 ms,
+# filters of 10 .. 30 Hz
 LATE = (0.003, 0.02)
 UNCERTAIN = unknowns.UNCERTAIN_SETTINGS | {
     "mass_sd": "mass_change",
     "yaw_inertia_sd": "yaw_inertia_change",
     "roll_steer_sd": "rear_roll_steer_gain",
 }
-OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
+# sd of the strengths of an effect other than its largest one, in units of the
+# typical size
+OTHER_SD = 1.0
 
 
 def make_latency(name: str, title: str, channels: str) -> Effect:
-    """Make the latency of messages an effect with one strength, in s."""
+    """Return the latency of a channel as an effect with one strength, in s."""
     text = "age of the values at the time of their row"
     parameter = CatalogueParameter(name, name, True, "s", 0.0, -MAX_LATE, MAX_LATE, *LATE, LATE[0], 0, text)
     return Effect(name, title, channels, (), (parameter,))
 
 
 def make_latencies() -> tuple[Effect, ...]:
-    """Return the latencies of messages as effects."""
+    """Return the latencies of the channels as effects."""
     return (
         make_latency("wheel_speed_latency", "wheel speeds late", "accel_x"),
         make_latency("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
@@ -67,10 +74,10 @@ def make_latencies() -> tuple[Effect, ...]:
 
 
 def make_superelevation() -> Effect:
-    """Return the superelevation of the road in its curves as an effect of its own.
+    """Return the superelevation of the road in its curves as an effect.
 
-    It is one number, beside the profile of the road. Left out, it looks like a scale of
-    accel_y.
+    It is one number in addition to the profile of the road: bank in proportion to the
+    curve. If it is left out, it looks like a scale error of accel_y.
     """
     bank = load_catalogue()["bank"]
     only = tuple(p for p in bank.parameters if p.key == SUPERELEVATION)
@@ -88,14 +95,17 @@ class Hypothesis:
     """An effect that the vehicle file may lack."""
 
     effect: Effect
-    odds: float  # ln of the prior odds that it does
+    odds: float  # ln of the prior odds that the file lacks it
 
     @property
     def id(self) -> str:
         return self.effect.id
 
     def ln_prior(self, values: Mapping[str, float]) -> float:
-        """Return ln of the prior density of the strengths, per unit of each."""
+        """Return ln of the prior density of the effect's strengths, in their units.
+
+        The largest strength has the prior of a size. The others are normal with OTHER_SD.
+        """
         strengths = self.effect.strengths
         if strengths[0].prior:
             return sum(compute_ln_normal(values[p.name], *fit_prior(p)) for p in strengths)
@@ -113,9 +123,10 @@ class Hypothesis:
 
 
 def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
-    """Return ln of the prior density of a strength that is `away` from its default.
+    """Return ln of the prior density of a strength that differs from its
+    default by `away`.
 
-    ln of its size is even over the typical range and normal beyond.
+    ln of its size is uniform over the typical range and has normal tails.
     """
     low, high = sorted((abs(p.typical_low - p.default), abs(p.typical_high - p.default)))
     low = low or 0.25 * high
@@ -128,11 +139,11 @@ def compute_ln_size_prior(p: CatalogueParameter, away: float) -> float:
 
 
 def apply_priors(vehicle: Vehicle) -> list[Effect]:
-    """Return the catalogue with the priors of a vehicle file.
+    """Return the effects of the catalogue with the priors of a vehicle file.
 
-    Where [uncertainty] states the sd of a number, that is the prior of its size, about
-    the file's value. If all of its sds are 0, as those of a simulator's car, there is no
-    such prior.
+    If [uncertainty] of the file states the sd of a parameter, its prior is normal
+    about the file's value with this sd. If all sds are 0, as for a simulated car, no
+    prior is changed.
     """
     sd = {name: vehicle.values[key] for key, name in UNCERTAIN.items() if key in vehicle.given_uncertainty}
     if not any(sd.values()):
@@ -149,13 +160,13 @@ def apply_priors(vehicle: Vehicle) -> list[Effect]:
 
 
 def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
-    """Return all hypotheses: effects in the order of the catalogue, then latencies and
-    superelevation.
+    """Return all hypotheses: the effects that are searched in the order of the catalogue,
+    then latencies and superelevation.
     """
     known = list(load_catalogue().values() if effects is None else effects)
     searched = [e for e in known if e.occurrence not in NOT_SEARCHED]
     physics = [e for e in searched if e.occurrence == "SOME_CARS"]
-    # the only effect of a list may be absent, too
+    # at least 2, so that a list with one effect does not give it the probability 1
     share = EXPECTED / max(len(physics), 2)
     shares = {"SENSOR": SENSOR_SHARE, "EVERY_CAR": EVERY_SHARE, "SOME_CARS": share}
     found = []
@@ -170,19 +181,21 @@ def make_hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]
 
 
 def compute_threshold(effects: int) -> float:
-    """Return the likelihood ratio, in nats, that a name among so many effects needs.
+    """Return the log likelihood ratio [nat] that an effect among so many needs
+    to be named.
 
-    It makes up for the prior odds against the effect, the odds of NAME_AT and the cost of
-    the size.
+    It is the sum of the prior ln odds against the effect, the ln odds of NAME_AT, and the
+    cost of an unknown size.
     """
     return math.log(max(effects, 2) / EXPECTED - 1.0) + math.log(NAME_AT / (1.0 - NAME_AT)) + SIZE_COST
 
 
 def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
-    """Return mean and sd of the normal prior of a parameter in a fit.
+    """Return mean and sd of the normal prior that a parameter has in a fit.
 
-    It is the prior of the vehicle file, if there is one. Else it is wide for a strength,
-    whose size is judged later, and the typical range for a shape.
+    It is the prior of the vehicle file, if there is one. Otherwise it is wide for a
+    strength, because its size is judged after the fit, and about the typical range
+    for a shape.
     """
     if p.prior:
         return p.default, p.prior
@@ -193,13 +206,13 @@ def fit_prior(p: CatalogueParameter) -> tuple[float, float]:
 
 
 def compute_ln_normal(x: float, mean: float, sd: float) -> float:
-    """Return ln of the normal density."""
+    """Return ln of the normal density at x."""
     return -0.5 * ((x - mean) / sd) ** 2 - math.log(sd * math.sqrt(2 * math.pi))
 
 
 def choose_start(p: CatalogueParameter) -> float:
-    """Return the start of a search: 0.3 of the typical size of a strength, the middle of
-    a shape.
+    """Return the value at which a fit starts: 0.3 times the typical size for a strength,
+    the middle of the typical range for a shape.
     """
     if not p.strength:
         return fit_prior(p)[0]

@@ -1,7 +1,7 @@
-"""Names of effects, with size, probability and look-alikes, from the sets of a search.
+"""Name the missing effects, with size, probability and look-alikes, from the sets of
+effects that a search has judged.
 
-The sets are searched on the fitted logs alone. Held-out logs take no part in names or
-sizes.
+Names and sizes come from the fitted logs only. Held-out logs are not used.
 """
 
 from __future__ import annotations
@@ -24,21 +24,24 @@ from tse.identify.knots import PROFILES
 from tse.identify.unknowns import SUPERELEVATION
 from tse.log.rows import DRIVES
 
-# min share of a look-alike in the probability that the effect or one in its place is
-# missing. Evidence is good to two nats: mass and yaw inertia, which no log tells apart,
-# differ by so much.
+# An effect is a look-alike if its probability is at least this share of the probability
+# that the named effect or any look-alike is missing. The share is small because evidence
+# is accurate only to about two nats: by so much it differs between mass and yaw inertia,
+# which no log can distinguish.
 ALIKE_AT = 0.02
-POSSIBLE_AT = 0.1  # min probability of an effect that is possible and has no name
-# min share that a name closes of the gap that the other names leave; roads are exempt
+POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
+# A named effect must close at least this share of the gap that the other names leave.
+# Road effects need not.
 MIN_CLOSED = 0.05
-WIDE = float(norm.ppf(0.975))  # half of a 95 % interval, in sd
-# min share that the names of the car close of the gap that roads leave, for an answer
+WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
+# The names answer what is missing if those of the car close at least this share of the
+# gap that the roads leave.
 MIN_NAMED = 0.5
-ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
-MAX_SETS = 8  # sets that are written with their probability
-# Why an effect is possible and has no name.
+ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}  # channel in which a road effect is visible
+MAX_SETS = 8  # max number of sets that are reported with their probability
+# Reasons why a possible effect has no name
 SMALL, IDLE, UNSURE = "its size is negligible", "it closes almost nothing", f"below {100 * NAME_AT:.0f} %"
-ZERO = "its interval holds nothing"
+ZERO = "its interval includes no effect"
 
 
 @dataclass
@@ -48,18 +51,20 @@ class Named:
     effect: Effect
     values: dict[str, float]
     ci95: dict[str, tuple[float, float]]
-    share: float  # of the gap that it closes
-    evidence: float  # nats
+    share: float  # share of the whole gap that it closes
+    evidence: float  # [nat] log evidence for the set with the effect against the set without it
     probability: float = 1.0
     look_alikes: list[str] = field(default_factory=list)
-    # share that it closes of the gap that the other names leave in held-out pieces
+    # share of the gap left by the other names that it closes, in held-out pieces of
+    # the logs
     alone: float = 1.0
     whole: float = 1.0  # probability that it or a look-alike is missing
 
     def at(self, values: Mapping[Key, float]) -> Named:
-        """Return the name with the values of another fit and intervals of the same width.
+        """Return the name with the values of another fit. The intervals
+        keep their widths.
 
-        The values of a profile stay.
+        The size of a road profile stays, since it is not among the fitted values.
         """
         by = {k: values[k] - v for k, v in self.values.items() if k in values}
         ci95 = {k: (low + by.get(k, 0.0), high + by.get(k, 0.0)) for k, (low, high) in self.ci95.items()}
@@ -67,15 +72,19 @@ class Named:
 
     @property
     def holds_nothing(self) -> bool:
-        """Whether the 95 % interval of every strength holds its default."""
+        """True if the 95 % interval of every strength includes its default, at which
+        there is no effect.
+        """
         default = {p.name: p.default for p in self.effect.strengths if p.name in self.ci95}
         return all(low <= default[k] <= high for k, (low, high) in self.ci95.items() if k in default)
 
     @property
     def message(self) -> bool:
-        """Whether it is a late message or a low pass of the IMU, no effect of the car.
+        """True if it is an error of messages or of the IMU (late messages, a low-pass
+        filter), not an effect of the car.
 
-        It is a latency, or a value below the column `early` of the catalogue.
+        This is the case for a latency, and for an effect of the catalogue whose strength
+        is below its early_below.
         """
         e = load_catalogue().get(self.effect.id)
         if e is None:
@@ -91,20 +100,22 @@ class Named:
 class Naming:
     """Result of a search: the named effects and the possible ones."""
 
-    baseline: Fit
-    final: Fit
+    baseline: Fit  # the car without effects, on level roads
+    final: Fit  # with the named effects
     named: list[Named]
-    closed: float  # share of the gap
-    possible: list[dict]  # not named: id, probability, why it is not
-    sets: list[dict]  # the most probable ones: ids, probability
+    closed: float  # share of the gap that the names close together
+    possible: list[dict]  # effects without a name: id, probability, why they have none
+    sets: list[dict]  # the most probable sets: ids, probability
     converged: bool
-    # covariance of ln stiffness of the sets, about what is named: sets that explain the
-    # logs alike differ in it
+    # Covariance of ln stiffness over the sets, about that of the named set. Sets that
+    # explain the logs equally well may differ in stiffness.
     spread: np.ndarray = field(default_factory=lambda: np.zeros((len(STIFFNESS), len(STIFFNESS))))
 
     @property
     def closes_most(self) -> bool:
-        """Whether the names of the car close most of what roads leave of the gap."""
+        """True if the named effects of the car close more than MIN_NAMED of the gap that
+        the roads leave.
+        """
         roads = sum(n.share for n in self.named if n.effect.id in (*PROFILES, SUPERELEVATION))
         return self.closed - roads > MIN_NAMED * max(1.0 - roads, 0.0)
 
@@ -116,7 +127,8 @@ def name_effects(
     baseline: Fit | None = None,
     roads: Sequence[FoundRoad] = (),
 ) -> Naming:
-    """Search the effects that are missing, and name those that are sure.
+    """Search the effects that are missing, and name those with a probability of
+    at least NAME_AT.
 
     Parameters
     ----------
@@ -125,11 +137,11 @@ def name_effects(
     effects : Sequence of Effect
         The effects that may be missing.
     say : Callable
-        Takes a line of progress.
+        Called with each line of progress.
     baseline : Fit or None
-        fit_plain_car() on level roads.
+        Result of fit_plain_car() on level roads. None: that of `problem` is used.
     roads : Sequence of FoundRoad
-        The roads of the logs.
+        The road profiles of the logs.
     """
     plain = fit_plain_car(problem)
     baseline = baseline or plain
@@ -137,12 +149,12 @@ def name_effects(
     best = search.run()
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
-    dropped: dict[str, str] = {}  # and why
+    dropped: dict[str, str] = {}  # effect -> why it has no name
     full = compute_excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else search.judge(names, best.values, best, rough=True)
-        # sizes are those of the named effects alone; what others may do is in the
-        # intervals
+        # The sizes are from a fit of the named effects only. The influence of other
+        # effects is part of the intervals, which come from `final`.
         sized = fit_alone(problem, final.effects, final.values)
         small = {h.id: SMALL for h in final.effects if is_negligible(h.effect, sized.values)}
         small |= {h.id: ZERO for h in final.effects if includes_defaults(h, sized.values, final.sd())}
@@ -172,7 +184,9 @@ def name_effects(
 
 
 def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
-    """Keep only some of the names. The others become possible, for the reason `why`."""
+    """Keep only the names `kept`. The other named effects become possible effects, with
+    `why` as the reason.
+    """
     left = _refit_names(problem, naming, kept, naming.baseline)
     stay = {n.effect.id for n in left.named}
     dropped = [
@@ -185,23 +199,25 @@ def drop_names(problem: Problem, naming: Naming, kept: frozenset[str], why: str)
 
 
 def refit_on_all(problem: Problem, naming: Naming, baseline: Fit) -> Naming:
-    """Fit the names to more logs than they were found in.
+    """Fit the named effects to more logs than they were found in.
 
-    `baseline` is fit_plain_car() of these logs on level roads.
+    `baseline` is the result of fit_plain_car() for these logs on level roads.
     """
     return _refit_names(problem, naming, frozenset(n.effect.id for n in naming.named), baseline)
 
 
 def fit_plain_car(problem: Problem) -> Fit:
-    """Fit the stiffness of the car of the vehicle file by least squares."""
+    """Fit the stiffness of the vehicle file's car, without effects, by least squares."""
     return fit_parameters(problem, STIFFNESS, {})
 
 
 def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[FoundRoad]) -> list[Named]:
-    """Return the profiles of the roads as names.
+    """Return the road profiles as named effects.
 
-    A profile closes what the plain car closes on it of its own channel. It gets a name if
-    that is at least MIN_CLOSED.
+    `level` and `on_road` are fits of the car without effects on level roads and on the
+    roads that were found. What the road reduces of the gap in its own channel
+    (ROAD_CHANNEL) is what the profile closes. A profile that closes less than MIN_CLOSED
+    of this channel's gap gets no name.
     """
     full, before, after = (
         compute_excess(problem, level.residuals),
@@ -221,9 +237,10 @@ def name_roads(problem: Problem, level: Fit, on_road: Fit, roads: Sequence[Found
 
 
 def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
-    """Fit some of the names anew.
+    """Fit the named effects `kept` again.
 
-    Intervals keep their width: it holds the uncertainty of the forms, which stays.
+    Their intervals keep the widths, which come mostly from the uncertain form of the
+    model and do not change with the logs.
     """
     roads = [n for n in naming.named if n.effect.id in PROFILES]
     flat = kept - {n.effect.id for n in roads}
@@ -243,17 +260,21 @@ def _refit_names(problem: Problem, naming: Naming, kept: frozenset[str], baselin
 
 
 def is_negligible(effect: Effect, values: Mapping[str, float]) -> bool:
-    """Return whether an effect is too small to matter, however sure it is."""
+    """Return whether every strength of an effect is below its negligible size."""
     return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
 
 
 def includes_defaults(h: Hypothesis, values: Mapping[str, float], sd: Mapping[str, float]) -> bool:
-    """Return whether the 95 % interval of every strength holds its default."""
+    """Return whether the 95 % interval of every strength includes its default, at which
+    there is no effect.
+    """
     return all(abs(values[p.name] - p.default) < WIDE * sd[p.name] for p in h.effect.strengths)
 
 
 def compute_relevance(judged: Judged, h: Hypothesis) -> float:
-    """Return the probability that a strength is above negligible, given the effect."""
+    """Return the probability that a strength exceeds its negligible size, given that the
+    effect is in the set.
+    """
     little, sd = 1.0, judged.sd()
     for p in h.effect.strengths:
         ends = (np.array([-p.negligible, p.negligible]) - (judged.values[p.name] - p.default)) / sd[p.name]
@@ -262,10 +283,14 @@ def compute_relevance(judged: Judged, h: Hypothesis) -> float:
 
 
 class Probability:
-    """Probability of effects at a size that matters, from the sets of a search."""
+    """Probabilities that effects of relevant size are missing, from the sets
+    of a search.
+    """
 
     def __init__(self, search: Search, found: frozenset[str]):
-        """Sum the sets of a search. `found` is the set that is to be named."""
+        """Sum the probabilities of the sets. `found` is the best set, which is
+        to be named.
+        """
         self._sets = search.probabilities()
         self._found = found
         self.effects: dict[str, float] = {}
@@ -275,9 +300,11 @@ class Probability:
                 self.effects[h.id] = self.effects.get(h.id, 0.0) + p * compute_relevance(judged, h)
 
     def in_place(self, effect: str) -> dict[str, float]:
-        """Return the effects in the place of another one, with their probability.
+        """Return the effects that replace `effect` in other sets,
+        with their probabilities.
 
-        They are in sets without that effect, and not in the set that is to be named.
+        These sets lack `effect`. Of them, only effects that are not in the
+        best set count.
         """
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -287,12 +314,12 @@ class Probability:
         return found
 
     def of_class(self, effect: str) -> float:
-        """Return the probability that an effect or one in its place is missing."""
+        """Return the probability that an effect, or one that replaces it, is missing."""
         stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
     def spread(self, search: Search, named: Judged) -> np.ndarray:
-        """Return the covariance of ln stiffness over the sets, about the named one."""
+        """Return the covariance of ln stiffness over the sets, about that of `named`."""
         sets = search.all()
         away = {ids: compute_ln_stiffness(sets[ids]) - compute_ln_stiffness(named) for ids in self._sets}
         return sum(
@@ -301,12 +328,13 @@ class Probability:
         )
 
     def sets(self) -> list[dict]:
+        """Return ids and probability of the most probable sets, at most MAX_SETS."""
         top = sorted(self._sets.items(), key=lambda x: -x[1])[:MAX_SETS]
         return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
 
 
 def compute_ln_stiffness(judged: Judged) -> np.ndarray:
-    """Return ln of the stiffness over that of the vehicle file."""
+    """Return ln of the ratio of each stiffness to that of the vehicle file."""
     return np.log([judged.values[p.name] for p in STIFFNESS])
 
 
@@ -320,6 +348,11 @@ def _make_named(
     probability: Probability,
     full: float,
 ) -> Named:
+    """Return a named effect with its evidence, and the shares of the gap that it closes.
+
+    `final` is the set with uncertain forms, `plain` that of the named effects only, and
+    `last` is `plain` as a Fit. `full` is the whole gap.
+    """
     found = _make_sized_name(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final, rough=True)
     found.evidence = final.evidence - without.evidence
@@ -339,9 +372,10 @@ def _make_named(
 def _make_sized_name(
     h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None
 ) -> Named:
-    """Return a name with its size, interval and look-alikes.
+    """Return a named effect with size, interval, probability and look-alikes.
 
-    `rough` is the fit of the set with uncertain forms. Its sd is that of the interval.
+    The size is that of `judged`. The width of the interval is from `rough`, a fit in
+    which effects outside the set may have small sizes; None: from `judged`.
     """
     sd = (rough or judged).sd()
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
@@ -358,12 +392,14 @@ def _make_sized_name(
 
 
 def fit_alone(problem: Problem, effects: Sequence[Hypothesis], values: Mapping[str, float]) -> Judged:
-    """Fit effects without any other one, from `values`."""
+    """Fit these effects without any other effect, starting at `values`."""
     return judge_set(problem, effects, [h.id for h in effects], values)
 
 
 def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
-    """Return a judged set as a Fit: values, residuals and slopes."""
+    """Return a judged set as a Fit: values, residuals and, if `slopes` is True,
+    their partial derivatives.
+    """
     there = {p.name for h in judged.effects for p in h.effect.fitted} | {p.name for p in STIFFNESS}
     parameters = [p for p in judged.space.parameters if p.name in there]
     values = {p.name: judged.values[p.name] for p in parameters}
@@ -375,8 +411,8 @@ def convert_to_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit
 def convert_to_settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Return fitted values as settings of a vehicle file.
 
-    Negative delays and late messages become latencies of channels. Numbers of the road
-    are left out.
+    Negative delays and latencies of messages become latencies of channels. Parameters of
+    the road are left out, except its superelevation.
     """
     given = problem.config.as_dict()
     road = (p.name for e in PROFILES for p in load_catalogue()[e].parameters if p.key != SUPERELEVATION)

@@ -1,8 +1,8 @@
-"""What is left after naming: is it the sensors' own, is it somewhere in time, does it go
-with what the car does?
+"""Classify the error that remains after naming: is it from the sensors, is it localised
+in time, or does it depend on the motion of the car?
 
-The sensors' own: noise in a band that row to row differences do not see, a bias that
-walks, lone spikes.
+Errors from the sensors are noise at low frequencies, which differences between rows do
+not contain; a bias that follows a random walk; and single spikes.
 """
 
 from __future__ import annotations
@@ -16,36 +16,35 @@ from tse.gaps.infer.where import find_conditions
 from tse.gaps.problem import Problem
 from tse.identify.data import BLOCK_TIME
 
-LOCAL = 0.15  # of the time: half of the energy in less is localised
-WALK = {
-    "accel_x": 0.005,
-    "accel_y": 0.005,
-    "yaw_rate": 0.0003,
-}  # m/s2, rad/s per root s: how far MEMS biases walk
-MEMORY = 0.12  # s: cars and roads remember longer than the low pass of a sensor
+# An error is localised if half of its energy is in less than this share of the time.
+LOCAL = 0.15
+# [m/s2 or rad/s per sqrt(s)] random walk of the biases of MEMS sensors
+WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}
+# [s] Max correlation time of sensor noise after a low pass. Errors of the car or the road
+# are correlated for longer.
+MEMORY = 0.12
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the residual of one channel looks like."""
+    """The kind of error that remains in one channel."""
 
     channel: str
-    gap: float  # rms over noise
-    kind: str  # noise, localised, disturbance
+    gap: float  # ratio of residual rms to noise
+    kind: str  # noise, localised or disturbance
     words: str
 
 
 def find_remainders(
     problem: Problem, residuals: np.ndarray, values: dict[str, float], limit: float
 ) -> list[Remainder]:
-    """Return the remaining error of every channel.
+    """Return the remaining error of each channel.
 
-    `values` are those of the fit. `limit` is the max rms over noise of a channel that is
-    explained.
+    `values` are those of the fit. A channel is explained if its ratio of residual rms to
+    noise is at most `limit`.
     """
-    large = {
-        c.channel: c.condition for c in reversed(find_conditions(problem, residuals, values))
-    }  # the strongest
+    # channel -> its strongest condition, which comes last and overwrites the others
+    large = {c.channel: c.condition for c in reversed(find_conditions(problem, residuals, values))}
     found = []
     for channel, mine in problem.used():
         e, log = residuals[mine], problem.rows.log[mine]
@@ -56,7 +55,7 @@ def find_remainders(
         if size <= limit:
             words = "noise only"
         elif own <= limit:
-            words = "noise only, besides lone spikes or a bias that walks"
+            words = "noise only, apart from single spikes or a drifting bias"
         elif is_noise(steady, log):
             words = f"noise only, {own:.2f} times the noise of its row-to-row differences"
         elif where is not None:
@@ -72,14 +71,16 @@ def find_remainders(
 
 
 def estimate_walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
-    """Return the walk of the bias of a channel in a block, in units of its noise."""
+    """Return the sd by which the bias of a channel changes from block to block, in units
+    of its noise.
+    """
     return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK_TIME) * np.median(problem.weight[rows]))
 
 
 def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
-    """Replace lone outliers of a residual by their neighbours.
+    """Return the residual with single outliers replaced by the mean of their neighbours.
 
-    A car does not jump there and back within 40 ms.
+    An error that lasts one block of 40 ms only cannot be a motion of the car.
     """
     near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
     calm = np.abs(e) < near
@@ -96,13 +97,14 @@ def remove_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
 
 
 def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
-    """Return the residual less a bias that walks by `step` a block.
+    """Return the residual minus a bias that is a random walk with the sd
+    `step` per block.
 
-    A smoother finds the bias in white noise of size one.
+    A smoother estimates the bias in white noise of the variance 1.
     """
     if step <= 0:
         return e
-    # steady gain of the Kalman filter of a walk, forwards, then backwards
+    # stationary gain of the Kalman filter, which runs forwards and then backwards
     g = 0.5 * step * (np.sqrt(step**2 + 4.0) - step)
     rest = np.empty_like(e)
     for i in np.unique(log):
@@ -116,8 +118,9 @@ def remove_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
 def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     """Return whether a residual is noise of a sensor with a low pass.
 
-    Noise is always there in the same size, is soon forgotten and does not oscillate.
-    Errors of a car or a road come and go with driving, last, or oscillate.
+    Such noise has a constant variance and a short correlation time, and does not
+    oscillate. Errors of the car or the road vary with the driving, have a long
+    correlation time, or oscillate.
     """
     most = round(1.0 / BLOCK_TIME)
     c, energies = np.zeros(most + 1), []
@@ -131,16 +134,17 @@ def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
     calm = max(1, round(MEMORY / BLOCK_TIME))
     if length * BLOCK_TIME > MEMORY or np.abs(rho[calm:]).max() > 0.1 + limit or rho.min() < -0.1 - limit:
         return False
-    chance = (
-        2.0 * (1.0 + 2.0 * float(rho @ rho)) / most
-    )  # variance of the energy of a second over its mean's square
+    # Relative variance that the mean square in windows of 1 s has if the variance
+    # is constant
+    chance = 2.0 * (1.0 + 2.0 * float(rho @ rho)) / most
     return float(np.var(energies)) <= 2.0 * chance * float(np.mean(energies)) ** 2
 
 
 def find_short_span(e: np.ndarray, log: np.ndarray, time: np.ndarray) -> tuple[float, float, int] | None:
-    """Return the shortest span of one log with half of the energy above the noise.
+    """Return begin, end and index of the log of the shortest interval that contains half
+    of the energy above the noise.
 
-    Return None if it is not short against the logs.
+    Return None if the interval is longer than the share LOCAL of all logs.
     """
     surplus = np.maximum(e**2 - 1.0, 0.0)
     total, n, best = surplus.sum(), len(e), None

@@ -1,18 +1,20 @@
-"""Names, a formula, or both: what explains most for what it costs to say.
+"""Decide between named effects, a formula, or both.
 
-Names that leave most of a gap, or close it by being many, may be a patchwork for
-something that the catalogue does not have. So what the search named stands beside
-formulas for what these, or none, leave. Each of these worlds is worth
+Named effects that leave most of the gap, or that close it only by their number, may
+imitate something that the catalogue lacks. Therefore several combinations are compared:
+the named effects alone, the named effects with a formula for what they leave, and a
+formula without named effects. Each combination, called a world here, has the value
 
-    sum over channels of ln likelihood of the residuals (search.py)  -  what it costs to
-    say,
+    sum over channels of ln likelihood of the residuals (search.py) - price.
 
-a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py)
-and the odds that the catalogue lacks something. Held-out logs count as those that were
-fitted, with the numbers of these. A name stands if the worlds that have it are likely
-enough together. Fewer names without a formula are no world of their own: whether a name
-is worth having beside nothing is what the search has judged, in a model of what is left
-that is finer than this one.
+The price of a name is its prior odds and the cost of its size (hypotheses.py). The
+price of a formula is that of its length (formula_search.py) and the odds that the
+catalogue lacks something. Residuals of the held-out logs count, too, with the values
+fitted to the other logs. A name is kept if the worlds that contain it have together at
+least the probability NAME_AT.
+
+A subset of the names without a formula is no world, because the search has already
+decided which effects to name, by a more detailed model of the residuals.
 """
 
 from __future__ import annotations
@@ -35,21 +37,22 @@ from tse.gaps.parallel import run_in_processes
 from tse.gaps.problem import Problem
 from tse.identify.data import COMPARED_CHANNELS
 
-# of the gap, that names must close where something is left: less is as good as nothing
+# If a remainder is left, the names must close at least this share of the gap together.
+# Otherwise all of them are dropped.
 MIN_TOGETHER = 0.2
-OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
-# why what the search named has no name in the end
-INSTEAD = "a formula explains about as much or more for what it costs"
+OUTSIDE = 0.2  # prior probability that the missing effect is not in the catalogue
+# Reason why an effect that the search named has no name in the end
+INSTEAD = "a formula explains about as much or more, less its price"
 
 
 @dataclass
 class World:
-    """Names, with a formula for what they leave or without."""
+    """A combination of named effects and, if `discovery` is given, a formula."""
 
     naming: Naming
     discovery: Discovery | None
-    price: float  # nats
-    residuals: list[np.ndarray]  # of the fitted logs, and of those that were held out
+    price: float  # [nat]
+    residuals: list[np.ndarray]  # of the fitted logs and, if there are any, of the held-out logs
     probability: float = 0.0
 
     @property
@@ -58,12 +61,12 @@ class World:
 
     @property
     def text(self) -> str | None:
-        """Of the formula."""
+        """The text of the formula; None without a formula."""
         return self.discovery.formula.text if self.discovery and self.discovery.formula else None
 
 
 class Worlds:
-    """All that are compared."""
+    """All worlds that are compared."""
 
     def __init__(self, problem: Problem, held: Problem | None):
         self.problem, self.held = problem, held
@@ -88,11 +91,13 @@ class Worlds:
             w.probability = float(p)
 
     def with_name(self, effect: str) -> float:
-        """Return the probability of the worlds with a name."""
+        """Return the total probability of the worlds that contain this named effect."""
         return sum(w.probability for w in self.known if effect in w.names)
 
     def best(self) -> World:
-        """Return the likeliest world whose names all stand."""
+        """Return the most probable world all of whose names have a probability of
+        at least NAME_AT.
+        """
         standing = (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names))
         return max(standing, key=lambda w: w.probability)
 
@@ -101,7 +106,9 @@ class Worlds:
         return [last.residuals] + ([] if held is None else [held.residuals(drop_log_values(values))])
 
     def _square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
-        """Return mean square in units of the noise, and the count of values."""
+        """Return the mean square of a channel's residuals in units of the noise,
+        and their number.
+        """
         total, rows = 0.0, 0
         for p, r in zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True):
             mine = dict(p.used()).get(channel)
@@ -111,11 +118,12 @@ class Worlds:
 
 
 def compute_ln_odds(probability: float) -> float:
+    """Return ln of the odds p / (1 - p)."""
     return float(np.log(probability / (1.0 - probability)))
 
 
 def compute_name_price(effect: str) -> float:
-    """Return the prior cost of a name in nats."""
+    """Return the price of a name in nats: cost of its size less prior ln odds."""
     return SIZE_COST - next(
         (h.odds for h in make_hypotheses() if h.id == effect), compute_ln_odds(ROAD_PROBABILITY)
     )
@@ -124,9 +132,11 @@ def compute_name_price(effect: str) -> float:
 def explain_remainder(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """Return a formula or None, the names, and all worlds that were compared.
+    """Return the result of the formula search, the names, and all worlds
+    that were compared.
 
-    The names are those of the likeliest world that are as likely as a name must be.
+    Formula and names are those of Worlds.best(). A name whose probability over all worlds
+    is below NAME_AT is dropped.
     """
     if naming.named and naming.closed < MIN_TOGETHER:
         little = f"the names together close less than {100 * MIN_TOGETHER:.0f} % of the gap"
@@ -135,13 +145,13 @@ def explain_remainder(
     fits = [refit_world(problem, n.final) for n in asked]
     worlds = Worlds(problem, held)
 
-    def formula(k: int) -> Discovery:
-        beside = ", ".join(m.effect.id for m in asked[k].named)
+    def search_formula(k: int) -> Discovery:
+        names = ", ".join(m.effect.id for m in asked[k].named)
         return discover_formula(
-            problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}")
+            problem, fits[k], held, lambda text: say(f"{text}{names and f', in addition to {names}'}")
         )
 
-    sought = run_in_processes(problem.jobs, formula, range(len(asked)))
+    sought = run_in_processes(problem.jobs, search_formula, range(len(asked)))
     worlds.add(naming, fits[0])
     for n, last, found in zip(asked, fits, sought, strict=True):
         if found.formula is not None:
@@ -152,8 +162,8 @@ def explain_remainder(
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
-    # whether a formula is worth reading beside these names is what its own search has
-    # judged, on the held-out logs, too
+    # The formula to report is the result of the search with these names. That search has
+    # already decided, also by the held-out logs, whether a formula is proposed.
     last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
     share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
     named = [
@@ -169,7 +179,11 @@ def explain_remainder(
 
 
 def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tuple[Discovery, Naming]:
-    """Return a formula and the names that it leaves: it may take over what a name did."""
+    """Return the formula and the names that are still needed with it.
+
+    A formula may explain what a named effect explained before. If the interval of the
+    effect's size, fitted with the formula, then includes no effect, its name is dropped.
+    """
     if last.formula is None or last.fit is None or not naming.named:
         return last, naming
     at = [n.at(last.fit.values) for n in naming.named]
@@ -182,6 +196,8 @@ def find_formula_beside(problem: Problem, naming: Naming, last: Discovery) -> tu
 
 
 def refit_world(problem: Problem, last: Fit) -> Fit:
-    """Fit the same world by least squares, as formulas are fitted."""
+    """Fit the parameters of `last` again by least squares, as fits with a formula are
+    made, so that worlds with and without a formula are comparable.
+    """
     found = fit_parameters(problem.holding(last.values), last.parameters, last.values)
     return replace(found, values=last.values | found.values)

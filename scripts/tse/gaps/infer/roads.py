@@ -1,9 +1,9 @@
-"""The roads under the logs: bank and grade found with the car in one fit, before any
-effect of the car is sought.
+"""Find bank and grade of the roads of the logs, before effects of the car are searched.
 
-What a road does to the sensors is as large as what tyres do, and slower than most of it.
-Left out, it passes for a scale of accel_y or for other tyres; fitted beside a car that is
-held where a worse model had it, it makes the yaw rate worse.
+A road changes the measurements as much as tyres do, but mostly more slowly. If the road
+is left out, it is mistaken for a scale error of accel_y or for different tyres. Road and
+car are therefore fitted together. If the car were held at values that were fitted without
+a road, the fit of the road would make the residuals of the yaw rate larger.
 """
 
 from __future__ import annotations
@@ -26,34 +26,36 @@ from tse.library.core import Config
 from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 
-ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
-MAX_ODDS = 50.0  # ln: beyond it a probability is 1
+ROAD_PROBABILITY = 0.1  # prior probability that a road profile is large enough to be found
+MAX_ODDS = 50.0  # ln odds are limited to this value, at which the probability is 1
 
 
 @dataclass(frozen=True)
 class FoundRoad:
-    """A profile that the logs show: rms [rad] about its mean of each road with its 95 %
-    interval, and what speaks for it."""
+    """A road profile that the logs show."""
 
     effect: Effect
-    size: float
-    ci95: tuple[float, float]
-    nats: float
+    size: float  # [rad] rms of the profile about its mean on each road
+    ci95: tuple[float, float]  # 95 % interval of `size`
+    nats: float  # log evidence for the profile
     probability: float
 
 
 @dataclass
 class Roads:
-    """What was found, and the logs on it.
+    """The roads that were found, and the logs on them.
 
     Attributes
     ----------
     logs
-        The logs that were asked, with bank and grade of each row.
+        The logs, with bank and grade in each row if a road was found.
     found
-        Profiles that are shown, and large enough to matter.
+        The profiles that are probable enough for a name, and not negligible.
     road, fit
-        Their knots and the fit of car and road; None: there are none.
+        The knots of the profiles, and the fit of car and road. None if no
+        profile was found.
+    laps
+        Which logs are laps of the same road. None if that was not examined.
     """
 
     logs: list[PreparedLog]
@@ -63,7 +65,7 @@ class Roads:
     laps: Laps | None = None
 
     def profiles(self) -> list[Road]:
-        """Return the roads that were found, as road.csv has them."""
+        """Return the roads that were found, in the form that road.csv has."""
         if self.laps is None or self.fit is None:
             return []
         sd = self.fit.equations.compute_road_sd()
@@ -82,12 +84,12 @@ def find_roads(
     say: Callable[[str], None] = lambda _: None,
     read: Sequence[CheckedLog] = (),
 ) -> Roads:
-    """Return the roads of logs as data.prepare() leaves them; of logs whose road is
-    known, none.
+    """Find the roads of logs, which are given as data.prepare() returns them.
 
-    read: the same logs as they were read; with them laps of one road have one profile.
-
-    Cost: one fit of car and road, and where one of two profiles is not shown another.
+    If the road of a log is known already, no roads are searched. `read` are the same logs
+    as they were read. With them, laps of the same road are detected and share one
+    profile. The cost is one fit of car and road, and a second one if only one of the two
+    profiles is found.
     """
     logs = list(logs)
     own = [add_missing_channels(log) for log in logs if log.stretches]
@@ -123,9 +125,9 @@ def find_roads(
 
 
 def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -> FoundRoad:
-    """Return how large a profile is, and how likely it is that there is one.
+    """Return size, evidence and probability of a road profile.
 
-    The sd of the rms is that of independent values, each as sure as they are on average.
+    The sd of its rms is computed as if its values were independent and had equal sds.
     """
     places = [road.get_slice(r, kind) for r in range(len(road.count))]
     nats = sum(ended.equations.compute_road_evidence(p, ended.z, KNOT_SD) for p in places)
@@ -138,7 +140,9 @@ def _judge_profile(kind: str, road: Knots, ended: CarFit, road_sd: np.ndarray) -
 
 
 def _place_logs(logs: Sequence[PreparedLog], road: Knots, z: np.ndarray) -> list[PreparedLog]:
-    """Return the logs on their roads; those that cannot be compared as they are."""
+    """Return the logs with bank and grade of their roads. Logs that cannot be compared
+    with a simulation are returned unchanged.
+    """
     found, i = [], 0
     for log in logs:
         found.append(replace(log, road=road.compute_profiles(i, z)) if log.stretches else log)

@@ -1,21 +1,23 @@
-"""The sets of effects that the logs speak for, and how likely each is.
+"""Search the sets of effects that explain the logs, and compute their probabilities.
 
-ln evidence of a set = sum over channels of ln likelihood at the best fit
-    + ln prior of what is fitted there + 1/2 ln det(2 pi H^-1), H the curvature
-    + ln prior odds of its effects.
+The evidence of a set is approximated by Laplace's method:
+    ln evidence = sum over channels of ln likelihood at the best fit
+        + ln prior density of the fitted values + 1/2 ln det(2 pi H^-1)
+        + ln prior odds of its effects,
+with the curvature H of the negative log posterior.
 
-The likelihood goes with the scales of the fit (identify/fit.py): a residual of rms r
-counts
-with sd^2 = noise^2 + (r^2 - noise^2) V, V values in MODEL_TIME, so that
-    d ln L/d(sum of squares) = -1/(2 sd^2),
-    ln L = -n/(2 V) ln(1 + V (r^2/noise^2 - 1)),
-Where r^2 - noise^2 is below LASTING^2 noise^2, sd is that of LASTING: no model is nearer
-to
-a car than that.
+The likelihood has the same variances as the fit (identify/fit.py). For a channel with n
+residuals of the rms r, the variance is sd^2 = noise^2 + (r^2 - noise^2) V. V is the
+number of values in MODEL_TIME, the duration of a model error. It follows that
+    d ln L / d(sum of squares) = -1 / (2 sd^2),
+    ln L = -n / (2 V) ln(1 + V (r^2 / noise^2 - 1)).
+r^2 - noise^2 is limited below to LASTING^2 noise^2, because no model of a car
+is more accurate.
 
-All strengths are unknowns of every fit, small where an effect is not there. So one fit
-has the slopes of all effects, and the evidence of other sets follows by linear algebra
-(Around). Sets that are likeliest there are fitted in turn.
+Every fit has the strengths of all effects as unknowns. Effects that are not in the set
+have a prior that keeps them small. So one fit has the partial derivatives for all
+effects, and the evidence of other sets is approximated from them by linear algebra
+(class Around). The sets that are most probable by this approximation are then fitted.
 """
 
 from __future__ import annotations
@@ -32,27 +34,29 @@ from tse.gaps.problem import Problem
 from tse.identify import fit as engine
 from tse.identify.data import BLOCK_TIME
 
-MAX_EFFECTS = 12  # of a set
-MAX_ROUNDS = 12  # fits of ever better sets
-PASSES = 4  # of them, each with what could be in the place of an effect
-AT_ONCE = 2  # changes of a set between two fits
-RIVALS = 2  # sets that are fitted in place of each effect
-FAR = 12.0  # nats: sets that are less likely by this are not fitted
-WORTH = 0.1  # nats: a set that is better by less is no better
-PAIRED = 8  # effects, the most promising alone, that are asked with a second one
-WEIGHINGS = 4  # of channels, for one set
+MAX_EFFECTS = 12  # max number of effects in a set
+MAX_ROUNDS = 12  # max number of fits in one climb to a better set
+PASSES = 4  # max number of climbs, each followed by fits of sets with replaced effects
+AT_ONCE = 2  # max number of changes of a set between two fits
+RIVALS = 2  # number of sets with a replacement that are fitted for each effect
+FAR = 12.0  # [nat] a set whose evidence is lower by more than this is not fitted
+WORTH = 0.1  # [nat] min difference in evidence by which a set counts as better
+PAIRED = 8  # number of the most promising effects that are tried together with a second one
+WEIGHINGS = 4  # iterations of the channels' variances for one set
 
 
 @dataclass
 class Judged:
-    """A set of effects, fitted, or judged by the slopes of another one's fit."""
+    """A set of effects with its evidence, from a fit of this set, or approximated from
+    the fit of another set (class Around).
+    """
 
     effects: tuple[Hypothesis, ...]
     values: dict[str, float]
     covariance: np.ndarray  # of the values
-    evidence: float  # ln, with the prior odds of the set
-    space: Space | None = None  # None: judged by slopes
-    fit: engine.CarFit | None = None
+    evidence: float  # ln evidence, including the prior odds of the set
+    space: Space | None = None  # None if the set was not fitted
+    fit: engine.CarFit | None = None  # None if the set was not fitted
 
     @property
     def ids(self) -> frozenset[str]:
@@ -67,31 +71,30 @@ class Judged:
 
 
 def compute_error_duration() -> float:
-    """Return V: how many values an error of the model lasts."""
+    """Return V: the duration of a model error in blocks."""
     return engine.MODEL_TIME / BLOCK_TIME
 
 
 def compute_variance(square: float) -> float:
-    """Return sd^2, in units of the noise, with which a residual of this mean square
-    counts.
+    """Return the variance of residuals in the likelihood, for a mean square `square` of
+    the residuals. Both are in units of the noise.
     """
     return 1.0 + compute_error_duration() * max(square - 1.0, LASTING**2)
 
 
 def compute_ln_likelihood(square: float, count: int) -> float:
-    """Return it of a channel.
-
-    `square`: mean square of its residuals, in units of the noise.
+    """Return ln likelihood of a channel with `count` residuals, whose mean square is
+    `square` in units of the noise.
     """
     more = square - 1.0 - LASTING**2
-    least = 1.0 + compute_error_duration() * LASTING**2
-    above = float(np.log(least + compute_error_duration() * max(more, 0.0))) / compute_error_duration()
-    return -0.5 * count * (above + min(more, 0.0) / least)
+    lowest = 1.0 + compute_error_duration() * LASTING**2
+    above = float(np.log(lowest + compute_error_duration() * max(more, 0.0))) / compute_error_duration()
+    return -0.5 * count * (above + min(more, 0.0) / lowest)
 
 
 def compute_ln_size_odds(effects: Sequence[Hypothesis], values: Mapping[str, float]) -> float:
-    """Return prior odds of effects and what their sizes cost, over the priors that a fit
-    takes for them.
+    """Return the sum over effects of ln prior odds, plus ln of the ratio of the prior
+    density of their sizes to the wide normal prior that the fit has used instead.
     """
     total = 0.0
     for h in effects:
@@ -108,14 +111,24 @@ def judge_set(
     like: Judged | None = None,
     rough: bool = False,
 ) -> Judged:
-    """Fit a set of effects.
+    """Fit a set of effects, and return it with its evidence.
 
+    Parameters
+    ----------
+    problem
+        The logs.
+    asked
+        All effects that are unknowns of the fit.
+    members
+        Ids of the effects of the set.
+    start
+        Values at which the fit starts.
     like
-        A set that was fitted, which lends the slopes of what is in neither; None: all are
-        simulated.
+        A set that was fitted before. The partial derivatives for effects that are not in
+        the new set are taken from it. None: they are simulated.
     rough
-        The slopes of `like` are those that the fit begins with, and that follow its
-        steps.
+        If True, the fit uses the partial derivatives of `like` also for the effects of
+        the set, and updates them in its steps instead of simulating them.
     """
     lent = like.fit.slopes[0] if like is not None and like.fit is not None else None
     space = Space(problem, asked, members, lent)
@@ -132,15 +145,17 @@ def judge_set(
 
 
 def _compute_mean_square(space: Space, found: engine.CarFit, channel: str) -> tuple[float, int]:
-    """Return the mean square of the residuals of a channel, and of how many; a large one
-    counts as its size."""
+    """Return the mean square of a channel's residuals, and their number. Residuals beyond
+    Huber's limit count by their absolute value, not by their square."""
     e = np.concatenate([r for r, (_, c) in zip(found.residuals, space.groups, strict=True) if c == channel])
     end = engine.HUBER * found.scales[channel].rms
     return float(np.mean(np.abs(e) * np.minimum(np.abs(e), end))), len(e)
 
 
 def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
-    """Return slopes of another set for this one; of a shape that it has not, nothing."""
+    """Return the partial derivatives from the fit of another set, in the order of this
+    set's unknowns. They are 0 for shapes that the other set does not have.
+    """
     assert like.space is not None and like.fit is not None
     place = {n: k for k, n in enumerate(like.space.names)}
     found = []
@@ -154,7 +169,7 @@ def _transfer_slopes(space: Space, like: Judged) -> list[np.ndarray]:
 
 
 class Around:
-    """The evidence of all sets by the slopes of one fit."""
+    """Approximates the evidence of any set from the partial derivatives of one fit."""
 
     def __init__(self, judged: Judged):
         assert judged.space is not None and judged.fit is not None
@@ -183,12 +198,12 @@ class Around:
         return np.array([1.0 / compute_variance(s / n) for s, n in zip(square, self._count, strict=True)])
 
     def judge(self, members: frozenset[str]) -> Judged:
-        """Return another set."""
+        """Return the set with these members, with approximate values and evidence."""
         space = self.space
         effects = tuple(h for h in space.asked if h.id in members)
         mean, sd = space.prior(members)
         there = {p.name for h in effects for p in h.effect.fitted}
-        for k, p in enumerate(space.parameters):  # a shape of what is not there stays
+        for k, p in enumerate(space.parameters):  # shapes of effects outside the set stay fixed
             if not p.strength and p.name not in there:
                 mean[k], sd[k] = self._x[k], 1e-6
         precision, weights = sd**-2, self._first
@@ -214,13 +229,13 @@ class Around:
 
 @dataclass
 class Search:
-    """All sets that were looked at."""
+    """Searches the most probable set, and keeps all sets that it has judged."""
 
     problem: Problem
     asked: Sequence[Hypothesis]
     say: Callable[[str], None] = lambda _: None
-    known: dict[frozenset[str], Judged] = field(default_factory=dict)  # fitted
-    # judged by the slopes of the best
+    known: dict[frozenset[str], Judged] = field(default_factory=dict)  # sets that were fitted
+    # sets whose evidence was approximated from the fit of the best set
     near: dict[frozenset[str], Judged] = field(default_factory=dict)
 
     def judge(
@@ -230,16 +245,18 @@ class Search:
         like: Judged | None = None,
         rough: bool = False,
     ) -> Judged:
-        """Return a set, fitted from `start` unless it was before."""
+        """Return the set with these effects. It is fitted from `start`, unless it has
+        been fitted before.
+        """
         key = frozenset(ids)
         if key not in self.known:
-            self.say(f"trying {', '.join(sorted(key)) or 'nothing'}")
+            self.say(f"trying {', '.join(sorted(key)) or 'no effect'}")
             self.known[key] = judge_set(self.problem, self.asked, key, start, like, rough)
         return self.known[key]
 
     def run(self) -> Judged:
-        """Return the most probable set, by adding to nothing, or by taking away from all
-        where that leads further.
+        """Return the most probable set. The search starts with the empty set and with all
+        effects, and continues from the better result.
         """
         best = self._climb(self.judge((), {}))
         best = max(best, self._prune(best), key=lambda j: j.evidence)
@@ -254,8 +271,9 @@ class Search:
         return best
 
     def _prune(self, start: Judged) -> Judged:
-        """Return what is left of all effects together when those that are not worth their
-        price go. Of two that nearly cancel, none is worth anything alone."""
+        """Return the set that is left if, starting with all effects, those that lower the
+        evidence are removed one by one. It may contain two effects that nearly cancel. An
+        added effect would have no evidence without the other one."""
         whole = self.judge([h.id for h in self.asked], start.values, start, rough=True)
         around, best = Around(whole), whole
         while best.effects:
@@ -267,7 +285,9 @@ class Search:
         return self.judge(best.ids, best.values, start)
 
     def _climb(self, best: Judged) -> Judged:
-        """Return the best set that adding, leaving out and exchanging effects reaches."""
+        """Return the best set that is reached from `best` by adding, removing
+        and replacing effects.
+        """
         for _ in range(MAX_ROUNDS):
             around = Around(best)
             self.near = {}
@@ -282,8 +302,9 @@ class Search:
         return best
 
     def _fit_alike(self, judged: Judged, effects: Collection[str]) -> list[Judged]:
-        """Fit what the catalogue calls alike in the place of some effects: slopes do not
-        show what is not small.
+        """Fit sets in which one of `effects` is replaced by an effect that the
+        catalogue calls similar. The linear approximation is not accurate enough to
+        compare large effects.
         """
         found = []
         for h in judged.effects:
@@ -297,7 +318,9 @@ class Search:
         return found
 
     def _fit_rivals(self, best: Judged) -> None:
-        """Fit what could be in the place of each effect, or of none."""
+        """For each effect of the best set, fit the set without it and the most probable
+        sets in which another effect replaces it.
+        """
         around = Around(best)
         for h in best.effects:
             less = best.ids - {h.id}
@@ -311,7 +334,7 @@ class Search:
                 self._get_set(around, best.ids | {o.id})
 
     def _get_set(self, around: Around, ids: frozenset[str]) -> Judged:
-        """Return a set as it was fitted, else by slopes."""
+        """Return a set from its fit; if it has not been fitted, by approximation."""
         if ids in self.known:
             return self.known[ids]
         if ids not in self.near:
@@ -319,9 +342,11 @@ class Search:
         return self.near[ids]
 
     def _find_best_near(self, around: Around, start: frozenset[str], changes: int) -> frozenset[str]:
-        """Return the best set that so many changes lead to, each the best one."""
+        """Return the set that up to `changes` successive changes lead to. Each change is
+        the one that raises the approximate evidence most.
+        """
 
-        def worth(ids: frozenset[str]) -> float:
+        def get_evidence(ids: frozenset[str]) -> float:
             return self._get_set(around, ids).evidence
 
         best = start
@@ -331,24 +356,24 @@ class Search:
             if len(best) < MAX_EFFECTS:
                 near += [best | {o} for o in out]
             near += [best - {i} | {o} for i in best for o in out]
-            there = max(near, key=worth)
-            if worth(there) < worth(best) + WORTH:
-                first = sorted(out, key=lambda o: -worth(best | {o}))[:PAIRED]
+            there = max(near, key=get_evidence)
+            if get_evidence(there) < get_evidence(best) + WORTH:
+                first = sorted(out, key=lambda o: -get_evidence(best | {o}))[:PAIRED]
                 near = [best | {a, b} for a in first for b in out if a != b]
                 near += [best - {i, k} | {o} for i in best for k in best if i < k for o in out]
-                there = max(near, key=worth, default=best)
-            if worth(there) < worth(best) + WORTH:
+                there = max(near, key=get_evidence, default=best)
+            if get_evidence(there) < get_evidence(best) + WORTH:
                 break
             best = there
         return best
 
     def probabilities(self) -> dict[frozenset[str], float]:
-        """Return those of all sets that were looked at."""
+        """Return the probabilities of all sets that were judged. Their sum is 1."""
         sets = self.all()
         ln = np.array([j.evidence for j in sets.values()])
         weight = np.exp(ln - ln.max())
         return dict(zip(sets, map(float, weight / weight.sum()), strict=True))
 
     def all(self) -> dict[frozenset[str], Judged]:
-        """Return all sets, fitted where they were."""
+        """Return all sets that were judged; of a set that was fitted, the fit."""
         return self.near | self.known

@@ -1,8 +1,9 @@
-"""The logs of a gap with a set of effects, as tse.identify.fit takes a problem.
+"""The logs of a gap with a set of effects, in the form of a problem for tse.identify.fit.
 
-Unknown are the stiffness of the axles, the strengths of all effects that are asked, and
-the shapes of those of the set. An effect of the set may have any size; one that is not in
-the set may have a size that does not matter (Parameter.negligible): no car is without it.
+The unknowns are the stiffnesses of the axles, the strengths of all effects that may be
+missing, and the shapes of the effects of the set. Effects of the set may have any size.
+Effects outside the set may only have about their negligible size
+(CatalogueParameter.negligible), since no car is entirely without them.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from tse.identify.problem import ACTIVE_TIME
 from tse.identify.unknowns import COMPLIANCE
 from tse.log.noise import compute_moving_average
 
-STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
-# sd of the strength of an effect that is not there, over the size that is negligible
+STIFFNESS_SD = 0.5  # prior sd of the ratio of each stiffness to that of the vehicle file
+# prior sd of the strength of an effect outside the set, in units of its negligible size
 ABSENT = 0.5
-# of the noise of a block: the error of any model, rms
+# rms error that any model has, in units of the noise of a block
 LASTING = (NOISE_LIMIT**2 - 1.0) ** 0.5
-# steps: a chord over a third of the typical size says more of an effect than its tangent
-# at zero
+# [steps] Width of the finite differences for effects outside the set: 0.3 of their
+# typical size. Effects are nonlinear, so this describes a typical size better than a
+# small step.
 REACH = 15.0
 
 
@@ -40,22 +42,23 @@ class Space:
     problem
         The logs.
     asked
-        Effects that may be there.
+        Effects that may be missing.
     members
-        Ids of those that are.
+        Ids of the effects of the set.
     lent
-        Slopes of another set of the same effects, by group: those of effects that are not
-        in this set are taken from there. None: they are simulated.
+        Partial derivatives from the fit of another set of the same effects, one matrix
+        for each group. Those for effects outside this set are taken from there. None:
+        they are simulated.
 
     Attributes
     ----------
     parameters, names
-        Unknowns. Cornering stiffness is searched as its inverse.
+        The unknowns. For cornering stiffness, the inverse is the unknown.
     groups
         Log and channel of each vector of residuals.
     """
 
-    knots, knot_sd = 0, 1.0  # the roads of the logs are known
+    knots, knot_sd = 0, 1.0  # the roads of the logs are known, so no knots are fitted
 
     def __init__(
         self,
@@ -80,8 +83,8 @@ class Space:
         self._lay_out()
 
     def prior(self, members: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and sd of the unknowns with another set of effects; shapes of
-        effects that it lacks do not count.
+        """Return prior mean and sd of the unknowns if `members` are the effects of the
+        set. The values for shapes of effects outside the set have no meaning.
         """
         there = {p.name for h in self.asked if h.id in members for p in h.effect.fitted}
         found = []
@@ -98,7 +101,7 @@ class Space:
     def _lay_out(self) -> None:
         rows = self.problem.rows
         self.groups: list[tuple[int, str]] = []
-        # indices into the residual vector of the problem
+        # for each group, its indices into the residual vector of the problem
         self._rows: list[np.ndarray] = []
         for g in range(int(rows.group.max()) + 1 if len(rows.group) else 0):
             mine = np.flatnonzero((rows.group == g) & (self.problem.weight > 0))
@@ -111,22 +114,27 @@ class Space:
     # ---- values
 
     def to_search(self, values: np.ndarray) -> np.ndarray:
-        """Return the unknowns as they are searched."""
+        """Return the unknowns x for these values: the inverse for cornering stiffness."""
         return np.where(self._inverse, 1.0 / np.where(self._inverse, values, 1.0), values)
 
-    to_ln = to_search  # its own inverse; the unknowns of a gap are no logarithms
+    # The function is its own inverse. tse.identify.fit calls the inverse to_ln(), because
+    # there values are logarithms. Here they are not.
+    to_ln = to_search
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
-        """Return d(values)/dx, of each by itself."""
+        """Return the derivative of each value with respect to its unknown x."""
         return np.where(self._inverse, -1.0 / np.where(self._inverse, x, 1.0) ** 2, 1.0)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        """Return what the simulation takes."""
+        """Return the values for the simulation from the unknowns x."""
         return dict(zip(self.names, map(float, self.to_ln(x)), strict=True))
 
     def at(self, values: Mapping[str, float]) -> np.ndarray:
-        """Return x of values; what they lack begins at its default, an effect of the set
-        that they do not have a little off it.
+        """Return the unknowns x from which a fit starts.
+
+        They are those of `values`. Unknowns that `values` lacks start at their
+        default. An effect of the set that `values` lacks, or has at a negligible size,
+        starts at choose_start().
         """
         there = {p.name for h in self.effects for p in h.effect.fitted}
         values = {p.name: values[p.name] for p in self.parameters if p.name in values}
@@ -138,11 +146,13 @@ class Space:
         ]
         return np.clip(self.to_search(np.array(first)), self.low, self.high)
 
-    # ---- what the fit asks
+    # ---- functions that tse.identify.fit calls
 
     @staticmethod
     def compute_noise(g: int) -> float:
-        """Return it of a residual: these are in its units."""
+        """Return the noise of the residuals, which is 1 because they are in
+        units of it.
+        """
         return 1.0
 
     @staticmethod
@@ -152,19 +162,22 @@ class Space:
 
     @staticmethod
     def compute_lasting_error(channel: str) -> float:
-        """Return the part of the residuals, rms, that is no noise of any model."""
+        """Return the rms of the residuals' part that is an error of any
+        model, not noise.
+        """
         return LASTING
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return residuals without bias by group, in units of the noise."""
+        """Return the residuals of each group without bias, in units of the noise."""
         whole = self.problem.residuals(self.values(x))
         return [whole[mine] for mine in self._rows]
 
     def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return d(residuals)/dx, a matrix per group.
+        """Return the partial derivatives of the residuals with respect to x, a matrix
+        for each group.
 
-        What is lent follows `x` no further: what is not there has a size that does not
-        matter.
+        Those taken from `lent` are not updated for a new x. This is accurate enough,
+        because effects outside the set have negligible sizes.
         """
         if self.lent is None:
             return self.own_slopes(x, base)
@@ -176,14 +189,19 @@ class Space:
         return found
 
     def own_slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return the same with nothing lent."""
+        """Return the partial derivatives of compute_slopes(), all
+        simulated, none lent.
+        """
         return self._simulate_slopes(x, base, ((1.0, True), (REACH, False)))
 
     def _simulate_slopes(
         self, x: np.ndarray, base: list[np.ndarray], parts: Sequence[tuple[float, bool]]
     ) -> list[np.ndarray]:
-        """Return slopes over a reach of what is there (True), or is not; nothing of the
-        others.
+        """Return partial derivatives by simulation, a matrix for each group.
+
+        Each of `parts` is a width of the finite differences, in steps, and whether it is
+        for effects of the set and stiffness (True) or for other effects (False). Columns
+        that no part covers are 0.
         """
         values = self.values(x)
         whole = np.zeros(len(self.problem.weight))
@@ -196,10 +214,12 @@ class Space:
         found *= self.compute_ln_slope(x)
         return [found[mine] for mine in self._rows]
 
-    # ---- what lasts of residuals
+    # ---- for the estimate of the lasting part of the residuals
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return residuals of a group with the size of their channel."""
+        """Return the residuals of a group with their times and the local rms of the
+        measured channel, in units of the noise.
+        """
         weight, level = (x[self._rows[g]] for x in (self.problem.weight, self.problem.measured))
         square = compute_moving_average(
             (level - np.median(level)) ** 2, max(1, round(ACTIVE_TIME / BLOCK_TIME))
@@ -207,12 +227,14 @@ class Space:
         return Piece(self.time[g], np.sqrt(square) * weight, residual)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return the yaw rate of 1 m/s2 across, in units of the noise."""
+        """Return the yaw rate that belongs to a lateral acceleration of 1 m/s2 in each
+        row of a group, in units of the noise.
+        """
         problem, rows = self.problem, self._rows[g]
         speed = problem.config.wheel_radius_rear * problem.quantity("wheel_speed_rear")[rows]
         return problem.weight[rows] / np.maximum(speed, MIN_FIT_SPEED)
 
     @staticmethod
     def compute_road_slopes(x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
-        """Return d(residuals)/dz: there is no z."""
+        """Return empty matrices: there are no unknowns z of the road."""
         return [csc_matrix((len(r), 0)) for r in base]

@@ -1,6 +1,6 @@
-"""Where simulation and measurement disagree: under which conditions the residual of a
-channel is large, and at which place of the car a disturbance explains accel_y and
-yaw_rate best.
+"""Find where simulation and measurement disagree: under which conditions the residual of
+a channel is large, and at which place of the car a disturbance explains the residuals of
+accel_y and yaw_rate best.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from tse.gaps.respond import ROAD, compute_responses, compute_signals
 from tse.identify.data import BLOCK_TIME
 from tse.library.core import library
 
-WINDOW = 1.0  # s: over which the energy of a residual is taken
-# share of the conditions that may be there by chance (Benjamini-Hochberg)
+WINDOW = 1.0  # [s] length of the windows in which the mean square of a residual is computed
+# share of the conditions found that may be due to chance (Benjamini-Hochberg)
 FALSE_DISCOVERIES = 0.01
-# of ranks: a condition that goes less with the energy is not worth words
-MIN_CORRELATION = 0.15
-MIN_WINDOWS = 20  # fewer do not show a channel's conditions
-# a road does not know of the steering wheel: of a bank, no more of the variance goes with
-# the car's own turning
+MIN_CORRELATION = 0.15  # min rank correlation with the mean square of a condition that is reported
+MIN_WINDOWS = 20  # with fewer windows no conditions of a channel are searched
+# Max squared correlation of a banked road with the lateral acceleration of the car. A
+# road is independent of the steering, so a larger correlation has a different cause.
 MAX_FOLLOWED = 0.5
-HAT = 10  # blocks: between two values of a disturbance, which is linear between them
+# [blocks] distance between two values of a disturbance, which is interpolated linearly
+HAT = 10
 PLACES = {
     "front axle": "front_angle",
     "rear axle": "rear_angle",
@@ -39,28 +39,31 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Condition:
-    """The residual of a channel is large where something is."""
+    """A condition in which the residual of a channel is large."""
 
     channel: str
     condition: str
-    strength: float  # rank correlation of its energy
+    strength: float  # rank correlation of the condition with the mean square of the residual
 
 
 @dataclass(frozen=True)
 class Entry:
-    """How well a disturbance at this place explains accel_y and yaw_rate."""
+    """How well a disturbance at this place explains the residuals of
+    accel_y and yaw_rate.
+    """
 
     place: str
-    nats: float
-    share: float  # of their energy that it takes up
-    size: float  # sd of the disturbance
+    nats: float  # log evidence for a disturbance
+    share: float  # share of the residuals' energy that the disturbance explains
+    size: float  # sd of the disturbance, in `unit`
     unit: str
 
 
 def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
-    """Return the signals of conditions, from inputs and simulation.
+    """Return the signals that conditions are made of, from inputs and simulation.
 
-    Measurements are not among them: their noise is in the residual, too.
+    Measurements are not used, because the residual contains their noise and would
+    correlate with them.
     """
     predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.quantity("steer_angle")
@@ -78,9 +81,10 @@ def compute_features(problem: Problem, values: dict[str, float]) -> dict[str, np
 
 
 def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
-    """Return the conditions in which the residual is large, strongest first.
+    """Return the conditions in which the residual is large, the strongest first.
 
-    Those that chance explains are left out (Spearman; Benjamini-Hochberg).
+    Conditions are found by Spearman's rank correlation. Those that may be due to chance
+    are left out by the procedure of Benjamini and Hochberg.
     """
     rows, found, p = problem.rows, [], []
     at = compute_features(problem, values)
@@ -105,11 +109,12 @@ def find_conditions(problem: Problem, residuals: np.ndarray, values: dict[str, f
 
 
 def find_entries(problem: Problem, last: Fit) -> list[Entry]:
-    """Return every place with the evidence for a disturbance there, best first.
+    """Return each place with the evidence for a disturbance there, the best one first.
 
-    It is fitted beside everything in `last`. A disturbance is a sum of hats, one every
-    HAT blocks, of normal size. Residuals are linear in it, so its evidence is a sum over
-    the singular values of the responses to the hats (compute_responses()).
+    A disturbance is a sum of triangular functions (hats), one every HAT blocks, whose
+    amplitudes have a normal prior. It is fitted together with the parameters of `last`.
+    The residuals are linear in the amplitudes, so the evidence is a sum over the singular
+    values of the responses to the hats (compute_responses()).
     """
     at, units = compute_signals(problem, last.values), library().formula_places
     lateral = [
@@ -130,8 +135,8 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
     found = []
     for place, id_ in PLACES.items():
         change = compute_responses(problem, last.values, at, id_, hats)
-        # of each log: singular values and directions, and how far the residual goes along
-        # them
+        # For each log: singular values, right singular vectors, components of the
+        # residual along the left singular vectors, and sum of squared residuals
         parts = []
         for i in there:
             q, _ = np.linalg.qr(last.jacobian[lateral[i]])
@@ -143,11 +148,11 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
         )
         sizes = unit * 2.0 ** np.arange(-3, 6)
 
-        def nats(size: float, parts: list = parts) -> float:
+        def compute_nats(size: float, parts: list = parts) -> float:
             shares = ((c, (size * s) ** 2) for s, _, c, _ in parts)
             return 0.5 * sum(float(np.sum(c * c * x / (1 + x) - np.log1p(x))) for c, x in shares)
 
-        size = max(sizes, key=nats)
+        size = max(sizes, key=compute_nats)
         means = [v.T @ (size**2 * s / (1 + (size * s) ** 2) * c) for s, v, c, _ in parts]
         taken = sum(float(np.sum(c * c * (size * s) ** 2 / (1 + (size * s) ** 2))) for s, _, c, _ in parts)
         seen = np.concatenate([hats[i] @ x for i, x in zip(there, means, strict=True)])
@@ -156,10 +161,13 @@ def find_entries(problem: Problem, last: Fit) -> list[Entry]:
             if seen.any()
             else 0.0
         )
-        # a road does not know of the steering wheel: what follows the car's own turning
-        # came in elsewhere
+        # A road is independent of the steering. If the disturbance follows the
+        # lateral acceleration of the car, it acts at a different place, so the road
+        # is ranked last.
         last_of_all = id_ == ROAD and follows > MAX_FOLLOWED
         share = taken / max(sum(rr for *_, rr in parts), 1e-300)
-        entry = Entry(place, nats(size), share, float(size), "m/s2" if id_ == ROAD else units[id_].unit)
+        entry = Entry(
+            place, compute_nats(size), share, float(size), "m/s2" if id_ == ROAD else units[id_].unit
+        )
         found.append((last_of_all, -entry.nats, entry))
     return [e for *_, e in sorted(found, key=lambda x: x[:2])]

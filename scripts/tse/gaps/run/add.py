@@ -69,8 +69,8 @@ def write_formula_files(out: Path, improved: Path) -> list[Path]:
 
 
 def make_vehicle_toml(vehicle: Vehicle, problem: Problem, result: Found) -> str:
-    """Return the text of the vehicle file with the fitted stiffness and the named
-    effects.
+    """Return the text of the vehicle file with the fitted stiffness and
+    the named effects.
 
     `vehicle` is the file as the user wrote it. Sensor settings that it leaves out must
     not be filled in.

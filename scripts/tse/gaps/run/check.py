@@ -1,5 +1,5 @@
-"""`tselab gap check`: find which effects the logs could show, before any effect is
-fitted.
+"""`tselab gap check`: find which effects the logs could show, before any
+effect is fitted.
 """
 
 from __future__ import annotations

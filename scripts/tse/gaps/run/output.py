@@ -57,7 +57,8 @@ BOTH = ("before", "after")
 
 @dataclass(frozen=True)
 class WrittenFiles:
-    """The files that write_all() wrote, and the numbers in them that the terminal shows.
+    """The files that write_all() wrote, and the numbers in them that
+    the terminal shows.
     """
 
     files: list[Path]

@@ -1,5 +1,5 @@
-"""Draw the figures of the gap report (plotly), one function for each section, and gap.png
-(matplotlib).
+"""Draw the figures of the gap report (plotly), one function for each section,
+and gap.png (matplotlib).
 """
 
 from __future__ import annotations
@@ -156,7 +156,8 @@ def _make_part_title(part: str) -> str:
 
 
 def draw_picture(path: Path, table: pd.DataFrame, title: str) -> None:
-    """Draw gap.png: the interval in which adding the effects reduced the residual most.
+    """Draw gap.png: the interval in which adding the effects reduced
+    the residual most.
     """
     with open_picture(path) as plt:
         figure, (above, below) = plt.subplots(

@@ -28,13 +28,13 @@ from tse.report.tables import text_table
 
 NEED = 8.0  # [nat] evidence from which on two effects are separated
 # The evidence for the difference of two effects must be at least this share of the
-# evidence for either of them, because models of a real car are not more accurate than
-# that.
+# evidence for either of them, because models of a real car are not more accurate
+# than that.
 RIVAL_SHARE = 0.1
 NOTHING = 0.1  # [nat] a manoeuvre in which an effect has less evidence does not excite it
-# Relative change of the sum of squares at which a fit ends. It is small because the logs
-# have no noise, so that the sum of squares consists only of the difference of the
-# effects.
+# Relative change of the sum of squares at which a fit ends. It is small because the
+# logs have no noise, so that the sum of squares consists only of the difference of
+# the effects.
 EXACT = 1e-6
 MAX_STEPS = 30  # max number of evaluations of a fit
 # A smaller share of an effect's evidence counts as 0. Such differences come from the step
@@ -116,8 +116,8 @@ class ManeuverPlan:
 def make_plan(
     separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
 ) -> ManeuverPlan:
-    """Return the plan for two effects, given as "A,B", over all manoeuvres of the
-    library.
+    """Return the plan for two effects, given as "A,B", over all manoeuvres
+    of the library.
     """
     first, second = read_pair(separate)
     config = Config.exact(read_vehicle(vehicle_path).values)
@@ -148,9 +148,9 @@ def read_pair(separate: str) -> tuple[Effect, Effect]:
 
 
 def compute_worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
-    """Return the evidence that a manoeuvre gives: for the difference of the two effects
-    (the smaller of both directions), and for the weaker effect against a fit of the
-    stiffness alone.
+    """Return the evidence that a manoeuvre gives: for the difference of the two
+    effects (the smaller of both directions), and for the weaker effect against a fit
+    of the stiffness alone.
     """
     problem = Problem(prepare_candidate(candidate, config), config)
     both, shows, shares = [], [], []

@@ -1,6 +1,6 @@
-"""Residuals of the simulation in three stages, in the units of the sensors: with the
-vehicle file, after calibrating the parameters that every car has, and with the named
-effects."""
+"""Residuals of the simulation in three stages, in the units of the sensors: with
+the vehicle file, after calibrating the parameters that every car has, and with
+the named effects."""
 
 from __future__ import annotations
 
