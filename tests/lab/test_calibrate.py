@@ -241,7 +241,7 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
             "calibrate", "--verbose", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1"
         )
         assert run.code == 12, run.err
-        assert ("has a formula (lopsided)" in run.err) == (vehicle == told)
+        assert ("the formula lopsided of the vehicle file" in run.err) == (vehicle == told)
         proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["channels"][
             "yaw_rate"
         ]["after"]

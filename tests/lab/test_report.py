@@ -234,7 +234,7 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
     front = make_verdict([0] * 100, "parameters uncertain")[1]
     assert (
-        "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car"
+        "not valid: parameters uncertain, its sd 2 %, limit 10 %: the car's parameters are too uncertain"
         in front.text
     )
 

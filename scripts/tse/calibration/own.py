@@ -105,7 +105,7 @@ def calibrate_once(
     key = _compute_key(vehicle, parts)
     path = _make_cache_path(f"{key}.json")
     if path is None:
-        return _calibrate(vehicle, parts, say)
+        return _calibrate_car(vehicle, parts, say)
     lock = path.with_suffix(".lock")
     with lock_file(lock), _remove_on_exit(lock):
         kept = read_sealed(path)
@@ -114,7 +114,7 @@ def calibrate_once(
                 kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"]
             )
         where = "kept file was damaged, replaced" if path.exists() else "kept for the next run"
-        own = _calibrate(vehicle, parts, say)
+        own = _calibrate_car(vehicle, parts, say)
         if own.found.get("why") != TOO_LONG:
             write_sealed(path, {"key": key, **vars(own)})
             own.words.append(f"{where}: {path}")
@@ -175,7 +175,9 @@ def _compute_key(vehicle: Vehicle, logs: Sequence[CheckedLog]) -> str:
     return digest.hexdigest()
 
 
-def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]) -> OwnCalibration:
+def _calibrate_car(
+    vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str], None]
+) -> OwnCalibration:
     """Calibrate on the logs, and check the result with the filter on the same rows. If a
     check fails, the car stays one of its class."""
     from tse.calibration import output, workflow
@@ -203,7 +205,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[CheckedLog], say: Callable[[str]
         return keep_class(wrong, found | {"wrong": wrong})
     result = replace(result, vehicle=replace(car, formula=None), own=True)
     text = output.format_calibrated(result, [log.path.name for log in logs], Path())
-    made = OwnCalibration(text, _describe(result, found), found)
+    made = OwnCalibration(text, _describe_result(result, found), found)
     for car, contradicts in ((vehicle, _describe_contradiction), (made.apply_to(vehicle), None)):
         for log in logs:
             config, _ = make_config(car, log)
@@ -268,7 +270,7 @@ def _collect_findings(result: Any) -> dict[str, Any]:
     }
 
 
-def _describe(result: Any, found: dict[str, Any]) -> list[str]:
+def _describe_result(result: Any, found: dict[str, Any]) -> list[str]:
     """Return the result of the calibration as lines for the user."""
     stiffness = ", ".join(
         f"{CORNERING_AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"

@@ -83,7 +83,7 @@ def run(
     proofs = _prove_fitted(problem, result)
     if held_out:
         others = place_on_known(road, read_agreeing(held_out, notes, reading), vehicle)
-        held = _prepare(others, problem.config, notes, say)
+        held = _prepare_logs(others, problem.config, notes, say)
         proofs += _prove_held_out(problem, result, [log for log in held if log is not None])
     return _make_result(vehicle, problem, result, read, proofs, notes)
 
@@ -131,7 +131,7 @@ def _make_problem(
     vehicle.values = stated
     if SHAPE not in stated:
         setattr(config, SHAPE, get_ordinary_car(config)[SHAPE])
-    ready = _prepare(logs, config, notes, say)
+    ready = _prepare_logs(logs, config, notes, say)
     if not any(p is not None and p.stretches for p in ready):
         raise UserError("; ".join(notes) or "no log can be used")
     velocity = any(c in log.measured for log in ready if log is not None for c in VELOCITY)
@@ -173,7 +173,7 @@ def _make_result(
     return found
 
 
-def _prepare(
+def _prepare_logs(
     logs: Sequence[CheckedLog], config: Config, notes: list[str], say: Say
 ) -> list[PreparedLog | None]:
     """Return each log prepared for the simulation; None for a log that cannot be compared

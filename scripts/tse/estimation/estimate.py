@@ -298,7 +298,7 @@ def estimate(
     log contradict each other, and every valid row is marked implausible."""
     tables = [pd.DataFrame(_make_head(config))]
     take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
-    state, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
+    state, uncertainty_sd = _run_filter(log, config, take, progress, learnt, contradicted)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
     return Estimates(table, interrupted=len(table) < len(log), learnt=state, uncertainty_sd=uncertainty_sd)
 
@@ -327,7 +327,7 @@ def estimate_to(
             for each in (summary.add, *watch):
                 each(block)
 
-        state, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
+        state, uncertainty_sd = _run_filter(log, config, take, progress, learnt, contradicted)
     return Estimates(
         summary.table(),
         interrupted=summary.rows < len(log),
@@ -395,7 +395,7 @@ class _Parquet:
             self._waiting.clear()
 
 
-def _run(
+def _run_filter(
     log: CheckedLog,
     config: Config,
     take: Callable[[Block], None],

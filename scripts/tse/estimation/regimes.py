@@ -308,11 +308,11 @@ def find_stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch
             i += 1
             continue
         i = min(i, len(pieces) - 2)
-        pieces[i : i + 2] = [_join(pieces[i], pieces[i + 1])]
+        pieces[i : i + 2] = [_join_stretches(pieces[i], pieces[i + 1])]
     return pieces
 
 
-def _join(one: Stretch, other: Stretch) -> Stretch:
+def _join_stretches(one: Stretch, other: Stretch) -> Stretch:
     longest = max(one, other, key=lambda s: s.rows.stop - s.rows.start)
     return Stretch(one.start, other.end, longest.rows)
 

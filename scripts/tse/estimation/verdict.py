@@ -50,7 +50,8 @@ WHY = {
     "row refused": "the rows were refused",
     CONTRADICTED: "channels or vehicle file are wrong (see the warning); correct them and run again",
 }
-# If the last row has one of these reasons, a stiffness cannot have the level "good".
+# If the last row of a log has one of these reasons, the level of a stiffness is at
+# most "partly".
 AT_FAULT = ("sensor fault", "implausible")
 LIMITED = ("uncertain", "parameters uncertain")  # reasons after which the sd and its limit are shown
 # At least so many changes, on average less than so many seconds apart, indicate a wrong
@@ -96,7 +97,7 @@ class Verdict:
     text: str
     smoothed: float = float("nan")  # smoothed value of the stretch (smooth.py)
     smoothed_band: float = float("nan")  # half of its 95 % interval
-    smoothed_reason: str = ""  # "valid", or the reason why not; empty: not smoothed
+    smoothed_reason: str = ""  # "valid", or why it is not; empty if there is no smoothed value
 
     @property
     def low(self) -> float:
@@ -408,7 +409,7 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
     rows = valid if known else _is_used(table)
     mean, sd = (table.loc[rows, c].to_numpy(float) / 1000 for c in (key, f"{key}_sd"))
     if not len(mean):
-        nan, why = float("nan"), _explain(reason, key)
+        nan, why = float("nan"), _explain_reason(reason, key)
         text = f"no value: {reason or 'no rows'}{f', {why}' if why else ''}"
         return Verdict(key, name, "none", unit, nan, nan, nan, nominal, share, reason, reason_share, text)
     changed = known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]
@@ -424,7 +425,7 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
             if reason in LIMITED
             else ""
         )
-        why = _explain(reason, key)
+        why = _explain_reason(reason, key)
         parts[0] += f", not valid: {reason}{limit}{f': {why}' if why else ''}"
     relative = value / nominal - 1
     parts.append(
@@ -437,7 +438,7 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
     if known and not medians and (end := _find_last_valid(estimate_times(table), valid)) is not None:
         parts.append(f"last valid at {end:.1f} s")
     if known and reason and share < 0.8:
-        why = _explain(reason, key)
+        why = _explain_reason(reason, key)
         parts.append(f"otherwise mostly {reason}{f': {why}' if why else ''}")
     spread = float("nan")
     if known and table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5:
@@ -450,7 +451,7 @@ def _make_verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = T
     )
 
 
-def _explain(reason: str, key: str) -> str:
+def _explain_reason(reason: str, key: str) -> str:
     """Return an explanation of a reason; empty if the reason needs none."""
     return TOO_QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
 
@@ -493,7 +494,7 @@ def _find_grip(table: pd.DataFrame, config: Config) -> Quantity | None:
     share, (reason, _) = float(valid.mean()), _find_commonest(table, GRIP, valid)
     at = int(rows[-1])
     value, sd = (float(table[c].iloc[at]) for c in (GRIP, f"{GRIP}_sd"))
-    why = _explain(reason, GRIP)
+    why = _explain_reason(reason, GRIP)
     text = (
         f"valid {format_percent(share)} of the time"
         if share > 0

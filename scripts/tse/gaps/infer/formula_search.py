@@ -43,7 +43,9 @@ from tse.identify.data import COMPARED_CHANNELS
 PRICE = 2.0
 FITTED = 6  # number of candidates that are simulated
 PER_PLACE = 3  # max number of these candidates at one place
-MAX_WORSE = 100.0  # max ratio of the gap to the gap before with which the fit of a form starts
+# A form is not fitted if the gap at the start of its fit is more than so many times the
+# gap without a formula.
+MAX_WORSE = 100.0
 MIN_SHARE = 0.15  # min share of the gap that a proposed formula closes
 # If the rms of a channel of the held-out logs rises by more than this share, the formula
 # is not proposed.
@@ -84,8 +86,8 @@ class Frame:
     """Data that all candidates have in common."""
 
     problem: Problem
-    # the problem with weights by which no channel's residual before has an rms above 1,
-    # so that no channel dominates the fit
+    # The problem with reduced weights. Without a formula no channel's residuals have an
+    # rms above 1, so that no channel dominates the fit.
     balanced: Problem
     last: Fit  # the fit without a formula
     values: dict[str, float]

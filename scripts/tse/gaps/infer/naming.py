@@ -31,7 +31,7 @@ from tse.log.rows import DRIVES
 ALIKE_AT = 0.02
 POSSIBLE_AT = 0.1  # min probability of an effect that is reported as possible without a name
 # A named effect must close at least this share of the gap that the other names leave.
-# Road effects need not.
+# Road effects are exempt.
 MIN_CLOSED = 0.05
 WIDE = float(norm.ppf(0.975))  # half the width of a 95 % interval, in sd
 # The names answer what is missing if those of the car close at least this share of the

@@ -85,7 +85,7 @@ class Worlds:
         """Compute the probability of each world."""
         value = np.array([-w.price for w in self.known], float)
         for c in COMPARED_CHANNELS:
-            value += [compute_ln_likelihood(*self._square(w.residuals, c)) for w in self.known]
+            value += [compute_ln_likelihood(*self._compute_mean_square(w.residuals, c)) for w in self.known]
         weight = np.exp(value - value.max())
         for w, p in zip(self.known, weight / weight.sum(), strict=True):
             w.probability = float(p)
@@ -105,7 +105,7 @@ class Worlds:
         held = self.held
         return [last.residuals] + ([] if held is None else [held.residuals(drop_log_values(values))])
 
-    def _square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
+    def _compute_mean_square(self, residuals: Sequence[np.ndarray], channel: str) -> tuple[float, int]:
         """Return the mean square of a channel's residuals in units of the noise,
         and their number.
         """

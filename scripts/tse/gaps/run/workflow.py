@@ -57,7 +57,7 @@ class Found:
 
     @property
     def most_laps(self) -> int:
-        """The number of fitted laps on the road that has most of them."""
+        """The largest number of fitted logs that are laps of the same road."""
         laps = self.roads.laps if self.roads is not None else None
         return max(map(laps.count, range(len(laps.path)))) if laps is not None else 1
 
