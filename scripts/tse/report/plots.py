@@ -558,7 +558,7 @@ def _draw_regimes(figure: Figure, row: int, d: Data) -> None:
 
 def mark_events(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[Spell]) -> None:
     """Draw a line through all plots for each change. Label the most probable changes and
-    the longest spells in `row`, at most MAX_LABELS together."""
+    the longest intervals in `row`, at most MAX_LABELS together."""
     figure.layout["shapes"] += [
         {
             "type": "line",
