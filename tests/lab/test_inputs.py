@@ -79,7 +79,7 @@ def test_a_long_table_and_one_without_accel_y_are_read_as_far_as_they_go():
     done = tselab_here("signals", INPUTS / "26-long-table.csv", "--vehicle", INPUTS / "known.toml")
     assert (
         "yaw_rate = yaw_rate: deg/s" in done.out
-        and "a long table" in done.out
+        and "one value per row" in done.out
         and "not found: wheel_speed_front\n" in done.out
     )
     done = tselab_here("signals", INPUTS / "11-kmph-omega.csv", "--vehicle", INPUTS / "known.toml")

@@ -251,7 +251,7 @@ def test_a_file_beside_a_log_in_tse_s_names_is_taken_when_it_speaks_of_them(driv
 
 BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, words of the message
     "empty MF4": ("x.mf4", b"", ["is empty"]),
-    "MF4 that is none": ("x.mf4", b"hello " * 100, ["does not begin as .mf4 files do", "cut off"]),
+    "MF4 that is none": ("x.mf4", b"hello " * 100, ["does not begin like a .mf4 file", "cut off"]),
     "MF4 cut off": ("x.mf4", b"MDF     4.10    tselab  ".ljust(90, b"\0"), ["damaged or cut off"]),
     "BLF without database": ("x.blf", b"LOGG".ljust(200, b"\0"), ["no database", "--database FILE"]),
     "ASC without frames": (
@@ -286,7 +286,7 @@ BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, contents, word
     "too few names": (
         "x.csv",
         b"zeit;lrw\n1;2;3\n2;3;4\n3;4;5\n",
-        ["line 1 has 2 names, the rows have 3 cells"],
+        ["line 1 has 2 names, but the rows have 3 cells"],
     ),
     "a row too long": (
         "x.csv",

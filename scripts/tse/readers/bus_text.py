@@ -1,7 +1,7 @@
-"""Frames of a CAN bus in text, as many tools write them.
+"""Read frames of a CAN bus from the text formats of many tools.
 
-Formats of python-can are handed to it line by line, repaired. Other formats are read
-here."""
+python-can parses ASC and TRC; it receives their lines after repairs. Other formats are
+parsed here."""
 
 import base64
 import binascii
@@ -19,30 +19,32 @@ from tse.library.errors import UserError
 from tse.log.clock import DAY
 from tse.readers.databases import IDENTIFIER_MASK
 
-DETECTION_BYTES = 1 << 16  # read to detect the kind of a text
-MAX_LINE_LENGTH = 1 << 14  # characters
-DETECTION_LINES = 2000  # used to find the unit of the times and the base of the identifiers
-MAX_LISTED_LINES = 3  # odd lines in one note
-ERROR_FRAME = 0x20000000  # bit of an identifier of candump
+DETECTION_BYTES = 1 << 16  # beginning of a file, from which its format is detected
+MAX_LINE_LENGTH = 1 << 14  # characters that are read of a line
+DETECTION_LINES = 2000  # first frames, from which unit of times and base of identifiers are found
+MAX_LISTED_LINES = 3  # numbers of unparsed lines in one note
+ERROR_FRAME = 0x20000000  # bit that candump sets in the identifier of an error frame
 
 
 class CanFrame(NamedTuple):
-    """One frame; time and bus as in the log."""
+    """One frame of a CAN bus."""
 
-    time: float  # s
+    time: float  # [s] as in the log
     identifier: int
     extended: bool
-    bus: str
+    bus: str  # name of the bus in the log
     data: bytes
 
 
 class Lines:
-    """The lines of a text in UTF-8, UTF-16 or cp1252, with the numbers of odd lines."""
+    """The lines of a text file in UTF-8, UTF-16 or cp1252.
+
+    Also counts the lines and frames that are skipped."""
 
     def __init__(self, path: Path):
         self._path = path
-        self.number = 0  # number of the last line
-        self.odd: list[int] = []
+        self.number = 0  # number of the line that was read last, from 1
+        self.odd: list[int] = []  # numbers of the lines that cannot be parsed
         self.errors = 0  # number of error frames
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
@@ -52,14 +54,14 @@ class Lines:
                 yield number, line
 
     def note(self) -> str:
-        """Return a note about odd lines."""
+        """Return a note about the lines that cannot be parsed."""
         first = ", ".join(str(n) for n in self.odd[:MAX_LISTED_LINES])
         more = f" and {len(self.odd) - MAX_LISTED_LINES} more" if len(self.odd) > MAX_LISTED_LINES else ""
-        return f"{len(self.odd)} lines are no frames of their format and are left out: line {first}{more}"
+        return f"{len(self.odd)} lines cannot be parsed as frames and are left out: line {first}{more}"
 
 
 def _detect_encoding(path: Path) -> str:
-    """Return utf-16, utf-8-sig or cp1252 by the beginning of a text."""
+    """Return utf-16, utf-8-sig or cp1252 by the beginning of a text file."""
     with open(path, "rb") as file:
         start = file.read(DETECTION_BYTES)
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -83,7 +85,7 @@ CONSOLE_START = re.compile(
 ASC_HEADER = re.compile(r"\s*base\s+(hex|dec)\b", re.IGNORECASE)
 TRC_HEADER = re.compile(r";\$FILEVERSION|;.*PCAN", re.IGNORECASE)
 BUSMASTER_HEADER = re.compile(r"\*\*\*.*(BUSMASTER|<Time><Tx/Rx>|PROTOCOL CAN)", re.IGNORECASE)
-TITLE_PATTERNS = {  # titles of a table with a frame per row, simplified
+TITLE_PATTERNS = {  # titles of the columns, as _simplify_title() returns them
     "time": r"time|timestamp|timestamps|timestampepoch|timeoffset|timestampus|timestampms|zeit|zeitstempel|ts"
     r"|timeabs|timerel",
     "identifier": r"id|arbitrationid|canid|identifier|addr|address|messageid|msgid|frameid|idhex",
@@ -93,7 +95,7 @@ BYTE_TITLE = re.compile(r"(?:d|b|byte|data|databyte)(\d)\Z")
 
 
 def detect_bus_text(head: bytes, suffix: str) -> str:
-    """Return the format of the frames in a text.
+    """Detect the format of a text file with frames of a CAN bus.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ def detect_bus_text(head: bytes, suffix: str) -> str:
     Returns
     -------
     str
-        candump, asc, trc, busmaster or table; "" for a text without frames.
+        candump, asc, trc, busmaster or table; "" for a file without frames.
     """
     if b"\0" in head[:256] and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return ""
@@ -124,7 +126,7 @@ def detect_bus_text(head: bytes, suffix: str) -> str:
 
 
 def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
-    """Return the frames of a text in the order of the file.
+    """Return the frames of a text file in its order.
 
     Parameters
     ----------
@@ -133,9 +135,9 @@ def read_frames(path: Path, kind: str, lines: Lines, knows: Callable[[int], bool
     kind : str
         candump, busmaster or table, as detect_bus_text() returns it.
     lines : Lines
-        Its lines. Receives the numbers of odd lines.
+        Lines of the file. Receives the numbers of the lines that cannot be parsed.
     knows : callable
-        Returns whether a database has an identifier.
+        Returns whether a database contains an identifier.
 
     Raises
     ------
@@ -164,12 +166,12 @@ CONSOLE_LINE = re.compile(
 def _read_candump(path: Path, lines: Lines) -> Iterator[CanFrame]:
     """Yield the frames of candump.
 
-    Times that are differences (candump -td) are summed up."""
+    Times that are differences between frames (candump -td) are summed up."""
     found = (f for number, line in lines if (f := _parse_candump_line(number, line, lines)) is not None)
     first = list(itertools.islice(found, DETECTION_LINES))
     if first and all(f[0] == "" for f in first):
         raise UserError(
-            f"{path}: its frames have no times: record with candump -l, or candump -ta, which write them"
+            f"{path}: its frames have no times: record with candump -l or candump -ta, which write times"
         )
     stamps = np.array([_parse_stamp(f[0]) for f in first])
     differences = (
@@ -188,7 +190,10 @@ def _read_candump(path: Path, lines: Lines) -> Iterator[CanFrame]:
 
 
 def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str, str, bytes] | None:
-    """Return stamp, bus, identifier and data of a line; None if it has no data."""
+    """Return time, bus, identifier and data of a line of candump.
+
+    None: the line is empty, a remote frame, or cannot be parsed. The number of a line
+    that cannot be parsed is added to `lines`."""
     if not line.strip():
         return None
     if logged := CANDUMP_LINE.match(line):
@@ -213,7 +218,7 @@ def _parse_candump_line(number: int, line: str, lines: Lines) -> tuple[str, str,
 
 
 def _parse_stamp(text: str) -> float:
-    """Return a time of candump, s, from a number or a date; NaN for other texts."""
+    """Return a time of candump [s], a number or a date; NaN for any other string."""
     try:
         return float(text)
     except ValueError:
@@ -231,12 +236,12 @@ BUSMASTER_LINE = re.compile(
     r"((?:\s+[0-9A-Fa-f]+)*)\s*\Z",
     re.ASCII | re.IGNORECASE,
 )
-# modes of the times; True: differences
+# mode of the times in the header, and whether times of this mode are differences
 BUSMASTER_MODES = {"RELATIVE MODE": True, "SYSTEM MODE": False, "ABSOLUTE MODE": False}
 
 
 def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
-    """Yield the frames of a log of BUSMASTER. Times of day continue after midnight."""
+    """Yield the frames of a log of BUSMASTER. Times do not restart at midnight."""
     base, relative, total, before, days = 16, False, 0.0, 0.0, 0.0
     for number, line in lines:
         text = line.strip()
@@ -268,16 +273,18 @@ def _read_busmaster(lines: Lines) -> Iterator[CanFrame]:
             lines.odd.append(number)
 
 
-# ---- Tables with a frame per row
+# ---- Tables with one frame per row
 
 
 def _simplify_title(title: str) -> str:
-    """Return a title without brackets, blanks, signs: "Time Stamp (ms)" is timestamp."""
+    """Reduce a title to letters and digits: "Time Stamp (ms)" gives timestamp."""
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*?[\])]", "", title.strip().strip("\"'").lower()))
 
 
 def _find_columns(line: str) -> dict[str, int]:
-    """Return the columns of time, identifier and data; {} for a line without titles."""
+    """Return the indices of the columns time, identifier and data in a line of titles.
+
+    For a line without these titles return {}."""
     if len(line) > MAX_LINE_LENGTH:
         return {}
     names = [_simplify_title(n) for n in _split_titles(line)]
@@ -302,12 +309,12 @@ HEXADECIMAL = re.compile(r"(0x)?[0-9a-f]*\Z", re.IGNORECASE)
 
 
 class _FrameTable:
-    """The layout of a CSV with a frame per row.
+    """The layout of a CSV with one frame per row.
 
-    Data are bytes in one column (hexadecimal, or base 64 of python-can) or a column per
-    byte. Identifiers are hexadecimal, unless the databases have more of them as decimal
-    numbers. Times are in s, or in the unit of their title; _make_time_parser() guesses
-    the unit of whole numbers."""
+    The data are in one column, hexadecimal or in base 64 (python-can), or in one column
+    per byte. Identifiers are decimal if the databases contain more of them as decimal
+    numbers, otherwise hexadecimal. Times have the unit in their title. Without one,
+    integers have the unit that _guess_tick() returns, and other numbers are in s."""
 
     def __init__(self, titles: str):
         self.separator = _find_separator(titles)
@@ -328,7 +335,7 @@ class _FrameTable:
         return next((i for i, n in enumerate(self._names) if n in titles), -1)
 
     def learn(self, rows: list[list[str]], knows: Callable[[int], bool]) -> None:
-        """Find base of the identifiers, unit of the times and coding of the data."""
+        """Find base of identifiers, unit of times, coding of data from the first rows."""
         at = self._columns
         good = [row for row in rows if len(row) > max(at.values())]
         self._base = 10 if _is_decimal({row[at["identifier"]] for row in good}, knows) else 16
@@ -338,12 +345,12 @@ class _FrameTable:
         self._is_base64 = not self._bytes and not all(HEXADECIMAL.match(x) for x in data)
 
     def parse(self, row: list[str]) -> CanFrame | None:
-        """Return the frame of a row; None for one without data.
+        """Return the frame of a row; None for a remote frame.
 
         Raises
         ------
         ValueError, IndexError, binascii.Error
-            The row is odd.
+            The row cannot be parsed.
         """
         if self._remote >= 0 and row[self._remote].strip().lower() in ("1", "true"):
             return None
@@ -358,7 +365,7 @@ class _FrameTable:
         return CanFrame(time, number & IDENTIFIER_MASK, is_long, bus, data)
 
     def _parse_data(self, row: list[str]) -> bytes:
-        """Return the bytes of a row."""
+        """Return the data bytes of the frame in a row."""
         if not self._bytes:
             text = row[self._columns["data"]]
             if self._is_base64:
@@ -368,13 +375,13 @@ class _FrameTable:
         if self._length >= 0 and row[self._length].strip().isdigit():
             count = int(row[self._length])
         cells = [row[i].strip() for i in self._bytes if i < len(row)]
-        if count > len(self._bytes):  # more bytes than titles
+        if count > len(self._bytes):  # the frame has more bytes than there are titles
             cells += [c.strip() for c in row[self._bytes[-1] + 1 :]]
         return bytes(int(c, 16) for c in cells[:count] if c)
 
 
 def _read_table(lines: Lines, knows: Callable[[int], bool]) -> Iterator[CanFrame]:
-    """Yield the frames of a CSV."""
+    """Yield the frames of a CSV with one frame per row."""
     source = iter(lines)
     titles = next((line for _, line in source if _find_columns(line)), None)
     if titles is None:
@@ -403,7 +410,7 @@ def _split_row(line: str, separator: str) -> list[str]:
 
 
 def _strip_hex(text: str) -> str:
-    """Return hexadecimal digits without separators, quotes and 0x before single bytes."""
+    """Remove separators, quotes and the 0x of single bytes from hexadecimal digits."""
     return re.sub(r"[\s:_-]|0[xX](?=[0-9A-Fa-f]{1,2}\b)", "", text.strip().strip("\"'")).replace("0X", "0x")
 
 
@@ -411,7 +418,9 @@ TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:[.,]\d+)?)", re.A
 
 
 def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
-    """Return a function that converts a stamp to seconds."""
+    """Return a function that converts a time of the table to s.
+
+    Its unit or form follows from the title of the column and from the first `stamps`."""
     unit = re.search(r"[\[(]\s*(ms|us|µs|ns|s)\s*[\])]", title) or re.search(
         r"(?<![a-z])(ms|us|ns)$|_(ms|us|ns)$", title.strip()
     )
@@ -422,7 +431,7 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
         before, days = -DAY, 0.0
 
         def parse_clock(text: str) -> float:
-            """Return seconds since the first midnight."""
+            """Convert a time of day to s. Times do not restart at midnight."""
             nonlocal before, days
             found = TIME_OF_DAY.fullmatch(text.strip().strip("\"'"))
             if found is None:
@@ -444,10 +453,11 @@ def _make_time_parser(title: str, stamps: list[str]) -> Callable[[str], float]:
 
 
 def _guess_tick(stamps: np.ndarray) -> float:
-    """Return the unit of whole numbers, s.
+    """Return the length [s] of the unit of times that are integers: ms, us or ns.
 
-    Their epoch shows it, or the steps between frames: a frame takes at least 0.05 ms, and
-    some come each ms."""
+    Times since 1970 are above 1e14 in us and above 1e17 in ns. For smaller times the
+    median step decides: a frame takes at least 0.05 ms, which is 50 us or 5e4 ns, and
+    consecutive frames of a bus are at most some ms apart."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1e3
     if stamps[0] > 1e17 or (stamps[0] < 1e14 and usual > 1e5):
@@ -456,7 +466,7 @@ def _guess_tick(stamps: np.ndarray) -> float:
 
 
 def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
-    """Return whether the databases have more of the identifiers as decimal numbers."""
+    """Return whether the databases contain more identifiers as decimal numbers."""
     ids = {i.strip() for i in ids}
     if not ids or not all(i.isdigit() for i in ids) or any(i.startswith("0") and len(i) > 1 for i in ids):
         return False
@@ -464,17 +474,17 @@ def _is_decimal(ids: set[str], knows: Callable[[int], bool]) -> bool:
     return as_decimal > as_hexadecimal
 
 
-# ---- ASC and TRC for python-can, whose readers stop at the first odd line
+# ---- Repairs of ASC and TRC for the readers of python-can
 
 
 class _GeneratedText:
-    """Generated lines in the place of a file, for readers of python-can."""
+    """Generated lines that readers of python-can accept as a file."""
 
     def __init__(self, made: Iterator[str]):
         self._made = made
 
     def read(self, size: int = -1) -> str:
-        """Return the rest. python-can takes an object with read() for a file."""
+        """Return the remaining lines. To python-can, an object with read() is a file."""
         return "".join(self._made)
 
     def write(self, text: str) -> int:
@@ -482,16 +492,17 @@ class _GeneratedText:
         raise OSError(text)
 
     def close(self) -> None:
-        """Close nothing."""
+        """Do nothing: no file is open."""
 
     def __iter__(self) -> Iterator[str]:
         return self._made
 
 
 class AscText(_GeneratedText):
-    """The lines of an ASC for python-can's reader.
+    """The lines of an ASC file, repaired for python-can's reader.
 
-    Relative stamps are summed up, negative stamps are counted from the first."""
+    Relative times are summed up. If the first time is negative, all are shifted to begin
+    at 0."""
 
     EVENT = re.compile(r"\s*([-+]?\d+[.,]\d+)(\s.*)\Z", re.DOTALL)
 
@@ -500,7 +511,7 @@ class AscText(_GeneratedText):
         super().__init__(self._generate())
 
     def _generate(self) -> Iterator[str]:
-        """Yield a header and the lines with events."""
+        """Yield a header and the lines with events, with repaired times."""
         base, relative, total, ahead, began = "hex", False, 0.0, 0.0, False
         for _, line in self._lines:
             if said := re.match(
@@ -521,22 +532,22 @@ class AscText(_GeneratedText):
                 yield "internal events logged\n"
                 if stamp < 0 and not relative:
                     ahead = -stamp
-                    self._notes.append(f"the stamps begin at {stamp:g} s: times are counted from there")
+                    self._notes.append(f"times begin at {stamp:g} s: they are shifted to begin at 0")
                 if relative:
-                    self._notes.append("the stamps are relative, each to the one before: they are summed up")
+                    self._notes.append("each time is relative to the frame before: times are summed up")
             total = total + stamp if relative else stamp + ahead
             yield f"{max(total, 0.0):.9f}{event[2]}"
 
 
 class TrcText(_GeneratedText):
-    """The lines of a TRC for python-can's reader, version 1.2 as 1.3."""
+    """The lines of a TRC file for python-can's reader, version 1.2 converted to 1.3."""
 
     def __init__(self, lines: Lines):
         super().__init__(self._generate(lines))
 
     @staticmethod
     def _generate(lines: Lines) -> Iterator[str]:
-        """Yield the lines; those of version 1.2 with the additional column of 1.3."""
+        """Yield the lines; insert the additional column of 1.3 into those of 1.2."""
         between = False
         for _, line in lines:
             if re.match(r"\s*;\$FILEVERSION\s*=\s*1\.2\b", line):

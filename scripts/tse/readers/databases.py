@@ -1,4 +1,6 @@
-"""Databases of a CAN bus by cantools. Odd lines of a DBC are left out and noted."""
+"""Read databases of a CAN bus by cantools.
+
+If cantools refuses a DBC, the lines that it cannot read are left out and noted."""
 
 import importlib
 import io
@@ -14,9 +16,9 @@ from tse.readers.recording import import_optional
 
 DATABASE_SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 MAX_DATABASE_BYTES = 512 << 20  # the ARXML of a whole car has 200 MB
-MAX_NOTED_LINES = 4  # odd lines in one note
+MAX_NOTED_LINES = 4  # lines with faults that one note describes
 IDENTIFIER_MASK, MAX_STANDARD_IDENTIFIER, EXTENDED_BIT = 0x1FFFFFFF, 0x7FF, 1 << 31
-ORPHAN_IDENTIFIER = 0xC0000000  # message of Vector's tools that holds signals without a message
+ORPHAN_IDENTIFIER = 0xC0000000  # message in which Vector's tools put signals of no message
 VALID_NAME = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
 KEYWORD = re.compile(
     r"\s*(VERSION|NS_|BS_|BU_|BO_|SG_|SG_MUL_VAL_|SIG_VALTYPE_|VAL_|VAL_TABLE_|CM_|BA_\w*|EV_|EV_DATA_"
@@ -43,28 +45,28 @@ COMMENT_TEXT = re.compile(r'\s*"[^"]*"\s*;?\s*\Z')
 class _Message:
     """A message of a DBC."""
 
-    line: int
-    identifier: int
+    line: int  # number of its line
+    identifier: int  # with EXTENDED_BIT
     name: str
     length: int
     sender: str
-    signals: dict[str, str] = field(default_factory=dict)  # line of each signal, by its clean name
-    called: dict[str, str] = field(default_factory=dict)  # clean name, by the name in the file
+    signals: dict[str, str] = field(default_factory=dict)  # repaired statement SG_ by clean name
+    called: dict[str, str] = field(default_factory=dict)  # clean name by the name in the file
 
     def text(self, names: Iterable[str]) -> str:
-        """Return the message with some of its signals, as a DBC."""
+        """Return the statements of the message with the named signals."""
         head = f"BO_ {self.identifier} {self.name}: {self.length} {self.sender}"
         return "\n".join([head, *(self.signals[n] for n in names)])
 
 
 @dataclass
 class _OddLines:
-    """Notes about lines that were left out or changed."""
+    """Lines of a DBC with faults, which were left out or changed."""
 
     said: list[tuple[int, str]] = field(default_factory=list)
 
     def add(self, line: int, what: str) -> None:
-        """Note what is wrong with a line."""
+        """Add what is wrong with a line."""
         self.said.append((line, what))
 
     def note(self, path: Path) -> str:
@@ -83,26 +85,27 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
     path : Path
         A DBC, ARXML, KCD or SYM file.
     notes : list of str
-        Receives a note about odd lines.
+        Receives a note about lines that were left out or changed.
 
     Returns
     -------
     list of cantools.database.can.Message
-        All that can be read.
+        Messages that can be read.
 
     Raises
     ------
     UserError
-        Nothing of it can be read.
+        No message can be read.
     """
     cantools = import_optional("cantools", "can", str(path))
-    # cantools warns of messages of one name; here only their identifiers count
+    # cantools warns of messages with the same name, which does not matter here
     logging.getLogger("cantools").setLevel(logging.CRITICAL)
     try:
         size = path.stat().st_size
         if size > MAX_DATABASE_BYTES:
             raise UserError(
-                f"{path}: has {size >> 20:,} MB; databases of up to {MAX_DATABASE_BYTES >> 20} MB are read"
+                f"{path}: has {size >> 20:,} MB; allowed for a database: up to "
+                f"{MAX_DATABASE_BYTES >> 20} MB: export only the needed buses"
             )
         if path.suffix.lower() != ".dbc":
             return list(getattr(cantools.database.load_file(path, strict=False), "messages", []))
@@ -114,10 +117,10 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     except Exception as error:  # parsers raise errors of many kinds
         first = (str(error).splitlines() or [type(error).__name__])[0][:150]
-        refused = UserError(f"{path}: is no database of a bus that can be read: {first}")
+        refused = UserError(f"{path}: cannot be read as a database of a bus: {first}")
     if path.suffix.lower() != ".dbc":
         text = _convert_by_canmatrix(path)
-        notes += [f"{path.name}: cantools does not read it ({first}); canmatrix does"] if text else []
+        notes += [f"{path.name}: read by canmatrix, because cantools fails ({first})"] if text else []
     if not re.search(r"^\s*BO_\s+\d+", text, re.MULTILINE):
         raise refused
     odd = _OddLines()
@@ -130,7 +133,7 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
 
 
 def _convert_by_canmatrix(path: Path) -> str:
-    """Return a database as a DBC, converted by canmatrix; "" if that fails."""
+    """Convert a database to the text of a DBC by canmatrix; return "" if that fails."""
     try:
         formats = importlib.import_module("canmatrix.formats")
         logging.getLogger("canmatrix").setLevel(logging.CRITICAL)
@@ -144,7 +147,7 @@ def _convert_by_canmatrix(path: Path) -> str:
 
 
 def _read_text(path: Path) -> str:
-    """Return the text of a DBC: UTF-8, else cp1252, as Vector's tools write it."""
+    """Return the text of a DBC, decoded as UTF-8 or else as cp1252 (Vector's tools)."""
     raw = path.read_bytes()
     try:
         return raw.decode("utf-8-sig")
@@ -153,9 +156,10 @@ def _read_text(path: Path) -> str:
 
 
 def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
-    """Return the readable messages of a DBC with odd lines.
+    """Return the messages of a DBC that cantools refuses as a whole.
 
-    Try all lines, then only messages and signals, then each message, then each signal."""
+    Try all repaired lines, then only those of messages and signals, then each message
+    alone, then each signal alone."""
     messages, others = _split_parts(text, odd)
     whole = [m.text(m.signals) for m in messages]
     for more in ([x for _, x in others], []):
@@ -170,13 +174,14 @@ def _load_leniently(cantools: Any, text: str, odd: _OddLines) -> list[Any]:
             good = [n for n in m.signals if _load(cantools, [m.text([n])]) is not None]
             found = _load(cantools, [m.text(good)]) if good else None
             lost = [n for n in m.signals if n not in good]
-            odd.add(m.line, f"of message {m.name} {', '.join(lost[:3]) or 'all'} cannot be read: left out")
+            what = f"signals {', '.join(lost[:3])} of message {m.name}" if lost else f"message {m.name}"
+            odd.add(m.line, f"{what} cannot be read: left out")
         kept += found or []
     return kept
 
 
 def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
-    """Return the messages of a DBC of these lines; None if cantools cannot read it."""
+    """Return the messages of a DBC made of `parts`; None if cantools cannot read it."""
     try:
         text = "\n\n".join(['VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_:', *parts, ""])
         return list(cantools.database.load_string(text, "dbc", strict=False).messages)
@@ -185,7 +190,10 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
 
 
 def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[int, str]]]:
-    """Return the messages, and the lines about existing signals with their numbers."""
+    """Return the messages, and numbers and text of further statements about signals.
+
+    Further statements are values, types, comments and long names; those about a signal
+    that does not exist are left out."""
     messages: list[_Message] = []
     later: list[tuple[int, str]] = []
     for line, part in _split_statements(text):
@@ -195,7 +203,7 @@ def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[
             if (message := _parse_message(line, part, odd)) is not None:
                 messages.append(message)
             elif not messages or messages[-1].length >= 0:
-                messages.append(_Message(line, -1, "", -1, ""))  # takes the signals of an odd message
+                messages.append(_Message(line, -1, "", -1, ""))  # collects signals that are dropped
         elif word == "SG_":
             _add_signal(messages, line, part, odd)
         elif word in ("VAL_", "SIG_VALTYPE_", "SG_MUL_VAL_", "CM_") or LONG_NAME_LINE.match(part):
@@ -210,8 +218,8 @@ def _split_parts(text: str, odd: _OddLines) -> tuple[list[_Message], list[tuple[
 def _split_statements(text: str) -> Iterator[tuple[int, str]]:
     """Yield the statements of a DBC with the numbers of their first lines.
 
-    Texts in quotes may have several lines. A quote that is not closed ends before the
-    next message or signal."""
+    A quoted string may have several lines. If its closing quote is missing, the statement
+    ends before the next message or signal."""
     now, first, open_ = "", 0, False
     for number, line in enumerate(text.splitlines(), 1):
         begins = KEYWORD.match(line)
@@ -228,19 +236,19 @@ def _split_statements(text: str) -> Iterator[tuple[int, str]]:
 
 
 def _parse_message(line: int, part: str, odd: _OddLines) -> _Message | None:
-    """Return the message of a statement BO_; None if it is odd."""
+    """Return the message of a statement BO_; None if the message cannot be used."""
     found = MESSAGE_LINE.match(part)
     if found is None:
-        odd.add(line, f"{part.strip()[:40]!r} is no message: left out")
+        odd.add(line, f"{part.strip()[:40]!r} cannot be parsed as a message: left out")
         return None
     identifier, name, length = int(found[1]), found[2], int(found[3])
     if identifier == ORPHAN_IDENTIFIER:
         return None
     plain = identifier & ~EXTENDED_BIT
     if plain > IDENTIFIER_MASK or length > 64:
-        what = f"a length of {length} bytes"
+        what = f"its length is {length} bytes, allowed: up to 64"
         if plain > IDENTIFIER_MASK:
-            what = f"identifier {identifier} has more than 29 bits"
+            what = f"its identifier {identifier} has more than 29 bits"
         odd.add(line, f"message {name[:40]}: {what}: left out")
         return None
     if plain > MAX_STANDARD_IDENTIFIER and identifier == plain:
@@ -255,14 +263,14 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) 
     """Add the signal of a statement SG_ to the last message."""
     found = SIGNAL_LINE.match(part.replace("\n", " "))
     if not messages or messages[-1].length < 0:
-        return  # the message is odd and noted
+        return  # the message is left out, which is noted already
     if found is None:
-        odd.add(line, f"{part.strip()[:60]!r} is no signal: left out")
+        odd.add(line, f"{part.strip()[:60]!r} cannot be parsed as a signal: left out")
         return
     given, mux, start, length, order, sign, scale, offset, low, high, unit, _ = found.groups()
     name = _clean_name(line, given, odd)
     if not 1 <= int(length) <= 64 or name in messages[-1].signals:
-        what = "is there twice" if name in messages[-1].signals else f"has {length} bits"
+        what = "occurs twice" if name in messages[-1].signals else f"has {length} bits, allowed: 1 .. 64"
         odd.add(line, f"signal {name[:40]}: {what}: left out")
         return
     numbers = [f"{float(x):.17g}" for x in (scale, offset, low or "0", high or "0")]
@@ -275,7 +283,7 @@ def _add_signal(messages: list[_Message], line: int, part: str, odd: _OddLines) 
 
 
 def _clean_name(line: int, name: str, odd: _OddLines) -> str:
-    """Return a valid name of a DBC: letters, digits and _, not beginning with a digit."""
+    """Return a valid name for a DBC: letters, digits and _, with no digit in front."""
     if VALID_NAME.match(name):
         return name
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
@@ -285,25 +293,25 @@ def _clean_name(line: int, name: str, odd: _OddLines) -> str:
 
 
 def _rename_signal(messages: dict[int, _Message], line: int, part: str, odd: _OddLines) -> str:
-    """Return a line of values, type or comment with the clean name of its signal.
+    """Return a statement about a signal (values, type, comment) with its clean name.
 
-    An odd line, or one of an unknown signal, gives ""."""
+    Return "" if the statement cannot be parsed or its signal does not exist."""
     if LONG_NAME_LINE.match(part):
         of = re.search(r"(?:SG_|BO_)\s+(\d+)", part)
         return part if of is None or int(of[1]) & IDENTIFIER_MASK in messages else ""
     found = SIGNAL_DETAIL_LINE.match(part)
     if found is None:
         if re.match(r"\s*CM_\s+(SG_\b(?!\s+\d+\s+[^\s\"]+\s+\")|(?!BO_|BU_|EV_|SG_|\"))", part):
-            odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment without an object: left out")
+            odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment that names no object: left out")
         return ""
     word, number, name, rest = found.groups()
     message = messages.get(int(number) & IDENTIFIER_MASK)
     if name.startswith('"'):
-        odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment without an object: left out")
+        odd.add(line, f"{' '.join(part.split())[:40]!r} is a comment that names no object: left out")
         return ""
     if message is None or name not in message.called:
         what = "a comment" if word.startswith("CM_") else "values" if word == "VAL_" else word
-        odd.add(line, f"{what} of {name[:40].strip()}, a signal that does not exist: left out")
+        odd.add(line, f"{what} of signal {name[:40].strip()}, which does not exist: left out")
         return ""
     good = {"VAL_": VALUES_TEXT, "SIG_VALTYPE_": re.compile(r"\s*:\s*[0-3]\s*;?\s*\Z")}.get(
         word, COMMENT_TEXT if word.startswith("CM_") else None

@@ -35,16 +35,16 @@ from tse.readers.recording import (
     list_names,
 )
 
-# ---- Decoding: the bits of all frames of a message at once, by its database (DBC,
-# ARXML, KCD, SYM).
+# ---- Decoding: signals are extracted from all frames of a message at once. The database
+# (DBC, ARXML, KCD, SYM) defines where a signal lies in its message.
 
-# bits of the key of a message, above its identifier: extended identifier, number of the
-# bus
+# Key of a message: bits 0 to 28 are the identifier, bit 29 marks an extended identifier,
+# bits from 32 on are the index of the bus
 EXTENDED_SHIFT, BUS_SHIFT = 29, 32
 
 
 def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
-    """Return the databases of the options, or all databases beside the log.
+    """Return the databases of the options; without any, those in the folder of the log.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     how : ReadOptions
         Options: the databases.
     required : bool
-        Refuse a log without a database.
+        Raise an error if there is no database.
 
     Raises
     ------
     UserError
-        A database of the options does not exist, or a required one is missing.
+        A database of the options does not exist, or there is none although `required`.
     """
     if how.databases:
         for p in how.databases:
@@ -68,9 +68,9 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
     found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in DATABASE_SUFFIXES)
     if not found and required:
         raise UserError(
-            f"{path}: holds frames of a bus, and there is no database ({', '.join(DATABASE_SUFFIXES)}) "
-            "beside it that describes them: "
-            'name it with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
+            f"{path}: holds frames of a bus, and its folder has no database that describes them "
+            f"({', '.join(DATABASE_SUFFIXES)}): "
+            'name one with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found
 
@@ -79,16 +79,17 @@ def find_databases(path: Path, how: ReadOptions, required: bool) -> list[Path]:
 class _Kept:
     """Decoded values of one message.
 
-    Signals that are in the same frames share an entry of `frames`, by _make_pattern()."""
+    Signals that occur in the same frames have the same _make_pattern() and share an entry
+    of `frames`."""
 
     message: Any
-    signals: list[Any]
-    value: dict[str, Growing] = field(default_factory=dict)  # by the name of the signal
-    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)  # numbers of the frames
+    signals: list[Any]  # needed signals of the message
+    value: dict[str, Growing] = field(default_factory=dict)  # values by name of the signal
+    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)  # frame numbers by pattern
 
 
 class Bus:
-    """Decodes frames, some at a time, into the signals that `how` needs."""
+    """Decodes the frames of a log into needed signals; add() takes them in parts."""
 
     def __init__(self, path: Path, databases: Sequence[Path], how: ReadOptions):
         self._path, self._databases, self._how = path, databases, how
@@ -100,7 +101,7 @@ class Bus:
         self._count = 0
 
     def knows(self, identifier: int) -> bool:
-        """Return whether a database has the identifier."""
+        """Return whether a database contains the identifier."""
         return make_key(identifier, False) in self._messages
 
     def add(self, ids: np.ndarray, extended: np.ndarray, buses: Sequence[str], data: Sequence[bytes]) -> None:
@@ -109,13 +110,13 @@ class Bus:
         Parameters
         ----------
         ids : ndarray of int, (frames,)
-            Identifiers.
+            Identifier of each frame.
         extended : ndarray of bool, (frames,)
-            Whether they are extended identifiers.
+            Whether the identifier is an extended one.
         buses : sequence of str, (frames,)
-            Names of the bus.
+            Name of the bus of each frame.
         data : sequence of bytes, (frames,)
-            Bytes.
+            Data of each frame.
         """
         bus = np.array([self._buses.setdefault(b, len(self._buses)) for b in buses])
         ids = make_key(ids, extended) | bus << BUS_SHIFT
@@ -132,13 +133,13 @@ class Bus:
                 frames = kept.frames.get(_make_pattern(s))
                 if frames is None:
                     frames = kept.frames[_make_pattern(s)] = Growing()
-                if len(frames) == len(kept.value[s.name]):  # the first signal with these frames
+                if len(frames) == len(kept.value[s.name]):  # only the first signal adds its frames
                     frames.extend(self._count + rows[have])
                 kept.value[s.name].extend(value)
         self._count += len(ids)
 
     def _add_message(self, key: int) -> _Kept | None:
-        """Prepare a message; return None if no database has it."""
+        """Prepare the decoding of a message; return None if no database contains it."""
         message = self._messages.get(key & ((1 << BUS_SHIFT) - 1))
         if message is None:
             self._unknown.add(key & IDENTIFIER_MASK)
@@ -156,9 +157,9 @@ class Bus:
         Parameters
         ----------
         time : ndarray, (kept frames,)
-            Times in the order of the file, s.
+            Times of the kept frames in the order of the file, s.
         keep : ndarray of bool, (frames,), or None
-            The kept frames. None: all, to be sorted by time.
+            True for the kept frames. None: all frames are kept, and sorted by time.
         notes : list of str
             Receives notes about repeated messages, invalid values and unknown
             identifiers.
@@ -166,13 +167,13 @@ class Bus:
         Raises
         ------
         UserError
-            No frame is in the databases.
+            The databases contain none of the messages.
         """
         notes += self.notes
         channels: dict[str, Channel] = {}
         place = None if keep is None or keep.all() else np.cumsum(keep) - 1
         bus = list(self._buses)
-        # the lowest bus first, in whatever order the buses begin in this log
+        # by the name of the bus (2 before 10): its index depends on the order of frames
         for key in sorted(self._kept, key=lambda k: (len(bus[k >> BUS_SHIFT]), bus[k >> BUS_SHIFT], k)):
             kept = self._kept[key]
             message = kept.message.name
@@ -185,7 +186,7 @@ class Bus:
                 if pattern not in clocks:
                     frames = kept.frames[pattern].array().astype(np.int64)
                     times, chosen = self._select_times(frames, time, keep, place)
-                    # signals with the same times share the array
+                    # signals with equal times share one array
                     times = next((t for t, _ in clocks.values() if np.array_equal(t, times)), times)
                     clocks[pattern] = times, chosen
                 times, chosen = clocks[pattern]
@@ -197,15 +198,15 @@ class Bus:
                 channels[name] = Channel(name, times, value, s.unit or "", (s.comment or "")[:200], states)
             if renamed:
                 notes.append(
-                    f"message {message} appears more than once: signals of {key & IDENTIFIER_MASK:#x} "
-                    f"on bus {bus[key >> BUS_SHIFT]} are named like {renamed}"
+                    f"message {message} appears more than once: signals of identifier "
+                    f"{key & IDENTIFIER_MASK:#x} on bus {bus[key >> BUS_SHIFT]} are named like {renamed}"
                 )
         unknown = [f"{i:#x}" for i in sorted(self._unknown)]
         if not channels and not self._how.wanted:
             raise UserError(
                 f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers "
-                f"({list_names(unknown)}) is in "
-                f"{', '.join(p.name for p in self._databases)}: it is the database of another bus"
+                f"({list_names(unknown)}) is in {', '.join(p.name for p in self._databases)}: "
+                "the database is that of a different bus"
             )
         if unknown and not self._how.wanted:
             notes.append(f"{len(unknown)} identifiers are in no database: {list_names(unknown)}")
@@ -215,7 +216,10 @@ class Bus:
     def _select_times(
         frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray | slice]:
-        """Return the times of some frames, s, and the selection: a mask or order."""
+        """Return the times [s] of the kept ones of `frames`, and what selects them.
+
+        The second result is a mask of kept frames, an order by time, or slice(None). It
+        indexes the values of a signal."""
         if place is not None and keep is not None:
             chosen = keep[frames]
             return time[place[frames[chosen]]], chosen
@@ -227,7 +231,7 @@ class Bus:
 
 
 def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]:
-    """Return the messages of databases by their key; of one key the first."""
+    """Return the messages of databases by key. Of equal keys the first one counts."""
     messages: dict[int, Any] = {}
     for p in databases:
         for message in read_database(p, notes):
@@ -235,8 +239,8 @@ def read_messages(databases: Sequence[Path], notes: list[str]) -> dict[int, Any]
     return messages
 
 
-MIN_MEASUREMENT_BITS = 8  # a signal with fewer bits is a state
-# texts of values that mean "not available"
+MIN_MEASUREMENT_BITS = 8  # a signal with fewer bits is taken as a state, not as a measurement
+# names of values that mean "not available"
 NO_VALUE = re.compile(
     r"\b(sna|snv|inval\w*|not ?(avail\w*|valid|def\w*|present|init\w*)|no ?(value|data|signal)|n/a|init\w*"
     r"|error|err|fault\w*|failure|fehler\w*|ung(ue|ü)ltig\w*|nicht ?(verf\w*|def\w*)|unbef\w*|undef\w*"
@@ -246,7 +250,7 @@ NO_VALUE = re.compile(
 
 
 def read_states(s: Any) -> dict[float, str]:
-    """Return the names of single values of a signal, by the physical value."""
+    """Return the names that a database gives to single values, by physical value."""
     return {
         float(raw) * float(s.scale) + float(s.offset): str(text) for raw, text in (s.choices or {}).items()
     }
@@ -255,7 +259,7 @@ def read_states(s: Any) -> dict[float, str]:
 def drop_codes(
     name: str, s: Any, value: np.ndarray, states: dict[float, str], notes: list[str]
 ) -> np.ndarray:
-    """Return a measurement without the codes that its database calls not available."""
+    """Replace the codes by NaN that, by the database, mean "not available"."""
     codes = {v: t for v, t in states.items() if NO_VALUE.search(t.replace("_", " "))}
     if s.length < MIN_MEASUREMENT_BITS or not codes:
         return value
@@ -271,13 +275,13 @@ def drop_codes(
 def make_key(identifier: Any, extended: Any) -> Any:
     """Return the key of a message on the first bus.
 
-    Identifiers of more than 11 bits are extended, whatever log or database state."""
+    An identifier of more than 11 bits is extended, also if `extended` is False."""
     identifier = identifier & IDENTIFIER_MASK
     return identifier | (extended | (identifier > MAX_STANDARD_IDENTIFIER)) << EXTENDED_SHIFT
 
 
 def _make_pattern(s: Any) -> tuple[object, ...]:
-    """Return a key that is equal for signals which are in the same frames."""
+    """Return a key that is equal for signals that occur in the same frames."""
     return _find_last_byte(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
 
 
@@ -291,25 +295,25 @@ def decode_signals(
     message : cantools.database.can.Message
         The message.
     signals : sequence of cantools.database.can.Signal
-        Its needed signals.
+        Needed signals of the message.
     data : sequence of bytes, (frames,)
-        The frames.
+        Data of each frame.
 
     Yields
     ------
     signal
-        One of `signals` that the frames contain.
+        One of `signals`, if any frame contains it.
     ndarray of int, (entries,)
-        Numbers of the frames that contain it.
+        Numbers of the frames that contain the signal.
     ndarray, (entries,)
-        Its physical values.
+        Physical values of the signal.
     """
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
     whole = long >= width
     padded = b"".join(d[:width].ljust(width, b"\0") for d in data)
     table = np.frombuffer(padded, np.uint8).reshape(len(data), width)
-    # bit 8 b + i: bit i of byte b, the least significant first
+    # column 8 b + i: bit i of byte b, where bit 0 is the least significant one
     bits = np.unpackbits(table, axis=1, bitorder="little")
     by_name = {s.name: s for s in message.signals}
     for s in signals:
@@ -324,23 +328,29 @@ def decode_signals(
 
 
 def _find_bits(s: Any) -> np.ndarray:
-    """Return the columns of np.unpackbits() with a signal, its lowest bit first."""
+    """Return the indices of a signal's bits in np.unpackbits(), the lowest bit first."""
     if s.byte_order == "little_endian":
         return s.start + np.arange(s.length)
     at, found = s.start, []
-    for _ in range(s.length):  # Motorola: down from the highest bit, then the highest of the next byte
+    for _ in range(s.length):  # Motorola: down to bit 0, then on at bit 7 of the next byte
         found.append(at)
         at = at - 1 if at % 8 else at + 15
     return np.array(found[::-1])
 
 
 def _find_last_byte(s: Any) -> int:
-    """Return the first bit of the last byte of a signal."""
+    """Return the index of the first bit of the last byte that a signal uses."""
     return int(_find_bits(s).max() // 8 * 8)
 
 
 def _decode_number(s: Any, bits: np.ndarray, raw: bool = False) -> np.ndarray:
-    """Return the values of one signal, (frames,). ValueError: frames are too short."""
+    """Return the values of one signal, (frames,); `raw`: without scale and offset.
+
+    Raises
+    ------
+    ValueError
+        The frames are too short for the signal, or it has more than 64 bits.
+    """
     at = _find_bits(s)
     if at.max() >= bits.shape[1] or s.length > 64:
         raise ValueError(s.name)
@@ -408,7 +418,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if not frames and not len(times):
             what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
-                f"{path}: is damaged, or not {what} as its tool writes it: {str(error)[:120]}"
+                f"{path}: is damaged, or is not {what} in the usual form: {str(error)[:120]}"
             ) from None
         notes.append(
             f"the file is damaged after {len(times) + len(frames)} frames ({str(error)[:80]}): "
@@ -422,7 +432,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         notes.append(lines.note())
     if lines.errors:
         notes.append(f"{lines.errors} error frames on the bus")
-    # one clock for all messages, before they are separated
+    # repair the times of all frames together, before they are separated by message
     clock, keep, said = straighten_time(times.array(), together=True)
     notes += [f"frames: {s}" for s in said]
     channels = bus.channels(clock, keep, notes)
@@ -439,7 +449,7 @@ def _convert_frames(reader: Any, lines: Lines) -> Iterator[CanFrame]:
 
 
 def _make_reader(can: Any, path: Path, kind: str, lines: Lines, notes: list[str]) -> Any:
-    """Return a reader of python-can that skips odd lines and notes their numbers."""
+    """Return a reader of python-can that skips lines it cannot parse and counts them."""
     if kind == "blf":
         return can.BLFReader(str(path))
 

@@ -1,4 +1,4 @@
-"""Read Parquet and Feather by pyarrow."""
+"""Read Parquet and Feather files by pyarrow, one column at a time."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ from tse.readers.table import Column, make_recording
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read all columns of numbers or times; fields of a struct by their path."""
+    """Read all columns of numbers or times. Each field of a struct is a column."""
     pa = import_optional("pyarrow", "all", str(path))
     with open(path, "rb") as file:
         parquet = file.read(4) == b"PAR1"
@@ -32,15 +32,15 @@ def read(path: Path, how: ReadOptions) -> Recording:
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None
     if found.channels and not np.isfinite(next(iter(found)).time).any():
-        raise UserError(f"{path}: the time is empty")
+        raise UserError(f"{path}: the time column is empty")
     return found
 
 
-ReadColumn = Callable[[int], Any]  # returns a column of the file by its number
+ReadColumn = Callable[[int], Any]  # reads the column of the file with this index
 
 
 def _open_parquet(path: Path) -> tuple[Any, int, ReadColumn]:
-    """Return schema, number of rows, and a function that reads a column."""
+    """Return schema, number of rows and a function that reads a column."""
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
@@ -58,7 +58,7 @@ def _open_parquet(path: Path) -> tuple[Any, int, ReadColumn]:
 
 
 def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
-    """Return schema, number of rows, and a function that reads a column."""
+    """Return schema, number of rows and a function that reads a column."""
     import pyarrow as pa
     import pyarrow.feather as feather
 
@@ -80,7 +80,9 @@ def _open_feather(path: Path) -> tuple[Any, int, ReadColumn]:
 
 
 def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]]]:
-    """Yield the fields without structs, named by their path, with the path as numbers."""
+    """Yield all fields that are no structs, and their path of indices into the structs.
+
+    A field is named by its path: car.speed for field speed of struct car."""
 
     def walk(field: Any, at: tuple[int, ...]) -> Iterator[tuple[Any, tuple[int, ...]]]:
         if not pa.types.is_struct(field.type):
@@ -95,7 +97,7 @@ def _flatten_fields(pa: Any, schema: Any) -> Iterator[tuple[Any, tuple[int, ...]
 
 
 def _make_column(pa: Any, field: Any, steps: tuple[int, ...], rows: int, read: ReadColumn) -> Column:
-    """Return a column that is read on demand; `steps`: its path as numbers."""
+    """Return a column that is read on demand. `steps` is its path of indices."""
     meta = {
         k.decode(errors="replace").lower(): v.decode(errors="replace")
         for k, v in (field.metadata or {}).items()

@@ -15,11 +15,13 @@ from tse.log.units import unit_factor, unit_kind
 from tse.readers.recording import Channel, ReadOptions, Recording, check_rows, import_optional, list_names
 from tse.readers.table import TIME_WORDS, Column, find_unit_suffix, make_recording, split_unit, split_words
 
-MAX_BYTES_AT_ONCE = 1 << 25  # of version 5; larger files are read variable by variable
-MAX_MATRIX_COLUMNS = 16  # of a matrix whose columns become channels
+# unpacked size up to which a file of version 5 is read at once; if larger, each variable
+# is read on its own
+MAX_BYTES_AT_ONCE = 1 << 25
+MAX_MATRIX_COLUMNS = 16  # columns of a matrix become channels up to this number
 MIN_VECTOR_LENGTH = 2
-COMPRESSED_TYPE = 15  # miCOMPRESSED: an element of version 5 that is packed by zlib
-MAX_VARIABLE_BYTES = 1 << 30  # of version 5: a signal of 30 h at 1 kHz
+COMPRESSED_TYPE = 15  # miCOMPRESSED: type of an element of version 5 that is packed by zlib
+MAX_VARIABLE_BYTES = 1 << 30  # unpacked size of a variable of version 5: 30 h at 1 kHz
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,10 @@ class LazyVector:
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read vectors and columns of matrices, named by their path in structs.
+    """Read vectors and columns of matrices, named by their path in structs: car.speed.
 
-    The time of a vector has the same length and the nearest path."""
+    The times of a vector are in the time vector of the same length that is nearest to it
+    in the structs."""
     with open(path, "rb") as file:
         head = file.read(128)
     opaque: list[str] = []
@@ -51,7 +54,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     if not vectors:
         more = ""
         if opaque:
-            more = f" ({list_names(opaque)} are MATLAB objects: save them as structs or a matrix)"
+            more = f" ({list_names(opaque)} are MATLAB objects: save them as structs or matrices)"
         raise UserError(f"{path}: has no vectors of numbers{more}")
     notes = [f"MATLAB objects are not read, save them as structs: {list_names(opaque)}"] if opaque else []
     times = {name: v for name, v in vectors.items() if _is_time(name, v, units)}
@@ -63,7 +66,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         columns = [
             Column(n, v.read if isinstance(v, LazyVector) else v, rows=len(v)) for n, v in vectors.items()
         ]
-        return make_recording(path, "MAT", columns, how, notes)  # with the errors of a table
+        return make_recording(path, "MAT", columns, how, notes)  # finds the time, or explains its absence
     clocks: dict[str, np.ndarray] = {}
     channels: dict[str, Channel] = {}
     for name, v in vectors.items():
@@ -82,20 +85,20 @@ def read(path: Path, how: ReadOptions) -> Recording:
         channels[plain] = Channel(plain, clocks[own], _load(v), unit if unit_kind(unit) != "time" else "")
     if not channels:
         raise UserError(
-            f"{path}: no vector has a time of its length; vectors: "
-            f"{list_names(f'{n} ({len(v)})' for n, v in vectors.items())}. Say "
-            'which is the time in signals.toml: [log] time = "NAME"'
+            f"{path}: no vector is as long as a vector of times; vectors (length): "
+            f"{list_names(f'{n} ({len(v)})' for n, v in vectors.items())}. Name "
+            'the time in signals.toml: [log] time = "NAME"'
         )
     return Recording(path, "MAT", channels, notes)
 
 
 def _load(v: np.ndarray | LazyVector) -> np.ndarray:
-    """Return a vector, read if necessary."""
+    """Return a vector; read it if it is not in memory."""
     return v.read() if isinstance(v, LazyVector) else v
 
 
 def _strip_wrappers(name: str) -> str:
-    """Return a name without its wrappers: wheel.signals.values gives wheel."""
+    """Remove the structs that wrap a vector from its name: wheel.values gives wheel."""
     parts = name.split(".")
     while len(parts) > 1 and parts[-1].lower() in ("values", "value", "data", "signals", "samples", "y"):
         parts.pop()
@@ -103,7 +106,7 @@ def _strip_wrappers(name: str) -> str:
 
 
 def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bool:
-    """Return whether name or unit is that of a time, and the values rise."""
+    """Return whether a vector has the name or unit of a time, and increases."""
     w = split_words(name.rpartition(".")[2])
     is_named = bool(w) and (w[-1] in TIME_WORDS or w[0] in TIME_WORDS)
     if not is_named and unit_kind(units.get(name, "")) != "time":
@@ -114,7 +117,9 @@ def _is_time(name: str, v: np.ndarray | LazyVector, units: dict[str, str]) -> bo
 
 
 def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | LazyVector]) -> str | None:
-    """Return the time of this length with the shortest path from `name`, or None."""
+    """Return the time vector of this length that is nearest to `name`, or None.
+
+    The distance is the number of steps between both in the tree of structs."""
     fits = [t for t, v in times.items() if len(v) == length]
     path = name.split(".")
 
@@ -131,7 +136,7 @@ def _find_nearest_time(name: str, length: int, times: Mapping[str, np.ndarray | 
 def _convert_time(
     path: Path, name: str, v: np.ndarray, unit: str, how: ReadOptions, notes: list[str]
 ) -> np.ndarray:
-    """Return a time in s. Without a known unit it is converted as a column of a table."""
+    """Return a time in s. Without a known unit, convert it like the time of a table."""
     unit = how.time_unit or unit
     if unit and (per := unit_factor(unit, "s")) is not None:
         return v * per
@@ -143,7 +148,9 @@ def _convert_time(
 
 
 def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield vectors and texts of a file of version 5 with their paths."""
+    """Yield paths and values of all vectors and strings in a file of version 5.
+
+    The names of MATLAB objects, which cannot be read, are added to `opaque`."""
     import scipy.io
 
     arguments: dict[str, Any] = {"squeeze_me": True, "struct_as_record": False}
@@ -160,9 +167,9 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _measure_unpacked(path: Path) -> int:
-    """Return the size of all unpacked variables of version 5 by their headers, bytes.
+    """Return the unpacked size [bytes] of all variables of version 5, by their headers.
 
-    scipy reads at most this size of a variable, even if its data are longer."""
+    scipy reads at most the size that the header of a variable states."""
     total = 0
     with open(path, "rb") as file:
         head = file.read(128)
@@ -175,8 +182,8 @@ def _measure_unpacked(path: Path) -> int:
                 size = struct.unpack(order + "II", inner)[1] if len(inner) == 8 else size
             if size > MAX_VARIABLE_BYTES:
                 raise UserError(
-                    f"{path}: states a variable of {size / 2**30:.1f} GB; limit for MAT version 5, "
-                    "whose variables are read as a whole: 1 GB: save it with -v7.3"
+                    f"{path}: has a variable of {size / 2**30:.1f} GB; allowed in MAT version 5, whose "
+                    "variables are read as a whole: up to 1 GB: save it with -v7.3"
                 )
             total += size
             file.seek(after)
@@ -184,7 +191,7 @@ def _measure_unpacked(path: Path) -> int:
 
 
 def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield vectors and texts of a variable of scipy with their paths."""
+    """Yield paths and values of all vectors and strings in a variable read by scipy."""
     if hasattr(value, "_fieldnames"):
         if depth < 8:
             for f in value._fieldnames:
@@ -202,7 +209,7 @@ def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[
 
 
 def _split_columns(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
-    """Yield a vector, or the columns of a matrix with few columns, as floats."""
+    """Yield a vector, or the columns of a matrix that has few enough, as floats."""
     if value.dtype.kind not in "biuf":
         return
     value = np.squeeze(value)
@@ -216,7 +223,7 @@ def _split_columns(name: str, value: np.ndarray) -> Iterator[tuple[str, Any]]:
 
 
 def _walk_version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield vectors and texts of a file of version 7.3 with their paths."""
+    """Yield paths and values of all vectors and strings in a file of version 7.3."""
     h5py = import_optional("h5py", "mat", str(path))
     try:
         with h5py.File(path, "r") as file:
@@ -228,7 +235,7 @@ def _walk_version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
 
 
 def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tuple[str, Any]]:
-    """Yield vectors, texts and units of a group of HDF5 with their paths."""
+    """Yield paths and values of all vectors, strings and units in a group of HDF5."""
     for key, item in group.items():
         name = f"{at}.{key}" if at else key
         if key.startswith("#"):
@@ -250,7 +257,7 @@ def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tup
 
 
 def _split_dataset(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the vector, or the columns of the matrix, of a dataset, read on demand."""
+    """Yield the vector in a dataset, or the columns of its matrix, read on demand."""
     long = [axis for axis, n in enumerate(item.shape) if n > 1]
     if not 1 <= len(long) <= 2:
         yield from _split_columns(name, np.asarray(item))

@@ -1,4 +1,4 @@
-"""Read MCAP: messages of ROS 1 and 2, JSON and protobuf, by the schemas in the file."""
+"""Read MCAP: messages of ROS 1, ROS 2, JSON and protobuf, by the schemas in the file."""
 
 import json
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from tse.readers.recording import Collector, ReadOptions, Recording, import_opti
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read the fields of all messages, named by topic and path."""
+    """Read the fields of all messages as channels, named TOPIC.PATH."""
     mcap = import_optional("mcap.reader", "ros", str(path))
     collect, notes = Collector(path, how.wanted), []
     decoders: dict[int, Any] = {}
@@ -39,21 +39,20 @@ def read(path: Path, how: ReadOptions) -> Recording:
         )
     unread = list_names(f"{t} ({e})" for t, e in strange.items())
     if strange and not count:
-        raise UserError(
-            f"{path}: its messages cannot be read: {unread}; readable: ROS 1, ROS 2, JSON, protobuf"
-        )
+        raise UserError(f"{path}: no topic can be read: {unread}; readable: ROS 1, ROS 2, JSON, protobuf")
     if strange:
         notes.append(f"topics that cannot be read: {unread}")
     return Recording(path, "MCAP", collect.channels(), notes)
 
 
-MAGIC = b"\x89MCAP0\r\n"
+MAGIC = b"\x89MCAP0\r\n"  # first and last bytes of a complete file
 
 
 def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
     """Yield schema, channel and message of all messages.
 
-    A file without its end has no index: it is read from the front."""
+    The index is at the end of the file. A file whose end is missing is read without it,
+    from the front."""
     file.seek(0, 2)
     file.seek(max(file.tell() - len(MAGIC), 0))
     whole = file.read() == MAGIC
@@ -68,7 +67,7 @@ def _read_messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tupl
 def _find_decoder(path: Path, channel: Any, schema: Any, strange: dict[str, str]) -> Any:
     """Return a decoder of the messages of a channel.
 
-    For an unknown encoding or schema return None, and name it in `strange`."""
+    If encoding or schema is unknown, return None and add it to `strange`, by topic."""
     encoding = channel.message_encoding
     if encoding == "json":
         return json.loads
@@ -88,7 +87,7 @@ def _find_decoder(path: Path, channel: Any, schema: Any, strange: dict[str, str]
 
 
 def _wrap_protobuf(decoder: Any) -> Any:
-    """Return a decoder of protobuf that returns dicts."""
+    """Return a decoder that converts the messages of a protobuf decoder to dicts."""
     from google.protobuf.json_format import MessageToDict
 
     return lambda data: MessageToDict(decoder(data), preserving_proto_field_name=True)

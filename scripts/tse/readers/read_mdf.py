@@ -1,4 +1,4 @@
-"""Read MDF 3 and 4 by asammdf, with the frames of a bus in them."""
+"""Read MDF 3 and 4 by asammdf, and decode the frames of a bus that they contain."""
 
 import gc
 import logging
@@ -29,14 +29,16 @@ FRAME_CHANNELS = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes"
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read converted channels, without values marked as invalid, and decoded frames."""
+    """Read the channels in physical units, and decode the frames of buses.
+
+    Values that the file marks as invalid become NaN."""
     asammdf = import_optional("asammdf", "mf4", str(path))
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
     damage = ""
     _check_chains(path)
     hook = sys.unraisablehook
-    sys.unraisablehook = lambda _: None  # hides messages about objects of a damaged file
+    sys.unraisablehook = lambda _: None  # suppresses messages of __del__() after damage
     try:
         with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
             channels = correct_time_units(_read_channels(path, mdf, how), how, notes)
@@ -49,15 +51,15 @@ def read(path: Path, how: ReadOptions) -> Recording:
     finally:
         gc.collect()
         sys.unraisablehook = hook
-    if damage:  # raised outside the block, because an error keeps its objects alive
+    if damage:  # raised here, because inside the except block the error keeps asammdf's objects alive
         raise UserError(
             f"{path}: is damaged or cut off: {damage}; blocks that describe its "
-            "content are missing: copy it again, or have the recorder's own tool repair it"
+            "content are missing: copy it again, or repair it by the tool of the recorder"
         )
     return Recording(path, f"MDF {version}", channels, notes)
 
 
-# kind of a block of MDF 4: kinds of the lists that it begins
+# kind of a block of MDF 4, and the kinds of blocks in the lists that begin at it
 CHILD_BLOCKS = {
     b"##DG": (b"##CG", b"##DL"),
     b"##CG": (b"##CN",),
@@ -66,15 +68,15 @@ CHILD_BLOCKS = {
     b"##DL": (),
     b"##HL": (b"##DL",),
 }
-MAX_BLOCKS = 5_000_000  # that are followed
-LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")  # every link to them must lead to their kind
+MAX_BLOCKS = 5_000_000  # blocks that _check_chains() visits; a file with more is refused
+LISTED_BLOCKS = (b"##DG", b"##CG", b"##FH")  # a link to them must lead to a block of this kind
 
 
 def _check_chains(path: Path) -> None:
-    """Refuse an MDF 4 whose lists of groups, channels or data form a circle.
+    """Refuse an MDF 4 whose lists of groups, channels or data blocks form a circle.
 
-    Its reader would follow them forever. The first link of a block in CHILD_BLOCKS leads
-    to the next block of its list."""
+    asammdf would follow such a list for ever. The first link of each block leads to the
+    next block of its list, further links to the first blocks of other lists."""
     with open(path, "rb") as file:
         if not file.read(8).startswith((b"MDF     ", b"UnFinMF ")):
             return
@@ -101,10 +103,10 @@ def _check_chains(path: Path) -> None:
 
 
 def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool = False) -> list[int]:
-    """Return the links of the block at a byte; [] for a block of another kind.
+    """Return the links of the block of this kind at byte `at`.
 
-    A block begins with its kind, its length and the number of its links. `required`: a
-    block of another kind is damage."""
+    If the block has a different kind, return [], or raise a UserError if the kind is
+    `required`. A block begins with its kind, its length and the number of its links."""
     file.seek(at)
     head = file.read(24)
     if len(head) < 24 or head[:4] != kind:
@@ -120,17 +122,17 @@ def _read_links(path: Path, file: BinaryIO, at: int, kind: bytes, required: bool
 
 
 def _is_finished(file: BinaryIO) -> bool:
-    """Return whether a file was closed in order.
+    """Return whether the recorder has finished and closed a file.
 
-    asammdf receives a finished file as an open file: given the path, it maps the file,
-    which then stays in memory. It completes a copy of an unfinished file by its path."""
+    asammdf receives a finished file as an open file, because it would map a path into
+    memory. It receives an unfinished file by its path, and completes a copy."""
     finished = file.read(8) == b"MDF     "
     file.seek(0)
     return finished
 
 
 def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]:
-    """Return the needed channels; those of one name with the title of their group."""
+    """Return the needed channels. If names are equal, the group's title precedes them."""
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
         check_rows(path, f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
@@ -148,7 +150,7 @@ def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]
             value, bad = signal.samples.astype(float), signal.invalidation_bits
             if bad is not None and len(np.atleast_1d(bad)) == len(value):
                 value = np.where(np.asarray(bad, bool), np.nan, value)
-            if len(time) != len(value):  # channels of a group share their time
+            if len(time) != len(value):  # the first channel: the channels of a group share their times
                 time = np.asarray(signal.timestamps, float)
             text = str(signal.comment or "")[:200]
             made = Channel(channel.name, time, value, str(signal.unit or ""), text)
@@ -162,7 +164,9 @@ def _read_channels(path: Path, mdf: Any, how: ReadOptions) -> dict[str, Channel]
 
 
 def _read_samples(mdf: Any, group: int, index: int) -> Any | None:
-    """Return a channel as a Signal of numbers, before a conversion to texts, or None."""
+    """Return a channel as a Signal of numbers, or None.
+
+    If its conversion gives strings, return the raw values."""
     for raw in (False, True):
         signal = mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
         if len(signal.samples) and signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:
@@ -171,7 +175,7 @@ def _read_samples(mdf: Any, group: int, index: int) -> Any | None:
 
 
 def _read_chunks(mdf: Any, group: int, index: int) -> Iterator[Any]:
-    """Yield the frames of a channel as Signals of CHUNK_ROWS records."""
+    """Yield the frames of a channel in Signals of at most CHUNK_ROWS frames."""
     done = 0
     while True:
         signal = mdf.get(
@@ -193,9 +197,9 @@ def _read_chunks(mdf: Any, group: int, index: int) -> Iterator[Any]:
 def _decode_frames(
     path: Path, mdf: Any, how: ReadOptions, others: bool, notes: list[str]
 ) -> dict[str, Channel]:
-    """Return the signals of the frames of all buses, in order of time.
+    """Return the signals in the frames of all buses, sorted by time.
 
-    `others`: the file has other channels, so it may lack a database."""
+    `others`: whether the file has other channels. If not, a database is required."""
     bus, times = None, Growing()
     for g, group in enumerate(mdf.groups):
         for c, channel in enumerate(group.channels):
@@ -216,7 +220,9 @@ def _decode_frames(
 
 
 def _read_frame_columns(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str], list[bytes]] | None:
-    """Return identifiers, extended flags, buses and bytes of frames, or None."""
+    """Return identifiers, extended flags, buses and data of frames, for Bus.add().
+
+    None: the samples are no frames."""
     names = samples.dtype.names or ()
     if not all(n in names for n in FRAME_CHANNELS[1:]):
         return None

@@ -1,4 +1,4 @@
-"""Read openpilot's rlog and qlog, by the schema in the package openpilot-logging."""
+"""Read openpilot's rlog and qlog by the schema in the package openpilot-logging."""
 
 import bz2
 import importlib.util
@@ -8,8 +8,8 @@ from typing import Any
 from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional
 
-# Services about the motion of the car. Cameras, models and states of the software are
-# most of a log and are skipped.
+# Services with signals of the car's motion. All other services (cameras, neural networks,
+# states of the software), which are most of a log, are skipped.
 SERVICES = (
     "carState",
     "accelerometer",
@@ -25,12 +25,15 @@ SERVICES = (
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read the fields of SERVICES, named by their path: carState.wheelSpeeds.fl."""
+    """Read the fields of SERVICES as channels, named as carState.wheelSpeeds.fl."""
     capnp = import_optional("capnp", "openpilot", str(path))
     spec = importlib.util.find_spec("openpilot_logging")
     if spec is None or not spec.submodule_search_locations:
         import_optional("openpilot_logging", "openpilot", str(path))
-        raise UserError(f"{path}: the schema is not in the Python package openpilot_logging")
+        raise UserError(
+            f"{path}: the Python package openpilot_logging does not contain the schema: "
+            "pip install 'tse[openpilot]' (in a checkout: scripts/setup.sh logs)"
+        )
     capnp.remove_import_hook()
     folder = Path(next(iter(spec.submodule_search_locations))) / "cereal"
     log = capnp.load(str(folder / "log.capnp"))
@@ -48,7 +51,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     except Exception as error:  # parsers raise errors of many kinds
         if not count:
             raise UserError(
-                f"{path}: is no log of openpilot, or damaged: {str(error).splitlines()[0][:100]}"
+                f"{path}: is no log of openpilot, or is damaged: {str(error).splitlines()[0][:100]}"
             ) from None
         notes.append(f"the log is cut off after {count} events: the part before is used")
     if not count:
@@ -57,7 +60,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 def _add(collect: Collector, service: str, time: float, message: Any) -> None:
-    """Collect a message; of sensorEvents each sensor on its own."""
+    """Collect a message. sensorEvents has one message for each of several sensors."""
     if service == "sensorEvents":
         for part in message:
             collect.add(f"{service}.{part.which()}", time, part.to_dict())
@@ -66,7 +69,7 @@ def _add(collect: Collector, service: str, time: float, message: Any) -> None:
 
 
 def _unpack(path: Path) -> bytes:
-    """Return the content of a file, unpacked from bzip2 or Zstandard."""
+    """Return the content of a file. If it is packed by bzip2 or Zstandard, unpack it."""
     raw = path.read_bytes()
     try:
         if raw.startswith(b"BZh"):

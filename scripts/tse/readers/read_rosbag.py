@@ -1,4 +1,4 @@
-"""Read ROS 1 bags and folders of ROS 2 bags by rosbags."""
+"""Read ROS 1 bags and folders of ROS 2 bags by the package rosbags."""
 
 import bz2
 import io
@@ -10,16 +10,16 @@ from typing import Any, BinaryIO
 from tse.library.errors import UserError
 from tse.readers.recording import Collector, ReadOptions, Recording, import_optional, list_names
 
-OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # kinds of records of a ROS 1 bag
-MAX_RECORD_BYTES = 1 << 30  # of a record or chunk; rosbag writes chunks of 0.8 MB
+OP_CHUNK, OP_CONNECTION, OP_MESSAGE, OP_HEADER = 5, 7, 2, 3  # field `op` of records of a ROS 1 bag
+MAX_RECORD_BYTES = 1 << 30  # size of a record, and of an unpacked chunk; rosbag's chunks have 0.8 MB
 DAMAGE_ERRORS = (struct.error, EOFError, KeyError, ValueError, OSError, IndexError)
 
 
 def _is_closed(path: Path) -> bool:
-    """Return whether a ROS 1 bag has an index.
+    """Return whether a ROS 1 bag has an index, which is written when the bag is closed.
 
-    The first record holds its place: 0 while the bag is written, beyond the end of the
-    file if that was cut off."""
+    The first record states the place of the index. It is 0 if the bag was not closed, and
+    beyond the end of the file if the file is cut off."""
     try:
         with open(path, "rb") as file:
             file.readline()
@@ -32,7 +32,11 @@ def _is_closed(path: Path) -> bool:
 def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
     """Return op, fields of the header and data of a record.
 
-    EOFError: it is incomplete."""
+    Raises
+    ------
+    EOFError
+        The record is incomplete.
+    """
 
     def read_part() -> bytes:
         head = file.read(4)
@@ -47,7 +51,7 @@ def _read_record(file: BinaryIO) -> tuple[int, dict[bytes, bytes], bytes]:
 
 
 def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
-    """Return the records of a chunk."""
+    """Return the unpacked records of a chunk."""
     if compression == b"none":
         return data
     if compression == b"bz2":
@@ -61,11 +65,9 @@ def _unpack_chunk(compression: bytes, data: bytes) -> bytes:
 
 
 def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any, str]]:
-    """Yield topic, time (s), message and type of the messages of a ROS 1 bag.
+    """Yield topic, time [s], message and type of all messages of a ROS 1 bag.
 
-    The bag is read from its front, because it has no index.
-
-    The last complete chunk ends the bag."""
+    The bag has no index, so it is read from the front, up to the last complete chunk."""
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     known: dict[int, tuple[str, str]] = {}
     with open(path, "rb") as file:
@@ -97,7 +99,7 @@ def _read_from_front(path: Path, typesys: Any) -> Iterator[tuple[str, float, Any
 
 
 def _split_fields(data: bytes) -> dict[bytes, bytes]:
-    """Return the fields of the header of a record."""
+    """Return name and value of the fields in the header of a record."""
     found, at = {}, 0
     while at < len(data):
         size = struct.unpack_from("<I", data, at)[0]
@@ -108,26 +110,26 @@ def _split_fields(data: bytes) -> dict[bytes, bytes]:
 
 
 def _find_bag(path: Path) -> Path:
-    """Return the bag of a path: the file of a ROS 1 bag, or the folder of a ROS 2 bag."""
+    """Return the path that rosbags reads: a ROS 1 file, or the folder of a ROS 2 bag."""
     if not path.is_file() or path.suffix.lower() == ".bag":
         return path
     if (path.parent / "metadata.yaml").exists():
         return path.parent
     with open(path, "rb") as file:
-        has_frames = b"arbitration_id" in file.read(1 << 16)  # a column of python-can's table
+        has_frames = b"arbitration_id" in file.read(1 << 16)  # a column that python-can writes
     if has_frames:
         raise UserError(
-            f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: "
-            f"write them as BLF: python -m can.logconvert {path.name} {path.stem}.blf"
+            f"{path}: is no ROS 2 bag, but an SQLite file with frames of a bus, written by python-can: "
+            f"convert it to BLF: python -m can.logconvert {path.name} {path.stem}.blf"
         )
     raise UserError(
-        f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: "
-        "give the folder of the bag"
+        f"{path}: is one file of a ROS 2 bag, but its folder has no metadata.yaml: "
+        "give the folder of the complete bag"
     )
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read the fields of all messages, named by topic and path."""
+    """Read the fields of all messages as channels, named TOPIC.PATH."""
     highlevel = import_optional("rosbags.highlevel", "ros", str(path))
     typesys = import_optional("rosbags.typesys", "ros", str(path))
     bag = _find_bag(path)
@@ -165,7 +167,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
             f"the bag is damaged after {count} messages ({str(error)[:60]}): the part before is used"
         )
     if strange:
-        notes.append(f"topics whose message types the bag does not define: {list_names(strange)}")
+        notes.append(f"not read, because the bag does not define their message types: {list_names(strange)}")
     if not count:
         unknown = f" (types unknown: {list_names(strange.values())})" if strange else ""
         raise UserError(f"{path}: has no message that can be read{unknown}")

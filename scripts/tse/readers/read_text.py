@@ -1,4 +1,4 @@
-"""Read tables of text: CSV with any separator, decimal sign, encoding and preamble."""
+"""Read CSV files with any separator, decimal sign, encoding and preamble."""
 
 import itertools
 import re
@@ -28,8 +28,8 @@ from tse.readers.table import (
     split_words,
 )
 
-MAX_HEADERS = 4  # rows above the data: names, units, sources
-HEAD_LINES = 400  # used to find the layout
+MAX_HEADERS = 4  # rows directly above the data that may hold names, units or sources
+HEAD_LINES = 400  # first lines of a file, from which its layout is found
 DELIMITERS = (",", ";", "\t", "|")
 NUMBER_CELL = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 CLOCK_CELL = re.compile(
@@ -40,7 +40,7 @@ EMPTY_CELLS = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
-    """Read a table of text."""
+    """Read a CSV file whose layout is found from its first lines."""
     encoding, errors = detect_encoding(path, how)
     with open(path, encoding=encoding, errors=errors, newline="") as file:
         head = file.read(1 << 20)
@@ -56,7 +56,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     names = _take_names(path, cells[header] if header is not None else None, width, lines, header)
     check_table_width(path, names)
     decimal = how.decimal or _find_decimal(cells[first:])
-    if decimal is None and separator != ",":  # all numbers are whole so far: the car stands
+    if decimal is None and separator != ",":  # the first rows hold integers only: search the others
         with open(path, encoding=encoding, errors=errors, newline="") as file:
             decimal = _find_first_decimal(path, itertools.islice(file, first, None), separator)
     decimal = decimal or "."
@@ -96,7 +96,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
     return make_recording(path, "CSV", columns, how, notes)
 
 
-# A long table has one value per row, with the name of its channel in another column.
+# ---- Long tables: each row has one value and the name of its channel
 NAME_TITLE = re.compile(
     r"(?:^|[_ .])"
     r"(name|signal|channel|parameter|variable|metric|key|tag|measurement|sensor|kanal|messgroesse)$",
@@ -104,11 +104,13 @@ NAME_TITLE = re.compile(
 )
 VALUE_TITLE = re.compile(r"(?:^|[_ .])(value|val|reading|wert|messwert)$", re.I)
 CAR_TITLE = re.compile(r"(?:^|[_ .])(vehicle|car|device|vin|fahrzeug)(?:[_ .]?(id|name|number))?$", re.I)
-MAX_LONG_NAMES = 2000  # different names in a long table
+MAX_LONG_NAMES = 2000  # channels of a long table
 
 
 def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]:
-    """Return the columns of time, name, value and car (if any) of a long table, or ()."""
+    """Return the indices of the columns time, name, value (and car) of a long table.
+
+    For a table with one column per channel return ()."""
     titles = [n.strip().lower() for n in names]
     name, value = ([i for i, n in enumerate(titles) if p.search(n)] for p in (NAME_TITLE, VALUE_TITLE))
     value = [i for i in value if i not in name]
@@ -130,20 +132,20 @@ def _find_long_table(names: list[str], rows: list[list[str]]) -> tuple[int, ...]
 
 def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOptions) -> Recording:
     """Return the channels of a long table, each with its own times."""
-    notes = [f"a long table: the names are in column {titles[1]}, the values in {titles[2]}"]
+    notes = [f"one value per row: the channel's name is in column {titles[1]}, its value in {titles[2]}"]
     time = convert_to_seconds(path, Column(titles[0], columns[0]), notes, how)
     value, _ = convert_numbers(pd.to_numeric(columns[2], errors="coerce"))
     if value is None:
-        raise UserError(f"{path}: a long table, and column {titles[2]} has no numbers")
+        raise UserError(f"{path}: one value per row, but its column {titles[2]} has no numbers")
     name = columns[1].astype("string").str.strip()
     if len(columns) > 3 and columns[3].nunique() > 1:
         name = columns[3].astype("string").str.strip() + "." + name
         cars = columns[3].nunique()
-        notes.append(f"it has {cars} cars: each name begins with the content of column {titles[3]}")
+        notes.append(f"the file has {cars} cars: channels are named CAR.NAME, CAR from column {titles[3]}")
     if (count := name.nunique()) > MAX_LONG_NAMES:
         raise UserError(
-            f"{path}: a long table with {count:,} names in column {titles[1]}; "
-            f"up to {MAX_LONG_NAMES:,} are read"
+            f"{path}: column {titles[1]} has the names of {count:,} channels; "
+            f"allowed: up to {MAX_LONG_NAMES:,}"
         )
     channels: dict[str, Channel] = {}
     for given, rows in name.groupby(name).indices.items():
@@ -158,9 +160,7 @@ def _pivot(path: Path, titles: list[str], columns: list[pd.Series], how: ReadOpt
 
 
 def _is_needed(place: int, name: str, unit: str, how: ReadOptions) -> bool:
-    """Return whether a column is wanted or may be the time.
-
-    Other columns are not read."""
+    """Return whether a column is read: it is a needed channel, or may be the time."""
     plain, own = split_unit(name)
     if how.wanted is None or how.wanted(plain) or plain == how.time:
         return True
@@ -169,10 +169,10 @@ def _is_needed(place: int, name: str, unit: str, how: ReadOptions) -> bool:
 
 @contextmanager
 def translate_parser_errors(path: Path) -> Iterator[None]:
-    """Raise errors of pandas' parser as UserError."""
+    """Convert errors of pandas' parser to UserError."""
     try:
         with warnings.catch_warnings():
-            # pandas only warns if the first row of a part has too many cells
+            # if the first row of a chunk has too many cells, pandas only warns
             warnings.simplefilter("error", pd.errors.ParserWarning)
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
             yield
@@ -193,12 +193,12 @@ BINARY_MESSAGE = "{}: is a binary file of an unknown format; a log as text, MF4,
 
 
 def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, str]:
-    """Return the encoding of a text and the error handler for invalid bytes.
+    """Return the encoding of a text file and the error handler for invalid bytes.
 
     Raises
     ------
     UserError
-        The file is binary, or does not have the encoding of the options.
+        The file is binary, or cannot be decoded by the encoding of the options.
     """
     how = how or ReadOptions()
     with open(path, "rb") as file:
@@ -226,7 +226,15 @@ def detect_encoding(path: Path, how: ReadOptions | None = None) -> tuple[str, st
 
 
 def _check_encoding(path: Path, encoding: str) -> None:
-    """Raise UnicodeDecodeError for another encoding, LookupError for an unknown one."""
+    """Decode a file completely, to check its encoding.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        The file contains bytes that are invalid in this encoding.
+    LookupError
+        Python does not know the encoding.
+    """
     with open(path, encoding=encoding, newline="") as file:
         while file.read(1 << 20):
             pass
@@ -242,7 +250,8 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
     for d in (*DELIMITERS, " "):
         rows = [_split_line(path, x, d, tried=True) for x in tail]
         width, often = Counter(map(len, rows)).most_common(1)[0]
-        # a decimal comma splits numbers into whole numbers; prefer cells that are numbers
+        # prefer the separator whose cells are numbers; commas count less, because
+        # a decimal comma, taken as separator, splits a number into two
         numeric = sum(_is_data(c) for r in rows[:50] for c in r) / max(1, sum(map(len, rows[:50])))
         several = width > 1
         value = several * often / len(tail) * (0.2 + numeric) * (1.0 if d != "," else 0.9)
@@ -253,14 +262,14 @@ def _find_separator(path: Path, lines: list[str], how: ReadOptions) -> str:
             best, worth = d, value
     if worth == 0.0 and len(lines) > 1 and not any(_is_data(x.strip()) for x in tail):
         raise UserError(
-            f"{path}: is no table: no character separates its lines into columns; "
-            "if one does: [log] separator in signals.toml"
+            f"{path}: is no table: none of the usual separators splits its lines into columns; "
+            "if it has a different one, set it in signals.toml: [log] separator"
         )
     return best
 
 
 def _split_line(path: Path, line: str, separator: str, tried: bool = False) -> list[str]:
-    """Return the cells of a line; `tried`: accept long cells."""
+    """Return the cells of a line. `tried` as in split_cells()."""
     if separator == " ":
         return line.split()
     return [c.strip() for c in split_cells(path, line, separator, True, tried)]
@@ -274,9 +283,17 @@ def _is_data(cell: str) -> bool:
 def _find_layout(
     path: Path, cells: list[list[str]], how: ReadOptions, separator: str
 ) -> tuple[int | None, list[str] | None, int]:
-    """Return line of the names, units in a line below, and first line of data, from 0.
+    """Find the lines of names, units and data.
 
-    Names and units may be None."""
+    Returns
+    -------
+    int or None
+        Index of the line of the names; None without names.
+    list of str or None
+        Units, from a line between names and data; None without such a line.
+    int
+        Index of the first line of data.
+    """
 
     def is_row(c: list[str]) -> bool:
         return sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER_CELL.fullmatch(x) for x in c)
@@ -296,7 +313,8 @@ def _find_layout(
     if how.header is not None:
         if not 1 <= how.header <= len(cells):
             raise UserError(
-                f"{path}: [log] header = {how.header}: allowed: 1 .. {len(cells)}, the line of the names"
+                f"{path}: [log] header = {how.header}: the number of the line with the names; "
+                f"allowed: 1 .. {len(cells)}"
             )
         header = how.header - 1
         first = max(first, header + 1)
@@ -314,8 +332,9 @@ def _find_layout(
 def _find_names_row(cells: list[list[str]], full: list[int]) -> int:
     """Return the row of the names among the rows directly above the data.
 
-    Rows of units and of sources may follow the names. A row of sources repeats itself, so
-    the names are the last row with the most different cells."""
+    Between names and data there may be a row of units and a row with the source of each
+    channel. Sources repeat from cell to cell, names hardly do: the names are the last row
+    with the largest number of different cells. `full`: rows with enough cells."""
     block = full[-1:]
     while len(block) < MAX_HEADERS and len(full) > len(block) and full[-len(block) - 1] == block[0] - 1:
         block = [block[0] - 1, *block]
@@ -343,7 +362,7 @@ def _take_names(
         raise UserError(f"{path}: the first line must name the columns; it is {lines[0][:60]!r}")
     if len(cells) < width:
         raise UserError(
-            f"{path}: line {(header or 0) + 1} has {len(cells)} names, the rows have {width} cells: "
+            f"{path}: line {(header or 0) + 1} has {len(cells)} names, but the rows have {width} cells: "
             "one name per column is needed"
         )
     return [c.strip().strip('"') for c in cells[: max(width, 1)]]
@@ -356,7 +375,7 @@ def _find_first_decimal(path: Path, lines: Iterable[str], separator: str) -> str
 
 
 def _find_decimal(rows: list[list[str]]) -> str | None:
-    """Return the decimal sign of most numbers; None if all are whole."""
+    """Return the decimal sign of most numbers; None if all are integers."""
     comma = sum(bool(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     point = sum(bool(re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", c)) for r in rows for c in r)
     return "," if comma > point else "." if point else None

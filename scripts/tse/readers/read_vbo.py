@@ -23,9 +23,9 @@ from tse.readers.recording import (
 from tse.readers.table import convert_numbers, find_unit_suffix, split_unit, unpack_times
 
 SECTION = re.compile(r"\[([^\]\[]*)\]\s*$")
-MAX_HEAD_BYTES = 1 << 20  # before [data]
-# Columns of the receiver by their short names, with their units here. The units of other
-# columns are in [channel units].
+MAX_HEAD_BYTES = 1 << 20  # characters before section [data]
+# Columns that the GNSS receiver measures, by short name, and their units in a Recording.
+# The units of all other columns are in section [channel units].
 RECEIVER_UNITS = {
     "sats": "1",
     "time": "",
@@ -36,7 +36,7 @@ RECEIVER_UNITS = {
     "height": "m",
     "vert-vel": "km/h",
 }
-SYNONYMS = {
+SYNONYMS = {  # name in the file: short name
     "satellites": "sats",
     "latitude": "lat",
     "longitude": "long",
@@ -54,9 +54,9 @@ SPEED_UNITS = {
     "mps": "m/s",
 }
 MINUTES_PER_DEGREE = 60.0
-SATELLITES_MASK = 0x3F  # number of satellites; higher bits are flags for brake and DGPS
-MIN_SATELLITES = 4  # for a position
-NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")  # columns of a position
+SATELLITES_MASK = 0x3F  # bits with the number of satellites; higher bits are flags (brake, DGPS)
+MIN_SATELLITES = 4  # satellites that a position needs
+NEEDS_FIX = ("lat", "long", "velocity", "heading", "height", "vert-vel")  # invalid without a position
 
 
 def read(path: Path, how: ReadOptions) -> Recording:
@@ -67,19 +67,19 @@ def read(path: Path, how: ReadOptions) -> Recording:
     path : Path
         The file.
     how : ReadOptions
-        Options: the needed names.
+        Options: the needed channels.
 
     Returns
     -------
     Recording
-        Times in s since midnight. Latitude and longitude in degrees, positive north and
-        east. Other columns are as in the file: yaw rate, lateral acceleration and lateral
-        velocity of a VBOX are positive to the right.
+        Times are in s since midnight. Latitude and longitude are in degrees, positive
+        north and east. Other columns are as in the file: yaw rate, lateral acceleration
+        and lateral velocity of a VBOX are positive to the right.
 
     Raises
     ------
     UserError
-        The file has no section of data, no names, or no time.
+        The file has no section [data], no names of columns, or no column time.
     """
     sections, first = _read_sections(path)
     names = _find_names(path, sections)
@@ -105,7 +105,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
         if short[i] == "sats":
             value = np.where(np.isfinite(value), np.nan_to_num(value).astype(int) & SATELLITES_MASK, np.nan)
         elif short[i] in ("lat", "long"):
-            # a VBOX counts west as positive
+            # a VBOX writes minutes, and west as positive
             value = value / (MINUTES_PER_DEGREE if short[i] == "lat" else -MINUTES_PER_DEGREE)
         if short[i] in NEEDS_FIX and lost.any():
             value = np.where(lost, np.nan, value)
@@ -116,7 +116,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 def _read_sections(path: Path) -> tuple[dict[str, list[str]], int]:
-    """Return the sections before the data by name, and the number of their lines."""
+    """Return the lines of each section before [data], and the number of [data]'s line."""
     encoding, errors = detect_encoding(path)
     found: dict[str, list[str]] = {}
     now: list[str] = []
@@ -133,12 +133,12 @@ def _read_sections(path: Path) -> tuple[dict[str, list[str]], int]:
             if read > MAX_HEAD_BYTES:
                 break
     raise UserError(
-        f"{path}: has no section [data], which every VBOX file has: it is cut off, or of another format"
+        f"{path}: has no section [data], which every VBOX file has: it is cut off, or has a different format"
     )
 
 
 def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
-    """Return the names of the columns: [column names], else [header], blanks as _."""
+    """Return the names of the columns from [column names], else from [header]."""
     words = " ".join(sections.get("column names", [])).split()
     names = words or [_shorten_title(x.strip()) for x in sections.get("header", []) if x.strip()]
     if not names:
@@ -147,7 +147,7 @@ def _find_names(path: Path, sections: dict[str, list[str]]) -> list[str]:
 
 
 def _shorten_title(title: str) -> str:
-    """Return the name in a title of [header]: "velocity kmh" is velocity."""
+    """Return the name in a title of [header]: "velocity kmh" gives velocity."""
     plain = re.sub(rf"\s+({'|'.join(map(re.escape, SPEED_UNITS))})$", "", title, flags=re.IGNORECASE)
     name = re.sub(r"\s+", "_", plain)
     return SYNONYMS.get(name.lower(), name)
@@ -156,15 +156,16 @@ def _shorten_title(title: str) -> str:
 def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, list[str]]) -> list[str]:
     """Return the unit of each column.
 
-    Units of the receiver's columns are fixed, but [header] may say "velocity mph".
-    [channel units] belongs to the last columns. A file may omit the last units, or have
-    units for all columns after the receiver's."""
+    The receiver's columns have the units of RECEIVER_UNITS, except for a title of
+    [header] with a different one, as "velocity mph". The lines of [channel units] are the
+    units of the last columns of the file. Lines that belong to columns of the receiver
+    are ignored, and so are surplus blank lines at the end of the section."""
     said = [_clean_unit(x) for x in sections.get("channel units", [])]
     others = [i for i, s in enumerate(short) if s not in RECEIVER_UNITS]
     while said and not said[-1] and len(said) > len(others):
         said.pop()
     if said and not said[-1] and len(said) < len(others):
-        said.pop()  # the blank line that ends the section
+        said.pop()  # a blank line that only ends the section
     units = [RECEIVER_UNITS.get(s, "") for s in short]
     if said:
         for i, unit in zip(reversed(range(len(names))), reversed(said), strict=False):
@@ -181,13 +182,13 @@ def _find_units(names: Sequence[str], short: Sequence[str], sections: dict[str, 
 
 
 def _clean_unit(line: str) -> str:
-    """Return the unit in a line of [channel units]; "" for none."""
+    """Return the unit in a line of [channel units]; "" if it contains none."""
     unit = line.strip()
     return "" if unit.lower() in ("(null)", "null", "none", "n/a") else unit
 
 
 def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) -> pd.DataFrame:
-    """Return the rows of [data], a column per name; NaN where a row ends early."""
+    """Return the rows of [data] with a column for each name. Missing cells are NaN."""
     encoding, errors = detect_encoding(path)
     with open(path, encoding=encoding, errors=errors, newline="") as file:
         for _ in range(first):
@@ -213,15 +214,15 @@ def _read_table(path: Path, first: int, names: Sequence[str], notes: list[str]) 
     rows = sum(1 for x in text.splitlines() if x.strip())
     if len(table) < rows:
         notes.append(
-            f"{rows - len(table)} rows of [data] have more cells than there are names ({len(names)}): "
-            "left out"
+            f"{rows - len(table)} rows of [data] have more cells than there are names of columns "
+            f"({len(names)}): left out"
         )
     if table.empty:
         raise UserError(
             f"{path}: every row of [data] has more cells than [column names] has names ({len(names)})"
         )
     if not text.endswith("\n") and len(table) > 1:
-        notes.append("the last row does not end: it may be cut inside a number and is left out")
+        notes.append("the last row has no line break: it may be cut inside a number and is left out")
         table = table.iloc[:-1]
     return table
 
@@ -234,9 +235,9 @@ def _strip_letters(cells: pd.Series) -> pd.Series:
 
 
 def _find_lost_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]) -> np.ndarray:
-    """Return the rows with too few satellites for a position.
+    """Mark the rows with too few satellites for a position.
 
-    If all rows have too few, the numbers are wrong, and no row is returned."""
+    If this holds in all rows, the column of satellites is wrong, and no row is marked."""
     if "sats" not in column:
         return np.zeros(len(table), bool)
     said = pd.to_numeric(table[column["sats"]], errors="coerce").fillna(0).to_numpy(float)
@@ -246,6 +247,6 @@ def _find_lost_fix(table: pd.DataFrame, column: dict[str, int], notes: list[str]
         return np.zeros(len(table), bool)
     notes.append(
         f"the receiver had fewer than {MIN_SATELLITES} satellites in {lost.sum()} rows: "
-        "its values are treated as missing there"
+        "its position and velocity are treated as missing there"
     )
     return lost

@@ -14,7 +14,7 @@ from tse.readers.bus_text import detect_bus_text
 from tse.readers.databases import DATABASE_SUFFIXES as DATABASES
 from tse.readers.recording import ReadOptions, Recording, limit_memory, limit_time
 
-# module read_*: suffixes, first bytes
+# name of the module after read_: suffixes of its files, first bytes of its files
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "mdf": ((".mf4", ".mdf", ".dat", ".mf3"), (b"MDF     ", b"UnFinMF ")),
     "can": ((".blf", ".asc", ".trc", ".log", ".can"), (b"LOGG",)),
@@ -26,7 +26,7 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
     "vbo": ((".vbo",), ()),
     "text": ((".csv", ".tsv", ".txt", ".tab", ".dat"), ()),
 }
-UNREADABLE = {  # suffixes of files without a reader: advice
+UNREADABLE = {  # suffix of a file that no module reads: advice to the user
     ".xlsx": "save the sheet as CSV",
     ".xls": "save the sheet as CSV",
     ".ods": "save the sheet as CSV",
@@ -39,7 +39,7 @@ UNREADABLE = {  # suffixes of files without a reader: advice
     ".dbc": "this is the database, not the log: name it with --database",
     ".arxml": "this is the database, not the log: name it with --database",
     ".a2l": "this describes an ECU, it is not a log",
-    ".toml": "a log is needed here",
+    ".toml": "this is a file of settings, not a log",
     ".pkl": "save the table as Parquet",
     ".pickle": "save the table as Parquet",
     ".npz": "save the arrays as MAT or Parquet",
@@ -49,24 +49,30 @@ UNREADABLE = {  # suffixes of files without a reader: advice
     ".ld": "export it as CSV or MAT",
     ".json": "save the table as Parquet or CSV",
 }
-HEAD_BYTES = 1 << 14  # read to detect the format
+HEAD_BYTES = 1 << 14  # beginning of a file, from which its format is detected
 FORMATS = "CSV, MF4/MDF, VBOX, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
 def choose_reader(path: Path) -> str:
-    """Return the name of the module that reads a log, without read_.
+    """Return the name of the module that reads a log, without its prefix read_.
 
     Raises
     ------
     UserError
-        No module reads it.
+        The log does not exist, is empty, or has a format that no module reads.
     """
     if path.is_dir():
         if (path / "metadata.yaml").exists():
             return "rosbag"
-        raise UserError(f"{path}: is a directory, not a log (a ROS 2 bag's has a metadata.yaml)")
-    if path.exists() and not path.is_file():  # a pipe or a device may never end
-        raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
+        raise UserError(
+            f"{path}: is a directory without metadata.yaml; the only directory that is read as a log is a "
+            "ROS 2 bag, which has this file"
+        )
+    if path.exists() and not path.is_file():  # a pipe or a device may deliver data for ever
+        raise UserError(
+            f"{path}: is no file but a pipe or a device; a log is read more than once, so write it to a "
+            "file first"
+        )
     try:
         with open(path, "rb") as file:
             head = file.read(HEAD_BYTES)
@@ -88,10 +94,10 @@ def choose_reader(path: Path) -> str:
     found = next((name for name, (suffixes, _) in READERS.items() if suffix in suffixes), None)
     if found in ("mdf", "mcap", "rosbag", "columns", "mat") and not (text and suffix == ".dat"):
         raise UserError(
-            f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; "
+            f"{path}: does not begin like a {suffix} file: it is cut off, or has a different format; "
             f"readable: {FORMATS}"
         )
-    if found == "can" and suffix in (".log", ".can") and text:  # many kinds of text end in .log
+    if found == "can" and suffix in (".log", ".can") and text:  # suffixes of other text files, too
         return "text"
     if found in ("can", "openpilot", "vbo"):
         return found
@@ -100,14 +106,16 @@ def choose_reader(path: Path) -> str:
     raise UserError(f"{path}: is a binary file of an unknown format; readable: {FORMATS}")
 
 
-GZIP = b"\x1f\x8b"
-MIN_UNPACKED_LIMIT = 64 << 20  # bytes that any packed log may have
-MAX_UNPACKED_RATIO = 40  # allowed size over packed size
+GZIP = b"\x1f\x8b"  # first bytes of a gzip file
+MIN_UNPACKED_LIMIT = 64 << 20  # [bytes] size after unpacking that every packed log may have
+MAX_UNPACKED_RATIO = 40  # ratio of the size after unpacking to the packed size that a log may have
 
 
 @contextmanager
 def unpack_log(path: Path) -> Iterator[Path]:
-    """Yield the path of a log; a gzip file is unpacked until the block ends.
+    """Yield the path of an unpacked log; unpack a gzip file into a temporary folder.
+
+    The folder is deleted when the block of the context manager ends.
 
     Parameters
     ----------
@@ -122,13 +130,13 @@ def unpack_log(path: Path) -> Iterator[Path]:
     Raises
     ------
     UserError
-        It is damaged, or much larger than a log after unpacking.
+        The gzip file is damaged, or its content is larger than the limit.
     """
     try:
         with open(path, "rb") as file:
             packed = path.is_file() and file.read(2) == GZIP
     except OSError:
-        packed = False  # the reader raises the error
+        packed = False  # the file cannot be opened: the reader reports it
     if not packed:
         yield path
         return
@@ -141,8 +149,9 @@ def unpack_log(path: Path) -> Iterator[Path]:
                 while part := source.read(1 << 20):
                     if target.tell() + len(part) > room:
                         raise UserError(
-                            f"{path}: unpacks to more than {room >> 20:,} MB, {MAX_UNPACKED_RATIO} times "
-                            "its size: unpack it first, if it is a log"
+                            f"{path}: is larger than {room >> 20:,} MB after unpacking; allowed: "
+                            f"{MAX_UNPACKED_RATIO} times the packed size, at least "
+                            f"{MIN_UNPACKED_LIMIT >> 20} MB: if it is a log, unpack it first"
                         )
                     target.write(part)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
@@ -160,12 +169,12 @@ def read_recording(path: Path, how: ReadOptions | None = None) -> Recording:
     path : Path
         The log.
     how : ReadOptions, optional
-        Options of the reader.
+        Options of the reader. None: the defaults.
 
     Raises
     ------
     UserError
-        It cannot be read. The text contains the remedy.
+        The log cannot be read. The message says what to do.
     """
     path = Path(path)
     with limit_time(path), unpack_log(path) as plain:
@@ -192,13 +201,13 @@ def _read_plain(path: Path, how: ReadOptions | None) -> Recording:
         raise
     except MemoryError:
         raise UserError(
-            f"{path}: takes more memory to read than the machine has: it is damaged, made to fill the "
-            "machine, or very long: cut it into drives"
+            f"{path}: reading takes more memory than the machine has: the file is damaged, crafted to "
+            "exhaust memory, or a very long log: cut a long log into drives"
         ) from None
-    except Exception as error:  # mostly a damaged file
+    except Exception as error:  # in most cases the file is damaged
         said = f"{type(error).__name__}: {str(error)[:120]}"
         raise UserError(
-            f"{path}: cannot be read ({said}): it is damaged, or has an unknown form; "
+            f"{path}: cannot be read ({said}): it is damaged, or of an unknown variant of its format; "
             "if another program reads it, please report it"
         ) from error
     if not any(len(c) for c in found) and (how is None or how.wanted is None):

@@ -1,4 +1,7 @@
-"""The result of every reader: channels with times, units and names as in the file."""
+"""Hold the channels of a log with times, units and names as in its file.
+
+Every reader returns a Recording. Functions that several readers need are here, too:
+limits of size, memory and time, optional packages, messages with fields."""
 
 from __future__ import annotations
 
@@ -33,11 +36,11 @@ try:
 except ImportError:  # Windows
     resource = None
 
-MAX_LISTED_NAMES = 6  # in one message
+MAX_LISTED_NAMES = 6  # names that one message lists
 CHUNK_ROWS = 1 << 16  # frames or rows of text that are decoded at a time
-RECEIVER_TEXT = "receiver of GNSS"  # text of a channel that comes from such a receiver
+RECEIVER_TEXT = "receiver of GNSS"  # Channel.text of a channel that a GNSS receiver measures
 
-_ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")  # the point of Lat._Vel separates no names
+_ABBREVIATED = re.compile(r"(?<=[A-Za-z])\.(?=_|$)")  # the point of an abbreviation, as in Lat._Vel
 
 
 def last_part(name: str) -> str:
@@ -49,15 +52,15 @@ def last_part(name: str) -> str:
 class Channel:
     """One signal of a log.
 
-    Channels of one message or table share the array `time`. It may have duplicates and
-    jumps: tse.log.clock repairs them."""
+    The channels of one message or table share one array `time`. The times may contain
+    duplicates and jumps, which tse.log.clock repairs."""
 
     name: str
-    time: np.ndarray  # s, (samples,)
-    value: np.ndarray  # (samples,); NaN: missing
-    unit: str = ""  # as in the file; "": none is given
+    time: np.ndarray  # [s] (samples,)
+    value: np.ndarray  # (samples,); missing values are NaN
+    unit: str = ""  # as in the file; "": the file states none
     text: str = ""  # description in the file
-    states: Mapping[float, str] = field(default_factory=dict)  # names of single values, from a database
+    states: Mapping[float, str] = field(default_factory=dict)  # meaning of single values, by a database
 
     @property
     def short(self) -> str:
@@ -70,13 +73,13 @@ class Channel:
 
 @dataclass
 class Recording:
-    """A log as it is in its file."""
+    """A log as its file contains it, before checks and repairs."""
 
     path: Path
     format: str
     channels: dict[str, Channel]
     notes: list[str] = field(default_factory=list)
-    start: float = 0.0  # s, subtracted from all times: the epoch
+    start: float = 0.0  # [s] since the epoch; subtracted from all times
 
     def __iter__(self) -> Iterator[Channel]:
         return iter(self.channels.values())
@@ -84,8 +87,8 @@ class Recording:
     def find(self, name: str, source: str) -> Channel:
         """Return the channel of this name.
 
-        The name without message or topic is enough if only one channel has it. `source`
-        names the origin of the request in the error."""
+        A name without message or topic is sufficient if only one channel has it. Error
+        messages begin with `source`, the setting or option that requests the channel."""
         if name in self.channels:
             return self.channels[name]
         alike = [c for c in self if c.short == name or c.name.endswith((f".{name}", f"/{name}"))]
@@ -93,8 +96,8 @@ class Recording:
             return alike[0]
         if alike:
             raise UserError(
-                f"{source}: {name!r} is in {self.path.name} {len(alike)} times: say which: "
-                f"{list_names(c.name for c in alike)}"
+                f"{source}: {name!r} is the name of {len(alike)} channels in {self.path.name}: "
+                f"give the full name of one: {list_names(c.name for c in alike)}"
             )
         raise UserError(
             f"{source}: there is no {name!r} in {self.path.name}{suggest_channels(name, self.channels)}"
@@ -108,9 +111,11 @@ class Recording:
         )
 
     def since_start(self) -> Recording:
-        """Return the recording with times since its first sample.
+        """Return the recording with an epoch subtracted from its times.
 
-        A double resolves an epoch to less than a microsecond."""
+        If the first sample is at 1e6 s or later, its time in whole seconds is subtracted
+        from all times and added to `start`. Otherwise the times are unchanged. A double
+        stores the present epoch time with an error below a microsecond."""
         first = [
             float(c.time[i])
             for c in self
@@ -127,11 +132,11 @@ class Recording:
         return replace(self, channels=channels, start=self.start + start)
 
 
-# ---- Columns that a file gives in parts.
+# ---- Columns that are read in parts.
 
 
 class Growing:
-    """A column that grows at its end and becomes an array."""
+    """A column of floats to which values are appended until it becomes an array."""
 
     def __init__(self) -> None:
         self._values = array("d")
@@ -144,7 +149,7 @@ class Growing:
         self._values.frombytes(np.ascontiguousarray(values, float).tobytes())
 
     def set(self, place: int, value: float) -> None:
-        """Write the last number, or one at a later place; skipped places are missing."""
+        """Set the value at the last place or a later one; skipped places become NaN."""
         self.pad(place)
         if place == len(self):
             self._values.append(value)
@@ -152,48 +157,49 @@ class Growing:
             self._values[-1] = value
 
     def pad(self, length: int) -> None:
-        """Extend the column to this length by missing values."""
+        """Extend the column to this length by NaN."""
         self._values.extend([np.nan] * (length - len(self)))
 
     def array(self) -> np.ndarray:
-        """Return the column. It cannot grow afterwards."""
+        """Return the column as an array. No value can be appended afterwards."""
         return np.frombuffer(self._values) if self._values else np.zeros(0)
 
 
-# ---- Limits. A compressed file may be made to fill the machine.
+# ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
-ALWAYS_ALLOWED_ROWS = 1_500_000  # 4 h at 100 Hz; allowed for files of any size
-# minimum bytes of a file for a value of a signal, a row of a table, a frame, a message
+ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
+# [bytes] least that one value of a signal, row of a table, frame, message takes in a file
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
-MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable that switches the limit on
-BASE_MEMORY = 700 << 20  # bytes that reading any file may take
-MEMORY_PER_BYTE = 16  # additional bytes for each byte of the file
+MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
+BASE_MEMORY = 700 << 20  # [bytes] that reading a file of any size may take
+MEMORY_PER_BYTE = 16  # [bytes] that reading may take in addition for each byte of the file
 
 
 def measure_size(path: Path) -> int:
-    """Return the size of a file, or of all files in a folder, bytes."""
+    """Return the size [bytes] of a file, or of all files in a folder."""
     if path.is_dir():
         return sum(p.stat().st_size for p in path.rglob("*") if p.is_file())
     return path.stat().st_size
 
 
 def check_rows(path: Path, what: str, rows: int, each: int = MIN_SIGNAL_BYTES) -> None:
-    """Refuse a number of rows that the size of the file does not explain.
+    """Refuse more rows than a file of this size can contain.
 
-    To be called before unpacking. `what`: its name in the message; `each`: minimum bytes
-    of the file per row."""
-    most = ALWAYS_ALLOWED_ROWS
-    if rows > most:
-        most = max(most, measure_size(path) // each)
-    if rows > most:
+    To be called before the rows are unpacked. `what` is what the message calls the table.
+    `each` is the least number of bytes that a row takes in the file."""
+    limit = ALWAYS_ALLOWED_ROWS
+    if rows > limit:
+        limit = max(limit, measure_size(path) // each)
+    if rows > limit:
         raise UserError(
-            f"{path}: {what} has {rows:,} rows; a file of its size may have up to {most:,} "
-            "(any file four hours at 100 Hz): cut it into drives; or it is made to fill the machine"
+            f"{path}: {what} has {rows:,} rows; a file of its size may have up to {limit:,}: "
+            "cut a long log into drives; if the log is short, its file is damaged or crafted to "
+            "exhaust memory"
         )
 
 
-MAX_COLUMNS = 20_000  # of a table; the largest of public logs has 3 000
-MAX_NAME_LENGTH = 1000  # characters
+MAX_COLUMNS = 20_000  # columns of a table; the widest public log has 3 000
+MAX_NAME_LENGTH = 1000  # characters of the name of a column
 
 
 def check_table_width(path: Path, names: Collection[str]) -> None:
@@ -209,18 +215,18 @@ def check_table_width(path: Path, names: Collection[str]) -> None:
     Raises
     ------
     UserError
-        There are more than MAX_COLUMNS, or a name is longer than MAX_NAME_LENGTH.
+        There are more than MAX_COLUMNS columns, or a name is longer than MAX_NAME_LENGTH.
     """
     if len(names) > MAX_COLUMNS:
         raise UserError(
-            f"{path}: has {len(names):,} columns; up to {MAX_COLUMNS:,} are read: "
-            "leave out those that are not needed"
+            f"{path}: has {len(names):,} columns; allowed: up to {MAX_COLUMNS:,}: "
+            "remove the columns that are not needed"
         )
     long = next((n for n in names if len(n) > MAX_NAME_LENGTH), None)
     if long is not None:
         raise UserError(
             f"{path}: the name of a column has {len(long):,} characters ({long[:30]!r} ...); "
-            f"up to {MAX_NAME_LENGTH:,} are read"
+            f"allowed: up to {MAX_NAME_LENGTH:,}"
         )
 
 
@@ -228,8 +234,10 @@ def check_table_width(path: Path, names: Collection[str]) -> None:
 def limit_memory(path: Path) -> Iterator[None]:
     """Limit the memory of the process while it reads a file.
 
-    The limit needs Linux and MEMORY_LIMIT_VARIABLE, which commands set for themselves and
-    their workers. In other programs it would also limit their own work.
+    The limit acts on Linux only, and only if the environment variable
+    MEMORY_LIMIT_VARIABLE is set. The command tselab sets it for itself and its workers.
+    Other programs that import tse do not, because the limit would restrict their own
+    memory, too.
 
     Raises
     ------
@@ -242,25 +250,27 @@ def limit_memory(path: Path) -> Iterator[None]:
         return
     room = BASE_MEMORY + MEMORY_PER_BYTE * measure_size(path)
     before = resource.getrlimit(resource.RLIMIT_DATA)
-    most = taken + room if before[0] == resource.RLIM_INFINITY else min(taken + room, before[0])
-    resource.setrlimit(resource.RLIMIT_DATA, (most, before[1]))
+    limit = taken + room if before[0] == resource.RLIM_INFINITY else min(taken + room, before[0])
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, before[1]))
     try:
         yield
     except MemoryError:
         raise UserError(
-            f"{path}: takes more than {room / 2**30:.1f} GB of memory to read, far more than its "
-            "size allows: it is damaged, made to fill the machine, or very long: cut it into drives"
+            f"{path}: reading takes more than {room / 2**30:.1f} GB of memory, the limit for its size: "
+            "the file is damaged, crafted to exhaust memory, or a very long log: cut a long log into drives"
         ) from None
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
-BASE_READ_TIME = 30.0  # s of the processor that reading any file may take
-READ_TIME_PER_MB = 3.0  # additional s for each MB
+BASE_READ_TIME = 30.0  # [s] processor time that reading a file of any size may take
+READ_TIME_PER_MB = 3.0  # [s] processor time that reading may take in addition for each MB
 
 
 class _TookLong(BaseException):
-    """Too long reading. No Exception, because parsers of other packages catch those."""
+    """Interrupts a reader that exceeds its time.
+
+    It derives from BaseException, because parsers of other packages catch Exception."""
 
 
 @contextmanager
@@ -275,22 +285,23 @@ def limit_time(path: Path) -> Iterator[None]:
     Raises
     ------
     UserError
-        Reading takes longer: the blocks of the file form a circle, or it is made to.
+        Reading takes longer than the limit, e.g. because links between the blocks of the
+        file form a circle.
 
     Notes
     -----
-    Signals reach the main thread only. In other threads, and on Windows, a second thread
-    watches; it cannot stop a library that does not return to Python. Of nested blocks the
-    outermost sets the limit.
+    A signal interrupts the reader in the main thread. In any other thread, and on
+    Windows, a second thread interrupts it, which cannot stop compiled code before it
+    returns to Python. If blocks are nested, the outermost one sets the limit.
     """
-    most = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
+    limit = BASE_READ_TIME + READ_TIME_PER_MB * measure_size(path) / 2**20 if path.exists() else 0.0
     is_main = threading.current_thread() is threading.main_thread()
     has_signals = is_main and hasattr(signal, "setitimer")
-    if not has_signals and most and not getattr(_THREAD, "watched", False):
-        with _watch_thread(path, most):
+    if not has_signals and limit and not getattr(_THREAD, "watched", False):
+        with _watch_thread(path, limit):
             yield
         return
-    if not has_signals or not most or signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0:
+    if not has_signals or not limit or signal.getitimer(signal.ITIMER_VIRTUAL)[0] > 0:
         yield
         return
 
@@ -298,30 +309,30 @@ def limit_time(path: Path) -> Iterator[None]:
         raise _TookLong
 
     before = signal.signal(signal.SIGVTALRM, stop)
-    signal.setitimer(signal.ITIMER_VIRTUAL, most, 1.0)  # repeated each second: a parser may catch it
+    signal.setitimer(signal.ITIMER_VIRTUAL, limit, 1.0)  # again each second: a parser may catch it
     try:
         yield
     except _TookLong as error:
         _release_frames(error)
-        raise _make_time_error(path, most) from None
+        raise _make_time_error(path, limit) from None
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
         signal.signal(signal.SIGVTALRM, before)
 
 
-def _make_time_error(path: Path, most: float) -> UserError:
-    """Return the error of a file that takes more than `most` seconds to read."""
+def _make_time_error(path: Path, limit: float) -> UserError:
+    """Return the error of a file that takes more than `limit` seconds to read."""
     return UserError(
-        f"{path}: takes more than {most:.0f} s to read, far more than its size allows: its blocks form "
-        "a circle, or it is made to keep a machine busy"
+        f"{path}: reading takes more than {limit:.0f} s, the limit for its size: links between its blocks "
+        "form a circle, or the file is crafted to keep the machine busy"
     )
 
 
-_THREAD = threading.local()  # watched: True if another thread watches this one
+_THREAD = threading.local()  # .watched: True while _watch_thread() limits the time of this thread
 
 
 def _measure_work(ident: int) -> float:
-    """Return the processor time of a thread, s; else, if there is none, a clock."""
+    """Return the processor time [s] of a thread; without one, a monotonic clock [s]."""
     try:
         return time.clock_gettime(time.pthread_getcpuclockid(ident))
     except (AttributeError, OSError):
@@ -329,14 +340,14 @@ def _measure_work(ident: int) -> float:
 
 
 @contextmanager
-def _watch_thread(path: Path, most: float) -> Iterator[None]:
-    """Limit the time of a thread without signals: another thread interrupts it."""
+def _watch_thread(path: Path, limit: float) -> Iterator[None]:
+    """Limit the time [s] of the current thread by a second thread that interrupts it."""
     ident, ended = threading.get_ident(), threading.Event()
     begin, interrupt = _measure_work(ident), ctypes.pythonapi.PyThreadState_SetAsyncExc
 
     def interrupt_late() -> None:
-        while not ended.wait(min(1.0, most)):
-            if _measure_work(ident) - begin > most:  # each second again: a parser may catch it
+        while not ended.wait(min(1.0, limit)):
+            if _measure_work(ident) - begin > limit:  # again each second: a parser may catch it
                 interrupt(ctypes.c_ulong(ident), ctypes.py_object(_TookLong))
 
     watcher = threading.Thread(target=interrupt_late, daemon=True, name="watchdog of a reader")
@@ -349,14 +360,14 @@ def _watch_thread(path: Path, most: float) -> Iterator[None]:
             _THREAD.watched = False
             ended.set()
             watcher.join()
-            interrupt(ctypes.c_ulong(ident), None)  # cancel an interrupt that is still to come
+            interrupt(ctypes.c_ulong(ident), None)  # cancel a requested, not yet raised interrupt
     except _TookLong as error:
         _release_frames(error)
-        raise _make_time_error(path, most) from None
+        raise _make_time_error(path, limit) from None
 
 
 def _release_frames(error: BaseException) -> None:
-    """Release what a reader had opened, without messages about unfinished objects."""
+    """Release the objects of an interrupted reader and suppress messages of __del__()."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
@@ -368,7 +379,7 @@ def _release_frames(error: BaseException) -> None:
 
 
 MAX_CELL_LENGTH = 1 << 16  # characters
-# larger than any line that is read: a wrong separator makes one cell of a whole line
+# longer than any line that is read: with a wrong separator a whole line is one cell
 csv.field_size_limit(1 << 22)
 
 
@@ -388,7 +399,7 @@ def split_cells(
     blanks : bool
         Skip blanks after the separator.
     tried : bool
-        The separator is only tried: accept long cells.
+        True: the separator is a guess that is being tested, so long cells are accepted.
 
     Returns
     -------
@@ -404,19 +415,19 @@ def split_cells(
         cells = next(csv.reader([line], delimiter=separator, skipinitialspace=blanks), [])
     except csv.Error as error:
         raise UserError(
-            f"{path}: a line is no row of a table: {error}; it begins with {line[:30]!r}"
+            f"{path}: a line cannot be split into cells: {error}; it begins with {line[:30]!r}"
         ) from None
     long = next((c for c in cells if len(c) > MAX_CELL_LENGTH), None)
     if long is not None and not tried:
         raise UserError(
-            f"{path}: a cell has {len(long):,} characters; up to {MAX_CELL_LENGTH:,} are read: "
-            f"{long[:30]!r} ..."
+            f"{path}: a cell has {len(long):,} characters; allowed: up to {MAX_CELL_LENGTH:,}; "
+            f"it begins with {long[:30]!r}"
         )
     return cells
 
 
 def _read_data_size() -> int | None:
-    """Return the data size of the process, bytes; None if the system has no value."""
+    """Return the size [bytes] of the process's data; None if the system reports none."""
     if resource is None:
         return None
     try:
@@ -428,17 +439,17 @@ def _read_data_size() -> int | None:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options of a reader: [log] of signals.toml, and options of the command."""
+    """Options of a reader, from table [log] of signals.toml and from the command line."""
 
     databases: tuple[Path, ...] = ()
     time: str | None = None
     time_unit: str | None = None
-    step: float | None = None  # s between rows, for a table without a time
+    step: float | None = None  # [s] time between rows of a table without a time column
     separator: str | None = None
     decimal: str | None = None
     encoding: str | None = None
-    header: int | None = None  # line of the names, from 1
-    wanted: Callable[[str], bool] | None = None  # True for the names that are needed; None: all
+    header: int | None = None  # number of the line with the names, from 1
+    wanted: Callable[[str], bool] | None = None  # returns whether a channel is needed; None: all are
 
 
 def find_unused_name(name: str, taken: Container[str]) -> str:
@@ -447,7 +458,7 @@ def find_unused_name(name: str, taken: Container[str]) -> str:
 
 
 def suggest_channels(name: str, known: Iterable[str]) -> str:
-    """Return a hint for a channel that does not exist: similar names, or all."""
+    """Return the end of a message about a missing channel: similar names, else all."""
     known = list(known)
     lower = {k.lower(): k for k in known}
     short = {k.replace("/", ".").rpartition(".")[2].lower(): k for k in known}
@@ -458,13 +469,13 @@ def suggest_channels(name: str, known: Iterable[str]) -> str:
 
 
 def list_names(names: Iterable[str]) -> str:
-    """Return the first names, and the number of the others."""
+    """Return the first MAX_LISTED_NAMES names, and the number of the omitted names."""
     names = list(names)
     more = len(names) - MAX_LISTED_NAMES
     return ", ".join(names[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-# ---- Optional packages: the error of a missing one contains the command to install it.
+# ---- Optional packages. The message about a missing one has the command to install it.
 
 
 def import_optional(module: str, extra: str, what: str) -> ModuleType:
@@ -473,7 +484,7 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
     Parameters
     ----------
     module : str
-        Its module.
+        Module to import.
     extra : str
         The extra of pyproject.toml that installs it.
     what : str
@@ -482,7 +493,7 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
     Raises
     ------
     UserError
-        It is not installed, or cannot be loaded.
+        The package is not installed, or cannot be loaded.
     """
     try:
         return importlib.import_module(module)
@@ -497,14 +508,14 @@ def import_optional(module: str, extra: str, what: str) -> ModuleType:
         ) from None
 
 
-# ---- Messages of ROS, MCAP, JSON and Cap'n Proto: a channel per field, named by path.
+# ---- Messages of ROS, MCAP, JSON and Cap'n Proto: one channel for each field.
 
-# elements of an array that become channels of their own: enough for four wheels, too few
-# for a picture or a covariance
+# longest array whose elements become channels: longer than four wheels, shorter than an
+# image or a covariance matrix of a pose
 MAX_ARRAY_CHANNELS = 12
-MAX_MESSAGE_DEPTH = 8
-# Units by the last but one name of a path, from the definitions of the messages: REP 103,
-# sensor_msgs, nav_msgs
+MAX_MESSAGE_DEPTH = 8  # levels of nested fields that are read
+# Units of fields by the name of the field that contains them (linear_acceleration.x), as
+# defined in REP 103, sensor_msgs and nav_msgs
 ROS_UNITS = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}
 ROS_TYPES = ("sensor_msgs", "geometry_msgs", "nav_msgs")
 
@@ -536,7 +547,9 @@ def flatten_message(message: Any, at: str = "", depth: int = 0) -> Iterator[tupl
 
 
 def read_stamp(message: Any) -> float | None:
-    """Return the time of measurement in the header of a ROS message, s, or None."""
+    """Return the time of measurement [s] in the header of a ROS message.
+
+    None: the message has no such header, or its seconds are 0."""
     header = message.get("header") if isinstance(message, dict) else getattr(message, "header", None)
     s = header.get("stamp") if isinstance(header, dict) else getattr(header, "stamp", None)
     if s is None:
@@ -553,11 +566,13 @@ class _Topic:
 
     type: str
     time: Growing
-    columns: dict[str, Growing | None] = field(default_factory=dict)  # None: not needed
+    columns: dict[str, Growing | None] = field(default_factory=dict)  # by field; None: not needed
 
 
 class Collector:
-    """Collects messages topic by topic. `wanted`: True for needed names; None: all."""
+    """Collects the fields of messages as channels.
+
+    `wanted` returns whether a channel is needed. None: all are."""
 
     def __init__(self, path: Path, wanted: Callable[[str], bool] | None = None) -> None:
         self._path, self._wanted = path, wanted
@@ -565,7 +580,7 @@ class Collector:
         self._messages = 0
 
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
-        """Add one message. The time in its header, if any, replaces `time`.
+        """Add one message. If its header contains a time, that one is used, not `time`.
 
         Raises
         ------
@@ -574,7 +589,7 @@ class Collector:
         """
         self._messages += 1
         if self._messages % CHUNK_ROWS == 0:
-            check_rows(self._path, "what is recorded", self._messages, MIN_MESSAGE_BYTES)
+            check_rows(self._path, "the recording", self._messages, MIN_MESSAGE_BYTES)
         own = self._topics.get(topic)
         if own is None:
             own = self._topics[topic] = _Topic(type_, Growing())
@@ -589,7 +604,7 @@ class Collector:
                 column.set(row, value)
 
     def channels(self) -> dict[str, Channel]:
-        """Return the channels by topic and path: /imu.angular_velocity.z."""
+        """Return the channels by topic and path of the field: /imu.angular_velocity.z."""
         found: dict[str, Channel] = {}
         for topic, own in self._topics.items():
             time = own.time.array()
@@ -602,12 +617,12 @@ class Collector:
 
 
 def _join_path(topic: str, name: str) -> str:
-    """Return the name of a channel."""
+    """Return the name of the channel of a field: TOPIC.PATH."""
     return f"{topic}.{name}" if name else topic
 
 
 def _find_unit(type_: str, name: str) -> str:
-    """Return the unit of a field by the type of its message; "" if it defines none."""
+    """Return the unit of a field; "" if the type of its message defines none."""
     if not type_.startswith(ROS_TYPES):
         return ""
     parts = name.split(".")

@@ -1,4 +1,4 @@
-"""Tables, whose columns share one time: find the column of the time and its unit."""
+"""Convert tables to recordings: find the time column, its unit and the unit of names."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -21,27 +21,28 @@ from tse.readers.recording import (
     suggest_channels,
 )
 
-# words in the name of a column of times, the most likely first
+# words in the name of a time column, the most likely word first
 TIME_WORDS = (
     "time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime",
     "date", "stamp", "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc",
 )  # fmt: skip
-MAX_WRONG = 0.05  # share of cells without a number; above it the column holds no numbers
-# largest median step between rows, unit and its length, s. Logs have 1 ms .. 1 s between
-# rows; another unit changes that by a factor of 1000.
+MAX_WRONG = 0.05  # share of cells that are no numbers; above it the column is not used
+# Largest median step between rows [unit of the column], the unit that it implies, and the
+# length of that unit [s]. Rows of logs are 1 ms to 1 s apart, and the step grows by a
+# factor of 1000 from one unit to the next.
 TICK_UNITS = ((1.0, "s", 1.0), (2e3, "ms", 1e-3), (2e6, "us", 1e-6), (np.inf, "ns", 1e-9))
 
 
 @dataclass
 class Column:
-    """A column of a table, in memory or read on demand (each time anew)."""
+    """A column of a table, in memory or read from the file by each call of read()."""
 
     name: str
     values: pd.Series | np.ndarray | Callable[[], pd.Series | np.ndarray]
     unit: str = ""
     text: str = ""
-    rows: int | None = None  # None: those of `values`
-    dates: bool = False  # True if values that are read on demand are dates or spans of time
+    rows: int | None = None  # number of rows; None: the length of `values`
+    dates: bool = False  # True: `values` is a function that returns dates or durations
 
     def read(self) -> pd.Series | np.ndarray:
         """Return all values."""
@@ -51,12 +52,12 @@ class Column:
         return self.rows if self.rows is not None else len(self.values)  # type: ignore[arg-type]
 
     def is_dates(self) -> bool:
-        """Return whether the values are dates or spans of time."""
+        """Return whether the values are dates or durations."""
         return self.dates or (isinstance(self.values, pd.Series | np.ndarray) and _are_dates(self.values))
 
 
 def _are_dates(x: pd.Series | np.ndarray) -> bool:
-    """Return whether the values are dates or spans of time."""
+    """Return whether the values are dates or durations."""
     return pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x)
 
 
@@ -74,14 +75,14 @@ def make_recording(
     columns : sequence of Column
         All columns.
     how : ReadOptions
-        Options: the time, the needed names.
+        Options: time column and its unit, step, needed names.
     notes : sequence of str
         Notes of the reader.
 
     Raises
     ------
     UserError
-        No column can be the time.
+        The table has no rows, too many columns, or no time column.
     """
     said = list(notes)
     check_table_width(path, [str(c.name) for c in columns])
@@ -95,7 +96,7 @@ def make_recording(
     at = _find_time_column(path, named, how)
     if at is None:
         time = np.arange(rows) * float(how.step or 0.0)
-        said.append(f"without a time of its own: rows are {how.step:g} s apart, as [log] step says")
+        said.append(f"no column is a time: rows are taken as {how.step:g} s apart ([log] step)")
     else:
         time = convert_to_seconds(path, named[at], said, how)
     channels: dict[str, Channel] = {}
@@ -111,17 +112,17 @@ def make_recording(
             said.append(f"column {c.name}: {note}")
         name = find_unused_name(c.name, channels)
         if name != c.name:
-            said.append(f"column {c.name} appears more than once: the next one is called {name}")
+            said.append(f"column {c.name} appears more than once: its next occurrence is named {name}")
         channels[name] = Channel(name, time, value, c.unit or find_unit_suffix(name), c.text)
     if skipped and not how.wanted:
-        said.append(f"not numbers, not used: {list_names(skipped)}")
+        said.append(f"columns without numbers are not used: {list_names(skipped)}")
     return Recording(path, format_, channels, said)
 
 
 def convert_numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
     """Return a column as floats, with a note about cells that are no numbers.
 
-    NaN: missing. A column without numbers gives None."""
+    Missing cells become NaN. For a column of dates or other strings, return None."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return values, ""
     x = values if isinstance(values, pd.Series) else pd.Series(values)
@@ -160,12 +161,12 @@ MISSING_WORDS = {
 
 
 def can_be_time(place: int, name: str, unit: str) -> bool:
-    """Return whether a column may be the time: it is the first, or has such a name."""
+    """Return whether a column may be the time, by its name or unit; the first one may."""
     return place == 0 or any(w in TIME_WORDS for w in split_words(name)) or unit_kind(unit) == "time"
 
 
 def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -> int | None:
-    """Return the column of the time; None if the options give a step instead."""
+    """Return the index of the time column; None if there is none and a step is given."""
     names = [c.name for c in columns]
     if how.time is not None:
         if how.time not in names:
@@ -185,24 +186,25 @@ def _find_time_column(path: Path, columns: Sequence[Column], how: ReadOptions) -
         elif unit_kind(c.unit) == "time":
             ranked.append((60, i))
     for _, i in sorted(ranked):
-        if _increases(columns[i]):
+        if _is_increasing(columns[i]):
             return i
     if ranked:
         return sorted(ranked)[0][1]
     if how.step is not None:
         return None
-    if columns and _increases(columns[0], strictly=True):
+    if columns and _is_increasing(columns[0], strictly=True):
         return 0
     raise UserError(
-        f"{path}: no column is a time; its columns: {list_names(names)}. Say which in signals.toml: "
-        '[log] time = "NAME", or, for rows at a constant step, [log] step = 0.01 (seconds)'
+        f"{path}: no column is a time; its columns: {list_names(names)}. Name the time column in "
+        'signals.toml: [log] time = "NAME", or, for rows at a constant step, [log] step = 0.01 (seconds)'
     )
 
 
-def _increases(c: Column, strictly: bool = False) -> bool:
-    """Return whether a column mostly rises, as a time does.
+def _is_increasing(c: Column, strictly: bool = False) -> bool:
+    """Return whether a column increases as a time does.
 
-    Texts must be dates or numbers."""
+    It must not fall in more than 10 % of its rows and must rise in some. If `strictly`,
+    it must rise in every row. Strings must be numbers or times of day."""
     if c.is_dates():
         return True
     values = c.read()
@@ -224,23 +226,23 @@ _CLOCK_TIME = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
 
 
 def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions | None = None) -> np.ndarray:
-    """Return the column of the time in s. NaN: missing.
+    """Return a time column in s. Missing times are NaN.
 
     Parameters
     ----------
     path : Path
         The file, for messages.
     c : Column
-        Numbers, dates (counted from 1970), times of day or spans.
+        Numbers, dates (converted to s since 1970), times of day, or durations.
     notes : list of str
-        Receives a note about a guessed unit.
+        Receives a note if the unit is guessed.
     how : ReadOptions, optional
-        Options: the unit.
+        Options: the unit of the time. None: it follows from the column.
 
     Raises
     ------
     UserError
-        The column holds no time.
+        The column holds no times, or the unit of the options is no unit of time.
     """
     how = how or ReadOptions()
     values = c.read()
@@ -271,35 +273,40 @@ def convert_to_seconds(path: Path, c: Column, notes: list[str], how: ReadOptions
     _, name, per = next(t for t in TICK_UNITS if usual <= t[0])
     if name != "s":
         notes.append(
-            f"time: rows are {usual:g} apart, so they are taken as {name} ([log] time_unit sets another)"
+            f"time: rows are {usual:g} apart, so the unit is taken as {name} "
+            "([log] time_unit sets a different one)"
         )
     return time * per
 
 
-MAX_GROUP_STEP = 2.0  # s; a group with longer steps between its entries counts in another unit
-MIN_GROUP_ENTRIES = 100  # of a group whose steps are used
-DURATION_TOLERANCE = 0.03  # relative deviation of a duration from that of the other groups
+# Groups of channels that share their times
+MAX_GROUP_STEP = 2.0  # median step; a group with a longer step may count in ms, us or ns
+MIN_GROUP_ENTRIES = 100  # a group with fewer entries keeps its unit
+DURATION_TOLERANCE = 0.03  # relative difference of the durations of groups in the right unit
 
 
 def correct_time_units(
     channels: dict[str, Channel], how: ReadOptions, notes: list[str]
 ) -> dict[str, Channel]:
-    """Return the channels of a file that should count in s with their times in s.
+    """Return channels with their times in s, for a format that prescribes s.
+
+    Some recorders write other units nevertheless. If the entries of every group are more
+    than 2 apart, all times are taken as ms, us or ns. If one group lasts 1000 times (or
+    1e6, 1e9 times) as long as the others, only its times are.
 
     Parameters
     ----------
     channels : dict of str to Channel
         By name.
     how : ReadOptions
-        Options: time_unit is the unit of all times.
+        Options: time_unit, if set, is the unit of all times, and nothing is guessed.
     notes : list of str
         Receives notes about guessed units.
 
     Returns
     -------
     dict of str to Channel
-        The same channels. If the entries of all groups are more than 2 s apart, or one
-        group lasts 1000 times as long as the others, times are taken as ms, us or ns.
+        The channels by name.
     """
     times = {id(c.time): c.time for c in channels.values()}
     per: dict[int, float] = dict.fromkeys(times, 1.0)
@@ -316,7 +323,7 @@ def correct_time_units(
 def _guess_units(
     times: dict[int, np.ndarray], channels: dict[str, Channel], notes: list[str]
 ) -> dict[int, float]:
-    """Return guessed units, s, of times that are not in s, by the id of their array."""
+    """Return the lengths [s] of units that are not s, by the id of the array of times."""
     steps = {
         i: float(np.median(d[d > 0]))
         for i, t in times.items()
@@ -328,8 +335,8 @@ def _guess_units(
     if shortest > MAX_GROUP_STEP:
         _, unit, per = next(t for t in TICK_UNITS if shortest <= t[0])
         notes.append(
-            f"time seems to be in {unit}: entries are {shortest:g} apart, so it is converted "
-            "([log] time_unit sets another)"
+            f"time seems to be in {unit}, because entries are {shortest:g} apart: it is converted "
+            "([log] time_unit sets a different unit)"
         )
         return dict.fromkeys(times, per)
     spans = {i: float(np.ptp(times[i][np.isfinite(times[i])])) for i in steps}
@@ -341,18 +348,19 @@ def _guess_units(
                 found[i] = per
                 named = list_names(c.name for c in channels.values() if id(c.time) == i)
                 notes.append(
-                    f"time of {named} seems to be in {unit}, unlike that of the others: it is converted"
+                    f"time of {named} seems to be in {unit}, that of the other channels in s: it is converted"
                 )
     return found
 
 
 PACKED_NOTE = (
-    "time: its numbers are times of day as HHMMSS.ss, so they are converted ([log] time_unit sets another)"
+    "time: the numbers are taken as times of day HHMMSS.ss and converted to s "
+    '([log] time_unit = "s" prevents this)'
 )
 
 
 def unpack_times(time: np.ndarray) -> np.ndarray:
-    """Return times of day, packed as HHMMSS.ss, in s since the first midnight.
+    """Convert times of day that are packed as HHMMSS.ss to s.
 
     Parameters
     ----------
@@ -362,7 +370,7 @@ def unpack_times(time: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, (rows,)
-        Seconds. They continue after midnight.
+        Time since the midnight before the first row, s. It does not restart at midnight.
     """
     with np.errstate(invalid="ignore"):
         whole = np.floor(time)
@@ -378,8 +386,9 @@ def unpack_times(time: np.ndarray) -> np.ndarray:
 def is_packed(time: np.ndarray) -> bool:
     """Return whether numbers are times of day packed as HHMMSS.ss.
 
-    Such numbers never have 60 or more seconds or minutes, and they jump from 59 to 100 at
-    the end of each minute. A count of seconds has 60 in its second minute."""
+    The last two digits (seconds) and the two before (minutes) of packed times are below
+    60, so the number jumps from 59 to 100 at the end of a minute. A count of seconds
+    passes 60 without a jump."""
     t = time[np.isfinite(time)]
     if len(t) < 10 or t.min() < 0 or t.max() >= 240000:
         return False
@@ -412,19 +421,19 @@ _TIME_SUFFIXES = {  # last word of a name: unit
 
 
 def _find_time_unit(name: str) -> str:
-    """Return the unit of time at the end of a name, or ""."""
+    """Return the unit of time in the last word of a name; "" without one."""
     return _TIME_SUFFIXES.get((split_words(name) or [""])[-1], "")
 
 
 def _convert_dates(x: pd.Series) -> np.ndarray:
-    """Return dates in s since 1970. NaN: missing."""
+    """Return dates in s since 1970. Missing dates are NaN."""
     x = x.dt.tz_convert("UTC").dt.tz_localize(None) if getattr(x.dt, "tz", None) is not None else x
     ns = x.to_numpy("datetime64[ns]")
     return np.where(np.isnat(ns), np.nan, ns.astype(np.int64) * 1e-9)
 
 
 def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
-    """Return dates (s since 1970) or times of day (s) from texts. NaN: missing."""
+    """Parse dates (s since 1970) or times of day (s since midnight); others are NaN."""
     text = text.str.replace(r"(\d{1,2}:\d{2}:\d{2}),(\d)", r"\1.\2", regex=True)
     first = str(text.dropna().iloc[0]) if text.notna().any() else ""
     if re.fullmatch(r"\d{1,3}:\d{2}(:\d{2})?(\.\d+)?", first):
@@ -439,11 +448,12 @@ def _parse_times(path: Path, name: str, text: pd.Series) -> np.ndarray:
             return _convert_dates(found)
     raise UserError(
         f"{path}: column {name}: {first[:30]!r} is no time; allowed: seconds, a date as "
-        "2024-05-01 12:00:00.010, a time of day as 12:00:00.010; another column: [log] time in signals.toml"
+        "2024-05-01 12:00:00.010, a time of day as 12:00:00.010; if the time is in a different column, "
+        "name it in signals.toml: [log] time"
     )
 
 
-# ---- Names in logs, with units in brackets or at the end
+# ---- Names of channels that contain a unit, in brackets or as their last word
 
 
 _BRACKETS = re.compile(r"^(.*?)\s*[\[\(\{<]\s*([^\[\]\(\)\{\}<>]*)\s*[\]\)\}>]\s*$")
@@ -470,7 +480,7 @@ _AT_END = {  # last word of a name: unit
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Return name and unit of "Speed [km/h]"; the unit "" without brackets."""
+    """Split "Speed [km/h]" into name and unit. Without brackets the unit is ""."""
     found = _BRACKETS.match(name.strip())
     if found and found[1]:
         unit = found[2].strip()
@@ -480,7 +490,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def find_unit_suffix(name: str) -> str:
-    """Return the unit at the end of a name, vx_kmh or steeringAngleDeg, or ""."""
+    """Return the unit in the last word of a name (vx_kmh, steeringAngleDeg), or ""."""
     last = (split_words(name) or [""])[-1]
     return _AT_END.get(last, "") if len(split_words(name)) > 1 else ""
 
@@ -488,7 +498,7 @@ def find_unit_suffix(name: str) -> str:
 def split_words(name: str) -> list[str]:
     """Return the words of a name in lower case.
 
-    ESP_v_Signal_VL: esp v signal vl; wheelSpeedFL: wheel speed fl; AccelX: accel x."""
+    ESP_v_Signal_VL gives esp, v, signal, vl; wheelSpeedFL gives wheel, speed, fl."""
     text = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", name)
     text = re.sub(r"([A-Z]+)([A-Z][a-z])", r"\1 \2", text)
     return [w for w in re.split(r"[^a-zäöüß0-9]+", text.lower()) if w]
