@@ -325,7 +325,7 @@ function checkRows(table, map, car, lib) {
         ? parts[0]
         : joinAxle(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
     if (!parts && !isAxle(f.name)) {
-      notes.push(`${f.name} is not in the log: quantities that only it shows stay unknown`);
+      notes.push(`${f.name} is not in the log: what only ${f.name} measures stays unknown`);
     }
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
@@ -416,7 +416,8 @@ function joinAxle(name, left, right, yawRate, keep, notes, turn) {
   }
   if (alone)
     notes.push(
-      `${name}: one of both wheels is missing in ${alone} rows: taken from the other and the yaw rate`,
+      `${name}: one of both wheels is missing in ${alone} rows: its speed is computed from the other ` +
+        "wheel and the yaw rate",
     );
   return mean;
 }
@@ -436,7 +437,7 @@ function selectForward(all, table, columns, notes) {
   }
   if (at.length + without === 0) throw new Wrong(`${table.name}: has no rows with numbers`);
   if (at.length < MAX_BACK * (at.length + without))
-    throw new Wrong(`${table.name}: ${where(first)}, time: empty or not finite; every row needs a time`);
+    throw new Wrong(`${table.name}: ${where(first)}, time: is empty or not finite; every row needs a time`);
   const t = Float64Array.from(at, (i) => all[i]),
     back = computeSteps(t).map((d) => (d <= 0 ? 1 : 0)),
     count = back.reduce((n, x) => n + x, 0);
@@ -495,7 +496,7 @@ function straighten(given) {
     notes.push(
       `the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ` +
         `${formatNumber(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): ` +
-        "the rest continues one usual step later",
+        "all later times are shifted, to continue one usual step later",
     );
   if (late.size) notes.push(`${late.size} entries are out of order: left out`);
   let at = kept.filter((i) => !late.has(i)),
@@ -504,12 +505,12 @@ function straighten(given) {
   if (same.length > 0.2 * time.length) {
     time = spreadTicks(time);
     notes.push(
-      `the clock is coarser than the entries (${Math.round((100 * same.length) / time.length)} % ` +
-        "share a time): they are spread over its ticks",
+      `the resolution of the clock is too coarse (${Math.round((100 * same.length) / time.length)} % of ` +
+        "the entries have the time of the next one): entries are spread evenly up to the next time",
     );
   } else if (same.length) {
     notes.push(
-      `${same.length} entries have the time of the next one (first at ${time[same[0]].toFixed(3)} ` +
+      `${same.length} entries have the same time as the next entry (first at ${time[same[0]].toFixed(3)} ` +
         "s): left out",
     );
     const gone = new Set(same);
@@ -520,8 +521,8 @@ function straighten(given) {
     far = jump.findIndex((d) => d > MAX_STEP);
   if (far >= 0) {
     notes.push(
-      `the clock jumps ahead by ${formatNumber(jump[far])} s at ${time[far].toFixed(3)} s: bridged, a gap ` +
-        `of ${BRIDGED} s is left`,
+      `the clock jumps ahead by ${formatNumber(jump[far])} s at ${time[far].toFixed(3)} s: replaced by ` +
+        `a gap of ${BRIDGED} s`,
     );
     let off = 0;
     time = time.map((x, i) => {

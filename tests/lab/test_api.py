@@ -219,7 +219,7 @@ def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, fra
     [
         (
             lambda f: f.drop(columns="accel_y"),
-            "accel_y is not in the log: quantities that only it shows stay unknown",
+            "accel_y is not in the log: what only accel_y measures stays unknown",
         ),
         (lambda f: f.drop(columns="wheel_speed_rear"), "wheel_speed_front stands in for it"),
         (
@@ -229,7 +229,7 @@ def test_a_log_that_cannot_be_used_is_refused_by_column_row_and_range(drive, fra
         (lambda f: f.assign(time=f["time"].where(f.index != 9, 0.0)), "time: "),
         (
             lambda f: f.assign(accel_y=0.33 * f["wheel_speed_rear"] * f["yaw_rate"]),
-            "accel_y is speed times yaw_rate to the digit",
+            "accel_y equals speed times yaw_rate",
         ),
         (
             lambda f: f.assign(yaw_rate=f["yaw_rate"].where(f.index % 100 > 4, -3.2767)),

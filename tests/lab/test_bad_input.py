@@ -61,7 +61,7 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
         ["column time", "earlier than line", "sort the rows by time"],
     ),
     "microseconds": (scale_column("time", 1e6), ["column time", "3600 s", "microseconds or nanoseconds"]),
-    "days": (scale_column("time", 1 / 86400), ["column time", "from 0.001 s", "days: by 86400"]),
+    "days": (scale_column("time", 1 / 86400), ["column time", "at least 0.001 s", "days: by 86400"]),
     "steering in degrees": (
         scale_column("steer_angle", 180 / 3.14159 * 2),
         ["line 2", "steer_angle", "-1.2 .. 1.2 rad", "degrees"],
@@ -109,16 +109,16 @@ REPAIRED: dict[str, tuple[Change, list[str]]] = {
     "a row late": (change_cell(12, "time", "0.05"), ["time: 1 entries are out of order: left out"]),
     "a row twice": (
         change_cell(12, "time", "0.09"),
-        ["time: 1 entries have the time of the next one", "0.090 s"],
+        ["time: 1 entries have the same time as the next entry", "0.090 s"],
     ),
     "a row without time": (change_cell(5, "time", ""), ["time: 1 entries without a time are left out"]),
     "a clock set back": (
         lambda t: t.assign(time=[*t.time[:50], *(t.time[50:].astype(float) - 0.4).astype(str)]),
-        ["time: the clock goes back 1 time (first by 0.39 s at 0.490 s)", "the rest continues"],
+        ["time: the clock goes back 1 time (first by 0.39 s at 0.490 s)", "all later times are shifted"],
     ),
     "a clock set ahead": (
         lambda t: t.assign(time=[*t.time[:50], *(t.time[50:].astype(float) + 5000).astype(str)]),
-        ["time: the clock jumps ahead by 5000 s at 0.490 s: bridged", "1 gap longer than"],
+        ["time: the clock jumps ahead by 5000 s at 0.490 s: replaced by a gap of 60 s", "1 gap longer than"],
     ),
     "no accel_x": (lambda t: t.drop(columns="accel_x"), ["accel_x is not in the log"]),
     "no accel_y": (lambda t: t.assign(accel_y=""), ["accel_y is not in the log"]),

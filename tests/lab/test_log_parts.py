@@ -141,8 +141,8 @@ def test_a_wheel_that_is_missing_is_made_up_for_by_the_other_and_the_turn(tmp_pa
     expected = np.where(np.arange(400) == 200, np.nan, middle["wheel_speed_front"])
     np.testing.assert_allclose(log.data["wheel_speed_front"], expected, atol=1e-9)
     assert (
-        "wheel_speed_front: one of both wheels is missing in 70 rows: taken from the other and the yaw rate"
-        in log.notes
+        "wheel_speed_front: one of both wheels is missing in 70 rows: its speed is computed from the other "
+        "wheel and the yaw rate" in log.notes
     )
 
 
@@ -403,7 +403,7 @@ def test_many_late_entries_take_no_longer_each_than_a_few():
 def test_a_coarse_clock_is_spread_over_its_ticks():
     t = np.arange(0, 20, 0.01)
     found, keep, notes = straighten_time(np.floor(t * 10) / 10)
-    assert keep.all() and np.abs(found - t).max() < 1e-9 and "coarser" in notes[0]
+    assert keep.all() and np.abs(found - t).max() < 1e-9 and "too coarse" in notes[0]
 
 
 def test_messages_of_a_bus_may_share_a_time():

@@ -1,43 +1,47 @@
-"""Repair the clocks of logs: duplicates, late entries, jumps. Each repair is noted."""
+"""Repair the times of logs: duplicates, late entries, jumps. Each repair gives a note."""
 
 import numpy as np
 
-DAY = 86400.0  # s
-# An entry that is out of order by less was delayed in a buffer; otherwise the clock was
-# set.
+DAY = 86400.0  # [s]
+# If times fall by at most MAX_LATE_TIME and exceed their old maximum again within half of
+# MAX_LATE_ROWS entries, the entries between were delayed in a buffer. Otherwise the clock
+# was set back.
 MAX_LATE_ROWS = 8
-MAX_LATE_TIME = 0.5  # s
-MAX_TIME_GAP = 3600.0  # s; limit of the library. A longer jump means that the clock was set.
-BRIDGED_GAP = 60.0  # s; gap in the place of such a jump. Longer than any transient of a car.
+MAX_LATE_TIME = 0.5  # [s]
+MAX_TIME_GAP = 3600.0  # [s] limit of the library; at a longer jump, the clock was set ahead
+BRIDGED_GAP = 60.0  # [s] gap that replaces such a jump; longer than any transient of a car
 
 
 def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return an increasing time.
+    """Return times that increase.
 
     Parameters
     ----------
     time : ndarray, (entries,)
         Times in the order of the file, s. NaN: missing.
     together : bool
-        Entries may share a time, as messages of a bus do.
+        True: entries may have the same time, as frames of a bus do.
 
     Returns
     -------
     ndarray, (kept entries,)
-        The new times, s.
+        Repaired times of the kept entries, s.
     ndarray of bool, (entries,)
-        The kept entries.
+        True for the kept entries.
     list of str
         Notes about the repairs.
 
     Notes
     -----
     - Entries without a time are dropped.
-    - Of entries with the same time the last one is kept. If more than 20 % share a time,
-      the clock is too coarse: all are kept and spread over its ticks.
-    - Single late entries are dropped.
-    - A clock that falls and continues from there was set or has wrapped: the following
-      entries continue one usual step later.
+    - If entries have the same time, the last one is kept. But if this concerns more than
+      20 % of the entries, the resolution of the clock is too coarse. Then all entries are
+      kept and spread evenly up to the next time.
+    - Late entries, i.e. a few entries after which the times continue above their old
+      maximum, are dropped.
+    - If times fall and continue from the lower value, the clock was set back or has
+      overflowed. The first entry after the fall gets the highest time before it plus a
+      median step, and all later times are shifted by the same amount.
     - A jump ahead by more than MAX_TIME_GAP becomes a gap of BRIDGED_GAP.
     """
     notes: list[str] = []
@@ -62,7 +66,8 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
         first = sets[0]
         notes.append(
             f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} "
-            f"(first by {first[1]:.3g} s at {first[0]:.3f} s): the rest continues one usual step later"
+            f"(first by {first[1]:.3g} s at {first[0]:.3f} s): all later times are shifted, "
+            "to continue one usual step later"
         )
     if late.any():
         notes.append(f"{late.sum()} entries are out of order: left out")
@@ -72,12 +77,12 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
         if same.mean() > 0.2:
             t = _spread_over_ticks(t)
             notes.append(
-                f"the clock is coarser than the entries ({100 * same.mean():.0f} % share a time): "
-                "they are spread over its ticks"
+                f"the resolution of the clock is too coarse ({100 * same.mean():.0f} % of the entries have "
+                "the time of the next one): entries are spread evenly up to the next time"
             )
         else:
             notes.append(
-                f"{same.sum()} entries have the time of the next one "
+                f"{same.sum()} entries have the same time as the next entry "
                 f"(first at {t[same.argmax()]:.3f} s): left out"
             )
             at, t = at[~same], t[~same]
@@ -86,8 +91,8 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
     if far.any():
         i = int(far.argmax())
         notes.append(
-            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: bridged, "
-            f"a gap of {BRIDGED_GAP:g} s is left"
+            f"the clock jumps ahead by {jump[i]:.4g} s at {t[i]:.3f} s: "
+            f"replaced by a gap of {BRIDGED_GAP:g} s"
         )
         t = t - np.append(0.0, np.cumsum(np.where(far, jump - BRIDGED_GAP, 0.0)))
     kept = np.zeros(len(time), bool)
@@ -96,28 +101,28 @@ def straighten_time(time: np.ndarray, together: bool = False) -> tuple[np.ndarra
 
 
 def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, float]]]:
-    """Remove falls from a time, s.
+    """Shift the times after each fall of the clock, so that they do not fall.
 
     Parameters
     ----------
     t : ndarray, (entries,)
         Finite times, s.
     usual : float
-        Usual step, s.
+        Median step, s; step across each fall afterwards.
 
     Returns
     -------
     ndarray, (entries,)
         Times that never fall, except at late entries.
     ndarray of bool, (entries,)
-        Late entries.
+        True for late entries.
     list of (float, float)
-        Time and size of each fall of the clock, s.
+        Time before each fall of the clock, and size of the fall, s.
     """
     late, added = np.zeros(len(t), bool), np.zeros(len(t))
     sets: list[tuple[float, float]] = []
     falls = np.append(np.flatnonzero(np.diff(t) < 0) + 1, len(t))
-    highest, shift = float(t[0]), 0.0  # highest time so far; correction from here on
+    highest, shift = float(t[0]), 0.0  # [s] highest time so far; shift of the entries from i on
     i = 0
     while i < len(t):
         if t[i] + shift >= highest:
@@ -138,7 +143,7 @@ def _unwind_clock(t: np.ndarray, usual: float) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _spread_over_ticks(t: np.ndarray) -> np.ndarray:
-    """Spread entries with the same time evenly up to the next time."""
+    """Spread entries that have the same time evenly up to the next time."""
     ticks, first, count = np.unique(t, return_index=True, return_counts=True)
     following = np.append(ticks[1:], ticks[-1] + (np.median(np.diff(ticks)) if len(ticks) > 1 else 0.01))
     length = np.minimum(following - ticks, 2 * np.median(following - ticks))

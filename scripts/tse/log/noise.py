@@ -1,23 +1,24 @@
 """Estimate noise and bias of sensors from a log, if the vehicle file lacks them.
 
-Noise of a channel while the car moves: the largest of
+The sd of the noise of a channel, while the car moves, is the largest of these values:
 
-a  the sd from second differences, which remove the slow signal:
-   1.4826 median|x(i+k) - 2 x(i) + x(i-k)| / sqrt(6);
-b  step / sqrt(12) for a quantised channel; c  for accelerometers, the misfit to the
-kinematics, accel_x - dv/dt and accel_y - v yaw_rate.
-   It contains the errors of the model: pitch, road, vibration, lag. Take averages over
-   0.2 s, remove the slow part, take the sd in the quieter windows of 2 s (quantile 30 %),
-   multiply by sqrt(rows in 0.2 s): white noise of this sd leaves the same averages;
-d  a floor, except for wheel speeds.
+(a) The sd of the second differences, in which a slow signal cancels:
+    1.4826 median|x(i+k) - 2 x(i) + x(i-k)| / sqrt(6), with the hold k.
+(b) For a quantised channel: quantisation step / sqrt(12).
+(c) For an accelerometer: the sd of its misfit to the kinematics, accel_x - dv/dt or
+    accel_y - v yaw_rate. Pitch, road, vibration and lag contribute to it. The misfit is
+    averaged over 0.2 s, and its slow part (average over 2 s) is subtracted. The sd of the
+    result in the quieter windows of 2 s (quantile 0.3) is multiplied by the square root
+    of the number of rows in 0.2 s: white noise with this sd would give the same averages.
+(d) A floor, except for wheel speeds.
 
-The hold k is the number of rows in which a slow sensor repeats a sample or stays on a
-straight line. k repeated samples carry the information of one, so a and b are multiplied
-by sqrt(k). Wheel speeds: a and b of the noisier axle's mean.
+A slow sensor repeats a sample, or is interpolated linearly, over several rows. Their
+number is the hold k. k repeated samples carry the information of one sample, so (a) and
+(b) are multiplied by sqrt(k). For wheel speeds, (a) and (b) of the noisier axle count.
 
-Bias of an accelerometer: the start sd is the size of the slow misfit (averages over 2 s),
-the random walk its change over 1 s. Grade, bank and mounting drift cause it. Gyro: a
-fixed start sd."""
+The bias of an accelerometer is the slow part of its misfit, which grade, bank and a
+drifting mounting cause. Its initial sd is the size of this slow part. The sd of its
+random walk is the change of the slow part over 1 s. The gyro has a fixed initial sd."""
 
 from dataclasses import dataclass
 
@@ -25,45 +26,45 @@ import numpy as np
 
 from tse.log.rows import DRIVES, CheckedLog
 
-NOISE_FLOOR = {  # m/s2, rad/s
+NOISE_FLOOR = {  # least sd of the noise, in the unit of the channel: m/s2, rad/s
     "accel_x": 0.05,
     "accel_y": 0.05,
     "yaw_rate": 0.001,
     "wheel_speed_front": 0.0,
     "wheel_speed_rear": 0.0,
 }
-MAX_HOLD = 10  # rows
-MIN_NOISE_ROWS = 50  # for an estimate
-AVERAGE_TIME = 0.2  # s; averages of the misfit
-WINDOW_TIME = 2.0  # s; windows in which its sd is taken, averages for its slow part
-CHANGE_TIME = 1.0  # s; interval over which its random walk is taken
-QUIET_QUANTILE = 0.3  # of windows or values: the quieter ones
-NORMAL_QUIET = 0.3853  # QUIET_QUANTILE of |z|, z standard normal
-MIN_MOVING_SPEED = 3.0  # m/s
+MAX_HOLD = 10  # rows; a longer hold is not detected
+MIN_NOISE_ROWS = 50  # rows that an estimate needs
+AVERAGE_TIME = 0.2  # [s] interval over which the misfit is averaged
+WINDOW_TIME = 2.0  # [s] window of each sd of the misfit; interval of the average that is its slow part
+CHANGE_TIME = 1.0  # [s] interval over which the change of the slow part is measured
+QUIET_QUANTILE = 0.3  # quantile of sds or absolute values that represents quiet driving
+NORMAL_QUIET = 0.3853  # this quantile of the absolute value of a standard normal variable
+MIN_MOVING_SPEED = 3.0  # [m/s] the car moves at a higher speed
 
 
 @dataclass(frozen=True)
 class Misfit:
     """Difference between an accelerometer and the kinematics."""
 
-    sd: float  # m/s2, as white noise per row
-    bias: float  # m/s2, size of the slow part
-    walk: float  # m/s2, change of the slow part over 1 s
+    sd: float  # [m/s2] sd of one row of white noise that leaves the same averages
+    bias: float  # [m/s2] size of the slow part
+    walk: float  # [m/s2] sd of the change of the slow part over 1 s
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a channel, in its unit."""
+    """Noise of a channel, in the unit of the channel."""
 
-    sd: float  # per row
-    hold: int  # rows per independent sample
-    step: float  # quantisation step; 0: none found
-    text: str  # the rule that gave the sd
-    unraised: float = 0.0  # sd before the floor
+    sd: float  # sd of one row
+    hold: int  # number of rows that repeat one sample
+    step: float  # quantisation step; 0: the channel is not quantised
+    text: str  # how the sd was found
+    unraised: float = 0.0  # sd before the floor was applied
 
 
 def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
-    """Return the noise of one channel; None if the log is too short."""
+    """Return the noise of the values x of one channel; None if there are too few."""
     usable = np.isfinite(x)
     keep = usable & moving if (usable & moving).sum() >= MIN_NOISE_ROWS else usable
     x = x[keep]
@@ -90,8 +91,9 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
 def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | None:
     """Return the noise of a channel of a log; None if the log is too short.
 
-    An interpolated channel has the noise of its own entries, spread over the rows
-    between."""
+    If a channel was interpolated, its noise is estimated from the original entries. The
+    sd of a row is larger by the square root of the number of rows per entry, so that all
+    rows of an entry carry its information."""
     if name not in log.slower:
         return estimate_channel_noise(name, log.data[name].to_numpy(float), moving)
     own = log.slower[name]
@@ -101,26 +103,27 @@ def estimate_noise(log: CheckedLog, name: str, moving: np.ndarray) -> Noise | No
     if found is None:
         return None
     often = np.sqrt(own.rows)
-    text = f"{found.text}, an entry in {own.rows:.3g} rows: x {often:.2g}"
+    text = f"{found.text}, one entry per {own.rows:.3g} rows: x {often:.2g}"
     return Noise(found.sd * often, found.hold, found.step, text, found.unraised * often)
 
 
 def _measure_scale(x: np.ndarray) -> float:
-    """Return the size of the variations of x."""
+    """Return the median absolute deviation of x; if it is 0, the sd; if both are, 1."""
     return float(np.median(np.abs(x - np.median(x))) or np.std(x) or 1.0)
 
 
 def _find_hold(x: np.ndarray, scale: float) -> int:
-    """Return the number of rows per independent sample, 1 without straight stretches.
+    """Return the hold: the number of rows in which x is constant or on a straight line.
 
-    `scale`: size of the variations. A thousandth of it counts as no change. Of a wheel
-    speed, which moves far but slowly, it is the size of the changes from row to row."""
+    A first or second difference below 0.001 `scale` counts as 0. `scale` is the size of
+    the variations of x. For a wheel speed, which varies much but slowly, it is the sd of
+    the changes from row to row."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, MAX_HOLD))
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the step between the values of a quantised channel; 0 for a fine one."""
+    """Return the quantisation step of x; 0 if few rows share their value with others."""
     values, counts = np.unique(np.round(x, 12), return_counts=True)
     common = values[counts >= max(5, 0.002 * len(x))]
     covered = counts[counts >= max(5, 0.002 * len(x))].sum() / len(x)
@@ -130,9 +133,10 @@ def _find_step(x: np.ndarray) -> float:
 
 
 def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> dict[str, Misfit]:
-    """Return the misfit of accel_x and accel_y; {} if the car moves too little.
+    """Return the misfit of accel_x and accel_y to the kinematics, by channel.
 
-    The radii are those of the wheels, m."""
+    Channels are omitted that the log lacks, or if the car moves too little. The radii are
+    those of the wheels, m."""
     if not log.sample_time:
         return {}
     d = {name: fill_gaps(log.data[name].to_numpy()) for name in log.data}
@@ -162,30 +166,30 @@ def compute_misfit(log: CheckedLog, radius_front: float, radius_rear: float) -> 
 
 
 def fill_gaps(x: np.ndarray) -> np.ndarray:
-    """Return x with missing values interpolated linearly."""
+    """Return x with its missing values interpolated linearly."""
     good = np.isfinite(x)
     return np.interp(np.arange(len(x)), np.flatnonzero(good), x[good]) if good.any() else x
 
 
 def compute_moving_average(x: np.ndarray, n: int) -> np.ndarray:
-    """Return the moving average over n rows; the first and last values are repeated."""
+    """Return the moving average of x over n rows; at the ends, x is taken as constant."""
     padded = np.pad(x, (n // 2, n - 1 - n // 2), mode="edge")
     return np.convolve(padded, np.ones(n) / n, mode="valid")
 
 
 def _compute_quiet_sd(x: np.ndarray) -> float:
-    """Return the sd of normal values by their quantile QUIET_QUANTILE."""
+    """Return the sd of normally distributed x, from QUIET_QUANTILE of |x|."""
     return float(np.quantile(np.abs(x), QUIET_QUANTILE) / NORMAL_QUIET)
 
 
-# ---- Held values: a signal that is slower than the rows repeats its last value.
+# ---- Held values: between the samples of a slow signal, the log repeats the last one.
 
 
 def find_new_values(x: np.ndarray) -> np.ndarray:
-    """Return the rows with a new value of a slow signal in a fast log.
+    """Mark the rows in which a slow signal has a new sample; other rows repeat the last.
 
-    Held values are old: half a hold late on average. If new values do not come every k-th
-    row, all rows are returned: a quantised signal repeats values, too, but
+    Repeated values are old, on average by half a hold. If new values do not come in every
+    k-th row, all rows are marked, because a quantised signal also repeats values, but
     irregularly."""
     changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:])))
     changed = changed.astype(np.int32)  # half the memory
@@ -197,7 +201,7 @@ def find_new_values(x: np.ndarray) -> np.ndarray:
         return np.ones(len(x), bool)
     found = np.zeros(len(x), bool)
     found[changed] = True
-    # between changes every k-th row is new, too, with the same value as before
+    # every k-th row between two changes is a new sample, too, which has the same value
     late = gaps > beat
     for gap, start in zip(gaps[late], changed[1:-1][late], strict=True):
         found[start : start + gap : beat] = True

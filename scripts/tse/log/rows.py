@@ -1,7 +1,7 @@
-"""A log as the estimator takes it: checked channels and rows, from any reader.
+"""Check the channels of a log, from any reader, and provide its rows for the estimator.
 
-A refusal names file, row, column and allowed range. A few bad cells become missing
-values, and a note reports them."""
+An unusable log raises a UserError that names file, row, column and allowed range. A few
+unusable values become missing values, and a note reports them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # inputs of the model
-MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measurements of its outputs
-SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # instead of the axle's mean
-# Optional columns of a log: unit, lowest, highest value, text, hint. The estimator uses
-# those of input.toml; vehicle_speed only checks the units of other columns.
+MEASURES = ("accel_x", "accel_y", "yaw_rate")  # measured outputs of the model
+SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # columns that replace an axle
+# Optional columns of a log: unit, lowest and highest value, description, hint for a wrong
+# unit. The estimator uses the columns of input.toml. vehicle_speed only serves to check
+# the units of other columns.
 OPTIONAL_COLUMNS = {
     "vehicle_speed": ("m/s", -60.0, 120.0,
         "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
@@ -48,7 +49,7 @@ OPTIONAL_COLUMNS = {
     "grade": ("rad", -0.35, 0.35,
         "whole slope of the road, uphill > 0", "percent: divide by 100"),
     "gnss_latitude": ("deg", -90.0, 90.0,
-        "latitude, positive north; finds the place on a road", "radians: multiply by 180/pi"),
+        "latitude, positive north; locates the car on a road", "radians: multiply by 180/pi"),
     "gnss_longitude": ("deg", -180.0, 180.0,
         "longitude, positive east", "radians: multiply by 180/pi"),
 }  # fmt: skip
@@ -68,67 +69,68 @@ COLUMN_HINTS = {
 }
 
 # Limits of a time column
-MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0  # s; allowed median step between rows
-MAX_SHUFFLED = 0.2  # share of rows with a falling time; above it the rows are in another order
-MAX_BACK = 0.5  # share of rows without a rising time; above it the column holds no time
+MIN_ROW_STEP, MAX_ROW_STEP = 0.001, 1.0  # [s] allowed median step between rows
+MAX_SHUFFLED = 0.2  # share of rows whose time falls; above it the rows are not sorted by time
+MAX_BACK = 0.5  # share of rows whose time does not increase; above it the column holds no time
 
 # Limits of a channel
-MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is wrong
-# share of the squared difference of both wheels that follows the yaw rate; below it,
-# noise hides the track width
+MAX_OUTSIDE = 0.05  # share of values outside the range; above it the column is refused
+# least share of the mean square of right minus left wheel speed that yaw rate explains;
+# below it, noise dominates and the track width is not determined
 MIN_TURN_SHARE = 0.5
-# share of accel_y that speed times yaw rate leaves unexplained: below it, accel_y was
-# computed from them. A noise-free simulation leaves 0.04
+# rms of accel_y that is not proportional to speed times yaw rate, over its whole rms; if
+# it is smaller, accel_y was computed from them. In a noise-free simulation it is 0.04
 MAX_COMPUTED_MISFIT = 0.015
-# A zero in the place of a missing value: minimum number of runs of zeros, jump to the
-# zero in usual steps of a row, share of all runs with such a jump
+# Criterion for zeros that stand for missing values: least number of runs of zeros; least
+# jump to zero, over the 95 % quantile of changes from row to row; least share of the runs
+# of zeros that begin and end with such a jump
 MIN_ZERO_RUNS, ZERO_JUMP_STEPS, MIN_ZERO_SHARE = 10, 4.0, 0.2
-# A bus code for "not available": minimum size over the next value, number of rows, number
-# of different other values
+# Criterion for a value that is a bus code for "not available": least ratio of its size to
+# that of the next largest value; least number of its rows; least number of other values
 MIN_CODE_RATIO, MIN_CODE_ROWS, MIN_OTHER_VALUES = 1.5, 5, 10
-MIN_STUCK_ROWS = 200  # a channel with one value in all its rows is stuck if it has this many
-MAX_WITNESS_ROWS = 100000  # of a longer log every n-th row of the witness is used
-# a measurement, a channel that moves with it (its witness), and the change of the witness
-# (5 .. 95 %) at which the measurement must move
+MIN_STUCK_ROWS = 200  # least number of rows of a channel that is tested for being stuck or computed
+MAX_WITNESS_ROWS = 100000  # of a longer log, only every n-th row of the witness is used
+# A measurement; its witness, a channel that changes with it; and the range of the witness
+# (from its 5 % to its 95 % quantile) above which a constant measurement is stuck
 WITNESSES = (
-    ("accel_x", "wheel_speed_rear", 5.0),  # rad/s: 1.5 m/s of speed
-    ("accel_y", "yaw_rate", 0.05),  # rad/s: 0.5 m/s2 at 10 m/s
-    ("yaw_rate", "accel_y", 0.5),  # m/s2
+    ("accel_x", "wheel_speed_rear", 5.0),  # [rad/s] 1.5 m/s of speed
+    ("accel_y", "yaw_rate", 0.05),  # [rad/s] 0.5 m/s2 at 10 m/s
+    ("yaw_rate", "accel_y", 0.5),  # [m/s2]
 )
-# share of missing rows of a block, above which its average is missing; share of missing
-# rows against the usual block, above which the block is dropped
+# share of missing values in a block, from which on its average is missing; and share of
+# missing rows, relative to the median block, from which on the block is dropped
 MAX_MISSING = 0.5
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Options of reading a log, common to all commands that read one."""
+    """Options of all commands that read a log."""
 
-    signals: Path | None = None  # signals.toml; None: the one beside the log, if it exists
-    rate: float | None = None  # Hz of the rows; None: that of the log or of signals.toml
-    strict: bool = False  # refuse the log instead of a warning
+    signals: Path | None = None  # signals.toml; None: the file next to the log, if there is one
+    rate: float | None = None  # [Hz] rate of the rows; None: as in signals.toml, else as in the log
+    strict: bool = False  # True: raise an error where otherwise a warning is given
     databases: tuple[Path, ...] = ()  # databases of the bus
-    car: Any | None = None  # vehicle.Vehicle: radii of the wheels, steering ratio
+    car: Any | None = None  # vehicle.Vehicle, for wheel radii and steering ratio
 
     def files(self, log: Path) -> list[Path]:
-        """Return the files besides the log that determine its rows."""
+        """Return the files, apart from the log, that determine its rows."""
         beside = find_signals_file(log) if self.signals is None else self.signals
         return [p for p in (beside, *self.databases) if p is not None and p.is_file()]
 
 
 @dataclass(frozen=True)
 class SlowChannel:
-    """Entries of an interpolated channel, before the interpolation."""
+    """Original entries of a channel that was interpolated to the rows."""
 
-    time: np.ndarray  # s
+    time: np.ndarray  # [s]
     value: np.ndarray
-    rows: float  # rows per entry
+    rows: float  # number of rows per entry
 
 
 def fill_optional(rows: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
-    """Fill the optional channels of rows for the library where `columns` have a value.
+    """Write the finite values of `columns` to the optional channels of library rows.
 
-    A course is wrapped to -pi .. pi rad."""
+    Also set the bits in `given` that mark them. A course is wrapped to -pi .. pi rad."""
     for bit, f in enumerate(library().optional):
         if f.name not in columns:
             continue
@@ -145,33 +147,35 @@ class CheckedLog:
     """A checked log in SI units."""
 
     path: Path
-    time: np.ndarray  # s, increasing
-    data: pd.DataFrame  # channels of the library; NaN: missing
-    ref: pd.DataFrame  # columns ref_...: reference values
-    line: np.ndarray  # line of each row in the file
-    sample_time: float | None  # s, median step; None: a single row
+    time: np.ndarray  # [s] increasing
+    data: pd.DataFrame  # channels of the library; missing values are NaN
+    ref: pd.DataFrame  # reference values: columns ref_...
+    line: np.ndarray  # number of the line (or row, see `place`) of each row in the file
+    sample_time: float | None  # [s] median step between rows; None: there is a single row
     notes: list[str] = field(default_factory=list)
-    averaged: int = 1  # usual number of rows of the file in one row
+    averaged: int = 1  # median number of rows of the file that one row averages
     extra: pd.DataFrame = field(default_factory=lambda: _make_frame({}, 0))  # optional columns
-    place: str = "line"  # unit of `line` for messages: lines of the file, or rows of the raster
-    # axle without wheel speeds: it has those of the other axle, so slip is not observable
+    place: str = "line"  # what `line` counts, for messages: lines of the file, or resampled rows
+    # axle without wheel speeds in the file, which is given those of the other axle; then
+    # longitudinal slip is not observable. None: both axles have their own
     stand_in: str | None = None
-    stands_by: float = 1.0  # factor on these speeds; follows from the radii of the car: of_car()
+    stands_by: float = 1.0  # factor on the speeds of this axle, from the wheel radii
     slower: dict[str, SlowChannel] = field(default_factory=dict)  # channels slower than the rows
-    # axles with two wheels: right minus left speed over yaw rate, which is track/radius
+    # by axle with two wheel speeds: their difference (right - left) over the yaw rate,
+    # which is track width/wheel radius. 0: noise dominates
     turn: dict[str, float] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)  # the notes that `strict` refuses
+    warnings: list[str] = field(default_factory=list)  # notes that Reading.strict makes errors
 
     def __len__(self) -> int:
         return len(self.time)
 
     @property
     def dt(self) -> np.ndarray:
-        """Time since the previous row, s; of the first row the sample time."""
+        """Time since the previous row [s]; for the first row, the sample time."""
         return np.diff(self.time, prepend=self.time[0] - (self.sample_time or 0.01))
 
     def rows(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return the rows from `first` to before `last` as the library takes them."""
+        """Return rows `first` to `last` - 1 in the format of the library."""
         part = slice(first, last)
         rows = np.zeros(len(self.time[part]), library().dtype(INPUT))
         before = self.time[first - 1] if first else self.time[0] - (self.sample_time or 0.01)
@@ -187,7 +191,7 @@ class CheckedLog:
         return [f.name for f in library().optional if f.name in self.extra]
 
     def steers_beyond(self, limit: float) -> np.ndarray:
-        """Return the rows with a larger steering angle than `limit`, rad."""
+        """Mark the rows whose steering angle exceeds `limit` [rad] on either side."""
         with np.errstate(invalid="ignore"):
             return np.abs(self.data["steer_angle"].to_numpy()) > limit
 
@@ -204,7 +208,7 @@ def list_log_files(path: Path) -> list[Path]:
 
 
 def find_signals_file(path: Path) -> Path | None:
-    """Return LOG.signals.toml beside a log, else signals.toml beside it, else None."""
+    """Return LOG.signals.toml in the folder of a log, else signals.toml, else None."""
     path = Path(path)
     for name in (f"{path.stem}.signals.toml", "signals.toml"):
         if (path.parent / name).is_file():
@@ -213,21 +217,21 @@ def find_signals_file(path: Path) -> Path | None:
 
 
 def find_absent_channels(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
-    """Return channels that the log lacks and may lack.
+    """Return the channels that the log lacks and that are not required.
 
     Parameters
     ----------
     names : collection of str
         Columns of the log.
     sides : collection of str
-        Axles that the log has by two wheels.
+        Axles for which the log has both wheels instead.
     spare : collection of str
-        Channels that may be missing. One of both axles may be missing, too.
+        Channels that are not required. In addition, one of both axles may be missing.
     """
-    misspelt = {n.lower() for n in names} - {*names}  # in upper case: present under another name
+    misspelt = {n.lower() for n in names} - {*names}  # channels that are there, but in upper case
     gone = [c for c in list_columns() if c not in names and c not in sides and c not in misspelt]
     axles = [c for c in gone if c in SIDES]
-    # an axle with one of its wheels is an oversight of the user and is refused
+    # if only one wheel of an axle is there, the axle counts as required, which is refused
     alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
     return [c for c in gone if c in spare or c in alone]
 
@@ -250,21 +254,21 @@ def check_log(
     time : ndarray, (rows,)
         Increasing time, s.
     table : dict of str to ndarray, (rows,)
-        Columns in SI units by the library's names; wheels also by their side. Used
-        columns are removed from it.
+        Columns in SI units, by name of the channel or of the wheel. Used columns are
+        removed from it.
     line : ndarray of int, (rows,)
-        Place of each row in the file.
+        Number of the line or row of the file that each row has.
     notes : list of str
         Receives notes about missing and unusable values.
     spare : collection of str
-        Channels that may be missing.
+        Channels that are not required.
     place : str
-        Unit of `line`.
+        What `line` counts: line or row.
 
     Raises
     ------
     UserError
-        A needed column is missing, or its values are impossible.
+        A required column is missing, or has too many values outside its range.
     """
     wanted = list_columns()[1:]
     sides = {
@@ -320,14 +324,15 @@ def _check_channels(
     notes: list[str],
     place: str,
 ) -> None:
-    """Refuse impossible columns and drop wrong values; absent channels become missing.
+    """Refuse columns outside their range; replace wrong values by NaN.
 
-    `parts`: columns of each channel."""
+    Absent channels become columns of NaN. `parts` has the columns of each channel: one,
+    or those of two wheels."""
     for f in library().channels:
         if f.name in absent:
             data[f.name] = np.full(len(line), np.nan)
             if f.name not in SIDES:
-                notes.append(f"{f.name} is not in the log: quantities that only it shows stay unknown")
+                notes.append(f"{f.name} is not in the log: what only {f.name} measures stays unknown")
             continue
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place)
@@ -344,7 +349,9 @@ def _check_channels(
 def _join_wheels(
     data: dict[str, np.ndarray], sides: Mapping[str, Sequence[str]], notes: list[str]
 ) -> dict[str, float]:
-    """Replace wheels by the mean of their axle; return their differences per yaw rate."""
+    """Replace the two wheels of each axle by their mean.
+
+    Return the difference of both wheels over the yaw rate, by axle."""
     per_turn = {}
     for axle, pair in sides.items():
         mean, per_turn[axle] = _average_axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
@@ -353,9 +360,10 @@ def _join_wheels(
 
 
 def _replace_axle(data: dict[str, np.ndarray], axle: str, notes: list[str]) -> None:
-    """Let the other axle's wheel speeds stand in for those of an axle.
+    """Replace the missing wheel speeds of an axle by those of the other axle.
 
-    Without slip, accel_x shows no stiffness: it is not used."""
+    Then longitudinal slip is unknown. accel_x is discarded, because without the slip it
+    does not determine the longitudinal stiffness."""
     other = next(c for c in SIDES if c != axle)
     data[axle] = data[other].copy()
     data["accel_x"] = np.full(len(data[axle]), np.nan)
@@ -366,25 +374,25 @@ def _replace_axle(data: dict[str, np.ndarray], axle: str, notes: list[str]) -> N
 
 
 def _check_sample_time(path: Path, step: float) -> None:
-    """Refuse a log with too long or too short steps between its rows, s."""
+    """Refuse a log whose median step [s] between rows is too long or too short."""
     if step > MAX_ROW_STEP:
         raise UserError(
-            f"{path}: column time: rows are {step:g} s apart (median); allowed: up to {MAX_ROW_STEP:g} s"
+            f"{path}: column time: rows are {step:g} s apart (median); allowed: at most {MAX_ROW_STEP:g} s"
             f"{_hint_at_time_unit(step)}"
         )
     if step < 0.5 * MIN_ROW_STEP:
         raise UserError(
-            f"{path}: column time: rows are {step:.3g} s apart (median); allowed: from {MIN_ROW_STEP:g} s"
+            f"{path}: column time: rows are {step:.3g} s apart (median); allowed: at least {MIN_ROW_STEP:g} s"
             f"{_hint_at_time_unit(step)}"
         )
 
 
 def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str]) -> None:
-    """Drop a measurement with one value in all rows while its witness changes.
+    """Discard a measurement that is the same in all rows while its witness changes.
 
-    The filter would detect it, too, but row by row: estimates until then would be
-    wrong."""
-    for name, witness, least in WITNESSES:
+    The filter also detects such a measurement, but only after some rows, whose estimates
+    would be wrong."""
+    for name, witness, threshold in WITNESSES:
         value = data[name]
         first = int(np.isfinite(value).argmax())
         if np.isfinite(value).sum() < MIN_STUCK_ROWS or np.nanmin(value) != np.nanmax(value):
@@ -392,16 +400,16 @@ def _drop_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]],
         other = next((data[c] for c in parts.get(witness, ()) if c in data), np.zeros(0))
         other = other[:: max(1, len(other) // MAX_WITNESS_ROWS)]
         other = other[np.isfinite(other)]
-        if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > least:
+        if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > threshold:
             notes.append(
                 f"{name} is {value[first]:g} in every row, while {witness} changes: "
-                "it measures nothing and is treated as missing"
+                "it is stuck and is treated as missing"
             )
             data[name] = np.full(len(value), np.nan)
 
 
 def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
-    """Drop an outlying value that repeats exactly in many rows.
+    """Replace by NaN an outlying value that repeats exactly in many rows.
 
     Such a value is a bus code for "not available"."""
     size = np.abs(data[name])
@@ -423,10 +431,11 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
 
 
 def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None:
-    """Drop zeros that a logger has written in the place of missing values.
+    """Replace by NaN the zeros that a logger wrote for missing values.
 
-    Such a zero stands between two values of the same sign, both further from it than the
-    channel moves in a row. If many zeros are of this kind, all zeros are dropped."""
+    Such a run of zeros is between two values of the same sign that are further from 0
+    than the channel changes from row to row. If there are many such runs, all zeros are
+    replaced."""
     value = data[name]
     zero = value == 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], zero.astype(np.int8), [0]])))
@@ -443,14 +452,14 @@ def _drop_written_zeros(data: dict[str, np.ndarray], name: str, notes: list[str]
     if written.sum() < MIN_ZERO_RUNS or written.sum() < MIN_ZERO_SHARE * len(first):
         return
     notes.append(
-        f"{name} is 0 in {zero.sum()} rows, between values far from it: "
-        "they stand for missing values and are treated as such"
+        f"{name} is 0 in {zero.sum()} rows, between values that are far from 0: "
+        "these zeros are treated as missing"
     )
     data[name] = np.where(zero, np.nan, value)
 
 
 def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
-    """Drop an accel_y that was computed as speed times yaw rate."""
+    """Discard accel_y if it was computed as speed times yaw rate."""
     y = data["accel_y"]
     for wheel in SIDES:
         x = data[wheel] * data["yaw_rate"] if wheel in data else np.full(len(y), np.nan)
@@ -461,7 +470,7 @@ def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
         explained = float(np.sum(x[both] * y[both])) ** 2 / (turned * across)
         if 1.0 - explained < MAX_COMPUTED_MISFIT**2:
             notes.append(
-                "accel_y is speed times yaw_rate to the digit: computed, not measured, and treated as missing"
+                "accel_y equals speed times yaw_rate: it is computed, not measured, and is treated as missing"
             )
             data["accel_y"] = np.full(len(y), np.nan)
             return
@@ -477,8 +486,8 @@ def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
 def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
     """Return the part of a log in which the car turns most, to inspect its sensors.
 
-    The part has `rows` rows. If rows are further apart than 0.01 s, it has as much time
-    as that number of rows at 0.01 s. A shorter log is returned whole."""
+    The part has `rows` rows, or fewer if the sample time is longer than 0.01 s: it lasts
+    at most `rows` times 0.01 s. A shorter log is returned completely."""
     rows = max(1, int(rows * min(1.0, 0.01 / log.sample_time))) if log.sample_time else rows
     if len(log) <= rows:
         return log
@@ -503,7 +512,7 @@ def select_liveliest(log: CheckedLog, rows: int) -> CheckedLog:
 
 
 def _suggest_remedy(missing: Collection[str]) -> str:
-    """Return the end of the message about missing columns: the thing to do."""
+    """Return the end of the message about missing columns: what to do."""
     if any(c.endswith(("_left", "_right")) for c in missing):
         return ": both wheels of an axle are needed, or the axle's mean"
     if "steer_angle" in missing:
@@ -517,18 +526,19 @@ def _suggest_remedy(missing: Collection[str]) -> str:
 def _average_axle(
     axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]
 ) -> tuple[np.ndarray, float]:
-    """Return the mean wheel speed of an axle, rad/s, and its difference per yaw rate.
+    """Return the mean wheel speed [rad/s] of an axle, and the turn ratio.
 
-    The difference of the wheels in a turn is track/radius times yaw rate. It is found
-    from the rows with both wheels; 0 if it is lost in noise. Where one wheel is missing,
-    the other one minus half of the difference replaces the mean."""
+    The turn ratio is the difference of both wheels, right minus left, over the yaw rate:
+    track width/wheel radius. It is fitted to the rows with both wheels, and 0 is returned
+    if noise dominates. In rows with one wheel, its speed is corrected by half of the
+    fitted difference."""
     difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     rate = yaw_rate if both.all() else yaw_rate[both]
     turned = float(np.sum(rate**2))
     difference = difference if both.all() else difference[both]
     differed = float(np.sum(difference**2))
-    difference *= rate  # in place, as the mean below: a column of 10 h has 30 MB
+    difference *= rate  # in place, to save memory, as the mean below: a column of 10 h has 30 MB
     per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
     del difference, rate
     mean = left + right
@@ -540,9 +550,9 @@ def _average_axle(
         mean[one_only] = np.where(np.isfinite(left), left + half, right - half)[one_only]
         notes.append(
             f"{axle}: one of both wheels is missing in {one_only.sum()} rows: "
-            "taken from the other and the yaw rate"
+            "its speed is computed from the other wheel and the yaw rate"
         )
-    # on a straight road both differences are noise and show no track
+    # on a straight road the difference of the wheels is only noise
     shown = bool(per_turn**2 * turned > MIN_TURN_SHARE * differed)
     return mean, per_turn if shown else 0.0
 
@@ -550,7 +560,7 @@ def _average_axle(
 def _check_optional(
     name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
 ) -> np.ndarray | None:
-    """Return a checked optional column; None, with a note, if it cannot be used."""
+    """Return a checked optional column. If it cannot be used, add a note, return None."""
     unit, low, high, _, hint = OPTIONAL_COLUMNS[name]
     value = column.copy()
     with np.errstate(invalid="ignore"):
@@ -560,7 +570,7 @@ def _check_optional(
         where = "; it is empty"
         if there:
             where = f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}"
-        notes.append(f"column {name} is not used: allowed are {low:g} .. {high:g} {unit}{where}")
+        notes.append(f"column {name} is not used: allowed: {low:g} .. {high:g} {unit}{where}")
         return None
     if bad.any():
         notes.append(f"{name}: {bad.sum()} values outside {low:g} .. {high:g} {unit} are treated as missing")
@@ -569,9 +579,9 @@ def _check_optional(
 
 
 def _unwrap_course(name: str, column: pd.Series) -> np.ndarray:
-    """Return a column as numbers, a course without its jumps of a turn.
+    """Return a column as floats; remove jumps by 2 pi from a course, to average it.
 
-    CheckedLog.rows() wraps a course again."""
+    CheckedLog.rows() wraps a course to -pi .. pi again."""
     value = column.to_numpy(float).copy()
     if name == "gnss_course":
         there = np.isfinite(value)
@@ -592,13 +602,13 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     Returns
     -------
     CheckedLog
-        Every channel and reference is its mean over the block, at the block's mean time.
-        White noise falls with the square root of the rows of a block.
+        Each row has the means of one block: of time, channels, references and optional
+        columns. The sd of white noise falls with the square root of the rows of a block.
 
     Raises
     ------
     UserError
-        `seconds` is out of range, or a block has a single row.
+        `seconds` is out of range, or is not longer than one step between rows.
     """
     f = library().field(CONFIG, "sample_time")
     if not f.low <= seconds <= f.high:
@@ -606,7 +616,8 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     if log.sample_time is None or seconds < 1.5 * log.sample_time:
         have = f"are {log.sample_time:.3g} s apart" if log.sample_time else "are one"
         raise UserError(
-            f"option --average: {seconds:g} s is no block of several rows: the rows of the log {have}"
+            f"option --average: {seconds:g} s is too short for blocks of several rows: the rows of the log "
+            f"{have}"
         )
     block = np.floor((log.time - log.time[0]) / seconds + 1e-6).astype(np.int64)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
@@ -615,7 +626,7 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     keep = count > MAX_MISSING * usual if len(count) > 1 else np.ones(1, bool)
 
     def average_blocks(x: np.ndarray) -> np.ndarray:
-        """Return the mean of x over each kept block; NaN if too many are missing."""
+        """Return the means of x over the kept blocks; NaN where too many are missing."""
         good = np.isfinite(x)
         present = np.add.reduceat(good.astype(float), starts)
         total = np.add.reduceat(np.where(good, x, 0.0), starts)
@@ -628,7 +639,7 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [
         *log.notes,
-        f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each",
+        f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, each the mean of {usual:g}",
     ]
     slower = {
         name: SlowChannel(x.time, x.value, x.rows / usual) for name, x in log.slower.items() if x.rows > usual
@@ -648,7 +659,7 @@ def average(log: CheckedLog, seconds: float) -> CheckedLog:
 
 
 def describe_sampling(log: CheckedLog, max_gap: float) -> list[str]:
-    """Return notes about irregular steps and gaps longer than max_gap, s."""
+    """Return notes about irregular steps, and about gaps longer than `max_gap` [s]."""
     if len(log) < 2 or log.sample_time is None:
         return ["the log has a single row"]
     dt = np.diff(log.time)
@@ -664,45 +675,45 @@ def describe_sampling(log: CheckedLog, max_gap: float) -> list[str]:
         notes.append(
             f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s "
             f"(the longest {dt.max():.3g} s, before {log.place} {log.line[1 + int(dt.argmax())]}): "
-            "states restarted there, stiffness kept"
+            "after each, states restart and stiffness is kept"
         )
     return notes
 
 
 def describe_steering(log: CheckedLog, max_steer: float) -> list[str]:
-    """Return a note about rows beyond the small angles of the model."""
+    """Return a note about rows with steering angles too large for the model."""
     large = log.steers_beyond(max_steer)
     if not large.any():
         return []
     return [
         f"steering beyond {max_steer:g} rad in {large.sum()} rows "
-        f"(first in {log.place} {log.line[large.argmax()]}): the model is made for small angles, "
-        "so statistics are held there (max_steer)"
+        f"(first in {log.place} {log.line[large.argmax()]}): the model holds for small angles only, "
+        "so statistics are not updated in these rows (max_steer)"
     ]
 
 
 def straighten_log_time(
     path: Path, time: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return an increasing time and the kept rows.
+    """Repair the time column of a log; return increasing times and a mask of kept rows.
 
     Parameters
     ----------
     path : Path
         The log, for messages.
     time : ndarray, (rows,)
-        The column, s.
+        The time column, s.
     line : ndarray of int, (rows,)
-        Place of each row in the file.
+        Number of the line or row of the file that each row has.
     notes : list of str
-        Receives the repairs.
+        Receives notes about the repairs.
     place : str
-        Unit of `line`.
+        What `line` counts: line or row.
 
     Raises
     ------
     UserError
-        The column holds no time.
+        The column holds no times, or too many of them need a repair.
     """
     if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MAX_BACK:
         check_time(path, time, line, place)
@@ -717,11 +728,11 @@ def straighten_log_time(
 
 
 def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "line") -> None:
-    """Refuse a time that is not finite, does not increase, or has too long gaps."""
+    """Refuse times that are not finite, do not increase, or have too long gaps."""
     bad = ~np.isfinite(time)
     if bad.any():
         raise UserError(
-            f"{path}: {place} {line[bad.argmax()]}, column time: empty or not finite; "
+            f"{path}: {place} {line[bad.argmax()]}, column time: is empty or not finite; "
             "every row needs a time in s"
         )
     step = np.diff(time)
@@ -739,8 +750,8 @@ def check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "lin
     if bad.any():
         i = int(bad.argmax())
         raise UserError(
-            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the row before; "
-            f"allowed: up to {MAX_TIME_GAP:g} s{_hint_at_time_unit(float(np.median(step)))}"
+            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the previous row; "
+            f"allowed: at most {MAX_TIME_GAP:g} s{_hint_at_time_unit(float(np.median(step)))}"
         )
 
 
@@ -753,9 +764,9 @@ def _check_channel(
     name: str,
     place: str,
 ) -> None:
-    """Refuse a column outside its range; a few values outside become missing.
+    """Refuse a column with many values outside its range; replace a few by NaN.
 
-    `name`: of the column, which may be one side of the channel f."""
+    `name` is the column: channel `f`, or one of its two wheels."""
     value = data[name]
     if np.isnan(value).all():
         raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")
@@ -779,7 +790,7 @@ def _check_channel(
 
 
 def _hint_at_time_unit(step: float) -> str:
-    """Return a hint if the median step, s, looks like another unit of time."""
+    """Return a hint if the median step [s] suggests that the time is not in s."""
     if step < 0.5 * MIN_ROW_STEP:
         return "\n  hint: if the column holds minutes, multiply by 60; days: by 86400"
     if 1.0 <= step <= 200.0:

@@ -1,4 +1,4 @@
-"""Convert units of signals, as logs spell them, to SI units, by pint."""
+"""Convert the units that logs state, in any spelling, to SI units, by pint."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     import pint
 
 
-# Spellings that pint does not know or takes for another unit, by pint's unit. Without
-# blanks. In lower case, except where the case decides: kN is no knot. Hz belongs to
-# wheels: turns.
+# Unit of pint: spellings in logs that pint does not know or takes for a different unit.
+# Blanks are removed. Spellings are in lower case, except if the case matters (kN is not
+# kn, a knot). Hz is taken as turns per second of a wheel.
 _SPELLINGS = {
     "1": "- 1 none unitless n/a null",
     "rad": "rad radian radians",
@@ -45,22 +45,22 @@ _SPELLINGS = {
 }
 SPELLINGS = {"": "1"} | {s: unit for unit, spelled in _SPELLINGS.items() for s in spelled.split()}
 
-# Other texts that are handed to pint. One power at most: pint would compute a tower of
-# powers.
+# Any other unit is parsed by pint only if it matches this pattern. It has at most one ^,
+# because pint would compute nested powers of any size.
 _SIMPLE_UNIT = re.compile(r"(?!.*\^.*\^)[A-Za-z0-9°µΩ%·/^(). -]{1,24}")
 
 
 @functools.lru_cache(maxsize=1)
 def load_units() -> pint.UnitRegistry:
-    """Return pint's units; load pint at the first call."""
-    import pint  # here: the import takes 0.3 s and loads dask, if installed
+    """Return pint's registry of units; import pint at the first call."""
+    import pint  # not at the top: the import takes 0.3 s and loads dask, if installed
 
     return pint.UnitRegistry()
 
 
 @functools.lru_cache(maxsize=512)
 def parse_unit(unit: str) -> pint.Quantity | None:
-    """Return a unit of a log as a quantity of pint; None if it is unknown."""
+    """Return a unit as a quantity of pint; None if the unit is unknown."""
     text = unit.strip().strip("[]()").strip()
     compact = re.sub(r"\s+", "", text)
     plain = SPELLINGS.get(compact) or SPELLINGS.get(compact.lower())
@@ -75,7 +75,7 @@ def parse_unit(unit: str) -> pint.Quantity | None:
 def is_unknown_unit(unit: str) -> bool:
     """Return whether a unit is unknown, such as km^h.
 
-    It is then guessed from the values."""
+    The unit of such a channel is guessed from its values."""
     return parse_unit(unit) is None
 
 
@@ -87,21 +87,21 @@ def is_known_unit(unit: str) -> bool:
 
 @functools.lru_cache(maxsize=512)
 def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
-    """Return the factor from a unit to an SI unit.
+    """Return the factor that converts values in a unit to an SI unit.
 
     Parameters
     ----------
     unit : str
-        The unit, as the log spells it.
+        The unit, in the spelling of the log.
     wanted : str
         SI unit of the channel.
     radius : float, optional
-        Wheel radius, m: converts speeds to rates of wheels.
+        Wheel radius, m. With it, a speed is converted to the rotational speed of a wheel.
 
     Returns
     -------
     float or None
-        None if the units measure different quantities.
+        None if the unit is unknown, or the units are those of different quantities.
     """
     found = parse_unit(unit)
     if found is None:
@@ -113,16 +113,17 @@ def unit_factor(unit: str, wanted: str, radius: float | None = None) -> float | 
         return None
     if not found.is_compatible_with(target) or (found.unitless and wanted not in ("rad", "1")):
         return None
-    if wanted == "rad" and unit_kind(unit) not in ("", "angle"):  # % is the unit of a slope
+    if wanted == "rad" and unit_kind(unit) not in ("", "angle"):  # e.g. %, the unit of a road's grade
         return None
     return float(found.to(target.units).magnitude)
 
 
 @functools.lru_cache(maxsize=512)
 def unit_kind(unit: str) -> str:
-    """Return the quantity of a unit.
+    """Return the kind of quantity that a unit measures.
 
-    One of angle, rate, speed, acceleration, torque, time, other; "" without a unit."""
+    It is one of angle, rate, speed, acceleration, torque, time, other, or "" if the unit
+    is 1 or not stated. An unknown unit is of kind other."""
     found = parse_unit(unit)
     if found is None:
         return "other"
