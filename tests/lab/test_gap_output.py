@@ -250,7 +250,7 @@ def test_nothing_hidden_is_exit_0(tmp_path):
     (("gap", "log.csv", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "is fitted, too"),
     (("gap", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "LOG ..."),
     (("gap", "log.csv", "--vehicle", "car.toml", "--out", "car.toml"), "is a file"),
-    (("gap", "slow.csv", "--vehicle", "car.toml", "--out", "o"), "no stretch of 3 s above 3 m/s"),
+    (("gap", "slow.csv", "--vehicle", "car.toml", "--out", "o"), "no stretch of 3 s with a speed"),
     (("gap", "check", "nowhere.csv", "--vehicle", "car.toml"), "no such file"),
     (("gap", "plan", "--separate", "relaxation", "--vehicle", "car.toml"), "is not two effects"),
     (("gap", "plan", "--separate", "relaxation,body_rol", "--vehicle", "car.toml"), "did you mean body_roll"),

@@ -1,4 +1,5 @@
-"""Fit car, sensors and roads together: robust least squares with priors.
+"""Fit car, sensors and roads together by robust least squares with priors.
 
-Calibration, the calibration on the estimated log, and the first step of `gap` use it.
+Used by `tselab calibrate`, by the calibration on the log that is estimated, and by the
+first step of `tselab gap`.
 """

@@ -1,9 +1,8 @@
-"""Propose what to drive or to measure next, with the intervals that both axles would
-have.
+"""Propose what to drive or measure next, and predict the resulting intervals.
 
-The information of the fit's own model is added up: that of the logs, and that of a
-manoeuvre that is not driven yet. Residuals of the manoeuvre are taken to be as large and
-to last as long as those that the logs leave.
+The intervals are those of both cornering stiffnesses. They follow from the information
+matrix of the fit, to which that of a simulated manoeuvre is added. Residuals of the
+manoeuvre are assumed to be as large and as correlated as those of the logs.
 """
 
 from __future__ import annotations
@@ -20,25 +19,25 @@ from tse.identify.fit import CarFit, ResidualScale, build_normal
 from tse.identify.problem import LASTING_ERROR_SHARE, CarProblem
 from tse.identify.unknowns import CORNERING_AXLES, MEASURED, VELOCITY, make_prior
 
-MANOEUVRE_SPEED = 18.0  # m/s: 65 km/h, a test track or an empty road
-MANOEUVRE_TIME = 40.0  # s
-STEER_AMPLITUDE = 0.03  # rad, at the wheels: the tyres are nearly linear
-SWEEP_BAND = (0.2, 3.0)  # Hz, of a sine sweep
-SLALOM_FREQUENCY = 0.6  # Hz
-STEP_PERIOD = 4.0  # s, between steps of the steering wheel
-STEP_RISE = 0.3  # s, time that a driver takes for a step
-KNOWN_LATENCY = 0.002  # s, sd of a latency by the documentation of the bus
-KNOWN_INERTIA = 0.03  # relative sd of a yaw inertia by a test bench
-KNOWN_PLACE = 0.02  # m, sd of a place by tape measure
-MAX_REMAINING = 0.9  # ratio of the interval after to that before, of a proposal
+MANOEUVRE_SPEED = 18.0  # [m/s] 65 km/h: possible on a test track or an empty road
+MANOEUVRE_TIME = 40.0  # [s]
+STEER_AMPLITUDE = 0.03  # [rad] at the wheels: the tyres remain nearly linear
+SWEEP_BAND = (0.2, 3.0)  # [Hz] first and last frequency of the sine sweep
+SLALOM_FREQUENCY = 0.6  # [Hz]
+STEP_PERIOD = 4.0  # [s] time from step to step of the steering wheel
+STEP_RISE = 0.3  # [s] time that a driver takes for a step
+KNOWN_LATENCY = 0.002  # [s] sd of a latency that the documentation of the bus states
+KNOWN_INERTIA = 0.03  # relative sd of a yaw inertia that a test bench measured
+KNOWN_PLACE = 0.02  # [m] sd of a position that a tape measure measured
+MAX_REMAINING = 0.9  # interval with a proposal over the present interval; see list_offers()
 
 
 @dataclass(frozen=True)
 class Offer:
-    """One proposal, and the sd of ln of both cornering stiffnesses that it leaves."""
+    """A proposal, and the intervals that would result from it."""
 
     what: str
-    sd: dict[str, float]
+    sd: dict[str, float]  # resulting sd of ln(cornering stiffness), by name of the stiffness
 
 
 def steer_sweep(t: np.ndarray) -> np.ndarray:
@@ -68,10 +67,11 @@ MANOEUVRES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offer]:
-    """Return the proposals that make the intervals of the axles narrower, cheapest first.
+    """Return the proposals that would narrow the interval of an axle, cheapest first.
 
-    Proposals that leave more than MAX_REMAINING of both intervals are left out. Cost:
-    slopes of 40 s for each manoeuvre, and of all logs for a velocity.
+    A proposal is listed if it narrows the interval of at least one axle to less than
+    MAX_REMAINING. Computing time: partial derivatives of a simulation of 40 s for each
+    manoeuvre, and of all logs for the proposal of a measured velocity.
     """
     now = compute_axle_sd(problem, fit, _compute_car_information(problem, fit))
     latency_sd = _compute_sd_if_known(problem, fit, _list_latencies(problem), KNOWN_LATENCY)
@@ -94,37 +94,37 @@ def list_offers(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> list[Offe
 
 
 def describe_offers(now: dict[str, float], found: list[Offer]) -> list[str]:
-    """Return the proposals as lines, the present interval first."""
+    """Return the proposals as lines of text; the first line has the present intervals."""
 
     def format_sd(sd: dict[str, float]) -> str:
         return " and ".join(f"+- {196 * sd[k]:.0f}" for k in CORNERING_AXLES) + " %"
 
     if not found:
         return []
-    head = f"What would make cornering stiffness surer, front and rear now {format_sd(now)}:"
+    head = f"What would narrow the intervals of cornering stiffness, front and rear now {format_sd(now)}:"
     return [head, *(f"  {o.what}: {format_sd(o.sd)}" for o in found)]
 
 
 def compute_axle_sd(problem: CarProblem, fit: CarFit, information: np.ndarray) -> dict[str, float]:
-    """Return the sd of ln of both cornering stiffnesses from an information matrix."""
+    """Return the sd of ln(cornering stiffness) by axle, from an information matrix."""
     sd = np.sqrt(np.diag(np.linalg.inv(information)))
     sd *= np.abs(problem.compute_ln_slope(fit.search)[: problem.car])
     return {k: float(sd[problem.names.index(k)]) for k in CORNERING_AXLES}
 
 
 def _compute_car_information(problem: CarProblem, fit: CarFit) -> np.ndarray:
-    """Return the information on the car, with the unknowns of each log marginalised."""
+    """Return the information matrix of the car; unknowns of logs are marginalised."""
     n = problem.car
     return np.linalg.inv(np.linalg.inv(fit.equations.information)[:n, :n])
 
 
 def _list_latencies(problem: CarProblem) -> list[str]:
-    """Return the latencies that better documentation of the bus would give."""
+    """Return the names of the latencies that the documentation of a bus may state."""
     return [n for n in problem.prior.names if n.endswith("_latency") and n != "velocity_latency"]
 
 
 def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd: float) -> dict[str, float]:
-    """Return the sd of both axles if the unknowns `names` were measured with this sd."""
+    """Return the sd of both axles, if the unknowns `names` are measured with sd `sd`."""
     information = _compute_car_information(problem, fit)
     at = [problem.names.index(n) for n in names]
     information[at, at] += sd**-2
@@ -134,13 +134,13 @@ def _compute_sd_if_known(problem: CarProblem, fit: CarFit, names: list[str], sd:
 def compute_sd_after(
     problem: CarProblem, fit: CarFit, steer: Callable[[np.ndarray], np.ndarray]
 ) -> dict[str, float]:
-    """Return the sd of both axles after a manoeuvre, by its steering angle."""
+    """Return the sd of both axles, if a manoeuvre with this steering angle is added."""
     added = _compute_added_information(problem, fit, [_make_log(problem, steer)], fit.scales)
     return compute_axle_sd(problem, fit, _compute_car_information(problem, fit) + added)
 
 
 def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle) -> dict[str, float]:
-    """Return the sd of both axles if the logs had a lateral velocity."""
+    """Return the sd of both axles, if the logs had a measured lateral velocity."""
     logs = [
         replace(
             log,
@@ -164,7 +164,7 @@ def _compute_sd_with_velocity(problem: CarProblem, fit: CarFit, vehicle: Vehicle
 def _compute_added_information(
     problem: CarProblem, fit: CarFit, logs: list[PreparedLog], scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information on the unknowns of the car that further logs add."""
+    """Return the information matrix of the car that further logs add to the prior."""
     other = CarProblem(logs, problem.config, problem.prior, problem.jobs)
     x = np.append(fit.search[: problem.car], other.mean[other.car :])
     found, n = _compute_information(other, x, np.zeros(other.knots), scales), problem.car
@@ -174,14 +174,17 @@ def _compute_added_information(
 def _compute_information(
     problem: CarProblem, x: np.ndarray, z: np.ndarray, scales: dict[str, ResidualScale]
 ) -> np.ndarray:
-    """Return the information of logs with residuals 0 and these scales."""
+    """Return the information matrix of logs, for residuals of 0 and these scales."""
     base = problem.compute_residuals(x, z)
     slopes = problem.compute_slopes(x, z, base), problem.compute_road_slopes(x, z, base)
     return build_normal(problem, scales, x, z, [np.zeros(len(e)) for e in base], *slopes).information
 
 
 def _make_log(problem: CarProblem, steer: Callable[[np.ndarray], np.ndarray]) -> PreparedLog:
-    """Return a log of a manoeuvre with the channels of the logs, all measured 0."""
+    """Return a log of a manoeuvre with the channels and noise of the logs.
+
+    All measured values are 0: only partial derivatives of the simulation are needed.
+    """
     like = problem.logs[0]
     time = like.step * np.arange(
         round(MANOEUVRE_TIME / like.step) // like.rows_per_block * like.rows_per_block

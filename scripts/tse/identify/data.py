@@ -1,10 +1,10 @@
 """Prepare logs for calibration and gap: smoothed inputs, stretches, blocks, sensor noise.
 
-The logged steering angle and wheel speeds drive the model. Without smoothing, the tyre
-model differentiates their noise, and a fit would take that noise for a longitudinal
-relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
-slope is a random walk. Cross-validation sets its penalty: each second row is predicted
-from the others.
+The logged steering angle and wheel speeds are the inputs of the model. They are smoothed,
+because the tyre model differentiates their noise, which a fit would explain by
+longitudinal relaxation. The smoothing spline is the fixed-interval (RTS) smoother of a
+signal whose derivative is a random walk. Cross-validation sets its penalty: every second
+row is predicted from the other rows.
 """
 
 from __future__ import annotations
@@ -26,48 +26,50 @@ from tse.log.noise import estimate_channel_noise, estimate_noise, fill_gaps, fin
 from tse.log.rows import DRIVES, MEASURES, CheckedLog
 
 COMPARED_CHANNELS = MEASURES
-MIN_FIT_SPEED = 3.0  # m/s: below, the tyre model does not hold and wheel speeds are coarse
-DIVERGED = 1e4  # rad/s, m/s, m/s2: value of the channels of a simulation that diverges
-MAX_FIT_STEER = 0.6  # rad at the wheels: beyond, the model does not hold
-BLOCK_TIME = 0.04  # s, length of a block: residuals are compared as means over blocks
-BURN_IN = 1.0  # s, start of a stretch that is not compared: its initial state is unknown
-MIN_STRETCH_TIME = 3.0  # s: a shorter stretch shows less than its burn-in costs
-MAX_HOLE = 0.1  # s: longer holes in an input end a stretch
-# m, sd of the smoothing of curvatures: length of the transition from a level road to one
-# that leans into its curve
+MIN_FIT_SPEED = 3.0  # [m/s] below, the tyre model does not hold and wheel speeds are coarse
+DIVERGED = 1e4  # [rad/s, m/s, m/s2] value of all channels of a simulation that diverges
+MAX_FIT_STEER = 0.6  # [rad] at the wheels; beyond, the model does not hold
+BLOCK_TIME = 0.04  # [s] length of a block; residuals are compared as means over blocks
+BURN_IN = 1.0  # [s] begin of a stretch that is not compared, because its initial state is unknown
+MIN_STRETCH_TIME = 3.0  # [s] shorter stretches are not used: their burn-in is too large a share
+MAX_HOLE = 0.1  # [s] a longer hole in an input ends a stretch
+# [m] sd of the Gaussian that smooths the curvature of a road: length scale of the
+# transition from a level road to the bank of a curve
 CURVE_LENGTH = 12.0
 
 
 @dataclass
 class FitStretch:
-    """Rows of one log without a hole, a stop or an extreme steering angle."""
+    """Consecutive rows of a log without a hole, a stop or an extreme steering angle."""
 
     first: int
     last: int  # exclusive
-    used: np.ndarray  # bool, of the rows first .. last: compared; the others are only simulated
+    used: np.ndarray  # bool, for rows first .. last - 1. True: compared; False: only simulated
 
 
 @dataclass
 class PreparedLog:
-    """One log, ready to be simulated. Arrays have one entry a row."""
+    """A log that is prepared for simulation and comparison.
+
+    Arrays have one entry per row. Dictionaries have the names of channels as keys.
+    """
 
     path: Path
-    time: np.ndarray
-    inputs: dict[str, np.ndarray]  # smoothed
-    measured: dict[str, np.ndarray]  # NaN: missing
-    noise: dict[str, float]  # sd of one row
+    time: np.ndarray  # [s]
+    inputs: dict[str, np.ndarray]  # smoothed inputs of the model
+    measured: dict[str, np.ndarray]  # compared channels; missing or repeated values are NaN
+    noise: dict[str, float]  # sd of one row of a compared channel
     stretches: list[FitStretch]
     rows_per_block: int
-    distance: np.ndarray  # m
+    distance: np.ndarray  # [m] travelled since the first row
     notes: list[str] = field(default_factory=list)
-    # ratio of the measured sd of the noise to the sd used, of channels where a floor
-    # raised it
+    # for channels whose noise was raised to a floor: sd before over sd after
     quiet: dict[str, float] = field(default_factory=dict)
-    held: dict[str, float] = field(default_factory=dict)  # s, mean age of the values of a held channel
-    wheel_noise: float = 0.0  # rad/s, rms of what smoothing removed from the wheel speeds
-    # s, latency of measured channels behind the gyro; the inputs are corrected already
+    held: dict[str, float] = field(default_factory=dict)  # [s] mean age of values, if a channel repeats them
+    wheel_noise: float = 0.0  # [rad/s] rms of the part of wheel speeds that smoothing removed
+    # [s] latency of measured channels behind the gyro; that of inputs is removed already
     late: dict[str, float] = field(default_factory=dict)
-    road: dict[str, np.ndarray] = field(default_factory=dict)  # rad, known bank and grade of each row
+    road: dict[str, np.ndarray] = field(default_factory=dict)  # [rad] bank and grade, if they are logged
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -77,30 +79,30 @@ class PreparedLog:
 
     @property
     def channels(self) -> list[str]:
-        """Compared channels that the log has."""
+        """Names of the compared channels that the log has."""
         return [c for c in COMPARED_CHANNELS if c in self.measured]
 
     @property
     def step(self) -> float:
-        """Time between rows, s."""
+        """Median time between rows [s]."""
         return float(np.median(np.diff(self.time)))
 
     @property
     def seconds(self) -> float:
-        """Time that is compared, s."""
+        """Total time that is compared [s]."""
         return self.step * sum(int(s.used.sum()) for s in self.stretches)
 
     def read_later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
-        """Return an input as it was logged `by` [s] later: this undoes a latency."""
+        """Return the values that an input has `by` [s] later; this removes a latency."""
         spline = self._splines.get(name)
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
         return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
 
     def delay(self, x: np.ndarray, by: float) -> np.ndarray:
-        """Return a simulated signal, one value a row, with a latency [s] added.
+        """Delay a simulated signal, one value per row, by a latency [s].
 
-        NaN between stretches.
+        The result is NaN between stretches.
         """
         if not by:
             return x
@@ -112,16 +114,18 @@ class PreparedLog:
 
 
 def prepare(log: CheckedLog, config: Config) -> PreparedLog:
-    """Smooth the inputs of a log, find its stretches and measure the noise of its
-    channels.
+    """Smooth inputs, find stretches and estimate the noise of the channels of a log.
 
     Raises
     ------
     UserError
-        Rows come less often than every 0.1 s.
+        The sample time is longer than 0.1 s.
     """
     if log.sample_time is None or log.sample_time > 0.1:
-        raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
+        raise UserError(
+            f"{log.path}: rows are too far apart; to compare them with a simulation, they must be at most "
+            "0.1 s apart"
+        )
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {
         name: np.where(find_new_values(x), x, np.nan)
@@ -159,12 +163,13 @@ def prepare(log: CheckedLog, config: Config) -> PreparedLog:
     notes = []
     if absent:
         notes.append(
-            f"{log.path.name}: without {', '.join(absent)}: unknowns that only they show keep their prior"
+            f"{log.path.name}: has no {', '.join(absent)}: unknowns that only these channels determine keep "
+            "their prior"
         )
     if not stretches:
         notes.append(
-            f"{log.path.name}: no stretch of {MIN_STRETCH_TIME:g} s above {MIN_FIT_SPEED:g} m/s and below "
-            f"{MAX_FIT_STEER:g} rad of steering"
+            f"{log.path.name}: has no stretch of {MIN_STRETCH_TIME:g} s with a speed above "
+            f"{MIN_FIT_SPEED:g} m/s and a steering angle below {MAX_FIT_STEER:g} rad"
         )
     held = {
         name: age
@@ -191,22 +196,22 @@ def add_missing_channels(log: PreparedLog) -> PreparedLog:
 
 
 def compute_speed(inputs: Mapping[str, np.ndarray], config: Config) -> np.ndarray:
-    """Return the speed of each row by the wheels, m/s."""
+    """Return the speed [m/s] of each row: the mean of both axles' wheel speeds."""
     return 0.5 * sum(
         getattr(config, f"wheel_radius_{a}") * inputs[f"wheel_speed_{a}"] for a in ("front", "rear")
     )
 
 
 def prepare_all(logs: Sequence[CheckedLog], config: Config) -> list[PreparedLog]:
-    """Prepare every log and remove the latencies of the vehicle file."""
+    """Prepare every log and remove the latencies that the vehicle file states."""
     return [remove_latencies(prepare(log, config), config) for log in logs]
 
 
 def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
-    """Return the log without the latencies of the vehicle file.
+    """Return the log without the latencies that the vehicle file states.
 
-    Inputs are read later by their latency. Measured channels keep their rows: simulate()
-    delays the simulated channel by their latency instead.
+    Each row of an input receives the value that is logged one latency later. Measured
+    channels are not changed. Instead, simulate() delays the simulated channel.
     """
     late = {c: by for c in (*DRIVES, *MEASURES) if (by := getattr(config, f"{c}_latency", 0.0))}
     if not late:
@@ -222,8 +227,8 @@ def remove_latencies(log: PreparedLog, config: Config) -> PreparedLog:
 def _smooth_channel(log: CheckedLog, name: str, x: np.ndarray) -> np.ndarray:
     """Smooth a channel at the rows of a log.
 
-    Of an interpolated channel, the entries as logged are smoothed: the rows between them
-    follow from their neighbours, so cross-validation over rows would find no noise.
+    If the channel was interpolated, its original entries are smoothed. Interpolated rows
+    follow from their neighbours, so cross-validation would find no noise in them.
     """
     if name not in log.slower:
         return smooth_values(log.time, x)
@@ -233,13 +238,13 @@ def _smooth_channel(log: CheckedLog, name: str, x: np.ndarray) -> np.ndarray:
 
 
 def smooth_values(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Evaluate the smoothing spline at each row; without noise, interpolate."""
+    """Smooth x by a spline; if it has no noise or few values, only fill its gaps."""
     spline = fit_smoothing_spline(time, x)
     return fill_gaps(x) if spline is None else spline(time)
 
 
 def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
-    """Fit the smoothing spline to the finite values; None: too few, or without noise."""
+    """Return the smoothing spline of the finite values; None if few or without noise."""
     good = np.isfinite(x) & find_new_values(x)
     y = x[good]
     if len(y) < 8 or np.std(np.diff(y, 3)) <= 1e-9 * max(1.0, float(np.max(np.abs(y)))):
@@ -248,7 +253,7 @@ def fit_smoothing_spline(time: np.ndarray, x: np.ndarray) -> CubicSpline | None:
 
 
 def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
-    """Return the mean age of a held channel, s: time since its value last changed."""
+    """Return the mean age [s] of the values of a channel that may repeat its samples."""
     there = np.isfinite(x)
     if not there.any():
         return 0.0
@@ -257,11 +262,10 @@ def _compute_age(time: np.ndarray, x: np.ndarray) -> float:
 
 
 def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
-    """Return the penalty of the spline that predicts each second row best from the
-    others.
+    """Return the penalty for which a spline of every second row predicts the others best.
 
-    The penalty stands for a ratio of noise to signal that does not depend on the number
-    of rows.
+    The penalty is the ratio of noise to signal, which does not depend on the number of
+    rows, so it also holds for the spline of all rows.
     """
 
     def compute_error(exponent: float) -> float:
@@ -269,7 +273,7 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
         return float(np.mean((spline(time[1::2]) - y[1::2]) ** 2))
 
     step = float(np.median(np.diff(time)))
-    around = np.log10(step**3)  # a penalty of step^3 smooths over about one row
+    around = np.log10(step**3)  # a penalty of step^3 averages over about one row
     coarse = [around + k for k in np.arange(-3.0, 9.0, 1.5)]
     best = coarse[int(np.argmin([compute_error(x) for x in coarse]))]
     bounds = best - 1.5, best + 1.5
@@ -278,7 +282,7 @@ def _choose_penalty(time: np.ndarray, y: np.ndarray) -> float:
 
 
 def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of the compared blocks, and the number of values in each."""
+    """Return the means of the compared blocks, and their numbers of finite values."""
     parts = []
     for s in log.stretches:
         piece = x[s.first : s.last][s.used]
@@ -292,7 +296,7 @@ def average_blocks(log: PreparedLog, x: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _find_holes(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return True for rows further than half of MAX_HOLE from a finite value."""
+    """Mark the rows that are further than half of MAX_HOLE from a finite value."""
     good = np.isfinite(x)
     there = time[good]
     after = np.searchsorted(there, time)
@@ -310,7 +314,7 @@ def _estimate_noise(x: np.ndarray) -> float:
 
 
 def _find_stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[FitStretch]:
-    """Return the runs of good rows of at least MIN_STRETCH_TIME, in whole blocks."""
+    """Return the runs of good rows that last MIN_STRETCH_TIME, cut to whole blocks."""
     broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > MAX_HOLE)) | ~good
     starts = np.flatnonzero(broken & good)
     stretches = []
@@ -337,16 +341,16 @@ def solve_smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> C
     y
         (n,) values.
     penalty
-        Unit of time cubed, >= 0.
+        >= 0, in the unit of time to the power 3.
 
     Notes
     -----
-    Reinsch 1967; Green & Silverman 1994, 2.3. The same as
-    scipy.interpolate.make_smoothing_spline() in a thirtieth of its time, since that one
-    loops over the rows in Python: a minute for half an hour of log.
+    Reinsch 1967; Green & Silverman 1994, section 2.3. The function
+    scipy.interpolate.make_smoothing_spline() returns the same but is 30 times slower (one
+    minute for a log of half an hour), because it loops over the rows in Python.
     """
     h = np.diff(time)
-    before, here, after = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]  # rows of the second difference
+    before, here, after = 1 / h[:-1], -1 / h[:-1] - 1 / h[1:], 1 / h[1:]  # of the second difference
     bands = np.zeros((3, len(h) - 1))
     bands[2] = (h[:-1] + h[1:]) / 3 + penalty * (before**2 + here**2 + after**2)
     bands[1, 1:] = h[1:-1] / 6 + penalty * (here[:-1] * before[1:] + after[:-1] * here[1:])
@@ -359,7 +363,7 @@ def solve_smoothing_spline(time: np.ndarray, y: np.ndarray, penalty: float) -> C
     return CubicSpline(time, smooth, bc_type="natural")
 
 
-# ---- the model on one log: every stretch is simulated from its own initial state
+# ---- simulation of a log: every stretch is simulated from its own initial state
 
 
 def simulate(
@@ -377,19 +381,20 @@ def simulate(
     config
         Settings of the car.
     log
-        Drives the model with its inputs.
+        Log with the inputs of the model.
     channels
-        Outputs of the model.
+        Outputs of the model that are returned.
     stiffness
         Initial stiffness over that of `config`, by name.
     profiles
         Bank and grade of each row, rad; those of the log are added.
     later
-        Latency [s] by channel, added to that of the vehicle file.
+        Latency [s] by channel, in addition to that of the vehicle file.
 
     Returns
     -------
-    One value a row and channel; NaN between stretches, DIVERGED in one that diverges.
+    By channel, one value per row: NaN between stretches, DIVERGED in a stretch whose
+    simulation diverges.
     """
     later = later or {}
     road = {n: profiles.get(n, 0.0) + log.road.get(n, 0.0) for n in {**profiles, **log.road}}
@@ -407,7 +412,7 @@ def simulate(
         }
         try:
             found = replay.run(config, **start, **stiffness)
-        except UserError:  # the simulation diverged: a search leaves such a car again
+        except UserError:  # the simulation diverged: large residuals make a search reject this car
             found = {c: np.full(len(dt), DIVERGED) for c in channels}
         for c, x in found.items():
             late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
@@ -419,10 +424,10 @@ def simulate(
 
 
 def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
-    """Return the square of the speed times the curvature of the road, m/s2, of each row.
+    """Return v^2 times the curvature of the road [m/s2] for each row, with the speed v.
 
-    The lean of a road into its curves is proportional to it. The curvature is that of the
-    car's path, smoothed over CURVE_LENGTH.
+    The bank of a road in its curves is taken as proportional to it. The curvature of the
+    road is that of the car's path, smoothed over CURVE_LENGTH.
     """
     rate, v = log.measured["yaw_rate"], np.maximum(compute_speed(log.inputs, config), MIN_FIT_SPEED)
     if not np.isfinite(rate).any():
@@ -433,9 +438,9 @@ def compute_curve_accel(log: PreparedLog, config: Config) -> np.ndarray:
 
 
 def mark_inside(log: PreparedLog) -> np.ndarray:
-    """Return 1 for rows that stay in their stretch under every latency up to MAX_LATENCY.
+    """Return 1 for rows that a shift by MAX_LATENCY leaves in their stretch, else 0.
 
-    Only the end of a stretch needs it. Its start is in BURN_IN.
+    This excludes the last rows of a stretch. Its first rows are in BURN_IN anyway.
     """
     found = np.zeros(len(log.time))
     for s in log.stretches:
@@ -444,11 +449,11 @@ def mark_inside(log: PreparedLog) -> np.ndarray:
 
 
 def group_blocks(time: np.ndarray, used: np.ndarray, count: int) -> np.ndarray:
-    """Group used blocks into runs of `count` neighbours; incomplete runs are dropped.
+    """Group used blocks, `count` consecutive ones each; drop incomplete groups.
 
     Returns
     -------
-    Indices of the blocks, a row for each group.
+    Indices of the blocks, one row per group.
     """
     index = np.flatnonzero(used)
     runs = np.split(

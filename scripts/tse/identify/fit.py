@@ -1,15 +1,16 @@
-"""Find car and road by maximum a posteriori: Gauss-Newton on robust least squares.
+"""Estimate car and road by maximum a posteriori: Gauss-Newton on robust least squares.
 
 The cost is minimised over x (car, leans, biases) and z (values of bank and grade):
     sum over residuals e of rho(e)/sd^2
-    + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2,
-with the Huber loss rho and the sd of one value of the channel (measure_scales). z is
-eliminated: its information is banded, and one sparse factorisation gives the Schur
-complement that is solved for x.
+    + 1/2 (x - mean)' information (x - mean) + 1/2 z'z/KNOT_SD^2.
+rho is the Huber loss, and sd that of one value of the channel, see measure_scales(). mean
+and information describe the prior of x. In each step z is eliminated: its information
+matrix is banded, and one sparse factorisation gives the Schur complement, a system of
+equations for x alone.
 
-A residual is the sum of sensor noise and model error. Noise is independent in each value.
-Model error lasts MODEL_TIME and counts once in this time. So the model error widens the
-covariance of x and hardly moves its estimate.
+A residual is the sum of sensor noise and model error. The noise is independent from value
+to value. The model error is correlated over MODEL_TIME, so all values in this time count
+as a single one. This widens the covariance of x and hardly changes its estimate.
 """
 
 from __future__ import annotations
@@ -25,23 +26,23 @@ from scipy.sparse.linalg import splu
 
 from tse.identify.problem import CarProblem
 
-HUBER = 4.0  # rms of the channel: the loss is quadratic below and linear above
-MODEL_TIME = 2.0  # s, correlation time of the model error
+HUBER = 4.0  # [rms of the channel] residual above which the loss is linear, not quadratic
+MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
-MAX_STEP_SD = 1.5  # prior sd, of one step
-NEAR_RATIO = 0.9  # rms after a step over that before, of every channel: above, the fit is near
-MAX_FINAL_STEP = 0.1  # posterior sd: a smaller step ends the search
-MIN_GAIN_NATS = 0.1  # a step of less predicted gain ends the search
-MIN_GAIN_SHARE = 0.25  # gain over predicted gain: below, the slopes are simulated anew
-MAX_HALVINGS = 6  # of a step without gain
+MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
+NEAR_RATIO = 0.9  # rms after a step over rms before; if it is larger in all channels, the fit is near
+MAX_FINAL_STEP = 0.1  # [posterior sd] a step without a larger change of an unknown ends the search
+MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain ends the search
+MIN_GAIN_SHARE = 0.25  # gain over predicted gain; below, partial derivatives are simulated again
+MAX_HALVINGS = 6  # lengths of a step that are tried, each half of the one before
 
 
 @dataclass(frozen=True)
 class ResidualScale:
-    """Size of the residuals of a channel, in their unit: rms, and sd of one value."""
+    """Size of the residuals of a channel, in their unit."""
 
-    rms: float
-    sd: float
+    rms: float  # root mean square, with outliers clipped
+    sd: float  # sd by which one value is weighted; it is larger, because values are correlated
 
 
 @dataclass
@@ -51,19 +52,23 @@ class CarFit:
     Attributes
     ----------
     x, covariance
-        Unknowns of the problem; stiffness in ln over that of the vehicle file.
+        Estimate of the unknowns, and its covariance. Stiffness is ln(stiffness over that
+        of the vehicle file).
     z
         Values of bank and grade [rad].
     search
-        x in the coordinates of the search.
+        x in the coordinates of the search, in which cornering stiffness is its inverse.
     scales
         Size of the residuals by channel.
     residuals, slopes, equations
-        At x and z: slopes by x and by z, and normal equations.
+        At x and z: residuals, their partial derivatives with respect to x and to z, and
+        normal equations.
+    converged
+        The search has reached the maximum, not the limit of its steps.
     steps, moved
-        Number of steps, and largest change of the last one [posterior sd].
+        Number of steps, and largest change of an unknown in the last one [posterior sd].
     level
-        Residuals on level roads.
+        Residuals at x on level roads.
     """
 
     x: np.ndarray
@@ -91,21 +96,24 @@ def measure_scales(
     Parameters
     ----------
     problem
-        Gives the noise of the channels.
+        Has the noise of the channels.
     residuals
         A vector for each group of the problem.
     before
-        Sizes of the step before; None: the median sets the clipping.
+        Sizes before the last step. Outliers are clipped at HUBER times this rms. None:
+        the rms for clipping is estimated by the median of the residuals.
     near
-        The residuals are those of a fit. Otherwise each value counts once.
+        True: the residuals are those of a fit. False: they are much larger, and their
+        values are weighted as independent ones (sd = rms).
 
     Notes
     -----
-    rms^2 = noise^2 + model^2. Noise is new in every value, and the model error once in
-    MODEL_TIME, so that sd^2 = noise^2 + model^2 MODEL_TIME/dt. The rms has two lower
-    limits: the error of a velocity sensor by the settings, and MIN_MODEL_ERROR of the
-    signal. The second one keeps a fit that explains its logs down to the noise from
-    claiming more than a model can.
+    rms^2 = noise^2 + model^2, with the sd of the sensor's noise and of the model error.
+    The noise is independent from value to value. The model error counts once in
+    MODEL_TIME. So sd^2 = noise^2 + model^2 MODEL_TIME/dt, with the time dt between
+    values. The lower limit of `model` is the error of a velocity sensor by the settings,
+    and MIN_MODEL_ERROR of the signal for accel_y and yaw_rate. Without the second limit,
+    a fit whose residuals are only noise would have intervals too narrow for any model.
     """
     found: dict[str, ResidualScale] = {}
     for c in problem.channels:
@@ -129,7 +137,7 @@ def compute_cost(
     z: np.ndarray,
     residuals: list[np.ndarray],
 ) -> float:
-    """Return the cost that the search minimises, at these scales."""
+    """Return the cost that the search minimises, for given scales."""
     away = x - problem.mean
     total = 0.5 * float(away @ problem.information @ away) + 0.5 * float(z @ z) / problem.knot_sd**2
     for e, (_, c) in zip(residuals, problem.groups, strict=True):
@@ -141,25 +149,25 @@ def compute_cost(
 
 @dataclass
 class NormalEquations:
-    """Normal equations about a point, with the road eliminated (Schur complement)."""
+    """Normal equations at a point, from which z is eliminated (Schur complement)."""
 
-    information: np.ndarray  # of x
-    gradient: np.ndarray  # of x
-    across: np.ndarray  # mixed second derivatives of z and x
-    own: np.ndarray  # gradient of z
-    factor: object | None  # of the information of z; None: the road is not fitted
+    information: np.ndarray  # information matrix of x, after the elimination of z
+    gradient: np.ndarray  # of the cost with respect to x, after the elimination of z
+    across: np.ndarray  # (z, x) mixed second derivatives of the cost
+    own: np.ndarray  # gradient of the cost with respect to z
+    factor: object | None  # factorised information matrix of z; None: the road is not fitted
 
     def solve_road(self, step: np.ndarray) -> np.ndarray:
-        """Return the step of z that minimises the cost for a step of x."""
+        """Return the step of z that minimises the cost for a given step of x."""
         if self.factor is None:
             return np.zeros(0)
         return -self.factor.solve(self.own + self.across @ step)
 
     def compute_road_evidence(self, values: slice, z: np.ndarray, prior_sd: float) -> float:
-        """Return the evidence [nat] for some values of the road against a level road.
+        """Return the evidence [nat] that some values of the road differ from 0.
 
-        Savage-Dickey ratio: prior over posterior density at 0, with the car and the other
-        values marginalised.
+        It is ln of the Savage-Dickey ratio: prior over posterior density of these values
+        at 0, with x and all other values marginalised.
         """
         if self.factor is None:
             return 0.0
@@ -173,7 +181,7 @@ class NormalEquations:
         return float(0.5 * away @ away + np.log(np.diag(root)).sum() - len(away) * np.log(prior_sd))
 
     def compute_road_sd(self) -> np.ndarray:
-        """Return the sd of each value of the road, with car and biases marginalised."""
+        """Return the posterior sd of each value of the road, with x marginalised."""
         if self.factor is None:
             return np.zeros(0)
         inner = self.factor.solve(np.eye(len(self.own)))
@@ -192,7 +200,7 @@ def build_normal(
     roads: list[csc_matrix],
     channels: Collection[str] | None = None,
 ) -> NormalEquations:
-    """Build the normal equations of residuals with these slopes.
+    """Build the normal equations from residuals and their partial derivatives.
 
     Parameters
     ----------
@@ -201,9 +209,10 @@ def build_normal(
     x, z
         Point of the linearisation.
     residuals, tables, roads
-        Residuals there, and their slopes by x and by z, for each group.
+        Residuals at this point, and their partial derivatives with respect to x and to z,
+        for each group.
     channels
-        Only residuals of these channels count; None: all.
+        Channels whose residuals are used; None: all.
     """
     information = problem.information.copy()
     gradient = problem.information @ (x - problem.mean)
@@ -232,9 +241,9 @@ def build_normal(
 
 
 def compute_step(problem: CarProblem, equations: NormalEquations, x: np.ndarray) -> np.ndarray:
-    """Return the step of x to the minimum within bounds and MAX_STEP_SD."""
+    """Return the Gauss-Newton step of x, within the bounds and MAX_STEP_SD."""
     scale = 1.0 / np.sqrt(np.diag(equations.information))
-    root = cholesky(equations.information * np.outer(scale, scale))  # root' root
+    root = cholesky(equations.information * np.outer(scale, scale))  # upper triangle: root' root
     target = -solve_triangular(root, equations.gradient * scale, trans="T")
     low = np.maximum(problem.low - x, -MAX_STEP_SD * problem.sd)
     high = np.minimum(problem.high - x, MAX_STEP_SD * problem.sd)
@@ -258,26 +267,27 @@ def fit(
     problem
         Residuals and prior.
     x, z
-        Start, x in the coordinates of the search; None: at the prior.
+        Start, x in the coordinates of the search; None: mean of the prior.
     say
-        Called with the progress, a text.
+        Called after each step with a line about the progress.
     max_steps
         Maximum number of steps; None: MAX_FIT_STEPS.
     near
-        The start is near a fit.
+        True: the start is near the maximum, so its residuals are those of a fit.
     tables
-        Slopes by x at the start, if they are known. The search may then end with updated
-        slopes, without a simulation of them. Only on known roads.
+        Partial derivatives with respect to x at the start, if they are known. The search
+        may then end without simulating them. Only on known roads.
 
     Notes
     -----
-    The search begins with least squares: far from the fit the residuals are large, and
-    scales taken from them would let the logs count too little to move it. Near a fit the
-    scales are those of measure_scales().
+    Far from the maximum the residuals are large. If they were weighted as correlated
+    ones, the logs would have too little weight against the prior to leave the start. So
+    values are weighted as independent ones until the fit is near (measure_scales()).
 
-    Slopes are simulated at the start, after a step that gains much less than predicted,
-    and at the end. In between, each step updates them (Broyden 1965). Nearly all the cost
-    is a simulation of all logs for each of fifty unknowns.
+    Partial derivatives by finite differences need a simulation of all logs for each of
+    about fifty unknowns, which is nearly all of the computing time. They are simulated at
+    the start, after a step that gains much less than predicted, and at the end. After
+    all other steps they are updated (Broyden 1965).
     """
     x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
     z = np.zeros(problem.knots) if z is None else z
@@ -344,9 +354,9 @@ def _fit_road(
     tables: list[np.ndarray],
     roads: list[csc_matrix],
 ) -> tuple[np.ndarray, list[np.ndarray]] | None:
-    """Fit the road with the car as it is; None: without gain.
+    """Fit the road for a fixed x; return z and residuals, or None if the cost rises.
 
-    A search begins with it: latencies and slip would otherwise absorb a hill.
+    The search begins with this step. Otherwise latencies and slip would absorb a hill.
     """
     equations = build_normal(problem, scales, x, z, residuals, tables, roads)
     hills = z + equations.solve_road(np.zeros(len(x)))
@@ -367,7 +377,7 @@ def _predict_gain(
     by: np.ndarray,
     along: np.ndarray,
 ) -> float:
-    """Return the gain of a step that the slopes predict."""
+    """Return the reduction of the cost by a step, as partial derivatives predict it."""
     there = [e + j @ by + r @ along for e, j, r in zip(residuals, tables, roads, strict=True)]
     return compute_cost(problem, scales, x, z, residuals) - compute_cost(
         problem, scales, x + by, z + along, there
@@ -383,7 +393,10 @@ def _update_slopes(
     by: np.ndarray,
     along: np.ndarray,
 ) -> list[np.ndarray]:
-    """Return slopes that agree with a step: the smallest change in units of the prior."""
+    """Update partial derivatives so that they predict the residuals after a step.
+
+    Of all such updates, return the smallest one, with x in units of the prior sd.
+    """
     unit = by / problem.sd**2
     size = max(float(by @ unit), 1e-300)
     return [
@@ -393,7 +406,7 @@ def _update_slopes(
 
 
 def compute_covariance(problem: CarProblem, fit: CarFit, channels: Collection[str]) -> np.ndarray:
-    """Return the covariance of a fit by some of its channels alone; stiffness in ln."""
+    """Return the covariance of x if only some channels are used; stiffness in ln."""
     equations = build_normal(problem, fit.scales, fit.search, fit.z, fit.residuals, *fit.slopes, channels)
     ln = problem.compute_ln_slope(fit.search)
     return np.linalg.inv(equations.information) * np.outer(ln, ln)

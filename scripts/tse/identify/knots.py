@@ -1,8 +1,9 @@
-"""Describe bank and grade under the logs by values at knots along each road.
+"""Describe bank and grade of roads by values at knots, with linear interpolation.
 
-A profile is linear between its knots. Bank and grade push the car and leave the sensors
-alone: v_x' = a_x - g grade, v_y' = a_y - v_x yaw_rate - g bank. A value acts on few rows,
-so one simulation gives the slopes of every KNOT_SPACING-th value, and the fit eliminates
+Bank and grade accelerate the car by gravity, which accelerometers do not measure. With
+the measured accelerations a_x and a_y, v_x' = a_x - g grade and
+v_y' = a_y - v_x yaw_rate - g bank. A value acts on few rows. So one simulation gives the
+partial derivatives with respect to every KNOT_SPACING-th value, and the fit eliminates
 the values by a sparse factorisation.
 """
 
@@ -14,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
 
-KNOT_DISTANCE = 40.0  # m, between knots: a road changes its lean within 30 .. 60 m
-KNOT_SD = 0.03  # rad, prior sd of a value of bank or grade, about a level road
+KNOT_DISTANCE = 40.0  # [m] between knots; the bank of a road changes within 30 .. 60 m
+KNOT_SD = 0.03  # [rad] prior sd of a value of bank or grade; the prior mean is 0
 PROFILES = ("bank", "grade")
-KNOT_SPACING = 5  # knots between two that one simulation moves
-KNOT_LEAD = 1.0  # knots: a value acts from the knot before on, by linear interpolation
-KNOT_STEP = 0.01  # rad, of the finite differences: gravity acts by the sine, nearly linear
+KNOT_SPACING = 5  # one simulation changes the values of every 5th knot
+KNOT_LEAD = 1.0  # [knots] a value acts from one knot before its place on (linear interpolation)
+KNOT_STEP = 0.01  # [rad] step of the finite differences; the effect of gravity is nearly linear
 
 
 @dataclass(frozen=True)
@@ -28,15 +29,15 @@ class Knots:
 
     Attributes
     ----------
-    distance : list of arrays [m], by log
-        Place of the car on its road, one value a row. Logs with the same `road` share the
-        origin.
-    road : list of int, by log
-        Index of its road.
-    first, count : list, by road
+    distance : list of arrays [m], one for each log
+        Place of the car along its road, one value per row. Logs with the same `road`
+        share the origin.
+    road : list of int, one for each log
+        Index of the road.
+    first, count : lists, one entry for each road
         Place [m] of the first knot, and number of knots of one profile.
     kinds : tuple of str
-        Unknown profiles, of PROFILES.
+        Profiles that are unknown, of PROFILES.
     """
 
     distance: list[np.ndarray]
@@ -52,14 +53,14 @@ class Knots:
         road: Sequence[int] | None = None,
         kinds: Sequence[str] = PROFILES,
     ) -> Knots:
-        """Lay knots over the distances.
+        """Place equidistant knots along each road, over all distances of its logs.
 
         Parameters
         ----------
         distance, kinds
             As in Knots.
         road
-            Index of the road by log; None: each log has its own road.
+            Index of the road of each log; None: each log has its own road.
         """
         of_log = list(range(len(distance))) if road is None else list(road)
         first, count = [], []
@@ -70,7 +71,7 @@ class Knots:
         return cls(list(distance), of_log, first, count, tuple(kinds))
 
     def __len__(self) -> int:
-        """Return the number of values: bank, then grade of each road."""
+        """Return the length of z, which has bank and then grade of each road in turn."""
         return len(self.kinds) * sum(self.count)
 
     def get_slice(self, road: int, profile: str) -> slice:
@@ -79,18 +80,18 @@ class Knots:
         return slice(begin, begin + self.count[road])
 
     def compute_places(self, road: int) -> np.ndarray:
-        """Return the distance of each knot, m."""
+        """Return the place [m] of each knot along a road."""
         return self.first[road] + KNOT_DISTANCE * np.arange(self.count[road])
 
     def compute_profiles(self, log: int, z: np.ndarray) -> dict[str, np.ndarray]:
-        """Return bank and grade of each row of a log, rad; 0 off the common road."""
+        """Return bank and grade [rad] of each row of a log; 0 for rows off the road."""
         road = self.road[log]
         places = self.compute_places(road)
         found = {p: np.interp(self.distance[log], places, z[self.get_slice(road, p)]) for p in self.kinds}
         return {p: np.nan_to_num(x) for p, x in found.items()}
 
     def list_moves(self) -> list[np.ndarray]:
-        """Return vectors of steps of z, each of knots with no row in common."""
+        """Return steps of z. Each changes values that do not act on a common row."""
         found = []
         for profile in self.kinds:
             for colour in range(KNOT_SPACING):
@@ -101,9 +102,10 @@ class Knots:
         return found
 
     def find_acting(self, log: int, distance: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return the index of the value of `step` that acts at each distance; -1: none.
+        """Return, for each distance, which of the values that `step` changes acts there.
 
-        It is the moved knot that the car passed last, or reaches within one knot.
+        It is the value of the knot that the car passed last or reaches within KNOT_LEAD.
+        The result has its index in z, or -1 without such a knot.
         """
         road = self.road[log]
         profile = next((p for p in self.kinds if step[self.get_slice(road, p)].any()), None)
@@ -121,7 +123,7 @@ class Knots:
 def build_sparse(
     rows: list[np.ndarray], columns: list[np.ndarray], values: list[np.ndarray], shape: tuple[int, int]
 ) -> csc_matrix:
-    """Build the sparse matrix of slopes by z from lists of rows, columns and values."""
+    """Build a sparse matrix from lists of row indices, column indices and values."""
     return coo_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape
     ).tocsc()

@@ -1,4 +1,4 @@
-"""Find logs of the same road, and the place on it of each of their rows."""
+"""Find the logs that were driven on the same road, and locate their rows along it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tse.log.rows import CheckedLog
 from tse.roads.road import Road
 from tse.roads.road_match import derive_road, derive_track, match_common
 
-MIN_LAP_SHARE = 0.5  # share of the rows of a log on a road: below, the log is no lap of it
+MIN_LAP_SHARE = 0.5  # share of the rows of a log on a road; below, the log is of a different road
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,14 @@ class Laps:
 
     Attributes
     ----------
-    distance : list of (n,) arrays [m], by log
-        Place along its road; of a circuit in the first round; NaN: off the road.
-    of : list of int, by log
-        Index of its road.
-    path : list of Road, by road
-        Path without bank and grade; None: the car hardly moved.
+    distance : list of (n,) arrays [m], one for each log
+        Place of each row along the road; NaN: off the road. If several logs share a
+        circuit, all rounds have the places of the first.
+    of : list of int, one for each log
+        Index of the road.
+    path : list of Road or None, one for each road
+        Path without bank and grade. None: the car hardly moved, or a single log is of a
+        circuit.
     """
 
     distance: list[np.ndarray]
@@ -40,15 +42,14 @@ class Laps:
         return self.of.count(road)
 
     def lay_knots(self, kinds: Sequence[str] = PROFILES) -> Knots:
-        """Lay knots over the roads."""
+        """Place knots along the roads."""
         return Knots.lay(self.distance, self.of, kinds)
 
 
 def find_laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
-    """Find the logs that share a road; each is compared with the roads of those before
-    it.
+    """Find the logs that share a road: compare each log with the roads of earlier ones.
 
-    Cost: half a second for a lap of 4 km beside another.
+    Computing time: half a second for the comparison of two laps of 4 km.
     """
     groups: list[list[int]] = []
     distance: dict[int, np.ndarray] = {}
@@ -57,7 +58,7 @@ def find_laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
         for k, group in enumerate(groups):
             try:
                 found, road = match_common([*(logs[j] for j in group), log], config)
-            except UserError:  # on another road, or its place on this one cannot be found
+            except UserError:  # the log is of a different road, or cannot be located on this one
                 continue
             if min(float(np.isfinite(d).mean()) for d in found) >= MIN_LAP_SHARE:
                 group.append(i)
@@ -74,16 +75,16 @@ def find_laps(logs: Sequence[CheckedLog], config: Config) -> Laps:
 
 
 def _derive_path(track: object) -> Road | None:
-    """Return the open road of a log; None: a circuit, or the car hardly moved."""
+    """Return the path of a log; None if it is a circuit, or if the car hardly moved."""
     try:
         road = derive_road(track)
     except UserError:
         return None
-    return None if road.is_closed else road  # of a circuit, each round has its own values
+    return None if road.is_closed else road  # on a circuit, each round of a log has its own knots
 
 
 def make_profile(path: Road, knots: Knots, road: int, z: np.ndarray, sd: np.ndarray) -> Road:
-    """Return a road with the bank and grade of a fit; others are unknown."""
+    """Return a path with the profiles of a fit: values and sds of `knots.kinds`."""
     columns: dict[str, np.ndarray] = {}
     for kind in knots.kinds:
         mine = knots.get_slice(road, kind)

@@ -1,13 +1,15 @@
-"""Measure the slow part of residuals, as the settings of the filter describe it.
+"""Measure the slow part of residuals in the two quantities of the filter's settings.
 
-power: integral of the autocovariance over positive lags, i.e. the variance of an error
-that lasts 1 s. walk: random walk that bounds the spectrum of the residuals from above.
-With the mean square difference D(L) of residuals over a lag L,
-    walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), L up to LONG_LAG.
-Noise and errors shorter than SHORT_LAG do not contribute. A random walk has the same
-quotient for every L, half of what counts here. Hills, with autocovariance exp(-t/T)
-(cos t/T + sin t/T) and unit variance, have walk^2 = 2/T: the spectrum of that random walk
-touches theirs and is nowhere below it.
+power: integral of the autocovariance over positive lags. It is the variance of an error
+that lasts 1 s and has the same effect.
+
+walk: sd of the random walk, per sqrt(s), whose spectrum bounds that of the residuals from
+above. D(L) is the mean square of the change of residuals over a lag L. Then
+    walk^2 = 2 max of (D(L) - D(SHORT_LAG)) / (L - SHORT_LAG), for L up to LONG_LAG.
+Noise, and errors that last less than SHORT_LAG, cancel in the difference. The factor 2
+comes from hills, whose autocovariance is exp(-t/T) (cos t/T + sin t/T) for variance 1. It
+makes walk^2 = 2/T, and the spectrum of this random walk touches that of the hills and is
+nowhere below it. For residuals that are a random walk, walk^2 is twice too large.
 """
 
 from __future__ import annotations
@@ -17,34 +19,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHORT_LAG, LONG_LAG = 0.5, 10.0  # s
-MAX_COVARIANCE_LAG = 4.0  # s, of the autocovariance
-MIN_PIECE_VALUES = 20  # values of a piece, or differences over a lag
-PIECE_TIME = 10.0  # s: about two manoeuvres
-SHARE_QUANTILE = 0.9  # share of the pieces in which the model error stays below the result
+SHORT_LAG, LONG_LAG = 0.5, 10.0  # [s] lags of the differences that determine walk
+MAX_COVARIANCE_LAG = 4.0  # [s] longest lag of the autocovariance
+MIN_PIECE_VALUES = 20  # least number of values in a piece, and of pairs of values at a lag
+PIECE_TIME = 10.0  # [s] length of a piece in measure_share(): about two manoeuvres
+SHARE_QUANTILE = 0.9  # quantile of the model error over all pieces that is the result
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Residuals of one channel in one log: time [s], size of the channel, residual."""
+    """Residuals of one channel in one log."""
 
-    time: np.ndarray
-    size: np.ndarray
+    time: np.ndarray  # [s]
+    size: np.ndarray  # moving rms of the channel, in its unit
     residual: np.ndarray
 
 
 @dataclass(frozen=True)
 class Lasting:
-    """Slow part of the residuals of a channel: power [unit2 s], walk [unit/sqrt(s)]."""
+    """Slow part of the residuals of a channel."""
 
-    power: float
-    walk: float
+    power: float  # [unit^2 s]
+    walk: float  # [unit/sqrt(s)]
 
 
 def measure_lasting(pieces: Sequence[Piece]) -> Lasting:
-    """Measure power and walk of a channel over all its logs, each about its mean.
+    """Measure power and walk of the residuals of a channel in all its logs.
 
-    Values are about evenly spaced. Pairs across a gap between stretches are left out.
+    The mean of the residuals of each log is subtracted first. Values must be about
+    equidistant. Pairs of values across a gap between stretches are left out.
     """
     step = float(np.median(np.concatenate([np.diff(p.time) for p in pieces])))
     centred = [p.residual - p.residual.mean() for p in pieces]
@@ -74,7 +77,7 @@ def measure_lasting(pieces: Sequence[Piece]) -> Lasting:
 
 
 def _combine_lagged(piece: Piece, residual: np.ndarray, lag: int, step: float, of: np.ufunc) -> np.ndarray:
-    """Apply `of` to the pairs of values that are `lag` apart in index and in time."""
+    """Apply `of` to all pairs of residuals that are `lag` steps apart, also in time."""
     if lag >= len(residual):
         return np.zeros(0)
     near = slice(None, len(residual) - lag)
@@ -83,32 +86,32 @@ def _combine_lagged(piece: Piece, residual: np.ndarray, lag: int, step: float, o
 
 
 def _sum_positive(covariance: np.ndarray) -> float:
-    """Sum autocovariances up to the first pair that sums to <= 0 (Geyer 1992)."""
+    """Sum pairs of autocovariances up to the first pair with a sum <= 0 (Geyer 1992)."""
     pairs = covariance[: len(covariance) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     return float(pairs[:end].sum())
 
 
 def measure_share(pieces: Sequence[Piece], floor: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the model error as a share of the signal, and the number of pieces that show
-    it.
+    """Return the model error over the signal, and the number of pieces that show it.
 
     Parameters
     ----------
     pieces
-        Residuals of a channel, by log.
+        Residuals of a channel, one entry for each log.
     floor
-        Floor of the signal for each value, by log.
+        A small signal for each value, one entry for each log. Its square is added to that
+        of the signal, so that pieces without signal do not give large ratios.
 
     Returns
     -------
     share
         sd of an error that lasts 1 s and has the power of the residuals, over the signal.
-        It holds in SHARE_QUANTILE of the pieces of PIECE_TIME: a model that is right on a
-        motorway and 15 % off in a hairpin is not 5 % off.
+        It is the SHARE_QUANTILE over all pieces of PIECE_TIME, not their mean: a model
+        that is right on a motorway and 15 % off in a hairpin is not 5 % off.
     count
-        Number of pieces. Each counts by the share of the signal in the sum of signal and
-        floor.
+        Number of pieces. The weight of each is the share of signal^2 in signal^2 +
+        floor^2.
     """
     square = np.mean(np.concatenate([(p.residual - p.residual.mean()) ** 2 for p in pieces]))
     lasts = measure_lasting(pieces).power / max(float(square), 1e-300)

@@ -1,29 +1,30 @@
-"""Compare logs with the model: residuals of the sensors, and their slopes by the
-unknowns.
+"""Compare logs with the model: residuals of the sensors and their partial derivatives.
 
-The vector x holds the unknowns of the car, the lean of the roads of each log into their
-curves, and a bias of each channel in each log. The vector z holds bank and grade along
-the roads (knots.py).
+The vector x contains the unknowns of the car, for each log the lean of its roads (their
+bank in curves), and for each channel of each log a bias. The vector z contains bank and
+grade along the roads (knots.py).
 
-The gyro is the clock. A channel with the latency L shows at time t the value of t - L. So
-inputs are read L later, and simulated channels are compared L earlier. Where values are
-held, L is their mean age.
+Latencies are relative to the gyro. A channel with latency L has at time t the value of
+t - L. So an input is read at t + L, and a simulated output is delayed by L. If a channel
+repeats its samples, L includes the mean age of its values. Here only new samples are
+used, so simulate() subtracts this age.
 
-accel_x is compared as a wheel speed. With e = measured - simulated, the speed v and the
-sum C of the longitudinal stiffnesses,
-    y = integral of e, leaking within SPEED_TIME, + (m v/C) e.
-A car follows its wheels with the lag m v/C. So y is the difference between the wheel
-speeds and those that the accelerometer implies. The reason: wheel speeds drive the
-simulation, and its acceleration contains the slope of their noise. Soft tyres and late
-wheels average that noise, and would fit accel_x better than the true car does. C is that
-of the prior: it defines the comparison and is not searched.
+accel_x is compared as a wheel speed. The difference e = measured - simulated becomes
+    y = s + (m v/C) e, with ds/dt = e - s/SPEED_TIME,
+with the mass m, the speed v, and the sum C of the longitudinal stiffnesses. s is the
+difference in the speed of the car, a leaky integral. (m v/C) e is the difference in the
+slip speed of the wheels, which the force m e needs. So y is a difference in wheel speeds.
+A direct comparison would be biased: wheel speeds are inputs, so the simulated
+acceleration contains the derivative of their noise. Too soft tyres and late wheels
+average this noise, and would fit accel_x better than the true car does. C is that of the
+prior. It is not searched, because it defines the comparison.
 
-Between wheels and accel_x only the difference of the latencies counts. accel_y and
-yaw_rate are compared with a car whose wheels have no latency (a cut: Liu, Bayarri &
-Berger 2009, Plummer 2015). The speed hardly changes within a latency, but braking changes
-the tyres. Every percent of error of the model in this would appear as a latency:
-yaw_rate, the most accurate channel, then gives 0.1 s. The common latency of wheels and
-accel_x behind the gyro keeps its prior.
+The wheels have a mean latency of 0 in the simulation: only the difference between the
+latencies of wheels and of accel_x is estimated. Their common latency behind the gyro
+keeps its prior, and accel_y and yaw_rate do not influence it (a cut: Liu, Bayarri &
+Berger 2009, Plummer 2015). The reason: the speed hardly changes within a latency, but
+braking changes the lateral forces. A small error of the model in this effect would appear
+as a latency. yaw_rate, the most accurate channel, would then give 0.1 s.
 """
 
 from __future__ import annotations
@@ -67,28 +68,28 @@ from tse.identify.unknowns import (
 from tse.library.core import NOMINAL, Config
 from tse.log.noise import compute_moving_average
 
-# prior sd, step of the finite differences: True for cornering stiffness, whose response
-# is the least linear, False for the others
+# [prior sd] step of the finite differences. True: for cornering stiffness, whose effect
+# is the least linear. False: for all other unknowns
 SLOPE_STEPS = {True: 0.0005, False: 0.005}
-ACTIVE_TIME = 1.0  # s, window over which the size of a channel is measured
-# s, leak of the integral of accel_x: a longer one admits the grade of the road, a shorter
-# one the noise of the channel
+ACTIVE_TIME = 1.0  # [s] window of the moving rms of a channel
+# [s] time constant of the leaky integral of accel_x. With a longer one the grade of the
+# road would act on the result, with a shorter one the noise of the channel
 SPEED_TIME = 1.0
-SPEED_BLOCKS = 10  # blocks averaged in the comparison of accel_x: 1 s has 2 or 3 independent values
-MIN_SLIP_SPEED = 5.0  # m/s: below, slip is not observable
-MIN_BLOCKS = 25  # blocks of a channel in a log: with fewer, the channel is not compared
-MIN_BLOCK_FILL = 0.5  # share of the usual number of values: a block with fewer is not used
-# share of the rms of a lateral channel: no model is closer to its car. The cars of
-# tests/cars are 1.1 .. 4 % off, real ones 2.7 .. 5 %. Not for accel_x, where this limit
-# would hide the grade of the road
+SPEED_BLOCKS = 10  # blocks in one value of accel_x; 1 s then has 2 or 3 independent values
+MIN_SLIP_SPEED = 5.0  # [m/s] below, slip is not observable
+MIN_BLOCKS = 25  # a channel with fewer blocks in a log is not compared
+MIN_BLOCK_FILL = 0.5  # values of a block over the median number; a block with fewer is not used
+# Least model error of accel_y and yaw_rate, over the rms of the signal. It is 1.1 .. 4 %
+# for the cars of tests/cars, and 2.7 .. 5 % for real cars. accel_x has no such limit,
+# because it would hide the grade of the road
 MIN_MODEL_ERROR = 0.01
-# share of the error of a velocity that lasts (is not white), as in the filter
+# share of the error of a measured velocity that is slow, not white, as in the filter
 # (constants.toml)
 LASTING_ERROR_SHARE = 0.5
-BOUND_SD = 6.0  # prior sd: bounds of leans and biases
+BOUND_SD = 6.0  # [prior sd] bounds of leans and biases
 LEAN = "bank_superelevation"
 WHEEL_CHANNELS = ("wheel_speed_front", "wheel_speed_rear")
-MOTION_OUTPUTS = ("vel_x", "vel_y", "true_yaw_rate")  # of the simulation, for measured velocities
+MOTION_OUTPUTS = ("vel_x", "vel_y", "true_yaw_rate")  # simulated, to compute measured velocities
 
 
 class CarProblem:
@@ -105,19 +106,20 @@ class CarProblem:
     jobs
         Number of threads that simulate.
     road
-        Knots of bank and grade. None: each log has its own road. False: level roads. Logs
-        with a known road have no knots.
+        Knots of bank and grade. None: each log has its own road. False: roads are level.
+        If a log has a measured road, bank and grade are not unknown.
     lean
-        True: the lean of the roads of each log into their curves is unknown. False: it is
-        that of the vehicle file. Logs with a known road have no lean.
+        True: the lean of the roads is an unknown of each log. False: it is that of the
+        vehicle file. If a log has a measured road, the lean is 0.
 
     Attributes
     ----------
     names, mean, sd, covariance, information, low, high
-        Prior of x. Cornering stiffness (COMPLIANCE) is searched as its inverse over that
-        of the vehicle file.
+        Names, prior and bounds of x. Cornering stiffness (COMPLIANCE) is searched as its
+        inverse, relative to the vehicle file.
     groups, time
-        Log and channel of each vector of residuals, and the times [s] of its values.
+        For each vector of residuals, its group: index of the log, and channel; and the
+        times [s] of its values.
     """
 
     def __init__(
@@ -133,18 +135,18 @@ class CarProblem:
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
         known = any(log.road for log in self.logs)
         self.leans = len(self.logs) if lean and not known else 0
-        # the lean of each log is a deviation from that of the vehicle file
+        # the simulation gets the lean as part of the bank, not as a setting
         self.nominal = config.as_dict() | ({LEAN: 0.0} if lean or known else {})
         self._curves = [compute_curve_accel(log, config) for log in self.logs]
         self._lay_out()
         self._state_prior()
         self.road = Knots.lay([log.distance for log in self.logs]) if road is None else road
-        if known:  # the known profile is complete
+        if known:  # the measured profile replaces all knots
             self.road = False
         self._place = [self._locate_values(g) for g in range(len(self.groups))]
 
     def _state_prior(self) -> None:
-        """Set the prior of x in the coordinates of the search."""
+        """Set names, prior and bounds of x, in the coordinates of the search."""
         biased = [(i, c) for i, c in self.groups if c in BIAS_SD]
         self.car = len(self.prior.names)
         self.names = (
@@ -169,21 +171,21 @@ class CarProblem:
         self.low, self.high = np.minimum(*ends), np.maximum(*ends)
 
     def to_search(self, x: np.ndarray) -> np.ndarray:
-        """Return unknowns in the coordinates of the search; stiffness comes in as ln."""
+        """Convert unknowns to coordinates of the search: ln(stiffness) to 1/stiffness."""
         return np.where(self._inverse, np.exp(-np.where(self._inverse, x, 0.0)), x)
 
     def to_ln(self, x: np.ndarray) -> np.ndarray:
-        """Return unknowns with stiffness in ln: the inverse of to_search()."""
+        """Convert unknowns back, 1/stiffness to ln(stiffness): inverse of to_search()."""
         return np.where(self._inverse, -np.log(np.where(self._inverse, x, 1.0)), x)
 
     def compute_ln_slope(self, x: np.ndarray) -> np.ndarray:
-        """Return the derivative of to_ln() by each unknown."""
+        """Return the derivative of to_ln() with respect to each unknown."""
         return np.where(self._inverse, -1.0 / np.where(self._inverse, x, 1.0), 1.0)
 
     # ---- groups of residuals
 
     def _lay_out(self) -> None:
-        """Set groups, a log and a channel each, and the blocks that are compared."""
+        """Set the groups (a log and a channel each) and the blocks that are compared."""
         self.groups: list[tuple[int, str]] = []
         self.time: list[np.ndarray] = []
         self._measured, self._used, self._time, self._count, self._speed, self._together = (
@@ -212,7 +214,7 @@ class CarProblem:
         )
 
     def _locate_values(self, g: int) -> np.ndarray:
-        """Return the place on its road [m] of each value; NaN: off the road."""
+        """Return the place [m] on its road of each value in a group; NaN: off it."""
         if self.road is False:
             return np.zeros(0)
         i = self.groups[g][0]
@@ -220,17 +222,17 @@ class CarProblem:
         return np.where(there > 0, place, np.nan)[self._together[g]].mean(axis=1)
 
     def get_step(self, g: int) -> float:
-        """Return the time [s] between values of a group."""
+        """Return the median time [s] between values of a group."""
         return float(np.median(np.diff(self.time[g]))) if len(self.time[g]) > 1 else BLOCK_TIME
 
     def compute_noise(self, g: int) -> float:
-        """Return the rms that the sensor's white noise has in a value of a group."""
+        """Return the sd that white noise of the sensor causes in a value of a group."""
         i, channel = self.groups[g]
         block = self.logs[i].noise[channel] / np.sqrt(np.maximum(self._count[g][self._together[g]], 1))
         sd = float(np.sqrt(np.mean(block**2)))
         if channel != "accel_x":
             return sd
-        # response of a mean of SPEED_BLOCKS to the noise of one block
+        # response of a value (mean over SPEED_BLOCKS) to noise in a single block
         one = np.zeros(SPEED_BLOCKS + round(5 * SPEED_TIME / BLOCK_TIME))
         one[0] = 1.0
         slip = self.compute_slip_time() * float(np.mean(self.average_speed(g))) * one
@@ -238,10 +240,10 @@ class CarProblem:
         return sd * float(np.sqrt(np.sum(mean**2)))
 
     def compute_lasting_error(self, channel: str) -> float:
-        """Return the lower limit of the error that is not white, rms.
+        """Return the lower limit of the rms of errors that are not white.
 
-        It is the sensor's for a velocity, and the model's for accel_y and yaw_rate.
-        Biases are unknowns.
+        For a velocity it is the slow error of its sensor, for accel_y and yaw_rate the
+        least model error. Biases are not included, because they are unknowns.
         """
         if channel == "accel_x":
             return 0.0
@@ -254,7 +256,10 @@ class CarProblem:
     # ---- simulation
 
     def make_settings(self, x: np.ndarray) -> tuple[Config, dict[str, float], dict[str, float]]:
-        """Return settings, latency [s] by channel, and stiffness over the file's."""
+        """Return settings, latencies and relative stiffness of the car that x describes.
+
+        Latencies [s] are by channel. Stiffness is by name, over that of the vehicle file.
+        """
         at = dict(zip(self.prior.names, map(float, self.to_ln(x)[: self.car]), strict=True))
         values = self.nominal | {k: v for k, v in at.items() if k in self.nominal}
         stiffness = {s: float(np.exp(at.get(s, 0.0))) for s in NOMINAL}
@@ -262,10 +267,9 @@ class CarProblem:
         return config, list_latencies(values | at), stiffness
 
     def simulate(self, i: int, x: np.ndarray, z: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the measured channels of a log as simulated, a value a row, without
-        bias.
+        """Simulate the measured channels of a log, one value per row, without bias.
 
-        NaN between stretches.
+        Values between stretches are NaN.
         """
         config, late, stiffness = self.make_settings(x)
         log = self.logs[i]
@@ -278,7 +282,7 @@ class CarProblem:
             "accel_y": late["accel_y"],
         }
         later |= {w: late[w] - wheels for w in WHEEL_CHANNELS}
-        for name in LATENCIES:  # `later` holds all of them
+        for name in LATENCIES:  # `later` contains them already
             setattr(config, name, 0.0)
         profiles = {} if self.road is False else self.road.compute_profiles(i, z)
         if self.leans:
@@ -291,7 +295,7 @@ class CarProblem:
         return found | (convert_velocities(found, config, log) if moving else {})
 
     def predict(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return the simulated channels with bias as block means, by group."""
+        """Return the block means of the simulated channels, with bias, for each group."""
         simulated: list[dict[str, np.ndarray]] = [self.simulate(i, x, z) for i in range(len(self.logs))]
         found = []
         for i, c in self.groups:
@@ -301,35 +305,36 @@ class CarProblem:
         return found
 
     def compute_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return measured less predicted as compared, by group; accel_x in m/s."""
+        """Return measured minus predicted values of groups; accel_x as wheel speed."""
         found = []
         for g, (y, p, used) in enumerate(zip(self._measured, self.predict(x, z), self._used, strict=True)):
             found.append(self._average_groups(g, np.where(used, y - p, 0.0)))
         return found
 
     def compute_sensed_residuals(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Return measured less predicted in sensor units, a value a used block."""
+        """Return measured minus predicted values in sensor units, one per used block."""
         return [(y - p)[u] for y, p, u in zip(self._measured, self.predict(x, z), self._used, strict=True)]
 
     def get_measured(self, g: int) -> np.ndarray:
-        """Return the measured values of a group, one a used block."""
+        """Return the measured values of a group, one per used block."""
         return self._measured[g][self._used[g]]
 
     def _compute_signal(self, g: int) -> np.ndarray:
-        """Return the measured values of a group as compared, about their mean."""
+        """Return measured values of a group minus their mean, as they are compared."""
         used = self._used[g]
         about = self._measured[g] - self._measured[g][used].mean()
         return self._average_groups(g, np.where(used, about, 0.0))
 
     def _average_groups(self, g: int, difference: np.ndarray) -> np.ndarray:
-        """Return a difference as compared, a mean over the blocks of each value."""
+        """Convert a difference of all blocks to compared values (means over blocks)."""
         return self.transform_difference(g, difference)[self._together[g]].mean(axis=1)
 
     def transform_difference(self, g: int, difference: np.ndarray) -> np.ndarray:
-        """Return a difference of all blocks of a group as it is compared.
+        """Convert a difference of all blocks of a group to the quantity that is compared.
 
-        accel_x: the speed by d(speed)/dt = difference - speed/SPEED_TIME, from 0 in every
-        stretch, plus the slip that the difference needs. Other channels: unchanged.
+        For accel_x it is a wheel speed: s + (m v/C) difference, with
+        ds/dt = difference - s/SPEED_TIME, which begins at 0 in each stretch. For other
+        channels the difference is returned unchanged.
         """
         if self.groups[g][1] != "accel_x":
             return difference
@@ -339,15 +344,14 @@ class CarProblem:
 
     @staticmethod
     def _integrate(difference: np.ndarray) -> np.ndarray:
-        """Integrate a difference over blocks, leaking within SPEED_TIME."""
+        """Return the leaky integral of a difference, with time constant SPEED_TIME."""
         keep = float(np.exp(-BLOCK_TIME / SPEED_TIME))
         return lfilter([SPEED_TIME * (1 - keep)], [1, -keep], difference)
 
     def compute_slip_time(self) -> float:
-        """Return the excess of wheel speed, in m/s per m/s of speed and m/s2 of
-        acceleration.
+        """Return m/C: slip of the wheels per acceleration, by the stiffness of the prior.
 
-        By the stiffness of the prior.
+        The unit is (m/s of wheel speed)/(m/s of speed)/(m/s2).
         """
         at = dict(zip(self.prior.names, self.prior.mean, strict=True))
         front = float(np.exp(at.get("cx_front", 0.0)))
@@ -356,20 +360,20 @@ class CarProblem:
         return self.config.mass / (self.config.longitudinal_stiffness_front * front + rear_stiffness * rear)
 
     def average_speed(self, g: int) -> np.ndarray:
-        """Return the speed [m/s] of each compared value, at least MIN_SLIP_SPEED."""
+        """Return the mean speed [m/s] of each compared value, at least MIN_SLIP_SPEED."""
         return np.maximum(self._speed[g][self._together[g]].mean(axis=1), MIN_SLIP_SPEED)
 
     def compute_unit_yaw_rate(self, g: int) -> np.ndarray:
-        """Return the yaw rate [rad/s] of 1 m/s2 of lateral acceleration, by value."""
+        """Return the yaw rate [rad/s] of each value at 1 m/s2 of lateral acceleration."""
         return 1.0 / self.average_speed(g)
 
-    # ---- slopes
+    # ---- partial derivatives
 
     def compute_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
-        """Return d(residuals)/dx by finite differences, a matrix a group.
+        """Return d(residuals)/dx by finite differences, one matrix for each group.
 
-        The lean of a log acts on this log alone, so one simulation gives the slopes of
-        all leans. The slope of a bias needs no simulation.
+        The lean of a log acts on this log alone, so one simulation gives the derivatives
+        with respect to all leans. Those with respect to biases need no simulation.
         """
         runs = [[k] for k in range(self.car)] + [list(range(self.car, self.car + self.leans))]
         tables = [np.zeros((len(r), len(x))) for r in base]
@@ -395,7 +399,7 @@ class CarProblem:
         return tables
 
     def compute_road_slopes(self, x: np.ndarray, z: np.ndarray, base: list[np.ndarray]) -> list[csc_matrix]:
-        """Return d(residuals)/dz by finite differences, a sparse matrix a group."""
+        """Return d(residuals)/dz by finite differences, one sparse matrix per group."""
         size = len(z)
         parts: list[tuple[list, list, list]] = [([], [], []) for _ in base]
 
@@ -427,13 +431,13 @@ class CarProblem:
     # ---- slow part of residuals
 
     def make_piece(self, g: int, residual: np.ndarray) -> Piece:
-        """Return residuals of a group together with the size of their channel."""
+        """Return residuals of a group together with the moving rms of their channel."""
         level = self.transform_difference(g, self._measured[g])
         square = compute_moving_average(level**2, max(1, round(ACTIVE_TIME / BLOCK_TIME)))
         return Piece(self.time[g], np.sqrt(square[self._together[g]].mean(axis=1)), residual)
 
     def measure_lasting(self, residuals: list[np.ndarray]) -> dict[str, Lasting]:
-        """Return power and walk of the residuals, by channel of the filter."""
+        """Return power and walk of the residuals of accel_x, accel_y and yaw_rate."""
         pieces = {
             c: [self.make_piece(g, residuals[g]) for g, (_, own) in enumerate(self.groups) if own == c]
             for c in self.channels
@@ -443,7 +447,7 @@ class CarProblem:
 
 
 def make_known_car(problem: CarProblem, x: np.ndarray) -> Config:
-    """Return the settings of the car with the stiffness of x."""
+    """Return the settings of the car that x describes, with its stiffness as settings."""
     config, _, stiffness = problem.make_settings(x)
     for key, setting in NOMINAL.items():
         setattr(config, setting, getattr(config, setting) * stiffness[key])
@@ -453,17 +457,18 @@ def make_known_car(problem: CarProblem, x: np.ndarray) -> Config:
 
 
 def list_latencies(values: Mapping[str, float]) -> dict[str, float]:
-    """Return the latency [s] of each channel behind yaw_rate."""
+    """Return the latency [s] of each channel behind yaw_rate, from settings by name."""
     return {c: values.get(c + LATENCY_SUFFIX, 0.0) for c in LATE_CHANNELS}
 
 
 def convert_velocities(
     found: Mapping[str, np.ndarray], config: Config, log: PreparedLog
 ) -> dict[str, np.ndarray]:
-    """Return simulated velocities as an INS or a receiver measures them.
+    """Convert simulated velocities to those that an INS or a GNSS receiver measures.
 
-    At its place (x, y), v_x' = v_x - r y and v_y' = v_y + r x. Its axes are turned to the
-    left by the heading, and it is late by the latency.
+    At the position (x, y) of the sensor and with the yaw rate r, the velocity is
+    (v_x - r y, v_y + r x). The axes of the sensor are turned to the left by
+    velocity_heading, and its values are delayed by velocity_latency.
     """
     vx, vy, rate = (found[n] for n in MOTION_OUTPUTS)
     vx, vy = vx - rate * config.velocity_lever_y, vy + rate * config.velocity_lever_x

@@ -1,10 +1,11 @@
 """Estimate longitudinal stiffness, wheel radii and wheel latencies on straight rows.
 
-The search takes wheel speeds as exact inputs, so its longitudinal stiffness absorbs their
-noise, latency and radii. On a straight road the free axle measures the speed, the driven
-axle the slip, and accel_x the force of that slip. Coasting rows have slip without force,
-which is the mismatch of the radii. Rows with drive torque show the stiffness. One
-regression uses all rows.
+The search takes wheel speeds as exact inputs, so its longitudinal stiffness absorbs
+their noise, and errors of their latency and of the wheel radii. Straight rows are better
+suited: the free axle measures the speed, the difference to the driven axle is the slip,
+and accel_x is proportional to the force that causes the slip. Rows without drive force
+determine the ratio of the wheel radii, rows with drive force the stiffness. One
+regression uses all of these rows.
 """
 
 from __future__ import annotations
@@ -27,83 +28,93 @@ from tse.log.rows import TORQUE_COLUMNS, CheckedLog
 LONGITUDINAL_KEY = "cx_front"
 RADIUS_SETTINGS = ("wheel_radius_front", "wheel_radius_rear")
 
-# Prior sd of the unknowns of the regression.
-# s, latency of one wheel speed behind the other: two messages of a bus with cycles of
-# 10 .. 20 ms
+# Prior sds of the unknowns of the regression.
+# [s] latency between the wheel speeds of both axles: two messages of a bus with cycle
+# times of 10 .. 20 ms
 WHEEL_LATENCY_SD = 0.006
-# 1, ratio of the radii of both axles over that of the file, by wear and pressure; it
-# includes the bias of accel_x
+# ratio of the radii of both axles, relative to the vehicle file: wear and tyre pressure;
+# it also absorbs the bias of accel_x
 RADIUS_RATIO_SD = 0.01
-LAG_SD = 0.1  # s, latency of accel_x behind the wheels, less the relaxation of the tyres
-DRAG_SD = 0.1  # kg/m, air drag
-INVERSE_STIFFNESS_SD = 1e3  # 1, inverse stiffness over the file's: no prior
-BEND_SD = 0.25  # 1, tyre curve and load transfer over those of the model
-PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)  # shared by all logs
+LAG_SD = 0.1  # [s] latency of accel_x behind the wheels, minus the relaxation of the tyres
+DRAG_SD = 0.1  # [kg/m] air drag, minus that of the fit
+INVERSE_STIFFNESS_SD = 1e3  # inverse stiffness, relative to the vehicle file: practically no prior
+BEND_SD = 0.25  # relative error of the nonlinear part of the slip and of the change of the radii
+PRIOR_SD = (INVERSE_STIFFNESS_SD, WHEEL_LATENCY_SD, LAG_SD, DRAG_SD, BEND_SD)  # common to all logs
 
-# ln, model error of the stiffness, for logs of any length: pitch, rolling radius under
-# load, tyre curve. Ten cars of tests/cars: 0.034 rms, 0.042 with each road alone
+# sd of ln(stiffness) by model errors, for logs of any length: pitch, rolling radius under
+# load, tyre curve. For ten cars of tests/cars the rms is 0.034 with all roads together,
+# and 0.042 with single roads
 SLIP_MODEL_SD = 0.05
-# share of the noise of accel_x in the square of its slip: above, the logs show no
-# stiffness
+# share of the noise of accel_x in the mean square of the first regressor; above it, the
+# logs do not determine the stiffness
 MAX_NOISE_SHARE = 0.5
-MIN_MISMATCH = 0.01  # 1, of the radii: a smaller mismatch is neither applied nor reported
+MIN_MISMATCH = 0.01  # relative error of the ratio of the radii; a smaller one is ignored
 
-# Rows that are used: tyres far from their grip, no brake, no curve.
-MIN_REGRESSION_SPEED = 4.0  # m/s
-MAX_STRAIGHT_STEER = 0.03  # rad
-MAX_STRAIGHT_ACCEL = 1.0  # m/s2, lateral
-MAX_GRIP_SHARE = 0.5
-# m/s2, of accel_x: below, the brakes may act, where no brake switch is logged. A limit of
-# -0.1 admits rows with brakes, which make a steady drive 14 % too stiff, and -0.3 65 %
+# Rows that are used: tyres far from their grip, brakes off, road straight.
+MIN_REGRESSION_SPEED = 4.0  # [m/s]
+MAX_STRAIGHT_STEER = 0.03  # [rad]
+MAX_STRAIGHT_ACCEL = 1.0  # [m/s2] lateral acceleration
+MAX_GRIP_SHARE = 0.5  # force of the driven axle over its grip
+# [m/s2] accel_x below which the brakes may be on, if the log has no brake switch. Limits
+# of -0.1 and -0.3 would admit rows with brakes, which make the stiffness of a steady
+# drive 14 % and 65 % too large
 MIN_COAST_ACCEL = 0.0
-BRAKE_THRESHOLD = 0.5  # of the brake switch: at or above, the brakes act
+BRAKE_THRESHOLD = 0.5  # value of the brake switch from which on the brakes are on
 
-SMOOTH_TIME = 0.6  # s, moving mean of the channels
-SAMPLE_PERIOD = 0.1  # s, between rows that are used
-REGRESSION_BLOCK = 10.0  # s, length of a block: blocks are independent, their rows are not
+SMOOTH_TIME = 0.6  # [s] window of the moving mean of the channels
+SAMPLE_PERIOD = 0.1  # [s] time between rows that are used
+REGRESSION_BLOCK = 10.0  # [s] residuals of different blocks are taken as independent
 MIN_REGRESSION_BLOCKS = 6
-TYRE_COMPRESSION = 0.005  # share of the rolling radius that the static load takes (src/model/car.c)
-# mass of two wheels, at their radius, over that of the car: 2.4 kg m2, 0.33 m, 1600 kg
+TYRE_COMPRESSION = 0.005  # share by which the static load reduces the rolling radius (src/model/car.c)
+# mass of two wheels, reduced to their radius, over that of the car, for 2.4 kg m2, 0.33 m
+# and 1600 kg
 WHEEL_MASS_SHARE = 0.014
 
 
 def apply_slip_regression(
     problem: CarProblem, fit: CarFit, logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> CarFit:
-    """Return the fit with longitudinal stiffness, wheel latencies and radii by
-    regression.
+    """Return the fit with longitudinal stiffness, wheel latencies and radii replaced.
+
+    They are replaced by the result of the regression.
 
     Parameters
     ----------
-    problem, fit : Problem, Fit
-        The search. Its longitudinal stiffness and common wheel latency are replaced.
+    problem, fit : CarProblem, CarFit
+        The search and its result.
     logs : sequence of CheckedLog
         Logs of the calibration.
     vehicle : Vehicle
-        Gives the driven axle. If both axles are driven, only logs with wheel torques and
-        a brake switch are used.
+        Has the driven axle. If both axles are driven, only logs with wheel torques and a
+        brake switch are used.
 
     Returns
     -------
     CarFit
-        Numbers that the logs do not show keep mean and covariance of the prior.
+        Unknowns of the regression that the logs do not determine have mean and covariance
+        of the prior.
 
     Notes
     -----
-    v_driven/v_free - 1 = F/C/k + share (slip(F) - F/C + radii(a)) - later a/v
-                          + lag d slip(F)/dt + drag v^2 + radius,
-    with k the stiffness over the file's. F is by accel_x, drag, rolling resistance and
-    with the stiffness k over that of the file. F is the force by accel_x, drag, rolling
-    resistance and inertia of the wheels. F/C is the slip of a linear tyre at static load.
-    slip(F) follows the tyre curve and the longitudinal load transfer of src/model/car.c,
-    and radii(a) is what this load takes of the rolling radii. `share` scales both, with
-    prior sd BEND_SD. Each log has its own radius, which includes the bias of accel_x.
+    The regression is
+        v_driven/v_free - 1 = slip(F)/k + radii(a) + bend (slip(F) - F/C + radii(a))
+                              - later a/v + lag d slip(F)/dt + drag v^2/C + radius,
+    with the unknowns k, bend, later, lag, drag and radius.
 
-    Weighted least squares with Huber weights and priors. The share of the noise of
-    accel_x in the square of its slip is subtracted (errors in variables: Fuller 1987).
-    Residuals are correlated: the weights count the effective number of samples by blocks
-    of ten seconds. The covariance is the larger one of the inverse information and the
-    sandwich over blocks (White 1982). SLIP_MODEL_SD is added to k.
+    k is the stiffness C over that of the vehicle file. The force F follows from accel_x,
+    drag, rolling resistance and the inertia of the wheels. slip(F) follows the tyre curve
+    and the longitudinal load transfer of src/model/car.c, and F/C is the slip of a linear
+    tyre at static load. radii(a) is the change of the rolling radii by the load transfer
+    at the acceleration a. bend, with prior sd BEND_SD, is the relative error of both
+    effects. later is the latency of the driven wheels behind the free ones, and lag that
+    of accel_x behind the wheels. radius is the relative error of the ratio of the radii.
+    It includes the bias of accel_x, so each log has its own.
+
+    Method: weighted least squares with Huber weights and priors. Noise of accel_x biases
+    the first regressor, so its variance is subtracted (errors in variables, Fuller 1987).
+    Residuals are correlated, so the weights contain the effective number of samples in
+    blocks of 10 s. Each sd is the larger one of the inverse information matrix and of the
+    sandwich estimator over blocks (White 1982). SLIP_MODEL_SD is added to that of ln k.
     """
     names = list(problem.names)
     k = names.index(LONGITUDINAL_KEY)
@@ -126,14 +137,14 @@ def apply_slip_regression(
 def estimate_longitudinal(
     config: Config, values: Mapping[Any, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> tuple[float, float]:
-    """Return ln of the longitudinal stiffness over the vehicle file's, and its sd.
+    """Return ln(longitudinal stiffness over that of the vehicle file), and its sd.
 
     Parameters
     ----------
     config
         Settings of the vehicle file.
     values
-        Settings of a fit by name; the others keep their prior.
+        Settings of a fit by name. A setting that is missing has its prior mean.
     logs, vehicle
         As in apply_slip_regression().
     """
@@ -147,57 +158,58 @@ def estimate_longitudinal(
 
 
 def describe_slip(problem: CarProblem, fit: CarFit) -> list[str]:
-    """Return as text what the regression found.
+    """Return the findings of the regression as lines of text.
 
-    A stiffness that the logs do not show, a latency between both wheel speeds, and a
-    mismatch of the wheel radii from MIN_MISMATCH on.
+    They are: the logs do not determine the stiffness; a latency between the wheel speeds
+    of both axles; an error of the ratio of the wheel radii of at least MIN_MISMATCH.
     """
     names, found = list(problem.names), []
     k = names.index(LONGITUDINAL_KEY)
     if not fit.covariance[k, k] < (MAX_SHOWN_RATIO * problem.sd[k]) ** 2:
         found.append(
-            "longitudinal stiffness: not shown by these logs: it needs straight rows in which the driven "
-            "axle pulls and coasts, and, if both axles are driven, wheel torques and brake"
+            "longitudinal stiffness: not shown by these logs: it needs straight rows with and without drive "
+            "force, and, if both axles are driven, wheel torques and brake"
         )
     if (late := _compute_wheel_delay(problem, fit)) != 0.0:
         which = "front" if late > 0 else "rear"
         found.append(
-            f"wheel speeds: the {which} one is {1000 * abs(late):.1f} ms behind the other, half of it each"
+            f"wheel speeds: the {which} one is {1000 * abs(late):.1f} ms later than the other; each latency "
+            "is corrected by half of it"
         )
     front, rear = (fit.x[names.index(name)] / getattr(problem.config, name) for name in RADIUS_SETTINGS)
     off = rear / front - 1.0
     if abs(off) >= MIN_MISMATCH:
         size = "smaller" if off < 0 else "larger"
         found.append(
-            f"wheel radii: the rear one is {100 * abs(off):.1f} % {size}, beside the front one, than the "
-            "vehicle file says"
+            f"wheel radii: relative to the front one, the rear one is {100 * abs(off):.1f} % {size} than in "
+            "the vehicle file"
         )
     return found
 
 
 def describe_wheel_latencies(problem: CarProblem, fit: CarFit) -> dict[str, str]:
-    """Return comments of a vehicle file for wheel latencies that the regression moved."""
+    """Return comments of the vehicle file on wheel latencies that were changed."""
     if _compute_wheel_delay(problem, fit) == 0.0:
         return {}
-    text = ", behind each other as these logs show, both together as before"
+    text = ", difference between the axles by these logs, mean of both as before"
     return dict.fromkeys((name + LATENCY_SUFFIX for name in WHEEL_CHANNELS), text)
 
 
 def _compute_wheel_delay(problem: CarProblem, fit: CarFit) -> float:
-    """Return the latency [s] of the front wheels behind the rear, less its prior."""
+    """Return the latency [s] of the front behind the rear wheels, minus its prior."""
     front, rear = (list(problem.names).index(name + LATENCY_SUFFIX) for name in WHEEL_CHANNELS)
     return float(fit.x[front] - problem.mean[front] - fit.x[rear] + problem.mean[rear])
 
 
 def _apply_mismatch(config: Config, radii: np.ndarray, mismatch: float) -> np.ndarray:
-    """Return both radii [m] with this mismatch of rear over front, same mean."""
+    """Return both radii [m] with this mismatch of rear over front, and the same mean."""
     front, rear = radii / np.array([getattr(config, name) for name in RADIUS_SETTINGS])
     half = 0.5 * (np.log1p(mismatch) - np.log(rear / front))
     return radii * np.exp([-half, half])
 
 
 def _combine_with_prior(found: _SlipFinding | None, mean: float, var: float) -> tuple[float, float]:
-    """Return mean and variance of ln of the stiffness: the prior updated by the logs."""
+    """Return mean and variance of ln(stiffness): the prior updated by the regression."""
     if found is None:
         return mean, var
     seen = found.stiffness_sd**2 + SLIP_MODEL_SD**2
@@ -206,24 +218,22 @@ def _combine_with_prior(found: _SlipFinding | None, mean: float, var: float) -> 
 
 @dataclass(frozen=True)
 class _SlipFinding:
-    """Result of the regression, with sds.
+    """Result of the regression."""
 
-    stiffness: ln over that of the vehicle file. later: latency [s] of the front wheel
-    speed behind the rear one. mismatch: rear over front radius relative to the file,
-    minus 1.
-    """
-
-    stiffness: float
+    stiffness: float  # ln(stiffness over that of the vehicle file)
     stiffness_sd: float
-    later: float
-    later_sd: float
-    mismatch: float
+    later: float  # [s] latency of the front wheel speed behind the rear one
+    later_sd: float  # [s]
+    mismatch: float  # ratio of rear to front radius over that of the vehicle file, minus 1
 
 
 def _run_regression(
     config: Config, at: Mapping[str, float], logs: Sequence[CheckedLog], vehicle: Vehicle
 ) -> _SlipFinding | None:
-    """Return the result of all logs; None: they show nothing. at: car, by name."""
+    """Return the result of the regression over all logs; None if it is not significant.
+
+    `at`: unknowns of the car, by name.
+    """
     if vehicle.driven_axle != "front" and config.rear_longitudinal_follows_front != 1.0:
         return None
     car = _Car(config, at, vehicle)
@@ -231,19 +241,19 @@ def _run_regression(
     if sum(len(np.unique(p.block)) for p in parts) < MIN_REGRESSION_BLOCKS:
         return None
     b, b_sd = _solve(parts, np.array([*PRIOR_SD, *[RADIUS_RATIO_SD] * len(parts)]))
-    if not b[0] > SIGNIFICANT_SD * b_sd[0]:  # no slip is significant: soft and stiff tyres fit alike
+    if not b[0] > SIGNIFICANT_SD * b_sd[0]:  # no significant slip: stiffer tyres fit equally well
         return None
     sign = 1.0 if car.driven == "front" else -1.0
     weights = [len(p.slip) for p in parts]
     slip = float(np.average(b[len(PRIOR_SD) :], weights=weights))
-    # a driven axle that turns faster than it should has a smaller radius than in the file
+    # a driven axle that turns faster than predicted has a smaller radius than in the file
     mismatch = (1.0 + slip) ** sign - 1.0
     stiffness = float(np.log1p(slip) - np.log(b[0]))
     return _SlipFinding(stiffness, float(b_sd[0] / b[0]), -sign * float(b[1]), float(b_sd[1]), mismatch)
 
 
 def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return solution and sds: shared unknowns, then one of each log."""
+    """Return unknowns and sds of the regression: common ones, then one for each log."""
     count, prior = len(parts), np.diag(prior_sd**-2.0)
     x = np.vstack([np.column_stack([p.x, np.eye(count)[[n] * len(p.slip)]]) for n, p in enumerate(parts)])
     y, weight, noise = (
@@ -259,12 +269,12 @@ def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray,
         size = np.abs(error) * weight
         w = weight**2 * np.minimum(1.0, 1.345 * 1.4826 * np.median(size) / np.maximum(size, 1e-12))
         total = float(np.sum(w * error**2)) or 1e-30
-        # effective number of samples by the correlation within blocks
+        # samples per independent sample, by the correlation of residuals within blocks
         lasts = max(1.0, float(np.sum(np.bincount(block, np.sqrt(w) * error) ** 2)) / total)
         w = w * len(y) / (total * lasts)
         information = (x * w[:, None]).T @ x + prior
         noisy = float(w @ noise) * np.linalg.inv(information)[0, 0]
-        information[0, 0] -= w @ noise  # share of the noise of accel_x in the square of its slip
+        information[0, 0] -= w @ noise  # the part that noise of accel_x adds to the square of the slip
         b = np.linalg.solve(information, (x * w[:, None]).T @ y)
         error = w * (y - x @ b)
         score = np.column_stack([np.bincount(block, error * column) for column in x.T])
@@ -278,7 +288,7 @@ def _solve(parts: Sequence[_Samples], prior_sd: np.ndarray) -> tuple[np.ndarray,
 
 
 class _Car:
-    """Numbers of the car that the regression needs; forces per mass."""
+    """Parameters of the car that the regression needs. Forces are per mass of the car."""
 
     def __init__(self, c: Config, at: Mapping[str, float], vehicle: Vehicle):
         ordinary = get_ordinary_car(c)
@@ -286,9 +296,9 @@ class _Car:
         self.driven = vehicle.driven_axle
         self.radius = c.wheel_radius_front, c.wheel_radius_rear
         self.base, self.mass = c.lf + c.lr, c.mass
-        self.load = GRAVITY * c.lr / self.base, GRAVITY * c.lf / self.base  # m/s2: front, rear
+        self.load = GRAVITY * c.lr / self.base, GRAVITY * c.lf / self.base  # [m/s2] front, rear
         self.height = float(vehicle.facts.get("cg_height", ordinary["cg_height"])) / self.base
-        # change of the rolling radius of both axles, per m/s2
+        # relative change of the ratio of the rolling radii per m/s2 of acceleration
         self.give = TYRE_COMPRESSION * self.height * self.base**2 / (GRAVITY * c.lf * c.lr)
         self.stiffness = (
             c.longitudinal_stiffness_front,
@@ -305,24 +315,23 @@ class _Car:
     def compute_slip(
         self, axle: int, force: np.ndarray, push: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the slip of an axle, its difference from a linear tyre, and the grip
-        used.
+        """Return the slip of an axle for a longitudinal force.
 
         Parameters
         ----------
         axle
             0: front, 1: rear.
         force, push
-            Of the axle and of the car, per mass [m/s2].
+            Force of the axle, and total force that accelerates the car, per mass [m/s2].
 
         Returns
         -------
         slip
-            With the stiffness of the file.
+            Slip with the stiffness of the vehicle file.
         bend
-            Slip less that of a linear tyre at static load.
+            Slip minus that of a linear tyre at static load.
         share
-            Force over grip.
+            Size of the force over the grip of the axle.
         """
         load = np.maximum(
             self.load[axle] + (self.height if axle else -self.height) * push, 0.1 * self.load[axle]
@@ -335,25 +344,22 @@ class _Car:
 
 @dataclass(frozen=True)
 class _Samples:
-    """Samples of a log that are used.
+    """Samples of a log that are used in the regression."""
 
-    x: regressors: slip of the force at the file's stiffness, a/v, rate of that slip, slip
-    of 1 kg/m of drag, nonlinear part of that slip. noise: variance of the first regressor
-    by the noise of accel_x. slip: of the driven axle over the free one.
-    """
-
+    # (samples, 5) regressors: slip(F) with the stiffness of the vehicle file, a/v,
+    # d slip(F)/dt, slip by 1 kg/m of drag, nonlinear part of slip(F) plus radii(a)
     x: np.ndarray
-    noise: np.ndarray
-    slip: np.ndarray
+    noise: np.ndarray  # variance of the first regressor by noise of accel_x
+    slip: np.ndarray  # measured slip of the driven axle over the free one, minus radii(a)
     weight: np.ndarray
-    block: np.ndarray
+    block: np.ndarray  # number of the block of REGRESSION_BLOCK seconds
 
 
 def _select_samples(car: _Car, log: CheckedLog) -> _Samples | None:
-    """Return the straight rows of a log without brakes; None: the drive torques are
-    unknown.
+    """Return samples of straight rows without braking; None if there are none.
 
-    Slip is that of the front axle over the rear one, unless the rear axle is driven.
+    If both axles are driven, a log without wheel torques and brake switch has none, and
+    the front axle counts as the driven one.
     """
     brake, torque = log.extra.get("brake"), [log.extra.get(name) for name in TORQUE_COLUMNS]
     if car.driven == "both" and (brake is None or any(t is None for t in torque)):
@@ -368,13 +374,14 @@ def _select_samples(car: _Car, log: CheckedLog) -> _Samples | None:
     )
     rate = np.nan_to_num(rate)  # without a gyro, the steering angle alone selects straight rows
     front, rear = car.radius[0] * spin[0], car.radius[1] * spin[1]
-    rear_ahead = rear * np.cos(steer) + car.base * rate * np.sin(steer)  # along the front wheels
-    first = 1 if car.driven == "rear" else 0  # axle of the slip
+    # speed of the front axle along its wheels, from that of the rear axle
+    rear_ahead = rear * np.cos(steer) + car.base * rate * np.sin(steer)
+    first = 1 if car.driven == "rear" else 0  # axle whose slip is measured
     v = smooth(front if first else rear)
     slip = smooth(rear_ahead - front if first else front - rear_ahead) / np.maximum(v, 0.1)
     pull, gains = smooth(pull) / car.scale, smooth(np.gradient(v, log.time))
     push = pull + GRAVITY * car.rolling + car.drag * v**2 / car.mass
-    turns = WHEEL_MASS_SHARE * gains  # force that accelerates the wheels of an axle
+    turns = WHEEL_MASS_SHARE * gains  # force that the rotational inertia of an axle's wheels needs
     if car.driven == "both":
         pulls = [t.to_numpy(float) / (r * car.mass) for t, r in zip(torque, car.radius, strict=True)]
         apart = smooth(pulls[0] - pulls[1])
@@ -396,8 +403,8 @@ def _select_samples(car: _Car, log: CheckedLog) -> _Samples | None:
     )
     later, lag = gains / np.maximum(v, 0.1), np.gradient(takes, log.time)
     drag = v**2 / car.stiffness[first]
-    # load transfer to the rear increases the rolling radius in front, so those wheels
-    # turn slower, and reduces the one at the rear
+    # load transfer to the rear increases the rolling radius in front, so the front wheels
+    # turn slower, and reduces the radius at the rear, so the rear wheels turn faster
     radii = (1 if first else -1) * car.give * push
     seen = slip - radii
     use &= np.isfinite(seen + takes + lag)

@@ -1,8 +1,8 @@
 """List the unknowns of a car and its sensors with their priors.
 
-Priors are those of passenger cars without calibration. Effects that every car has (roll,
-relaxation) have a prior about their usual size, not about 0. An effect that a log does
-not show keeps this size and its sd.
+The priors describe passenger cars that have not been calibrated. For effects that every
+car has (roll, relaxation), the prior mean is the usual size, not 0. If the logs do not
+contain an effect, it keeps this size and its prior sd.
 """
 
 from __future__ import annotations
@@ -16,35 +16,34 @@ from tse.car.vehicle import GRAVITY, Vehicle
 from tse.library.core import STIFFNESS, Config
 
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
-VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # optional channels of a log, compared if present
+VELOCITY = ("ins_vel_x", "ins_vel_y", "gnss_speed")  # optional channels, compared if a log has them
 CHANNEL_UNIT = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"} | dict.fromkeys(VELOCITY, "m/s")
-CORNERING_AXLES = {"cy_front": "front", "cy_rear": "rear"}  # cornering stiffness, and its axle
+CORNERING_AXLES = {"cy_front": "front", "cy_rear": "rear"}  # cornering stiffness: its axle
 LATE_CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")
-LATENCY_SUFFIX = "_latency"  # behind the gyro
-LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # unknown, and its channel
-MAX_LATENCY = 0.2  # s, of a channel behind or before the gyro
-# sd that the unknowns of one `message` share: latency behind the gyro [s] of channels in
-# one message, relative error of the radii. The sd of each unknown beside it is smaller:
-# wheel speeds come from one unit, accelerometers from one chip, tyres from one shop. The
-# latency between both axles hardly shows, and with a wide prior it would absorb model
-# errors
+LATENCY_SUFFIX = "_latency"  # of the unknown that is the latency of a channel behind the gyro
+LATENCIES = {c + LATENCY_SUFFIX: c for c in LATE_CHANNELS}  # unknown: its channel
+MAX_LATENCY = 0.2  # [s] bound of a latency, positive or negative
+# sd of an error that all unknowns with the same `message` have in common: latency [s] of
+# the channels in one message of the bus, relative error of the wheel radii. The sd of the
+# individual error of each unknown is smaller, because wheel speeds come from one control
+# unit, accelerations from one chip, and tyres are of one kind. A latency between both
+# axles has hardly any effect in a log, and with a large sd it would absorb model errors
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
-LN_STIFFNESS_SD = 0.5  # ln, of the stiffness over that of the vehicle file
-MAX_LN_STIFFNESS = 1.8  # ln, bound of the same
-# Posterior over prior sd: below, the logs show the unknown
-MAX_SHOWN_RATIO = 0.7
-SIGNIFICANT_SD = 3.0  # sd from 0: a size beyond is significant
-# Cornering stiffness is searched as its inverse: the motion is nearly linear in the
-# compliance of the axles, and steps in the stiffness would overshoot the minimum
+LN_STIFFNESS_SD = 0.5  # prior sd of ln(stiffness over that of the vehicle file)
+MAX_LN_STIFFNESS = 1.8  # bound of the size of ln(stiffness over that of the vehicle file)
+MAX_SHOWN_RATIO = 0.7  # posterior sd over prior sd; below it, the logs determine the unknown
+SIGNIFICANT_SD = 3.0  # [posterior sd] distance from 0 above which an unknown is significant
+# Cornering stiffness is searched as its inverse. The motion is nearly linear in the
+# compliance of the axles, whereas steps in the stiffness would overshoot the minimum
 COMPLIANCE = ("cy_front", "cy_rear")
-# Share of the lateral acceleration in a curve that the bank of the road takes, by log.
-# Real roads are built so. Without it, the bank would appear as a scale of accel_y or as
-# other tyres
+# Lean of a road: share of the lateral acceleration in curves that its bank compensates;
+# prior mean and sd of each log. Roads are built like this. Without the lean, a fit would
+# explain the bank by a scale error of accel_y or by different tyres
 LEAN_MEAN, LEAN_SD = 0.12, 0.05
-BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # m/s2, rad/s: of each log
-# Lower limits of posterior sds. The covariance leaves out that roads differ in their
-# lean, steering moves with force, axles differ in relaxation, and the zero of a steering
-# rack changes from day to day
+BIAS_SD = {"accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.02}  # [m/s2, rad/s] prior sd in each log
+# Lower limits of posterior sds. The covariance does not account for differences between
+# roads in their lean and between axles in their relaxation, for elastic steering, and for
+# a zero of the steering rack that changes from day to day
 MIN_SD = {
     "lean_sd": 0.1,
     "trail_sd": 0.02,
@@ -56,29 +55,29 @@ MIN_SD = {
 
 @dataclass(frozen=True)
 class Unknown:
-    """One unknown. `name` is its setting."""
+    """An unknown of the car, with its prior and bounds."""
 
-    name: str
+    name: str  # of the setting
     group: str  # heading in reports
-    mean: float
-    sd: float
-    low: float
-    high: float
-    relative: bool = False  # mean, sd and range are relative to the vehicle file
-    message: str = ""  # unknowns of one message share an error with the sd COMMON_SD[message]
-    worth: float = 0.0  # smallest size worth reporting; 0: shape of an effect
+    mean: float  # of the prior
+    sd: float  # of the prior
+    low: float  # lower bound
+    high: float  # upper bound
+    relative: bool = False  # True: mean, sd and bounds are relative to the vehicle file
+    message: str = ""  # unknowns with the same message have a common error, sd COMMON_SD[message]
+    worth: float = 0.0  # least size that is reported; 0: the unknown is the shape of an effect
 
 
 def _make_latency(name: str, own: float, message: str = "") -> Unknown:
-    """Return the latency of a channel as an unknown, with its own sd [s]."""
+    """Return the latency of a channel as an unknown. `own`: its individual sd [s]."""
     return Unknown(
         name + LATENCY_SUFFIX, "latency", 0.0, own, -MAX_LATENCY, MAX_LATENCY, message=message, worth=0.001
     )
 
 
-# Sources of the sizes: src/tables/effects.toml (typical sizes). Sensors: CAN cycle times
-# of 10 .. 20 ms and filters of 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 %
-# of scale. fmt: off
+# Prior means and sds follow from the typical sizes in src/tables/effects.toml. Those of
+# sensors follow from CAN cycle times of 10 .. 20 ms and filters of 10 .. 30 ms (latency),
+# mounting errors of 1 to 2 degrees, and scale errors of 1 %. fmt: off
 UNKNOWNS: tuple[Unknown, ...] = (
     _make_latency("steer_angle", 0.025),
     _make_latency("wheel_speed_front", 0.0005, "wheels"),
@@ -89,18 +88,18 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
-    # axle loads are weighed; a file without them gives a larger cg_sd
+    # sd for weighed axle loads; without them, the vehicle file states a larger cg_sd
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
-    # the ratio of the radii hardly shows beside longitudinal stiffness: prior by wear and
-    # pressure
+    # the ratio of the radii can hardly be separated from longitudinal stiffness, so its
+    # prior is that of wear and tyre pressure
     Unknown(
         "wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
     Unknown(
         "wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002
     ),
-    # axles share a force by their stiffness; with a wrong share, wheels seem late by tens
-    # of ms
+    # the axles share a longitudinal force in proportion to their stiffness; a wrong ratio
+    # would be explained by wheel latencies of tens of ms
     Unknown(
         "longitudinal_stiffness_rear",
         "rear longitudinal stiffness",
@@ -129,31 +128,31 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("imu_scale_ay_error", "IMU scale", 0.0, 0.01, -0.3, 0.3, worth=0.005),
     Unknown("gyro_scale_error", "IMU scale", 0.0, 0.005, -0.3, 0.3, worth=0.003),
     Unknown("lateral_load_transfer_gain", "tyres", 0.002, 0.002, -0.003, 0.03, worth=0.0004),
-    # an axle with a larger share of the roll stiffness than of the weight loses more
-    # grip: 0.4 .. 0.63 of the roll stiffness is in front
+    # the axle with the larger share of the roll stiffness has more load transfer and
+    # loses more grip; the front axle has 0.4 .. 0.63 of the roll stiffness
     Unknown("lateral_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
-    # the tyres of the axle with more weight gain less by a load
+    # the stiffness of the axle with the larger load increases less with additional load
     Unknown("longitudinal_load_transfer_balance", "tyres", 0.0, 0.2, -1.0, 1.0),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
     Unknown("tyre_saturation_inverse_friction", "tyres", 1.0, 0.25, 0.0, 5.0, worth=0.2),
-    # axles differ in tyres or camber: ratio 0.8 .. 1.2
+    # axles differ in tyres or camber; their ratio is 0.8 .. 1.2
     Unknown("tyre_saturation_balance", "tyres", 0.0, 0.1, -0.5, 0.5),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
 )
 # fmt: on
-# Unknowns of a velocity sensor, of logs that have one; sds are settings (sensors.toml).
+# Unknowns of a velocity sensor, if a log has one; settings (sensors.toml) replace the sds
 OF_VELOCITY: tuple[Unknown, ...] = (
     Unknown("velocity_latency", "velocity", 0.0, 0.03, -MAX_LATENCY, MAX_LATENCY, worth=0.002),
     Unknown("velocity_lever_x", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_lever_y", "velocity", 0.0, 0.1, -20.0, 20.0, worth=0.05),
     Unknown("velocity_heading", "velocity", 0.0, 0.02, -0.5, 0.5, worth=0.001),
 )
-VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}  # settings
-# Settings of [uncertainty], and the unknowns whose sd they are, in the prior and the
-# result.
+# unknown: setting with its sd
+VELOCITY_SD = {u.name: u.name.removesuffix("_x").removesuffix("_y") + "_sd" for u in OF_VELOCITY}
+# setting of [uncertainty]: unknown whose sd it is, in the prior and in the result
 UNCERTAIN_SETTINGS = {
     "cg_sd": "cg_shift_distance",
     "steer_ratio_sd": "steering_ratio_change",
@@ -164,13 +163,13 @@ UNCERTAIN_SETTINGS = {
     "gyro_scale_sd": "gyro_scale_error",
     "trail_sd": "aligning_moment_trail",
 }
-# effects that scale accel_y in the same way, with their factor
+# unknown: unknown that scales accel_y in the same way, and its factor
 SCALE_PARTNERS = {"imu_scale_ay_error": ("body_roll_gain", GRAVITY)}
-SUPERELEVATION = "superelevation"  # unknown of each log, see name_in_log()
+SUPERELEVATION = "superelevation"  # lean of the roads, an unknown of each log: see name_in_log()
 
 
 def name_in_log(name: str, log: int) -> str:
-    """Return the name of an unknown that each log has."""
+    """Return the name of an unknown of one log."""
     return f"{name}@{log}"
 
 
@@ -189,7 +188,7 @@ def get_unit(name: str) -> str:
 
 @dataclass
 class Prior:
-    """Gaussian of the unknowns of the car, and their bounds, in the order of `names`."""
+    """Normal prior and bounds of the unknowns of the car, in the order of `names`."""
 
     names: tuple[str, ...]
     mean: np.ndarray
@@ -212,15 +211,15 @@ class Prior:
 def make_prior(vehicle: Vehicle, config: Config, velocity: bool = False) -> Prior:
     """Return the prior of the unknowns of a car.
 
-    It is the table about the settings of the vehicle file. The result of an earlier
-    calibration replaces it, if the file has one.
+    Means and sds are those of UNKNOWNS, unless the vehicle file states them. If the file
+    contains the result of an earlier calibration, this result replaces both.
 
     Parameters
     ----------
     vehicle, config
         The vehicle file, and its settings.
     velocity
-        A log has a measured velocity.
+        True: a log has a measured velocity, so OF_VELOCITY is unknown, too.
     """
     known = UNKNOWNS + (OF_VELOCITY if velocity else ())
     names = tuple(u.name for u in known) + STIFFNESS

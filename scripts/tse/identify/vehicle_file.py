@@ -1,5 +1,4 @@
-"""Write the vehicle file of a calibration or a gap: the user's file with the
-estimates."""
+"""Format the vehicle file of a calibration or a gap: the user's file with estimates."""
 
 from __future__ import annotations
 
@@ -22,12 +21,12 @@ from tse.car.vehicle import (
 from tse.identify.lasting import Piece, measure_share
 from tse.library.core import Config, library
 
-PRIOR_PIECES = 2.0  # weight of the prior of model_sd, in pieces of 10 s
-MIN_LATERAL_ACTIVITY = 0.5  # m/s2, floor of the signal: MIN_ACTIVITY of the filter
+PRIOR_PIECES = 2.0  # weight of the prior of model_sd, as a number of pieces of 10 s
+MIN_LATERAL_ACTIVITY = 0.5  # [m/s2] floor of the signal in measure_share(); MIN_ACTIVITY of the filter
 
 
 class Residuals(Protocol):
-    """Residuals of a problem that measure_unexplained() needs."""
+    """The part of CarProblem that measure_unexplained() needs."""
 
     groups: Sequence[tuple[int, str]]
 
@@ -37,11 +36,11 @@ class Residuals(Protocol):
 
 
 def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], before: float) -> float:
-    """Return model_sd of the filter: mean square of prior and residuals, by number of
-    pieces.
+    """Return model_sd of the filter, from its prior value and the residuals.
 
-    Half a minute straight ahead shows nothing of a model error in curves. Half an hour of
-    curves does.
+    It is the root of the mean square of both, weighted by numbers of pieces. Half a
+    minute straight ahead has nearly no weight, because it contains no model error of
+    curves. Half an hour of curves outweighs the prior.
     """
     left, count = measure_unexplained(problem, residuals)
     found = np.sqrt((PRIOR_PIECES * before**2 + count * left**2) / (PRIOR_PIECES + count))
@@ -49,11 +48,10 @@ def estimate_model_sd(problem: Residuals, residuals: Sequence[np.ndarray], befor
 
 
 def measure_unexplained(problem: Residuals, residuals: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Return the share of yaw_rate that the model does not explain, and the number of
-    pieces.
+    """Return the model error of yaw_rate over its signal, and the number of pieces.
 
-    The share is that of measure_share(): an error that lasts 1 s. yaw_rate has no road in
-    it. Without a gyro both are 0.
+    Both are the results of measure_share(). yaw_rate is chosen because bank and grade do
+    not act on a gyro. Without a gyro both are 0.
     """
     own = [g for g, (_, c) in enumerate(problem.groups) if c == "yaw_rate"]
     if not own:
@@ -73,24 +71,24 @@ def format_vehicle(
     notes: Mapping[str, Sequence[str]],
     formula: Path | None,
 ) -> str:
-    """Write the file as text.
+    """Return the content of the vehicle file.
 
     Parameters
     ----------
     title
-        First lines.
+        First lines of the file.
     vehicle
-        The user's vehicle; gives names and facts.
+        The user's vehicle, with its facts and formula.
     values
-        All settings of the file.
+        All settings, by name.
     uncertainty, calibration
-        Tables of these names; the second as lines.
+        Content of the tables [uncertainty], by key, and [calibration], as lines.
     bands
-        Comment behind a setting.
+        By setting: comment at the end of its line.
     notes
-        Comment below the heading of an effect, also of effects that are off.
+        By effect, also if it is off: comments below its heading.
     formula
-        File of the formula beside it.
+        Path of the file with the formula; None: without formula.
     """
     config, fields, late = Config.exact(values), Config().fields, list_latency_settings()
 
