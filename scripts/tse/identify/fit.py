@@ -30,10 +30,10 @@ HUBER = 4.0  # [rms of the channel] residual above which the loss is linear, not
 MODEL_TIME = 2.0  # [s] correlation time of the model error
 MAX_FIT_STEPS = 40
 MAX_STEP_SD = 1.5  # [prior sd] largest change of an unknown in one step
-NEAR_RATIO = 0.9  # rms after a step over rms before; if it is larger in all channels, the fit is near
+NEAR_RATIO = 0.9  # rms after a step over rms before; if larger in all channels, the maximum is near
 MAX_FINAL_STEP = 0.1  # [posterior sd] a step without a larger change of an unknown ends the search
-MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain ends the search
-MIN_GAIN_SHARE = 0.25  # gain over predicted gain; below, partial derivatives are simulated again
+MIN_GAIN_NATS = 0.1  # [nat] a step with a smaller predicted gain (reduction of the cost) ends the search
+MIN_GAIN_SHARE = 0.25  # gain of a step over predicted gain; below, derivatives are simulated again
 MAX_HALVINGS = 6  # lengths of a step that are tried, each half of the one before
 
 
@@ -327,7 +327,7 @@ def fit(
             tables = _update_slopes(problem, tables, roads, residuals, new, by, along)
             x, z, residuals = there, z + along, new
             steps += 1
-            say(f"step {steps}: the largest change is {moved:.2g} sd")
+            say(f"step {steps}: the largest change of an unknown is {moved:.2g} sd")
         exact = not converged and ((near and settled) or gain < MIN_GAIN_SHARE * expected)
         if exact:
             tables, roads = (

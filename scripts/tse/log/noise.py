@@ -80,7 +80,7 @@ def estimate_channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Nois
         parts = [f"steps of {step:.3g}: step/sqrt(12) = {sd:.3g}"]
     if hold > 1:
         sd *= np.sqrt(hold)
-        parts.append(f"samples held {hold} rows: x {np.sqrt(hold):.2g}")
+        parts.append(f"samples repeat over {hold} rows: x {np.sqrt(hold):.2g}")
     unraised = float(sd)
     if sd < NOISE_FLOOR[name]:
         sd = NOISE_FLOOR[name]

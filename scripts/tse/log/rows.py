@@ -425,7 +425,7 @@ def _drop_code(data: dict[str, np.ndarray], name: str, notes: list[str]) -> None
     value = data[name][rows.argmax()]
     notes.append(
         f"{name} is {value:g} in {rows.sum()} rows and at most {others.max():.3g} in the others: "
-        "a code for no value, treated as missing"
+        'it is a code for "not available" and is treated as missing'
     )
     data[name] = np.where(rows, np.nan, data[name])
 
@@ -478,7 +478,7 @@ def _drop_computed(data: dict[str, np.ndarray], notes: list[str]) -> None:
 
 def _make_frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
     """Return a data frame of the columns, without a copy: 10 h take 200 MB."""
-    import pandas as pd  # here: row-by-row estimation needs numpy only
+    import pandas as pd  # not at the top: estimation row by row needs numpy only
 
     return pd.DataFrame(columns, index=range(rows), copy=False)
 

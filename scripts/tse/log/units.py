@@ -68,7 +68,7 @@ def parse_unit(unit: str) -> pint.Quantity | None:
         return None
     try:
         return load_units().Quantity(plain or text)
-    except Exception:  # pint's tokenizer raises errors of many kinds
+    except Exception:  # pint's tokenizer may raise any error
         return None
 
 

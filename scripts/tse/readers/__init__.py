@@ -1,1 +1,1 @@
-"""Readers of log formats: readers.py chooses a read_*.py, which returns a Recording."""
+"""Read logs: readers.py chooses the module read_*.py that reads the format of a file."""

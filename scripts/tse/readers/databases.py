@@ -115,7 +115,7 @@ def read_database(path: Path, notes: list[str]) -> list[Any]:
         raise
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    except Exception as error:  # parsers raise errors of many kinds
+    except Exception as error:  # a parser may raise any error
         first = (str(error).splitlines() or [type(error).__name__])[0][:150]
         refused = UserError(f"{path}: cannot be read as a database of a bus: {first}")
     if path.suffix.lower() != ".dbc":
@@ -142,7 +142,7 @@ def _convert_by_canmatrix(path: Path) -> str:
         return made.getvalue().decode("cp1252", errors="replace")
     except MemoryError:
         raise
-    except Exception:  # parsers raise errors of many kinds
+    except Exception:  # a parser may raise any error
         return ""
 
 
@@ -185,7 +185,7 @@ def _load(cantools: Any, parts: Sequence[str]) -> list[Any] | None:
     try:
         text = "\n\n".join(['VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_:', *parts, ""])
         return list(cantools.database.load_string(text, "dbc", strict=False).messages)
-    except Exception:  # parsers raise errors of many kinds
+    except Exception:  # a parser may raise any error
         return None
 
 

@@ -414,7 +414,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
                 decode()
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # parsers raise errors of many kinds
+    except Exception as error:  # a parser may raise any error
         if not frames and not len(times):
             what = KIND_NAMES.get(kind, "a BLF")
             raise UserError(
@@ -440,7 +440,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
 
 
 def _convert_frames(reader: Any, lines: Lines) -> Iterator[CanFrame]:
-    """Yield the data frames of a reader of python-can; count error frames."""
+    """Yield the data frames of a reader of python-can; count its error frames."""
     for m in reader:
         if m.is_error_frame or m.is_remote_frame:
             lines.errors += m.is_error_frame

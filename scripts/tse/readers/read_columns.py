@@ -30,7 +30,9 @@ def read(path: Path, how: ReadOptions) -> Recording:
     except (UserError, MemoryError):
         raise
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None
+        raise UserError(
+            f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}; copy it again"
+        ) from None
     if found.channels and not np.isfinite(next(iter(found)).time).any():
         raise UserError(f"{path}: the time column is empty")
     return found

@@ -162,8 +162,8 @@ def _walk_version5(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
                     yield from _walk(name, value, opaque)
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # parsers raise errors of many kinds
-        raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
+    except Exception as error:  # a parser may raise any error
+        raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}; copy it again") from None
 
 
 def _measure_unpacked(path: Path) -> int:
@@ -230,8 +230,8 @@ def _walk_version73(path: Path, opaque: list[str]) -> Iterator[tuple[str, Any]]:
             yield from _walk_hdf(file, "", opaque, h5py)
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # parsers raise errors of many kinds
-        raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
+    except Exception as error:  # a parser may raise any error
+        raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}; copy it again") from None
 
 
 def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any) -> Iterator[tuple[str, Any]]:

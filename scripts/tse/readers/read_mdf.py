@@ -46,7 +46,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
             version = mdf.version
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # parsers raise errors of many kinds
+    except Exception as error:  # a parser may raise any error
         damage = f"{type(error).__name__}: {str(error)[:120]}"
     finally:
         gc.collect()

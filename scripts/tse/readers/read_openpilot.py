@@ -48,7 +48,7 @@ def read(path: Path, how: ReadOptions) -> Recording:
             count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # parsers raise errors of many kinds
+    except Exception as error:  # a parser may raise any error
         if not count:
             raise UserError(
                 f"{path}: is no log of openpilot, or is damaged: {str(error).splitlines()[0][:100]}"
@@ -80,5 +80,5 @@ def _unpack(path: Path) -> bytes:
     except (UserError, MemoryError):
         raise
     except (OSError, EOFError, ValueError) as error:
-        raise UserError(f"{path}: is damaged or cut off: {error}") from None
+        raise UserError(f"{path}: is damaged or cut off: {error}; copy it again") from None
     return raw

@@ -158,10 +158,10 @@ def read(path: Path, how: ReadOptions) -> Recording:
                 count += 1
     except (UserError, MemoryError):
         raise
-    except Exception as error:  # parsers raise errors of many kinds
+    except Exception as error:  # a parser may raise any error
         if not count:
             raise UserError(
-                f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}"
+                f"{path}: is damaged or cut off: {type(error).__name__} {str(error)[:100]}; copy it again"
             ) from None
         notes.append(
             f"the bag is damaged after {count} messages ({str(error)[:60]}): the part before is used"

@@ -168,11 +168,11 @@ class Growing:
 # ---- Limits of rows, memory and time: a packed file may be crafted to exhaust them.
 
 ALWAYS_ALLOWED_ROWS = 1_500_000  # rows that a file of any size may have: 4 h at 100 Hz
-# [bytes] least that one value of a signal, row of a table, frame, message takes in a file
+# [bytes] least size in a file of a value of a signal, row of a table, frame, message
 MIN_SIGNAL_BYTES, MIN_ROW_BYTES, MIN_FRAME_BYTES, MIN_MESSAGE_BYTES = 2, 5, 4, 8
 MEMORY_LIMIT_VARIABLE = "TSE_HOLD_MEMORY"  # environment variable; if set, memory is limited
-BASE_MEMORY = 700 << 20  # [bytes] that reading a file of any size may take
-MEMORY_PER_BYTE = 16  # [bytes] that reading may take in addition for each byte of the file
+BASE_MEMORY = 700 << 20  # [bytes] memory that reading a file of any size may take
+MEMORY_PER_BYTE = 16  # [bytes] memory that reading may take in addition for each byte of the file
 
 
 def measure_size(path: Path) -> int:
