@@ -1,25 +1,27 @@
-"""Tyre stiffness of a car - front longitudinal, front and rear cornering - from what
-every car measures.
+"""Estimate the tyre stiffness of a car (front longitudinal, front and rear cornering)
+from sensors that every car has.
 
     import tse
 
     # a whole log: a file or a data frame
     result = tse.estimate("drive.mf4", "car.toml")
     result.words, result.plot(), result.report("page.html")
-    # which signal of a log is which channel; read_log(), replay()
+    # propose which signal of a log is which channel
     tse.signals("drive.mf4").write("signals.toml")
+    # fit the car, find effects that the model lacks, estimate the logs of many cars
     calibration = tse.calibrate(["monday.mf4", "friday.mf4"], "car.toml")
     gap = tse.gap("drive.mf4", "car.toml")
     fleet = tse.fleet("logs/", "car.toml", out="results")
-    # row by row; tse.live() reads a CAN bus while driving
+    # row by row; tse.live() does the same with the frames of a CAN bus
     f = tse.Filter("car.toml", sample_time=0.01)
     e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1,
                accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
 
 SI units, ISO 8855: x forward, y left, z up; angles and rates are positive to the left.
-Stiffness is that of an axle. NaN is a missing value. The numbers are those of the C
-library, bit for bit; names, units and ranges come from its tables. tse.tables lists them,
-tse.errors has the exceptions, tse.files helps commands that are built on tse.
+Every stiffness is that of a whole axle. NaN is a missing value. The C library computes
+all estimates, so they have the same bits as in C. tse.tables lists its settings and
+channels with units and ranges, tse.errors has the exceptions, and tse.files the file
+functions for commands that are built on tse.
 """
 
 from __future__ import annotations
@@ -101,7 +103,9 @@ __all__ = [
 ]
 
 _MODULES = ("errors", "files", "tables")
-_LATER = {  # loaded at the first use: the command is a user, too, and its --help needs none of it
+# Name and the module that defines it. A module is imported at the first use of one of its
+# names, so that `tselab --help`, which imports tse, does not wait for numpy and pandas
+_LATER = {
     **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
     **dict.fromkeys(("Result", "estimate"), "tse._estimate"),
     **dict.fromkeys(("Filter", "Form", "UNKNOWN_AGE"), "tse._filter"),

@@ -1,4 +1,4 @@
-"""Methods of an Estimate."""
+"""Properties that Estimate has besides its fields."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 
 class EstimateBase:
-    """The three stiffnesses as arrays, and words for codes."""
+    """Base class of Estimate: stiffnesses as arrays, and the status as a sentence."""
 
     __slots__ = ()
 
@@ -25,17 +25,17 @@ class EstimateBase:
 
     @property
     def stiffness_sd(self) -> Array:
-        """(3,) standard deviations of these means, in their units."""
+        """(3,) standard deviations of `stiffness`, in the same units."""
         return np.array([getattr(self, f"{s}_sd") for s in STIFFNESS])
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """(3,) True where the stiffness may be used."""
+        """(3,) whether each stiffness may be used."""
         return np.array([getattr(self, f"{s}_valid") for s in STIFFNESS])
 
     @property
     def status_text(self) -> str:
-        """The status as a sentence."""
+        """Meaning of `status`, as a sentence."""
         return str(library().codes(STATUS)[self.as_dict()["status"]].text)
 
     def as_dict(self) -> dict[str, Any]:

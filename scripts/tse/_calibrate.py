@@ -1,4 +1,4 @@
-"""Calibrate a car on its logs."""
+"""Calibrate the parameters of a car on its logs: calibrate() and its result."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ NOT_CONVERGED = 12  # exit code
 
 
 class Calibration(Shown):
-    """A calibrated car, and the evidence of its logs."""
+    """Result of calibrate(): the car, and how well the logs determine its parameters."""
 
     def __init__(self, result: CalibrationResult, logs: Sequence[Path]):
         self._result, self._logs = result, list(logs)
         self.converged = bool(result.fit.converged)
-        """False: the search stopped before it converged, and the numbers are those of its
-        last step."""
+        """Whether the fit converged. If not, the parameters are those of its last
+        step."""
         self.notes = tuple(result.notes)
-        """What was odd, in words."""
+        """Sentences about what was unusual in the logs or in the fit."""
 
     @property
     def vehicle(self) -> Vehicle:
-        """The calibrated car, for estimate() of other logs."""
+        """The calibrated car, to be used in estimate() of other logs."""
         car = self._result.vehicle
         text = output.format_calibrated(self._result, self._names, car.formula_path or Path("formula.toml"))
         made = make_vehicle(parse_toml(text), car.path or Path("vehicle"))
@@ -54,18 +54,20 @@ class Calibration(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Stiffness, how the search ended, and which numbers these logs do not show."""
+        """Sentences: the stiffnesses, whether the fit converged, and which parameters
+        these logs do not determine."""
         return (self.stiffness, *describe_result(self._result))
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The result in a few sentences, as `tselab calibrate` ends."""
+        """The result in a few sentences, the last lines that `tselab calibrate`
+        prints."""
         return tuple(summarise_result(self._result, self.stiffness))
 
     @property
     def shown_words(self) -> tuple[str, ...]:
-        """A sentence for each number that these logs show, those with most evidence
-        first."""
+        """A sentence for each parameter that these logs determine, in order of decreasing
+        evidence."""
         return tuple(f.words for group in self._result.groups for f in group.members if f.shown)
 
     @property
@@ -79,33 +81,34 @@ class Calibration(Shown):
         return results.USABLE if is_usable else results.NOTHING
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per number of the car: name, unit, before, value, sd, shown (the
-        logs show it), words ..."""
+        """Return a table with a row per parameter of the car: name, unit, before, value,
+        sd, shown (whether the logs determine it), words ..."""
         return pd.DataFrame([f.as_json() for f in self._result.findings])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all numbers, as the JSON file beside the calibrated vehicle file has
-        them."""
+        """Return the content of the JSON file that write() puts next to the vehicle
+        file."""
         found: dict[str, Any] = results.convert_to_plain(output.to_json(self._result))
         return found
 
     def plot(self) -> Any:
-        """Return a figure of plotly: numbers with their 95 % intervals and priors."""
+        """Return a plotly figure: each parameter with its 95 % interval and its prior."""
         return page.draw_bands(self._result)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page of `tselab calibrate`."""
+        """Write the HTML page that `tselab calibrate` writes."""
         page.write(Path(path), self._result, self.words)
         return Path(path)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the calibrated vehicle file, and beside it all numbers as JSON, and its
-        formula if it has one."""
+        """Write the calibrated vehicle file and, next to it, all parameters as JSON and
+        the formula of the car if it has one."""
         output.write(Path(path), self._result, self._names)
         return Path(path)
 
     def write_table(self, path: str | os.PathLike[str]) -> Path:
-        """Write the table of the command, .parquet or .csv by the name."""
+        """Write the table of `tselab calibrate --table`: Parquet if `path` ends in
+        .parquet, otherwise CSV."""
         logs = " ".join(map(str, self._logs))
         results.write_rows(Path(path), [{"logs": logs, **f.as_json()} for f in self._result.findings])
         return Path(path)
@@ -127,35 +130,35 @@ def calibrate(
     Parameters
     ----------
     logs
-        A log or several: files, frames, or what read_log() returned. Half an hour with
-        bends and some braking is a good start. A log that cannot be read, or whose
+        One log or several: files, data frames, or results of read_log(). Half an hour
+        with bends and some braking is a good start. A log that cannot be read, or whose
         channels contradict each other, is left out, with a note.
     vehicle
         As in estimate().
     hold_out
-        Logs that are not fitted: the calibrated car is compared with them.
+        Logs that are not used for the fit. The calibrated car is validated on them.
     road
-        road.csv, or what read_road() returned: bank and grade of the road of all logs.
-        None: they are found with the car.
+        Bank and grade of the road that all logs were driven on: a file road.csv, or a
+        Road. None: they are estimated together with the parameters of the car.
     reading
         How files are read: signals, rate, strict, databases.
     steps
-        Maximum number of steps of the search; None: 40.
+        Maximum number of steps of the fit; None: 40.
     jobs
-        Simulations that run at once.
+        Number of simulations that run in parallel.
     progress
-        Called with a sentence about the current step; a minute or two pass.
+        Called with a sentence about the current step. The fit takes a minute or two.
 
     Returns
     -------
     Calibration
-        `vehicle` is for estimate() of other logs of this car.
+        Its `vehicle` is the car to be used in estimate() of other logs.
 
     Raises
     ------
     Error
-        No log can be compared with a simulation, or the channels of all contradict each
-        other; a ValueError.
+        No log can be compared with a simulation, or the channels of every log contradict
+        each other. It is a ValueError, too.
     """
     car = read_vehicle(vehicle)
     fitted, held = collect_logs(logs, car), collect_logs(hold_out, car, 0)

@@ -1,4 +1,4 @@
-"""Estimate a whole log."""
+"""Estimate the tyre stiffness of a whole log: estimate() and its result."""
 
 from __future__ import annotations
 
@@ -45,35 +45,37 @@ USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", 
 
 @dataclass(frozen=True, repr=False)
 class Result(Shown):
-    """Estimates of n rows, and what the run found."""
+    """Result of estimate(): the estimates of all rows, and the conclusions from them.
+
+    n is the number of rows of `table`."""
 
     table: pd.DataFrame
-    """n rows with the columns of `tselab estimate` (its --help lists units): time, vel_x,
+    """(n rows) The columns of `tselab estimate` (its --help lists units): time, vel_x,
     cy_front, cy_front_sd, p_changed ... Columns _valid and _spread_seen are booleans,
-    columns _reason are words. Of a run with `out` it has the columns that `words` needs,
-    and of a very long log every n-th row."""
+    columns _reason are strings. If estimate() was called with `out`, the table has only
+    the columns that `words` needs and, if the log is very long, only every k-th row."""
     settings: dict[str, float | int]
-    """All settings of the run, by name: also those that were found in the log."""
+    """All settings of the run by name, also those that were estimated from the log."""
     notes: tuple[str, ...] = ()
-    """What was odd, or was filled in, in words."""
+    """Sentences about what was unusual in the log, and which values were filled in."""
     warnings: tuple[str, ...] = ()
-    """How the channels contradict each other (units, signs, axes), in words. The filter
-    cannot distinguish a permanently wrong channel from a different car, so no row of such
-    a log is valid and no stiffness is usable."""
+    """Sentences about channels that contradict each other (units, signs, axes). The
+    filter cannot distinguish a permanently wrong channel from a different car, so no row
+    of such a log is valid and no stiffness is usable."""
     learnt: bytes | None = None
-    """The learnt state, for the next drive: for the argument `learnt`,
-    Filter.load_learnt() and tse_learnt_load() in C. None: no row was used, or the
-    channels contradict each other."""
+    """State that the filter has learnt, from which the next drive can start: pass it as
+    the argument `learnt`, to Filter.load_learnt(), or to tse_learnt_load() in C. None: no
+    row was used, or the channels contradict each other."""
     uncertainty_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
-    """Share of the final sd that each uncertain parameter of the car adds: (3,), relative
-    to nominal."""
+    """For each uncertain parameter of the car (mass_sd ...) the part of the final sd of
+    the three stiffnesses that it causes: (3,), relative to the nominal stiffness."""
     calibration: dict[str, Any] | None = None
-    """Result of the calibration on the log itself: used (else why not), seconds,
-    stiffness with its 95 % interval [N/rad], latency [s], not_shown. None: the car was
-    calibrated before, or this was switched off."""
+    """Result of the calibration on the log itself: used, or why not; seconds; stiffness
+    with its 95 % interval [N/rad]; latency [s]; not_shown, the parameters that the log
+    does not determine. None: the car was calibrated before, or `calibrate` was False."""
     vehicle: Vehicle | None = None
-    """The car that was used, to which `learnt` belongs: estimate(next, result.vehicle,
-    learnt=result.learnt)."""
+    """The car that was used. `learnt` belongs to it: call estimate(next_log,
+    result.vehicle, learnt=result.learnt)."""
     _ran: tuple[Run, Prepared] | None = field(default=None, repr=False, compare=False)
 
     def __len__(self) -> int:
@@ -81,7 +83,7 @@ class Result(Shown):
 
     @property
     def time(self) -> Array:
-        """(n,) s, as in the log."""
+        """(n,) time of each row as in the log, s."""
         return self.table["time"].to_numpy(float)
 
     def _three(self, end: str) -> Array:
@@ -94,24 +96,26 @@ class Result(Shown):
 
     @property
     def stiffness_sd(self) -> Array:
-        """(n, 3) standard deviations of these means, in their units."""
+        """(n, 3) standard deviations of `stiffness`, in the same units."""
         return self._three("_sd")
 
     @property
     def stiffness_secant(self) -> Array:
-        """(n, 3) secant stiffness, in the same units: force over slip at the slip and
-        load of each row. Its relative sd is that of `stiffness`."""
+        """(n, 3) secant stiffness: tyre force divided by slip, at the slip and load of
+        each row, in the units of `stiffness`. Its relative sd is the same as that of
+        `stiffness`."""
         return self._three("_secant")
 
     @property
     def stiffness_spread(self) -> Array:
-        """(n, 3) standard deviations of the stiffness from sample to sample, in the same
-        units; of the default form: size of the model discrepancy, as a stiffness."""
+        """(n, 3) spread, in the units of `stiffness`. Forms "robust" and "paper":
+        standard deviation of the stiffness from sample to sample. Default form: size of
+        the model discrepancy, expressed as a stiffness."""
         return self._three("_spread")
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
-        """(n, 3) True where the stiffness may be used."""
+        """(n, 3) whether each stiffness may be used."""
         return self.table[[f"{s}_valid" for s in STIFFNESS]].to_numpy(bool)
 
     @property
@@ -126,11 +130,12 @@ class Result(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The result in sentences, as `tselab estimate --verbose` ends.
+        """The result in sentences, the last lines of `tselab estimate --verbose`.
 
-        For an uncalibrated car the first sentence is the stiffness that the calibration
-        on the log itself found, or that there was none. C, FMU, page and Filter do not
-        calibrate on the log."""
+        For an uncalibrated car the first sentence gives the stiffness that the
+        calibration on the log itself found, or says that there was no calibration.
+        Filter, the C library, the FMU and the browser page do not calibrate on the
+        log."""
         itself = self.vehicle.found[:1] if self.vehicle is not None else []
         return (*itself, *(line for lines in self.stretch_words for line in lines))
 
@@ -141,9 +146,9 @@ class Result(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness with its 95 % interval, and whether to act on it;
-        of a road that changed three for each of the last stretches. `repr()` says the
-        same."""
+        """Three lines: each stiffness with its 95 % interval, and whether it is usable.
+        If the road changed, there are three lines for each of the last stretches.
+        `repr()` returns the same."""
         return tuple(make_answer(self._found()[0], self._config()))
 
     def __repr__(self) -> str:
@@ -151,9 +156,8 @@ class Result(Shown):
 
     @property
     def usable(self) -> Usable:
-        """ "yes": every stiffness is usable; "in part"; "no": none is. The exit code of
-         `tselab estimate`
-        says the same."""
+        """ "yes": every stiffness is usable; "in part": only some are; "no": none is. The
+        exit code of `tselab estimate` follows from it."""
         return USABLE[self.exit_code]
 
     @property
@@ -163,45 +167,45 @@ class Result(Shown):
 
     @property
     def stretches(self) -> pd.DataFrame:
-        """Estimates as `tselab estimate --table` writes them: a row per stretch of road
-        between changes and stiffness.
+        """Table of `tselab estimate --table`: a row for each stiffness on each stretch of
+        road between two changes.
 
-        start, end [s]; value at the end of the stretch with its sd and 95 % interval low
-        .. high [N, N/rad], also where no row is valid; smoothed over the stretch with
-        smoothed_sd, smoothed_low .. smoothed_high and smoothed_reason ("valid", or why
-        not to act on it); valid (share of the rows), usable, reason, change,
-        change_probability, ratio, text."""
+        start, end [s]; value, the estimate at the end of the stretch, with its sd and 95
+        % interval low .. high [N or N/rad], given even if no row is valid; smoothed, the
+        estimate smoothed over the stretch, with smoothed_sd, smoothed_low ..
+        smoothed_high and smoothed_reason ("valid", or why it should not be used); valid
+        (share of valid rows), usable, reason, change, change_probability, ratio, text."""
         return results.make_frame(self._rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
 
     @property
     def events(self) -> tuple[str, ...]:
-        """What happened on the way, a sentence each: changes of the road, faults of
-        sensors, sliding."""
+        """A sentence for each event of the drive: change of the road, sensor fault,
+        sliding."""
         table = self._estimated().table
         return tuple(regimes.describe_events(self._found()[1], regimes.find_spells(table)))
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
-        """Log, vehicle and filter of the run: a name and a value each."""
+        """Facts about log, vehicle and filter of the run, as pairs of name and value."""
         ran, ready = self._of_run()
         return tuple(results.list_run_facts(ran.estimate, ready.log, ready.vehicle, ready.config))
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """`warnings` and `notes` of the run in the order of the command, without what was
-        filled in."""
+        """`warnings` and `notes` in the order in which `tselab estimate` prints them,
+        without the notes on values that were filled in."""
         return tuple(self._of_run()[0].notes)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Those of `messages` that something may be wrong: `warnings`, contradictions
-        that the rows do not confirm, and warnings of the reader of the log."""
+        """The `messages` about what may be wrong: `warnings`, contradictions between
+        channels that the rows do not confirm, and warnings from reading the log."""
         _, ready = self._of_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
     @property
     def rows(self) -> int:
-        """Rows that were estimated; `table` may hold fewer."""
+        """Number of rows that were estimated. `table` may have fewer."""
         return len(self._estimated())
 
     @property
@@ -216,13 +220,13 @@ class Result(Shown):
 
     @property
     def reported(self) -> bool:
-        """Whether the page of the argument `report` was written: a run without a row has
-        none."""
+        """Whether the page of the argument `report` was written. It is not written if no
+        row was estimated."""
         return self._ran is not None and self._ran[0].reported
 
     @property
     def started_from(self) -> str | None:
-        """Learnt state that the run started from, and its age."""
+        """Which learnt state the run started from, and its age, as a sentence."""
         return self._ran[0].started_from if self._ran is not None else None
 
     def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
@@ -249,11 +253,11 @@ class Result(Shown):
 
     @property
     def log(self) -> Log:
-        """The log as it was estimated."""
+        """The log as the filter received it, after averaging if `average` was given."""
         return Log(self._of_run()[1].log)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return `table`: n rows."""
+        """Return `table`."""
         return self.table
 
     def to_dict(self) -> dict[str, Any]:
@@ -278,8 +282,8 @@ class Result(Shown):
         return self.stretches
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the stiffnesses with their 95 % interval, grey where
-        not valid, and events."""
+        """Return a plotly figure: the stiffnesses with their 95 % intervals, grey where
+        they are not valid, and the events."""
         ran, ready = self._of_run()
         self._check_whole("plot")
         data = plots.Data(ready.log)
@@ -290,7 +294,7 @@ class Result(Shown):
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab estimate --report`."""
-        from tse.report.report import write_report  # plotly: for those who draw
+        from tse.report.report import write_report  # imports plotly, which is slow
 
         ran, ready = self._of_run()
         self._check_whole("report")
@@ -302,15 +306,16 @@ class Result(Shown):
 
     def _of_run(self) -> tuple[Run, Prepared]:
         if self._ran is None:
-            raise ValueError("this result was put together by hand: it has no log")
+            raise ValueError("this Result was not made by estimate(), so it has no log")
         return self._ran
 
     def _check_whole(self, what: str) -> None:
-        """Refuse what needs all columns of a table that holds a summary."""
+        """Raise ValueError if `table` is only a summary. `what`: method that needs all
+        rows and columns."""
         if not set(list_est_columns()) <= {*self.table}:
             raise ValueError(
-                f"{what}: the rows of this run are in the file of `out`; estimate() without it, or with"
-                " `report`, holds or draws them"
+                f"{what}: this result holds only a summary, because `out` wrote the rows to a file. Call "
+                "estimate() without `out`, or let it write the page with `report`"
             )
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -319,15 +324,20 @@ class Result(Shown):
         write_estimates(_convert_flags(self.table), Path(path))
 
     def write_table(self, path: str | os.PathLike[str]) -> Path:
-        """Write the table of the command, .parquet or .csv by the name."""
+        """Write the table of `tselab estimate --table`: Parquet if `path` ends in
+        .parquet, otherwise CSV."""
         _, ready = self._of_run()
         results.write_rows(Path(path), self._rows(ready.log.path, self.cautions), results.COLUMNS)
         return Path(path)
 
     def save_learnt(self, path: str | os.PathLike[str]) -> Path:
-        """Write the learnt state for the next drive. Error: nothing was learnt."""
+        """Write the learnt state to a file, for the next drive. Raise Error if nothing
+        was learnt."""
         if self.learnt is None:
-            raise UserError(f"nothing was learnt: {path} is not written")
+            raise UserError(
+                f"nothing was learnt, so {path} is not written: no row was used, or channels contradict "
+                "each other"
+            )
         write_learnt(Path(path), self.learnt)
         return Path(path)
 
@@ -360,45 +370,50 @@ def estimate(
     Parameters
     ----------
     log
-        A file of any format, a data frame, arrays by their names, or a structured array:
-        columns time [s], steer_angle [rad, of the road wheels], wheel_speed_front,
-        wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left,
-        _right], accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each. NaN is missing.
-        Other columns are ignored. ISO 8855, left is positive. Rows are 1 ms .. 1 s apart,
-        also irregularly. time may be dates or time spans, and be the index. Tables of
-        pyarrow and frames of polars are taken, too.
+        A file of any format, a data frame, a mapping of names to arrays, or a structured
+        array. Its columns are time [s], steer_angle [rad at the road wheels],
+        wheel_speed_front, wheel_speed_rear [rad/s], accel_x, accel_y [m/s2] and yaw_rate
+        [rad/s]. Two columns wheel_speed_front_left and _right may replace the speed of an
+        axle. Other columns are ignored. NaN is a missing value. Axes are those of ISO
+        8855, left is positive. Rows are 1 ms .. 1 s apart, not necessarily equally. time
+        may hold dates or time spans, and may be the index. Tables of pyarrow and frames
+        of polars are accepted, too.
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned.
+        A vehicle file, a mapping with its keys, or the result of read_vehicle().
     settings
-        Any settings by name; they win over `config` and the vehicle.
+        Any settings by name. They override `config` and the vehicle.
     form
-        "default", or the paper's filter with particles: "robust", "paper" as printed.
+        "default", or a particle filter: "paper" is the paper's filter as printed,
+        "robust" the same with settings that keep it from diverging.
     average
-        s: average the log over blocks of this length first, at most 0.1; for noisy
-        sensors.
+        Length of the blocks over which the log is averaged before the filter runs, s, at
+        most 0.1. It is meant for noisy sensors. None: no averaging.
     learnt
-        Learnt state of an earlier drive of this vehicle (Result.learnt,
-        Filter.save_learnt()), or the Path of a file with it.
+        Learnt state of an earlier drive of this vehicle (Result.learnt or
+        Filter.save_learnt()), or the Path of a file with it. None: the filter starts from
+        the settings.
     age
-        s since that drive. Default: unknown, or the age of the file.
+        Time since that drive, s. By default it is unknown or, for a file, the age of the
+        file.
     calibrate
-        Calibrate a car that nobody has calibrated on the log itself first
-        (Result.calibration); not with `learnt`.
+        Whether a car without calibrated stiffness is first calibrated on this log
+        (Result.calibration). It is not if `learnt` is given.
     road
-        road.csv: the filter is given its bank and grade. The log is placed on it by
-        position, else by its path.
+        Bank and grade of the road, for the filter: a file road.csv or a Road. The
+        position of the car on the road is found from the positions in the log or, without
+        them, from the driven path.
     config
-        A file of settings, FILTER.toml.
+        A file of settings, such as FILTER.toml.
     reading
         How a file is read: signals, rate, strict, databases.
     out
-        Write the estimates there while the filter runs, .csv or .parquet by the name.
-        Memory then holds a summary (Result.table).
+        File to which the estimates are written while the filter runs: Parquet if it ends
+        in .parquet, otherwise CSV. Result.table then is a summary, which saves memory.
     report
-        Write the page of `tselab estimate --report` there, with the run.
+        File for the page of `tselab estimate --report`, which is drawn during the run.
     keep_partial
-        On Ctrl-C return what is done (Result.interrupted) in place of raising
-        KeyboardInterrupt.
+        Whether Ctrl-C returns the rows that are done (Result.interrupted) instead of
+        raising KeyboardInterrupt.
     progress
         Called with a sentence about the current step of the calibration.
     bar
@@ -407,25 +422,25 @@ def estimate(
     Returns
     -------
     Result
-        The same bits as `tselab estimate` on the same numbers, and as `result.filter()`
-        row by row. The validity of a log whose channels contradict each other differs: a
-        single row does not show it.
+        The estimates have the same bits as those of `tselab estimate`, and as those of
+        `result.filter()` over the same rows. Only the validity differs if channels
+        contradict each other, since a filter cannot see that in single rows.
 
     Raises
     ------
     Error
-        A log without steering angle, without both axles' wheel speeds or without accel_y
-        and yaw_rate; a column that is not numeric, or often out of range; a ValueError.
-        The message names column, row, value and range.
+        The log has no steering angle, no wheel speed, or neither accel_y nor yaw_rate; or
+        a column is not numeric, or is often out of range. The message names column, row,
+        value and range. The error is a ValueError, too.
     TypeError
-        `log` is not a log.
+        `log` is of a type that cannot be a log.
 
     Notes
     -----
-    Noise and biases of the sensors that the vehicle leaves out are found in
-    the log. The run works around missing channels, impossible single values and a clock
-    that jumps, and Result.notes names them. If channels contradict each other, a
-    UserWarning names them (Result.warnings) and nothing is usable.
+    Noise and biases of the sensors that the vehicle does not state are estimated from the
+    log. Missing channels, impossible single values and a clock that jumps do not end the
+    run; Result.notes names them. If channels contradict each other, a UserWarning names
+    them (Result.warnings) and nothing is usable.
     """
     check_form(form)
     car = read_vehicle(vehicle)
@@ -472,13 +487,15 @@ def estimate(
 
 
 def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
-    """Return a learnt state, of a file or in memory. `age`: s; UNKNOWN_AGE of a file:
-    that of the file."""
+    """Return a learnt state that is given as bytes or as a file.
+
+    `age`: time since the state was learnt, s; for a file, UNKNOWN_AGE means the age of
+    the file."""
     if isinstance(learnt, os.PathLike):
         return read_learnt(Path(learnt), None if age == UNKNOWN_AGE else age)
     return None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
 
 
 def _convert_flags(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table as in EST.csv: flags are 0 and 1."""
+    """Return the table with its boolean columns as 0 and 1, as in EST.csv."""
     return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind.kind == "b"})

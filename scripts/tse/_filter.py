@@ -1,4 +1,4 @@
-"""The filter, row by row."""
+"""Run the filter row by row: Filter."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UNKNOWN_AGE = math.inf
 
 
 class Filter:
-    """The estimator for rows that come one at a time.
+    """Tyre-stiffness filter for rows that arrive one at a time.
 
         f = tse.Filter("car.toml", sample_time=0.01)
         for row in source:
@@ -35,30 +35,32 @@ class Filter:
     Parameters
     ----------
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: an
-        ordinary car, whose mass must be among `settings`. Without a mass no stiffness is
-        valid.
+        A vehicle file, a mapping with its keys, or the result of read_vehicle(). None: an
+        ordinary car. Its mass must then be one of `settings`, because no stiffness is
+        valid without a mass.
     settings
-        Any settings by name (`tselab settings` lists them with default, range and unit);
-        they win over the vehicle's.
+        Any settings by name (`tselab settings` lists them with default, range and unit).
+        They override the vehicle's.
     form
-        "default", or the paper's filter with particles: "robust", "paper" as printed.
+        "default", or a particle filter: "paper" is the paper's filter as printed,
+        "robust" the same with settings that keep it from diverging.
     sample_time
-        s, usual time between rows, 0.001 .. 1; default: that of the settings, 0.01.
+        Usual time between rows, 0.001 .. 1 s. None: the setting sample_time, by default
+        0.01 s.
 
     Raises
     ------
     SettingError
-        A setting outside its range, or without effect with this form; a ValueError. An
-        unknown name is a KeyError, too.
+        A setting is outside its range, has no effect with this form, or is unknown. The
+        error is a ValueError, and for an unknown name a KeyError, too.
 
     Notes
     -----
-    Noise and biases of the sensors that the vehicle leaves out have the library's
-    defaults. estimate() finds them in the log: `result.filter()` is a filter with its
-    settings, and gives the same bits over the same rows. Filters are independent of each
-    other; use one in one thread at a time. copy() and the module copy make an independent
-    one. A filter cannot be pickled.
+    Noise and biases of the sensors that the vehicle does not state have the library's
+    defaults. estimate() estimates them from the log instead: `result.filter()` returns a
+    filter with those settings, whose estimates over the same rows have the same bits.
+    Filters do not share state. One filter must not be used by two threads at once. copy()
+    and the module copy make an independent filter. A filter cannot be pickled.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class Filter:
         else:
             car = read_vehicle(vehicle)
             config, notes = make_config(car, None, form=form)
-            self.notes = (*car.filled, *car.notes, *notes)  # what was filled in, in words
+            self.notes = (*car.filled, *car.notes, *notes)  # sentences about values that were filled in
         if sample_time is not None:
             self.notes += tuple(set_sampling(config, _read_sample_time(sample_time)))
         for name, value in (settings or {}).items():
@@ -98,16 +100,18 @@ class Filter:
 
     @property
     def settings(self) -> Mapping[str, float | int]:
-        """All settings, by name; to read. Another setting needs another filter:
+        """All settings by name, read-only. To change one, make a new filter:
         Filter(settings={**f.settings, "mass": 1800})."""
         return MappingProxyType(self._config.as_dict())
 
     @property
     def latencies(self) -> dict[str, float]:
-        """Channel -> how much later than yaw_rate it is logged, s. They are settings:
-        `steer_angle_latency` and the like, or `{"latency": {"steer_angle": 0.02}}` of a
-        vehicle. Rows then wait for the late channels: status WAITING, and the estimates
-        are of `estimate_age` before their row."""
+        """Delay of each channel relative to yaw_rate, s.
+
+        The delays are the settings `steer_angle_latency` and the like, or the table
+        `{"latency": {"steer_angle": 0.02}}` of a vehicle. If there are delays, each row
+        waits until its late channels have arrived. Meanwhile the status is WAITING, and
+        the estimates refer to a time that is `estimate_age` before the row."""
         return {
             c: float(getattr(self._config, f"{c}_latency"))
             for c in CHANNELS
@@ -115,28 +119,30 @@ class Filter:
         }
 
     def step(self, row: Row | Mapping[str, Any] | None = None, /, **channels: float | None) -> Estimate:
-        """Use one row.
+        """Update the filter with one row.
 
         Parameters
         ----------
         row
             A mapping, or a row of a data frame (Series or named tuple) or of a structured
-            array. Columns ref_... are passed over.
+            array. Columns ref_... are ignored.
         **channels
-            Fields of Row that win over it, SI units. A channel that is left out, None or
-            NaN is missing. Times: `dt`, or `time`, from the second row on.
+            Fields of Row in SI units. They override those of `row`. A channel that is
+            left out, None or NaN is missing. From the second row on, `dt` or `time` must
+            be given.
 
         Returns
         -------
         Estimate
-            The estimates after it.
+            The estimates after this row.
 
         Raises
         ------
         InputError
-            Names field, value and range; the filter is as before: a steering angle or
-            wheel speed outside its range, a time that does not go on, a name that nobody
-            knows. A measurement outside its range counts as missing.
+            A steering angle or wheel speed is outside its range, the time does not
+            increase, or a name is unknown. The message names field, value and range, and
+            the state of the filter does not change. A measurement (accelerations, yaw
+            rate, optional channels) outside its range is no error: it counts as missing.
         """
         u = self._row
         u[:] = self._nothing
@@ -145,7 +151,9 @@ class Filter:
         now = step = None
         for name, value in {**_make_mapping(row), **channels}.items():
             if not isinstance(name, str):
-                raise InputError(f"{name!r} names no channel: names are strings; {_list_known()}", repr(name))
+                raise InputError(
+                    f"{name!r} is not the name of a channel: names are strings; {_list_known()}", repr(name)
+                )
             if name == "time":
                 now = self._read_number(name, value)
             elif name == "dt":
@@ -177,17 +185,20 @@ class Filter:
             ) from None
 
     def _compute_step(self, now: float | None, step: float | None) -> float:
-        """Return dt of a row; the filter does not use that of the first one."""
+        """Return dt of a row, s. For the first row, whose dt the filter does not use,
+        return the sample time.
+
+        `now`, `step`: `time` and `dt` as the caller gave them; None: not given."""
         if now is not None and step is not None:
-            raise InputError("a row has time or dt, not both", "dt")
+            raise InputError("both time and dt are given: give one of them", "dt")
         if now is not None and not math.isfinite(now):
-            raise InputError(f"time = {now:g} is not a number of seconds", "time")
+            raise InputError(f"time = {now:g} is not a finite number: give seconds", "time")
         if self._time is None:
             return float(self._config.sample_time)
         if now is not None:
             return now - self._time
         if step is None:
-            raise InputError("dt is missing: s since the row before; or give time", "dt")
+            raise InputError("dt is missing: give the seconds since the row before, or give time", "dt")
         return step
 
     def _make_refusal(self, status: int) -> InputError:
@@ -210,12 +221,12 @@ class Filter:
         return Estimate(*values)
 
     def reset(self) -> None:
-        """Start again: the next row is the first."""
+        """Reset the filter to its initial state. The next row is a first row."""
         self._filter.reset()
         self._time = None
 
     def copy(self) -> Filter:
-        """Return a filter that goes on from here, independent of this one."""
+        """Return an independent filter with the present state of this one."""
         other = object.__new__(type(self))
         other.notes = self.notes
         other._begin(self._config)
@@ -223,19 +234,21 @@ class Filter:
         other._time = self._time
         return other
 
-    __copy__ = copy  # without it a copy would share the state of this one
+    __copy__ = copy  # the default of the module copy would let both filters share one state
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Filter:
         return self.copy()
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         raise TypeError(
-            "a Filter cannot be pickled: take its settings and what save_learnt() gives to the other process"
+            "a Filter cannot be pickled: pass its settings and the bytes of save_learnt() to the other "
+            "process"
         )
 
     def save_learnt(self) -> bytes | None:
-        """Return the learnt state, for the next drive: 268 bytes that an ECU reads,
-        too (tse/learnt.h). None before a row."""
+        """Return the learnt state, from which the next drive can start: 268 bytes, which
+        tse_learnt_load() of the C library reads, too (tse/learnt.h). None: no row was
+        used yet."""
         return self._filter.save_learnt()
 
     def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:
@@ -244,59 +257,60 @@ class Filter:
         Parameters
         ----------
         learnt
-            Of save_learnt() or Result.learnt.
+            Bytes from save_learnt() or Result.learnt.
         age
-            s since then. With an unknown age the state is trusted no more than the start
-            values of the settings.
+            Time since that drive, s. If it is unknown, the initial sd of the state is at
+            least that of the settings.
 
         Raises
         ------
         LearntError
-            The bytes are damaged, of another vehicle, or of a newer library; the filter
-            is as before.
+            The bytes are damaged, belong to a different vehicle, or were written by a
+            newer library. The state of the filter does not change.
         """
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """Return the share of the sd of the three stiffnesses that each uncertain
-        parameter of the car (`mass_sd` ...) adds: (3,) each, relative to nominal.
-        After the last row."""
+        """Return, for each uncertain parameter of the car (`mass_sd` ...), the part of
+        the present sd of the three stiffnesses that it causes: (3,), relative to the
+        nominal stiffness."""
         return self._filter.uncertainty_sd()
 
 
 def check_form(form: Any) -> None:
-    """Refuse an unknown form."""
+    """Raise SettingError if `form` is unknown."""
     forms = get_args(Form)
     if form not in forms:
         raise core.SettingError(f"form = {form!r} is not known; allowed: {', '.join(forms)}")
 
 
 def _read_sample_time(value: Any) -> float:
-    """Return the time between rows, s. SettingError: it is outside its range."""
+    """Return the sample time as a number, s. Raise SettingError if it is not a number
+    within its range."""
     try:
         seconds = float(value)
     except (TypeError, ValueError, OverflowError):
         seconds = math.nan
     if not MIN_ROW_STEP <= seconds <= MAX_ROW_STEP:
         raise core.SettingError(
-            f"sample_time = {value!r} is refused; allowed: {MIN_ROW_STEP:g} .. {MAX_ROW_STEP:g} s"
+            f"sample_time = {value!r} is outside its range {MIN_ROW_STEP:g} .. {MAX_ROW_STEP:g} s"
         )
     return seconds
 
 
 def _make_mapping(row: Any) -> dict[Any, Any]:
-    """Return a row as a mapping, whatever kind of row it is."""
+    """Return a row of any accepted type as a dict of names and values."""
     if row is None:
         return {}
-    if hasattr(row, "keys"):  # a mapping, a Series: that iterates over its values
+    if hasattr(row, "keys"):  # a mapping or a Series. A Series iterates over values, so keys() is needed
         return {name: row[name] for name in row.keys()}  # noqa: SIM118
-    if hasattr(row, "_asdict"):  # of DataFrame.itertuples()
+    if hasattr(row, "_asdict"):  # a named tuple, as DataFrame.itertuples() yields
         return {name: value for name, value in row._asdict().items() if name != "Index"}
     if isinstance(row, np.void) and row.dtype.names:
         return {name: row[name] for name in row.dtype.names}
     raise TypeError(
-        "a row is a mapping, a Series, a named tuple or a record of a structured array, not "
-        f"{type(row).__name__}"
+        f"row: {type(row).__name__} cannot be a row; give a mapping, a Series, a named tuple or a record "
+        "of a structured array"
     )
 
 
@@ -304,14 +318,14 @@ Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]
 
 
 def make_conversions(config: core.Config) -> list[Convert]:
-    """Return, for each output of the library in its order, the conversion to fields of
-    an Estimate."""
+    """Return one function for each output of the library, in the order of the outputs.
+    It converts the value of the output to one or more fields of Estimate."""
     lib = config.lib
     words = {code: f.name for code, f in lib.codes(REASON).items()}
     channels = {0: None, **{1 + i: f.name for i, f in enumerate([*lib.channels, *lib.optional])}}
 
     def scaled(factor: float) -> Convert:
-        if lib.real == np.float32:  # rounded where arrays of the library are
+        if lib.real == np.float32:  # round the product to single precision, as in arrays of the library
             return lambda x: (float(np.float32(x) * np.float32(factor)),)
         return lambda x: (x * factor,)
 

@@ -1,4 +1,4 @@
-"""Estimate many logs of many cars."""
+"""Estimate many logs of many cars: fleet() and its result."""
 
 from __future__ import annotations
 
@@ -24,49 +24,50 @@ from tse.runs.run import FleetPlan, run_drives
 
 
 class Fleet(Shown):
-    """All cars, and the folder with the files."""
+    """Result of fleet(): the estimates of all cars, and the folder with the files."""
 
     def __init__(self, done: Sequence[Done], table: pd.DataFrame, folder: Path):
         self._done, self._table = done, table
         self._cars = page.list_cars(done, table)
         self.folder = folder
-        """fleet.parquet, fleet.html, reports, learnt states, calibrated vehicle files."""
+        """Folder with fleet.parquet, fleet.html, reports, learnt states and calibrated
+        vehicle files."""
         self.files = (folder / TABLE, folder / PAGE)
-        """Table and page."""
+        """Paths of the table fleet.parquet and of the page fleet.html."""
         self.errors = tuple(d.outcome.error for d in done if d.outcome.error)
-        """Of logs that cannot be read."""
+        """Error messages of the logs that could not be estimated."""
 
     def __len__(self) -> int:
         return len(self._done)
 
     @property
     def hours(self) -> float:
-        """Duration of all logs."""
+        """Total duration of all logs, h."""
         return sum(d.outcome.seconds for d in self._done) / 3600
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of logs that are usable: "yes", "in part", "no"; "error": they cannot be
-        read."""
+        """Number of logs that are usable ("yes"), usable in part ("in part"), not usable
+        ("no"), and that could not be estimated ("error")."""
         read = [d.outcome.code for d in self._done if not d.outcome.error]
         return {word: read.count(code) for code, word in results.CODES.items()} | {"error": len(self.errors)}
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab fleet`: 0 all logs are usable, 3 in part, 4 nothing usable
-        in any."""
+        """Exit code of `tselab fleet`: 0 every log is usable, 4 no log is usable, 3
+        otherwise."""
         codes = {results.NOTHING if d.outcome.error else d.outcome.code for d in self._done}
         return codes.pop() if len(codes) == 1 else results.IN_PART if codes else results.USABLE
 
     @property
     def ranking(self) -> tuple[tuple[str, str], ...]:
-        """Name of each car, the softest first, and its softest stiffness, or why nothing
-        is known."""
+        """For each car its name, and its softest stiffness or why no stiffness is known.
+        The softest car comes first."""
         return tuple((c.name, c.reason) for c in self._cars)
 
     @property
     def words(self) -> tuple[str, ...]:
-        """A sentence for each car with its last stiffnesses, the softest car first."""
+        """A sentence for each car with its latest stiffnesses, the softest car first."""
         return tuple(
             f"{c.name}: {len(c.done)} logs, {c.hours:.1f} h"
             + "".join(
@@ -118,17 +119,18 @@ class Fleet(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per log, stretch of road and stiffness, as fleet.parquet has it;
-        of a log that cannot be read its error."""
+        """Return the table of fleet.parquet: a row for each log, stretch of road and
+        stiffness. A log that could not be estimated has one row with its error."""
         return self._table
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the last estimate of each car with its 95 %
-        interval, the softest first."""
+        """Return a plotly figure: the latest estimate of each car with its 95 % interval,
+        the softest car first."""
         return make_figure(page.draw_distribution(self._cars))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page of `tselab fleet`. Its links lead to reports in `folder`."""
+        """Write a copy of the page of `tselab fleet`. Its links to the reports of the
+        logs only work in `folder`."""
         shutil.copyfile(self.folder / PAGE, path)
         return Path(path)
 
@@ -160,39 +162,39 @@ def fleet(
     Parameters
     ----------
     logs
-        Files, folders and patterns.
+        Files, folders and glob patterns.
     vehicle
-        As in estimate(), of all cars: each folder below is a car, or all are the one
-        `car`.
+        Vehicle of all logs, as in estimate(). The logs of each folder are taken as those
+        of one car, unless `car` is given.
     out
-        Folder for the files; made if needed. The same call continues from there, and runs
-        new and changed logs.
+        Folder for the files, created if needed. A later call with the same folder only
+        runs logs that are new or have changed.
     vehicles
-        A table with a row per log, in place of `vehicle`: columns log, vehicle, car,
-        signals.
+        A CSV table that assigns vehicle files to logs, instead of `vehicle`. Its columns
+        are log, vehicle, car and signals.
     car
         Name of the car that all logs belong to.
     settings
-        Any settings by name; they win over `config` and the vehicles.
+        Any settings by name. They override `config` and the vehicles.
     config, form, average
         As in estimate().
     reading
         How the logs are read: signals, rate, strict, databases.
     learn
-        Start each drive from the learnt state of the drive of the same car before it.
+        Whether each drive starts from the learnt state of the previous drive of the car.
     calibrate
-        Calibrate cars that nobody has calibrated on their first logs.
+        Whether a car without calibrated stiffness is first calibrated on its first logs.
     reports
-        Write a page for each log.
+        Whether a page is written for each log.
     estimates
-        Keep the estimates of each log, row by row, as Parquet.
+        Whether the estimates of every row are kept, in a Parquet file for each log.
     restart
-        Run all logs again, also those that are done.
+        Whether logs that are already done run again.
     jobs
-        Processes of this machine; 1: this process.
+        Number of processes on this machine that run logs. 1: only the calling process.
     isolate
-        Run the logs in another process also with one job: if it dies, that is an error of
-        its log.
+        Whether even a single job runs in a separate process. If that process dies, its
+        log gets an error, and the call goes on.
     scheduler
         Address of a Dask cluster that runs the logs, such as "tcp://host:8786".
     bar
@@ -201,25 +203,29 @@ def fleet(
     Returns
     -------
     Fleet
-        A log that cannot be read is one of its `errors`, and does not end the call.
+        The result. A log that cannot be read does not end the call; its message is in
+        `errors`.
 
     Raises
     ------
     Error
-        A folder without a log, a vehicle file or a table that is wrong; a ValueError.
+        A folder contains no log, or a vehicle file or the table is wrong. The error is a
+        ValueError, too.
     Interrupted
-        Ctrl-C; the text says how many logs are done.
+        Ctrl-C was pressed. The message says how many logs are done.
     """
     if (vehicle is None) == (vehicles is None):
-        raise ValueError("give vehicle, the car of all logs, or vehicles, a table with one for each log")
+        raise ValueError(
+            "give either vehicle, the vehicle of all logs, or vehicles, a table with the vehicle of each log"
+        )
     if car is not None and vehicles is not None:
-        raise UserError("car: the table `vehicles` says which car a log is of")
+        raise UserError("car: is not allowed together with `vehicles`, whose column car names the cars")
     folder = Path(out)
     car_file = None if vehicle is None else get_vehicle_file(vehicle, folder)
     words = [os.fspath(logs)] if isinstance(logs, str | os.PathLike) else [os.fspath(p) for p in logs]
     drives = find.find_drives(words, car_file, None if vehicles is None else Path(vehicles), car, folder)
     for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
-        read_vehicle(path)  # refuse a wrong one before anything is run
+        read_vehicle(path)  # raises if the file is wrong, before any log runs
     store = Store(folder, restart)
     plan = FleetPlan(
         reading if reading is not None else Reading(),

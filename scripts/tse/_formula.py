@@ -1,4 +1,5 @@
-"""A formula of the user, an effect that the catalogue does not have."""
+"""Read and write formulas. A formula is an effect that a user adds to the model because
+the catalogue of effects does not contain it."""
 
 from __future__ import annotations
 
@@ -16,20 +17,22 @@ def read_formula(path: str | os.PathLike[str]) -> Formula:
     Parameters
     ----------
     path
-        A file as gap() writes it, or written by hand: `tselab formula --help` shows one.
+        A file that gap() has written, or that is written by hand. `tselab formula --help`
+        shows an example.
 
     Returns
     -------
     Formula
-        place, text, gain, numbers; settings() has the settings that run it.
+        The formula: place, text, gain, numbers. settings() returns the settings with
+        which the filter uses it.
 
     Raises
     ------
     FileNotFoundError
-        The file is not there.
+        The file does not exist.
     Error
-        A place, signal or function that is not known, a unit that does not fit, a number
-        outside its range; a ValueError.
+        A place, signal or function is unknown, a unit does not fit, or a number is
+        outside its range. The error is a ValueError, too.
     """
     return _read(Path(path))
 
@@ -40,14 +43,14 @@ def write_c_formula(formula: Formula, path: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     formula
-        What read_formula() returned.
+        Result of read_formula().
     path
-        The header; one that is there is replaced.
+        The header. An existing file is replaced.
 
     Returns
     -------
     Path
-        The header.
+        `path`.
     """
     with write_atomically(Path(path)) as file:
         file.write(format_c_header(formula))

@@ -1,4 +1,5 @@
-"""Find effects that the model lacks, by the difference of logs and simulation."""
+"""Find effects that the model lacks, from the differences between logs and simulation:
+gap(), gap_check(), gap_plan() and their results."""
 
 from __future__ import annotations
 
@@ -26,23 +27,24 @@ from tse.roads.road import Road
 
 
 class Gap(Shown):
-    """Result of `tselab gap`, and the folder with its files."""
+    """Result of gap(): the verdict, and the folder with the files."""
 
     def __init__(self, result: workflow.GapResult, written: WrittenFiles, folder: Path, keep: Any):
         self._result, self._written, self._keep = result, written, keep
         self.folder = folder
-        """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...;
-        temporary without `out`."""
+        """Folder with verdict.json, report.html, vehicle_improved.toml, residuals.parquet
+        ... It is temporary if gap() was called without `out`."""
         self.files = tuple(written.files)
-        """The files that were written."""
+        """Paths of the files that were written."""
         self.verdict = result.verdict
-        """ "none", "named", "possible", "not_in_catalogue"."""
+        """ "none", "named", "possible" or "not_in_catalogue"."""
         self.exit_code = result.exit_code
         """Exit code of `tselab gap`."""
         self.notes = tuple(result.notes)
-        """What was odd, in words."""
+        """Sentences about what was unusual in the logs or in the fit."""
         self.undetectable = tuple(d.id for d in result.undetectable)
-        """Effects that these logs could not have shown at their typical size."""
+        """Ids of the effects that would not be detected in these logs even at their
+        typical size."""
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -51,13 +53,14 @@ class Gap(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The verdict without the remainder of each channel, which `stages` has."""
+        """The verdict in sentences, without the remaining residuals of the channels,
+        which are in `stages`."""
         return tuple(line for line in self._result.words if not line.startswith("Still left: "))
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Residuals of the car as its file says, calibrated, and with the named effects,
-        in sentences."""
+        """Sentences about the residuals in three stages: car of the vehicle file,
+        calibrated car, calibrated car with the named effects."""
         return tuple(
             stages.describe_stages(
                 self._result.stages, lambda part: "fitted logs" if part == workflow.FIT else "held-out logs"
@@ -66,7 +69,8 @@ class Gap(Shown):
 
     @property
     def short_stages(self) -> tuple[str, ...]:
-        """Residuals of the held-out logs, else of the fitted ones, as a table."""
+        """Lines of a table of the residuals in the three stages: those of the held-out
+        logs or, if there are none, of the fitted logs."""
         held = next((part for part in self._result.stages if part != workflow.FIT), workflow.FIT)
         title = "fitted logs" if held == workflow.FIT else "held-out logs"
         found = self._result.stages.get(held)
@@ -74,40 +78,42 @@ class Gap(Shown):
 
     @property
     def gain(self) -> tuple[str, ...]:
-        """Gain of the estimator by the improved vehicle, in sentences."""
+        """Sentences about how much the estimates improve with vehicle_improved.toml."""
         return tuple(gain_words(self._written.gain))
 
     @property
     def rms(self) -> dict[str, dict[str, tuple[float, float]]]:
-        """Residuals over sensor noise before and after, by channel: of the logs "fit" and
-        "held_out"."""
+        """Ratio of the rms residual to the sensor noise, before and after the fit: for
+        the logs "fit" and "held_out", for each channel."""
         fit = {c: (x, self._result.fit_after[c]) for c, x in self._result.fit_before.items()}
         held = {c: (x.before, x.after) for c, x in self._result.held_out.items()}
         return {"fit": fit, "held_out": held}
 
     @property
     def vehicle(self) -> Vehicle:
-        """The car with the named effects, for estimate(), simulate() and replay()."""
+        """The car with the named effects, to be used in estimate(), simulate() and
+        replay()."""
         return read_vehicle(self.folder / "vehicle_improved.toml")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return verdict.json."""
+        """Return the content of verdict.json."""
         found: dict[str, Any] = json.loads((self.folder / "verdict.json").read_text(encoding="utf-8"))
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per named effect and late channel, as verdict.json has them."""
+        """Return a table with a row for each named effect and each late channel of
+        verdict.json."""
         verdict = self.to_dict()
         late = [{"id": s.pop("id"), "parameters": {"time": s}} for s in verdict["sensors"]]
         return pd.DataFrame([*verdict["effects"], *late])
 
     def plot(self) -> Any:
-        """Return a figure of plotly: residuals over sensor noise by channel, before and
-        after."""
+        """Return a plotly figure: ratio of residual to sensor noise for each channel,
+        before and after the fit."""
         return pictures.draw_gap_bars(self._written.changes)
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page of `tselab gap`."""
+        """Write a copy of report.html."""
         shutil.copyfile(self.folder / "report.html", path)
         return Path(path)
 
@@ -124,36 +130,38 @@ def gap(
     reading: Reading | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Gap:
-    """Find where simulation and logs disagree, and name the effect that is missing, as
+    """Compare a simulation with logs, and name the effect that the model lacks, as
     `tselab gap` does.
 
     Parameters
     ----------
     logs
-        Files, frames, or what read_log() returned. A log that cannot be read, or whose
+        Files, data frames, or results of read_log(). A log that cannot be read, or whose
         channels contradict each other, is left out, with a note.
     vehicle
         A vehicle file, or a mapping with its keys.
     hold_out
-        Logs that are not fitted: they show whether the named effect holds beyond.
+        Logs that are not used for the fit. They test whether the named effect also
+        reduces the residuals there.
     out
-        Folder for the files; made if needed. None: a temporary one.
+        Folder for the files, created if needed. None: a temporary folder.
     jobs
-        Simulations that run at once.
+        Number of simulations that run in parallel.
     formula
-        Seek a formula also where the named effects explain all.
+        Whether a formula is searched for even if the named effects explain the residuals
+        completely.
     road
-        road.csv, or what read_road() returned: bank and grade of the road of all logs.
-        None: they are found where they show.
+        Bank and grade of the road that all logs were driven on: a file road.csv, or a
+        Road. None: they are estimated where the logs determine them.
     reading
         How files are read: signals, rate, strict, databases.
     progress
-        Called with a sentence about the current step; some minutes pass.
+        Called with a sentence about the current step. The search takes some minutes.
 
     Returns
     -------
     Gap
-        `words` is the verdict, `vehicle` the car with the named effects.
+        Its `words` are the verdict, its `vehicle` is the car with the named effects.
     """
     keep = None if out is not None else tempfile.TemporaryDirectory(prefix="tse-gap-")
     folder = Path(out) if out is not None else Path(keep.name if keep else "")
@@ -166,19 +174,20 @@ def gap(
 
 
 class GapCheck:
-    """Effects that logs can and cannot show."""
+    """Result of gap_check(): which effects would be detected in the logs."""
 
     def __init__(self, found: check.Check, logs: Sequence[Path]):
         self._found, self._logs = found, list(logs)
         self.exit_code = found.code
-        """0: every effect would be named at its typical size; 3: some would; 4: none
-        would."""
+        """0: every effect would be named at its typical size; 3: only some would be; 4:
+        none would be."""
         self.notes = tuple(found.notes)
-        """What was odd, in words."""
+        """Sentences about what was unusual in the logs."""
 
     @property
     def text(self) -> str:
-        """A table of the effects, and where the others would show."""
+        """A table of the effects, and in which channels the undetectable ones would
+        show."""
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
@@ -187,11 +196,12 @@ class GapCheck:
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per effect."""
+        """Return a table with a row per effect."""
         return pd.DataFrame(self.to_dict()["effects"])
 
     def write_table(self, path: PathLike) -> Path:
-        """Write the table of the command, .parquet or .csv by the name."""
+        """Write the table of `tselab gap check --table`: Parquet if `path` ends in
+        .parquet, otherwise CSV."""
         logs = " ".join(map(str, self._logs))
         results.write_rows(Path(path), [{"logs": logs, **e} for e in self._found.as_json()["effects"]])
         return Path(path)
@@ -205,20 +215,20 @@ def gap_check(
     reading: Reading | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> GapCheck:
-    """Say which effects these logs can and cannot show, before any is fitted, as `tselab
-    gap check` does.
+    """Find out which effects would be detected in these logs, without a search for
+    effects, as `tselab gap check` does.
 
     Parameters
     ----------
     logs
-        Files.
+        Files of logs.
     vehicle, jobs, reading, progress
         As in gap().
 
     Returns
     -------
     GapCheck
-        For every effect the smallest size that would be named, and its typical size.
+        For every effect its typical size, and the smallest size that would be detected.
     """
     paths = [Path(logs)] if isinstance(logs, str | os.PathLike) else [Path(p) for p in logs]
     say = progress if progress is not None else lambda _: None
@@ -228,15 +238,15 @@ def gap_check(
 
 
 class GapPlan:
-    """Manoeuvres that tell two effects apart, the best first."""
+    """Result of gap_plan(): manoeuvres that distinguish two effects, the best first."""
 
     def __init__(self, found: plan.ManeuverPlan):
         self._found = found
         self.separable = found.separable
-        """Whether an hour of a manoeuvre is enough."""
+        """Whether some manoeuvre distinguishes the effects within an hour."""
 
     def text(self, rows: int = 6) -> str:
-        """Return the best manoeuvre in a sentence, and a table of the first `rows`."""
+        """Return a sentence about the best manoeuvre, and a table of the best `rows`."""
         return self._found.text(rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -252,27 +262,28 @@ class GapPlan:
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per manoeuvre."""
+        """Return a table with a row per manoeuvre."""
         return pd.DataFrame(self.to_dict()["manoeuvres"])
 
 
 def gap_plan(
     effects: str, vehicle: VehicleLike, *, jobs: int = 1, progress: Callable[[str], None] | None = None
 ) -> GapPlan:
-    """Find the manoeuvre that tells two effects apart, and how long it must be driven, as
-    `tselab gap plan` does.
+    """Find the manoeuvre that distinguishes two effects best, and how long it must be
+    driven, as `tselab gap plan` does.
 
     Parameters
     ----------
     effects
-        Ids of both, such as "relaxation,steering_lag"; tse.tables.effects() lists them.
+        Ids of the two effects, such as "relaxation,steering_lag". tse.tables.effects()
+        lists all.
     vehicle, jobs, progress
         As in gap().
 
     Returns
     -------
     GapPlan
-        Each manoeuvre of a library, with the evidence that it gives.
+        Every candidate manoeuvre with the evidence that it provides.
     """
     say = progress if progress is not None else lambda _: None
     with tempfile.TemporaryDirectory(prefix="tse-gap-") as folder:

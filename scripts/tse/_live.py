@@ -1,4 +1,4 @@
-"""The filter while driving: estimates from a CAN bus."""
+"""Estimate tyre stiffness while driving, from a CAN bus: live() and its result."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from tse.streaming.drive import LiveDrive, make_bus_opener
 from tse.streaming.page import Page
 
 NOT_CALIBRATED = (
-    "not calibrated: the car is taken as an ordinary one of its class; tselab calibrate makes the "
-    "answer surer"
+    "not calibrated: the filter assumes an ordinary car of its class; tselab calibrate makes the "
+    "estimates more accurate"
 )
 
 
 class Live:
-    """A drive that goes on: iterate over it for its estimates. live() returns it."""
+    """A running drive, as live() returns it. Iterate over it to get the estimates."""
 
     def __init__(
         self,
@@ -54,14 +54,14 @@ class Live:
         self._end = math.inf if duration is None else time.monotonic() + duration
         self._stopped = False
         self.notes = tuple(notes)
-        """Learnt state that the drive started from, and what was odd about the settings,
-        in words."""
+        """Sentences about the learnt state that the drive started from, and about unusual
+        settings."""
         self.folder = folder
-        """Folder where the drive is recorded."""
+        """Folder in which the drive is recorded. None: it is not recorded."""
 
     def __iter__(self) -> Iterator[Estimate]:
-        """Yield the estimates of each row as it comes, until stop() or the end of
-        `duration`."""
+        """Yield the estimates of each row as it arrives, until stop() is called or
+        `duration` is over."""
         convert: list[Convert] = []
         while not self.ended:
             times, outputs = self._work()
@@ -72,15 +72,15 @@ class Live:
 
     @property
     def ended(self) -> bool:
-        """Whether stop() was called, or `duration` has passed."""
+        """Whether stop() was called or `duration` is over."""
         return self._stopped or time.monotonic() >= self._end
 
     def poll(self) -> int:
-        """Use the frames that have come, or wait for them for 0.1 s; the number of rows
-        that they make.
+        """Process the frames that have arrived, and return the number of rows made from
+        them. If there are none, wait for them for up to 0.1 s.
 
-        For who shows `answer` and needs no Estimate of each row, in place of the
-        iteration."""
+        Call it in a loop, instead of the iteration, if only `answer` is needed and not
+        the Estimate of each row."""
         return len(self._work()[0])
 
     def _work(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.void]]:
@@ -90,17 +90,17 @@ class Live:
         return times, outputs
 
     def serve(self, port: int = 0) -> str:
-        """Show plots of the drive on a page of this machine, until close().
+        """Serve a web page with plots of the drive on this machine, until close().
 
         Parameters
         ----------
         port
-            0: any that is free.
+            TCP port; 0: any free one.
 
         Returns
         -------
         str
-            Address of the page, for a browser.
+            URL of the page.
         """
         self._page = self._page or Page(self._drive, port, self._car)
         return self._page.url
@@ -114,11 +114,11 @@ class Live:
         self.close()
 
     def stop(self) -> None:
-        """End the iteration; from any thread."""
+        """End the iteration. Any thread may call this."""
         self._stopped = True
 
     def close(self) -> None:
-        """Release the bus, and finish the record."""
+        """Release the bus, and complete the files of the record."""
         self._drive.close()
         if self._page is not None:
             self._page.close()
@@ -126,54 +126,55 @@ class Live:
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """Three lines: each stiffness now with its 95 % interval; after close() those of
+        """Three lines: each stiffness with its 95 % interval, now or, after close(), of
         the whole drive."""
         found = self._result()[1] if self._drive.closed else self._drive.now()
         return tuple(make_answer(found, self._drive.config))
 
     @property
     def said(self) -> tuple[tuple[float, str], ...]:
-        """Events of bus, road and sensors, each with its time, s."""
+        """Events of bus, road and sensors so far: time [s] and sentence."""
         return tuple(self._drive.said)
 
     @property
     def learnt(self) -> bytes | None:
-        """The learnt state after close(), for the next drive: the argument `learnt`.
+        """After close(), the learnt state, to be passed as `learnt` for the next drive.
         None: nothing was learnt, or the channels contradict each other."""
         return self._result()[0].learnt
 
     def save_learnt(self, path: PathLike) -> Path:
-        """Write the learnt state for the next drive. Error: nothing was learnt."""
+        """Write the learnt state to a file, for the next drive. Raise Error if nothing
+        was learnt."""
         learnt = self.learnt
         if learnt is None:
-            raise UserError(f"nothing was learnt: {path} is not written")
+            raise UserError(f"nothing was learnt, so {path} is not written")
         write_learnt(Path(path), learnt)
         return Path(path)
 
     @property
     def settings(self) -> dict[str, float | int]:
-        """All settings, by name."""
+        """All settings of the filter by name."""
         return self._drive.config.as_dict()
 
     @property
     def rows(self) -> int:
-        """Rows so far."""
+        """Number of rows so far."""
         return self._drive.drive.rows
 
     @property
     def numbers(self) -> str:
-        """Frames, rows, rate and delay, as a sentence."""
+        """Number of frames and rows, rate and delay, as a sentence."""
         return self._drive.numbers()
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab live`, after close(): 0 usable, 3 usable in part, 4
+        """After close(), the exit code of `tselab live`: 0 usable, 3 usable in part, 4
         nothing usable."""
         found = self._result()[1]
         return results.choose_exit_code(found) if found else results.NOTHING
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab live --json`, after close()."""
+        """Return the document of `tselab live --json`. Call close() first."""
         est, found, _, against = self._result()
         said: dict[str, Any] = {
             "vehicle": self._drive.vehicle.path,
@@ -190,8 +191,8 @@ class Live:
         return made
 
     def write_table(self, path: PathLike) -> Path:
-        """Write the table of `tselab live --table`, after close(), as .parquet or .csv by
-        the name."""
+        """Write the table of `tselab live --table`: Parquet if `path` ends in .parquet,
+        otherwise CSV. Call close() first."""
         rows = results.make_rows(self._get_rows_path(), *self._result())
         results.write_rows(Path(path), rows, results.COLUMNS)
         return Path(path)
@@ -200,8 +201,8 @@ class Live:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
     def _result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
-        """Return estimates, findings, changes and contradictions of the drive; those of a
-        drive that has ended once."""
+        """Return estimates, findings, changes and contradictions of the drive. Those of a
+        closed drive are computed only once."""
         if not self._drive.closed:
             return self._drive.result()
         self._ended = self._ended or self._drive.result()
@@ -237,59 +238,61 @@ def live(
     Parameters
     ----------
     vehicle
-        A vehicle file, a mapping with its keys, or what read_vehicle() returned.
+        A vehicle file, a mapping with its keys, or the result of read_vehicle().
     database
-        Meaning of the frames: DBC, ARXML, KCD, SYM; one, or several.
+        One or several databases that define the frames: DBC, ARXML, KCD or SYM.
     interface, channel
-        Of python-can: "socketcan" and "can0", for instance.
+        Interface and channel of python-can, for instance "socketcan" and "can0".
     bus
-        An open bus of python-can in their place; it is shut down at the end.
+        An open bus of python-can, instead of `interface` and `channel`. It is shut down
+        at the end.
     signals
-        signals.toml; None: the one beside the database, else signals are proposed from
-        the frames.
+        The file signals.toml. None: the signals.toml in the folder of the database or, if
+        there is none, signals are proposed from the frames.
     out
-        An empty or new folder where the drive is recorded, as by `tselab live`; None:
-        nowhere.
+        An empty or new folder in which the drive is recorded, as by `tselab live`. None:
+        the drive is not recorded.
     settings
-        Any settings by name; they win over `config` and the vehicle.
+        Any settings by name. They override `config` and the vehicle.
     config
-        A file of settings, FILTER.toml.
+        A file of settings, such as FILTER.toml.
     learnt
-        Learnt state of an earlier drive of this vehicle (Live.learnt, Result.learnt), or
-        the Path of a file with it.
+        Learnt state of an earlier drive of this vehicle (Live.learnt or Result.learnt),
+        or the Path of a file with it.
     age
-        s since that drive. Default: unknown, or the age of the file.
+        Time since that drive, s. By default it is unknown or, for a file, the age of the
+        file.
     rate
-        Rows per second; None: those of the fastest channel, up to 100.
+        Rows per second. None: the rate of the fastest channel, at most 100.
     duration
-        s after which the iteration ends; None: at stop().
+        Time after which the iteration ends, s. None: it ends at stop().
     say
-        Called with a sentence when something happens: the road changes, a message stops.
-        From any thread.
+        Called with a sentence for each event, such as a change of the road or a message
+        that is no longer received. The call may come from any thread.
     **options
         Options of the interface, such as bitrate=500000.
 
     Returns
     -------
     Live
-        Its estimates have the bits of `tselab live`, and of estimate() over the rows of
-        the record with its settings.
+        The running drive. Its estimates have the same bits as those of `tselab live`, and
+        as those of estimate() over the recorded rows with the same settings.
 
     Raises
     ------
     Error
-        A bus that cannot be opened, a signal that no database has, a folder that is not
-        empty; a ValueError.
+        The bus cannot be opened, no database has a signal, or the folder is not empty.
+        The error is a ValueError, too.
     """
     if (bus is None) == (interface is None):
-        raise TypeError("live() needs an interface, or a bus that is open")
+        raise TypeError("live() needs either an interface or an open bus: give one of them")
     databases = (
         [Path(database)]
         if isinstance(database, str | Path) or hasattr(database, "__fspath__")
         else [*map(Path, database)]
     )
     if not databases:
-        raise TypeError("live() needs a database: what the frames of the bus mean")
+        raise TypeError("live() needs a database, which defines the frames of the bus")
     if rate is not None and not MIN_RATE <= rate <= MAX_RATE:
         raise UserError(f"rate: {rate:g} is outside its range {MIN_RATE:g} .. {MAX_RATE:g} Hz")
     car = read_vehicle(vehicle)

@@ -1,5 +1,5 @@
-"""Logs in files of many formats and in memory, and the proposal of signals for their
-channels."""
+"""Read logs of many formats, and propose which signal of a log is which channel:
+read_log(), signals() and their results."""
 
 from __future__ import annotations
 
@@ -37,46 +37,48 @@ LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.ND
 
 
 class Log(Shown):
-    """A log that is read and checked: rows in SI units, ISO 8855."""
+    """Result of read_log(): the checked rows of a log, in SI units and axes of ISO
+    8855."""
 
     def __init__(self, checked: Checked):
         self._checked = checked
         self.path = checked.path
-        """The file."""
+        """File of the log."""
         self.notes = tuple(checked.notes)
-        """What was odd, or was filled in, in words."""
+        """Sentences about what was unusual in the log, and which values were filled
+        in."""
         self.warnings = tuple(checked.warnings)
-        """Of the notes those that say what may be wrong."""
+        """The `notes` about what may be wrong."""
 
     def __len__(self) -> int:
         return len(self._checked)
 
     @property
     def time(self) -> Array:
-        """(n,) s."""
+        """(n,) time of each row, s."""
         return np.asarray(self._checked.time, float)
 
     @property
     def sample_time(self) -> float | None:
-        """s, usual time between rows."""
+        """Usual time between rows, s."""
         return self._checked.sample_time
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Rows, duration and notes."""
+        """Sentences: number of rows and duration, then the notes."""
         span = float(self.time[-1] - self.time[0]) if len(self) else 0.0
         return (f"{self.path.name}: {len(self)} rows, {span:.1f} s", *self.notes)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the rows: time, channels, optional channels, columns ref_..., as
-        estimate() takes them."""
+        """Return the rows as a data frame for estimate(): time, channels, optional
+        channels, columns ref_..."""
         parts = (self._checked.data, self._checked.extra, self._checked.ref)
         return pd.concat(
             [pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1
         )
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the channels over time."""
+        """Return a plotly figure: the channels over time."""
         data = plots.Data(self._checked)
         data.rows = len(self)
         return make_figure(plots.draw_inputs(data))
@@ -96,32 +98,33 @@ def read_log(
     Parameters
     ----------
     path
-        CSV, Parquet, MF4, BLF, MCAP, ROS bag, MAT, openpilot ...
+        The file: CSV, Parquet, MF4, BLF, MCAP, ROS bag, MAT, openpilot ...
     vehicle
-        As in estimate(): wheel radii and steering ratio, which speeds of wheels and
-        angles of the steering wheel need.
+        As in estimate(). Its wheel radii convert wheel speeds in m/s to rad/s, and its
+        steering ratio converts the angle of the steering wheel to that of the road
+        wheels.
     signals
-        The file that says which signal is which channel; None: the one beside the log,
-        else they are guessed.
+        The file that assigns signals to channels. None: the signals.toml next to the log
+        or, if there is none, the assignment is guessed.
     rate
-        Hz of the rows; None: that of the log, or of `signals`.
+        Rate of the rows, Hz. None: that of the log, or the rate in `signals`.
     strict
-        Refuse what else is a warning.
+        Whether a problem that is normally a warning raises an Error.
     databases
-        DBC files of the bus.
+        Databases of the CAN bus, such as DBC files.
 
     Returns
     -------
     Log
-        For estimate(), calibrate(), gap() and replay().
+        The log, to be used in estimate(), calibrate(), gap() and replay().
 
     Raises
     ------
     FileNotFoundError
-        The file is not there.
+        The file does not exist.
     Error
-        It is damaged, or lacks a channel that is needed; a ValueError. The text names
-        file, line and column.
+        The file is damaged, or lacks a required channel. The message names file, line and
+        column. The error is a ValueError, too.
     """
     car = None if vehicle is None else read_vehicle(vehicle)
     file = Path(signals) if signals is not None else None
@@ -129,21 +132,22 @@ def read_log(
 
 
 def read_checked(log: LogLike, car: Vehicle, name: str = "log", reading: Reading | None = None) -> Checked:
-    """Read and check a log of any kind. `name`: that of a log in memory. TypeError: it is
-    no log."""
+    """Read and check a log of any type. Raise TypeError if `log` is of an unknown type.
+
+    `name`: what messages call a log in memory."""
     if isinstance(log, str | os.PathLike):
         return _read_log(Path(log), reading=replace(reading or Reading(), car=car))
     return adapt_to_car(log._checked if isinstance(log, Log) else read_frame(_read_columns(log), name), car)
 
 
 def read_known_road(road: PathLike | Road | None) -> Road | None:
-    """Return a road: read it if `road` is a file."""
+    """Return the road; read it if `road` is a file."""
     return road if road is None or isinstance(road, Road) else read_road(Path(road))
 
 
 def collect_logs(logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int = 1) -> list[Path | Checked]:
-    """Return files as paths, and logs in memory checked, by their number. UserError:
-    there are fewer than `min_logs`."""
+    """Return a list of logs: files as paths, logs in memory read and checked. Raise
+    UserError if there are fewer than `min_logs`."""
     given = list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
     if len(given) < min_logs:
         raise UserError("no log is given")
@@ -156,7 +160,8 @@ def collect_logs(logs: LogLike | Sequence[LogLike], car: Vehicle, min_logs: int 
 
 
 def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
-    """Return the columns of a log in memory."""
+    """Return a log in memory as a mapping of names to columns. Raise TypeError if it has
+    no named columns."""
     if isinstance(frame, np.ndarray) and frame.dtype.names:
         return {name: frame[name] for name in frame.dtype.names}
     if isinstance(frame, pd.DataFrame | Mapping):
@@ -165,31 +170,33 @@ def _read_columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
         return pd.DataFrame(frame.to_pandas())
     wanted = "give a file, a data frame, a dict of arrays or a structured array"
     if isinstance(frame, np.ndarray):
-        raise TypeError(f"an array without names of fields; {wanted}")
+        raise TypeError(f"the array of the log has no field names; {wanted}")
     if isinstance(frame, list | tuple):
-        raise TypeError(f"a {type(frame).__name__} is no log; {wanted}, such as pd.DataFrame(...) of it")
-    raise TypeError(f"{type(frame).__name__} is no log; {wanted}")
+        raise TypeError(
+            f"a {type(frame).__name__} cannot be a log; {wanted}, such as pd.DataFrame(...) of it"
+        )
+    raise TypeError(f"{type(frame).__name__} cannot be a log; {wanted}")
 
 
 # ---- which signal is which channel
 
 
 class Signals(Shown):
-    """Proposal of the signal for each channel of a log."""
+    """Result of signals(): the proposed signal for each channel of a log."""
 
     def __init__(self, recording: Recording, proposal: Proposal, how: ReadOptions):
         self._recording, self._proposal, self._how = recording, proposal, how
         self.format = recording.format
-        """Format of the log, in words."""
+        """Name of the format of the log."""
         self.missing = tuple(proposal.missing)
-        """Channels for which nothing was found."""
+        """Channels for which no signal was found."""
         self.nearest = {c: tuple(x) for c, x in proposal.nearest.items()}
-        """For each missing channel the signals that come nearest, and what is against
-        each."""
+        """For each missing channel the most similar signals, each with the reason why it
+        was not proposed."""
         self.warnings = tuple(proposal.warnings)
-        """What is doubtful, in words."""
+        """Sentences about what is doubtful in the proposal."""
         self.notes = tuple(recording.notes)
-        """What was odd when the log was read, in words."""
+        """Sentences about what was unusual when the log was read."""
 
     @cached_property
     def _lines(self) -> list[Line]:
@@ -197,7 +204,8 @@ class Signals(Shown):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """A sentence for each guess, and what was not found."""
+        """Sentences: the proposed signal of each channel, then the channels without a
+        signal, then the warnings."""
         missing = [f"not found: {', '.join(self.missing)}"] if self.missing else []
         return (
             *map(format_headline, self._proposal.guesses),
@@ -207,22 +215,24 @@ class Signals(Shown):
 
     @property
     def guesses(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """A sentence for each guess, with the figures that speak for it."""
+        """For each proposed signal a sentence, and the numbers that support the
+        proposal."""
         return tuple((format_headline(g), tuple(g.figures)) for g in self._proposal.guesses)
 
     @property
     def toml(self) -> str:
-        """The text of signals.toml, with what speaks for each guess as comments."""
+        """The text of signals.toml. Its comments give the reasons for each proposed
+        signal."""
         return self._text(self._recording.path.parent)
 
     def _text(self, folder: Path) -> str:
         return format_signals(self._recording, self._proposal, self._how, folder)
 
     def write(self, path: PathLike) -> Path:
-        """Write signals.toml, for read_log() and the commands; one that is there is
+        """Write signals.toml, which read_log() and the commands read. An existing file is
         replaced."""
         if not self._proposal.guesses:
-            raise UserError(f"{self._recording.path}: nothing could be guessed, so {path} is not written")
+            raise UserError(f"{self._recording.path}: no signal could be proposed, so {path} is not written")
         with write_atomically(Path(path)) as file:
             file.write(self._text(Path(path).parent))
         return Path(path)
@@ -247,10 +257,9 @@ class Signals(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row per signal: name, unit, rate [Hz], low, high, missing (share),
-        used.
-
-        `used` is the channel that the signal is proposed for."""
+        """Return a table with a row per signal: name, unit, rate [Hz], low, high (range
+        of its values), missing (share of missing values), used (channel that it is
+        proposed for)."""
         return pd.DataFrame([vars(line) for line in self._lines])
 
     def _shown_rows(self) -> pd.DataFrame:
@@ -258,8 +267,7 @@ class Signals(Shown):
         return rows[rows["used"] != ""]
 
     def plot(self) -> Any:
-        """Return a figure of plotly: the signals that are proposed, each in the unit that
-        it is logged in."""
+        """Return a plotly figure: the proposed signals, each in the unit of the log."""
         there = {c.name: c for c in self._recording}
         return plots.draw_lines(
             [
@@ -275,24 +283,26 @@ class Signals(Shown):
 def signals(
     log: PathLike, vehicle: VehicleLike | None = None, *, databases: Sequence[PathLike] = ()
 ) -> Signals:
-    """Propose which signal of a log is which channel, by names, units and physics, as
+    """Propose which signal of a log is which channel, from names, units and physics, as
     `tselab signals` does.
 
-    The log is read as [log] of the signals.toml beside it says, if there is one.
+    If there is a signals.toml next to the log, its table [log] says how the log is read.
 
     Parameters
     ----------
     log
         A file of any format.
     vehicle
-        As in estimate(); makes the figures sharper.
+        As in estimate(). With the data of the vehicle, the physical checks are more
+        accurate.
     databases
-        DBC files of the bus.
+        Databases of the CAN bus, such as DBC files.
 
     Returns
     -------
     Signals
-        Look through `words`, `write()` it beside the log, and correct what is wrong.
+        The proposal. Check its `words`, call `write()` to write signals.toml next to the
+        log, and correct wrong signals in that file.
     """
     _, how = find_signals(Path(log), None, tuple(map(Path, databases)))
     recording = read_recording(Path(log), how)

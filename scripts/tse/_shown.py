@@ -1,4 +1,5 @@
-"""Common methods of the results of the API: sentences, a table, a figure, a page."""
+"""Base class of the results that the API returns: as sentences, table, figure and
+page."""
 
 from __future__ import annotations
 
@@ -11,15 +12,15 @@ import pandas as pd
 
 from tse.library.files import write_atomically
 
-MAX_ROWS = 20  # of a table in a notebook
+MAX_ROWS = 20  # max number of rows of a table that a notebook shows
 
 
 class Shown:
-    """A result. Its classes give `words`, `to_frame()` and `plot()`."""
+    """Base class of a result. Subclasses define `words`, `to_frame()` and `plot()`."""
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The result in sentences, as the command ends."""
+        """The result in sentences."""
         raise NotImplementedError
 
     def to_frame(self) -> pd.DataFrame:
@@ -27,21 +28,21 @@ class Shown:
         raise NotImplementedError
 
     def plot(self) -> Any:
-        """Return a figure of plotly."""
+        """Return the result as a plotly figure."""
         raise NotImplementedError
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write a page that needs nothing else and can be read offline.
+        """Write the result as an HTML page, which needs no other file and no network.
 
         Parameters
         ----------
         path
-            The HTML file; one that is there is replaced.
+            The HTML file. An existing file is replaced.
 
         Returns
         -------
         Path
-            The file.
+            `path`.
         """
         page = (
             '<!doctype html><html lang="en"><meta charset="utf-8"><title>tse</title>'
@@ -62,7 +63,7 @@ class Shown:
 
 
 def make_figure(figure: Any) -> Any:
-    """Return a figure of tse.report.plots as a figure of plotly."""
-    import plotly.graph_objects as go  # takes half a second: only for figures
+    """Convert a figure of tse.report.plots to a plotly figure."""
+    import plotly.graph_objects as go  # not at the top: the import takes half a second
 
     return go.Figure(figure.as_dict())

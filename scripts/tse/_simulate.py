@@ -1,4 +1,5 @@
-"""Simulate logs whose truth is known, and the car along a log."""
+"""Simulate drives with known truth, and the car along a logged drive: simulate(),
+replay() and their results."""
 
 from __future__ import annotations
 
@@ -28,16 +29,16 @@ from tse.simulation.simulate import simulate as _simulate
 
 
 class Simulated(NamedTuple):
-    """A simulated drive; row n of the log and row n of the truth are of the same time."""
+    """Result of simulate(): a log and the truth. Equal rows belong to equal times."""
 
     log: pd.DataFrame
-    """Readings of the sensors: columns as estimate() takes them."""
+    """Sensor readings, with the columns that estimate() expects."""
     truth: pd.DataFrame
     """True values: true_cy_front [N/rad], true_vel_y [m/s] ..."""
 
     def with_references(self) -> pd.DataFrame:
-        """Return the log with the truth in columns ref_..., which the page of an estimate
-        draws."""
+        """Return the log with the truth added as columns ref_..., which the page of an
+        estimate draws as reference."""
         return add_references(Simulation(self.log, self.truth))
 
     def write(
@@ -47,20 +48,20 @@ class Simulated(NamedTuple):
         *,
         with_ref: bool = False,
     ) -> Path:
-        """Write the log and the truth as CSV, with the shortest digits that give the same
-        bits back.
+        """Write log and truth as CSV. Each number has the fewest digits from which the
+        same bits can be read back.
 
         Parameters
         ----------
         log, truth
-            Files; one that is there is replaced. None: the truth is not written.
+            The files. Existing files are replaced. None: the truth is not written.
         with_ref
-            Write with_references() as the log.
+            Whether the log also gets the columns ref_... of with_references().
 
         Returns
         -------
         Path
-            The file of the log.
+            `log`.
         """
         write_table(self.with_references() if with_ref else self.log, Path(log))
         if truth is not None:
@@ -81,40 +82,42 @@ def simulate(
     road: PathLike | Road | None = None,
     bar: bool = False,
 ) -> Simulated:
-    """Simulate a drive: for trying, and for studies.
+    """Simulate a drive, to try out the estimator and for studies.
 
     Parameters
     ----------
     maneuver
         A name that `tselab simulate --help` lists.
     vehicle
-        As in estimate(); None: the built-in car.
+        As in estimate(). None: the built-in car.
     seed
-        Seed of the random numbers: the same seed gives the same drive.
+        Seed of the random numbers. The same seed gives the same drive.
     duration, speed, amplitude
-        s, m/s, and usually rad of steering (the list says its meaning); None: usual for
-        the manoeuvre.
+        Duration [s], initial speed [m/s] and amplitude of the manoeuvre. `tselab simulate
+        --help` gives the meaning and unit of the amplitude, usually rad of steering.
+        None: the manoeuvre's own value.
     road_changes
-        (s, factor): from then on all stiffness is nominal times the factor.
+        Pairs (time [s], factor). From that time on, every stiffness is the factor times
+        its nominal value.
     settings
-        Any of the simulator (`tselab settings --simulator`) or of the car.
-        `wheel_speed_sd` is 0.02 rad/s unless it is set here: real wheel speeds have
-        noise, and the filter takes a channel that repeats a number exactly for frozen.
+        Any settings of the simulator (`tselab settings --simulator`) or of the car.
+        `wheel_speed_sd` is 0.02 rad/s unless it is given here, because real wheel speeds
+        have noise, and the filter takes a channel whose value does not change for frozen.
     road
-        road.csv: its bank and grade lie under the car, by the distance that it has
-        travelled; the log has its positions.
+        Road that the car drives on: a file road.csv or a Road. Its bank and grade depend
+        on the distance travelled, and the log gets its positions.
     bar
         Show a progress bar on standard error.
 
     Returns
     -------
     Simulated
-        The log, and the truth.
+        Log and truth.
 
     Raises
     ------
     Error
-        An unknown manoeuvre or setting, or a value outside its range.
+        A manoeuvre or setting is unknown, or a value is outside its range.
     """
     car = make_default_vehicle() if vehicle is None else read_vehicle(vehicle)
     config, sim = Config.exact(car.values), SimConfig({"seed": seed, "wheel_speed_sd": WHEEL_NOISE})
@@ -143,50 +146,53 @@ def simulate(
 
 
 class Replayed(Shown):
-    """Measured channels, and the readings of the simulated car."""
+    """Result of replay(): measured channels, and the same channels of the simulated
+    car."""
 
     def __init__(self, table: pd.DataFrame, notes: Sequence[str] = (), title: str = "log", vehicle: str = ""):
         self._table, self._title, self._vehicle = table, title, vehicle
         self.notes = tuple(notes)
-        """Contradictions of log and car, and where the log is on the road, in words."""
+        """Sentences about contradictions between log and car, and about where on the road
+        the log was driven."""
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the rows: time, accel_x, accel_y, yaw_rate as logged, and simulated with
-        the end _simulated; vel_x, vel_y."""
+        """Return the rows: time; accel_x, accel_y, yaw_rate as logged; their simulated
+        values in columns ending in _simulated; simulated vel_x, vel_y."""
         return self._table
 
     def apart(self) -> dict[str, along.ModelMisfit]:
-        """Return how far measured and simulated are apart, above 3 m/s.
+        """Return the differences between measured and simulated channels above 3 m/s.
 
         Returns
         -------
         dict
-            By channel: rms without the mean, which is the sensor's bias; that over the
-            white noise of the channel in this log; the mean; the unit. NaN: the log does
-            not have the channel.
+            For each channel: rms of the difference after its mean, which is the bias of
+            the sensor, is subtracted; ratio of this rms to the white noise of the channel
+            in this log; the mean; the unit. NaN: the log does not have the channel.
         """
         return along.measure_misfit(self._table)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return apart() and the notes, as `tselab replay --json` has them."""
+        """Return the document of `tselab replay --json`: the result of apart(), and the
+        notes."""
         parts = {c: asdict(a) for c, a in self.apart().items()}
         found: dict[str, Any] = convert_to_plain({"apart": parts, "notes": self.notes})
         return found
 
     @property
     def words(self) -> tuple[str, ...]:
-        """apart() in sentences."""
+        """The result of apart() in sentences."""
         return along.describe_misfit(self.apart())
 
     def plot(self) -> Any:
-        """Return a figure of plotly: measured and simulated over time."""
+        """Return a plotly figure: measured and simulated channels over time."""
         return draw_lines(along.list_curves(self._table))
 
     def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page of `tselab replay`."""
-        from tse.report.report import write_page  # jinja: for those who write pages
+        """Write the HTML page that `tselab replay` writes."""
+        from tse.report.report import write_page  # imports jinja, which is slow
 
-        text = "Drag to zoom, double-click to reset; nothing is fitted."
+        text = "Drag to zoom, double-click to reset. No parameter is fitted to this log."
         sections = [("Measured and simulated", text, set_layout(self.plot(), 620))]
         title = f"{self._title}, measured and simulated"
         write_page(
@@ -195,7 +201,7 @@ class Replayed(Shown):
         return Path(path)
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the rows as CSV."""
+        """Write the rows of to_frame() as CSV."""
         write_table(self._table, Path(path))
         return Path(path)
 
@@ -210,34 +216,37 @@ def replay(
 ) -> Replayed:
     """Simulate the car along a log.
 
-    The single-track model with the effects of the car is driven by the logged steering
-    angle and wheel speeds.
+    The inputs of the simulation are the logged steering angle and wheel speeds. The model
+    is the single-track model with the effects of the car.
 
     Parameters
     ----------
     log
-        A file, a frame, or what read_log() returned. Rows without a steering angle or
-        wheel speed are interpolated between their neighbours. Channels that the settings
-        of the car call late (accel_y_latency) are simulated as late.
+        A file, a data frame, or the result of read_log(). Missing steering angles and
+        wheel speeds are interpolated between neighbouring rows. A channel with a latency
+        in the settings of the car (such as accel_y_latency) is simulated with the same
+        delay.
     vehicle
         As in estimate().
     settings
-        Any settings by name; they win.
+        Any settings by name. They override those of the vehicle.
     road
-        road.csv, whose bank and grade lie under the car; None: level, but for columns
-        bank and grade of the log.
+        Bank and grade of the road: a file road.csv or a Road. None: those of the columns
+        bank and grade of the log or, without them, a level road.
     reading
         How a file is read: signals, rate, strict, databases.
 
     Returns
     -------
     Replayed
-        Deterministic: no noise, constant stiffness, no bias.
+        The result. The simulated channels have no noise and no bias, and the stiffness is
+        constant.
 
     Raises
     ------
     Error
-        Rows are more than 1 s apart, or a value is outside its range; a ValueError.
+        Rows are more than 1 s apart, or a value is outside its range. The error is a
+        ValueError, too.
     """
     car = read_vehicle(vehicle)
     config = Config.exact(car.values)

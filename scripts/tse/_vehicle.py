@@ -1,4 +1,5 @@
-"""The car: a vehicle file, or a mapping with its keys."""
+"""Read a vehicle from a file or a mapping, and write it: read_vehicle(),
+simulated_car(), write_c_settings()."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 
 
 def read_vehicle(vehicle: VehicleLike) -> Vehicle:
-    """Read a vehicle file, or a mapping with its keys, and fill in what they leave out.
+    """Read a vehicle file, or a mapping with its keys. Fill in values that are left out.
 
         tse.read_vehicle({"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32,
                           "wheel_radius_rear": 0.32, "latency": {"steer_angle": 0.02}})
@@ -36,23 +37,24 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
     Parameters
     ----------
     vehicle
-        Required are mass [kg], lf, lr [m] (centre of gravity to the axles),
-        wheel_radius_front, wheel_radius_rear [m]. `tselab vehicle --example` shows the
-        others, and the tables sensors, uncertainty, latency and effects.
+        Required keys are mass [kg], lf, lr (distances from the centre of gravity to the
+        axles [m]), wheel_radius_front and wheel_radius_rear [m]. `tselab vehicle
+        --example` shows the optional keys, and the tables sensors, uncertainty, latency
+        and effects.
 
     Returns
     -------
     Vehicle
-        `values`, all settings by name; `filled`, a sentence for each value that a rule
-        has filled in; `notes`.
+        The car. `values` has all settings by name, `filled` a sentence for each value
+        that a rule has filled in, `notes` further sentences.
 
     Raises
     ------
     FileNotFoundError
-        The file is not there.
+        The file does not exist.
     Error
-        A value outside its range, an unknown or a missing key; the message names them; a
-        ValueError.
+        A value is outside its range, or a key is unknown or missing. The message names
+        them. The error is a ValueError, too.
     """
     if isinstance(vehicle, Vehicle):
         return deepcopy(vehicle)
@@ -62,14 +64,15 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
         return made
     if not isinstance(vehicle, str | os.PathLike):
         raise TypeError(
-            "vehicle: a file, a mapping with its keys or what read_vehicle() returned is needed, not "
-            f"{type(vehicle).__name__}"
+            f"vehicle: {type(vehicle).__name__} cannot be a vehicle; give a file, a mapping with its keys "
+            "or the result of read_vehicle()"
         )
     return _read(Path(vehicle))
 
 
 def simulated_car() -> dict[str, Any]:
-    """Return the car of simulate(), known exactly: for its logs, and for no real car.
+    """Return the car of simulate(), without any uncertainty of its parameters. Use it for
+    simulated logs only.
 
         log, truth = tse.simulate("square-waves")
         result = tse.estimate(log, tse.simulated_car())
@@ -77,8 +80,8 @@ def simulated_car() -> dict[str, Any]:
     Returns
     -------
     dict
-        The keys of a vehicle file, as `tselab vehicle --simulated` prints it; every
-        [uncertainty] is 0.
+        The keys of the vehicle file that `tselab vehicle --simulated` prints. Every value
+        of its table uncertainty is 0.
     """
     car = Config.exact()
     tables = {"uncertainty": list_uncertainty_settings(), "sensors": list_sensor_settings()}
@@ -99,13 +102,14 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
     vehicle
         As in read_vehicle().
     path
-        The header; one that is there is replaced. After tse_config_default(&c), its
-        tse_config_car(&c) gives the settings with which estimate() runs at 100 Hz.
+        The header. An existing file is replaced. It defines tse_config_car(&c). Called
+        after tse_config_default(&c), this function makes the settings those with which
+        estimate() runs at 100 Hz.
 
     Returns
     -------
     Path
-        The header.
+        `path`.
     """
     with write_atomically(Path(path)) as file:
         file.write(c_settings(read_vehicle(vehicle)))
@@ -113,31 +117,34 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
 
 
 def check_names(settings: Mapping[str, float] | None) -> Mapping[str, float]:
-    """Return settings by name. TypeError: they are not a mapping."""
+    """Return the settings; None as an empty mapping. Raise TypeError if they are not a
+    mapping."""
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(
-            f"settings: names and numbers are needed, such as {{'valid_sd': 0.08}}, not "
-            f"{type(settings).__name__}"
+            f"settings: {type(settings).__name__} is not a mapping; give names and numbers, such as "
+            "{'valid_sd': 0.08}"
         )
     return settings or {}
 
 
 def _copy_plain(value: Any) -> Any:
-    """Return a copy with numbers of Python in place of NumPy's."""
+    """Return a copy of nested mappings with NumPy's numbers converted to Python's."""
     if isinstance(value, Mapping):
         return {str(k): _copy_plain(v) for k, v in value.items()}
     return value.item() if isinstance(value, np.generic) else deepcopy(value)
 
 
 def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
-    """Return the vehicle file; for a mapping write one into the folder."""
+    """Return the path of the vehicle file. For a mapping, write the file into `folder`.
+
+    Raise UserError for a Vehicle that is in no file, or differs from its file."""
     if isinstance(vehicle, Vehicle):
         if vehicle.path is None:
-            raise UserError("a vehicle that is in no file: give the file, or a mapping with its keys")
+            raise UserError("the vehicle is not read from a file: give a file or a mapping with its keys")
         if changed := [k for k, v in _read(vehicle.path).values.items() if vehicle.values.get(k) != v]:
             raise UserError(
-                f"{', '.join(changed)} of the vehicle are not those of {vehicle.path}: give a mapping "
-                "with its keys"
+                f"{', '.join(changed)} of the vehicle differ from {vehicle.path}: give the changed file, or "
+                "a mapping with its keys"
             )
         return vehicle.path
     if not isinstance(vehicle, Mapping):
@@ -151,7 +158,10 @@ def get_vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
 
 
 def _write_toml(table: Mapping[str, Any], name: str) -> Iterator[str]:
-    """Yield the lines of a table and of the tables in it. JSON's values are TOML's."""
+    """Yield the lines of a TOML table and of its subtables. Values are written as JSON,
+    which is valid TOML for numbers, strings and lists.
+
+    `name`: name of the table; empty for the top level."""
     for key, value in table.items():
         if not isinstance(value, Mapping):
             yield f"{json.dumps(key)} = {json.dumps(value, ensure_ascii=False)}"

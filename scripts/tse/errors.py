@@ -1,4 +1,4 @@
-"""Exceptions of tse. Every message names what is wrong, and what is allowed."""
+"""Exceptions of tse. Every message says what is wrong, and what is allowed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ __all__ = ["Error", "InputError", "Interrupted", "LearntError", "NoFile", "Setti
 
 
 class InputError(Error, ValueError):
-    """A row that the filter refuses; the filter is as it was before."""
+    """The filter refuses a row. The state of the filter has not changed."""
 
     def __init__(self, text: str, field: str):
         super().__init__(text)
         self.field = field
-        """The name of the field that is wrong."""
+        """Name of the field of the row that is wrong."""
 
 
 def __getattr__(name: str) -> Any:
-    """Load the exceptions of the C library when they are needed: numpy takes longer than
-    --help may."""
+    """Import LearntError and SettingError at their first use: their module imports numpy,
+    for which `tselab --help` must not wait."""
     if name not in ("LearntError", "SettingError"):
         raise AttributeError(f"module 'tse.errors' has no attribute {name!r}")
     from tse.library import core

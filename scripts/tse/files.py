@@ -1,5 +1,5 @@
-"""Files of results, for commands that are built on tse: refuse early what cannot be
-written, and write a file completely or not at all."""
+"""Functions for commands that write results: check before a long run that a file can be
+written, and write each file completely or not at all."""
 
 from __future__ import annotations
 

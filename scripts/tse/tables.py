@@ -1,5 +1,5 @@
-"""Tables of the library: settings, channels, estimates, codes, effects, manoeuvres and
-parts of a formula."""
+"""List what the library has: settings, channels, estimates, codes, effects, manoeuvres,
+and signals and functions for formulas."""
 
 from __future__ import annotations
 
@@ -53,23 +53,23 @@ __all__ = [
 STIFFNESS_NAMES = NAMES
 """Names of the stiffnesses in sentences, such as "Front cornering stiffness"."""
 MAX_DURATION = MAX_DRIVE_SECONDS
-"""s: the longest drive that is simulated."""
+"""Max duration of a simulated drive, s."""
 
 
 @dataclass(frozen=True)
 class LibraryBuild:
-    """The C library that is loaded."""
+    """Properties of the loaded C library."""
 
     version: str
     format: str
     """Number format: double, float or fixed point."""
     capacity: int
-    """Particles that a filter of the paper can hold."""
+    """Max number of particles of the paper's filter."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A number that can be set, and its range."""
+    """A setting: name, default, range, unit and meaning."""
 
     name: str
     default: float
@@ -82,27 +82,28 @@ class Setting:
 
 @dataclass(frozen=True)
 class ManeuverRow:
-    """A manoeuvre of simulate(), with its usual values."""
+    """A manoeuvre of simulate(), with its default values."""
 
     name: str
     duration: float
-    """s."""
+    """Duration, s."""
     speed: float
-    """m/s, at the start."""
+    """Initial speed, m/s."""
     amplitude: float
     amplitude_text: str
     """Meaning and unit of the amplitude."""
     text: str
-    """What is driven."""
+    """Description of the manoeuvre."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """A place where a formula enters, or an operation that it is made of."""
+    """A term of a formula: a place of the model, a number, a signal or a function."""
 
     name: str
     kind: str
-    """PLACE, NUMBER, SIGNAL, PLAIN (a function) or MEMORY (a function that remembers)."""
+    """PLACE (where the formula is added to the model), NUMBER, SIGNAL, PLAIN (function
+    without memory) or MEMORY (function that depends on earlier rows)."""
     unit: str
     text: str
 
@@ -120,28 +121,30 @@ def settings(*, simulator: bool = False) -> dict[str, Setting]:
 
 
 def check_setting(name: str, value: float, *, source: str = "", simulator: bool = False) -> None:
-    """Refuse a setting that nobody knows, or whose value is outside its range.
+    """Raise SettingError if a setting is unknown, or its value is outside its range.
 
     Parameters
     ----------
     name, value
         The setting.
     source
-        Where it comes from, such as the name of an option: the message begins with it.
+        Where the setting comes from, such as the name of an option. The message begins
+        with it.
     simulator
-        Look among the settings of the simulator first.
+        Whether the settings of the simulator are searched first.
 
     Raises
     ------
     SettingError
-        The text names setting, value and range.
+        The message names setting, value and range.
     """
     sim = SimConfig()
     (sim if simulator and name in sim else Config.exact()).set(name, value, source=source)
 
 
 def road_level() -> Setting:
-    """Return the level of a road, a factor of all stiffness, with its range."""
+    """Return the input road_level of the simulator, a factor on every stiffness, with its
+    range."""
     f = library().field(SIM_INPUT, "road_level")
     return Setting(f.name, f.default, f.low, f.high, f.unit, f.text)
 
@@ -155,14 +158,17 @@ def maneuvers() -> list[ManeuverRow]:
 
 
 def effects() -> list[dict[str, Any]]:
-    """Return a row per parameter of the effects that the single-track model can be given.
+    """Return the effects by which the single-track model can be extended, with a row for
+    each of their parameters.
 
     Returns
     -------
     list of dict
-        id, effect (its title), enters (places), shows_in (channels), look_alikes,
-        setting, unit, typical_low, typical_high, negligible (below it an effect is not
-        named), meaning; strength: whether 0 switches the effect off.
+        id; effect, its title; enters, the places of the model that it changes; shows_in,
+        the channels that it affects; look_alikes, ids of effects that are hard to
+        distinguish from it; setting, unit; typical_low, typical_high; negligible, the
+        size below which an effect is not named; meaning; strength, whether the value 0
+        switches the effect off.
     """
     return [
         {
@@ -185,7 +191,7 @@ def effects() -> list[dict[str, Any]]:
 
 
 def formula_places() -> dict[str, Term]:
-    """Return the places of the model where a formula can enter, by name."""
+    """Return the places of the model to which a formula can be added, by name."""
     return {p.name: Term(p.name, "PLACE", p.unit, p.text) for p in library().formula_places.values()}
 
 
@@ -195,6 +201,7 @@ def formula_operations() -> dict[str, Term]:
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str]) -> Path:
-    """Write rows with the same keys as a table, .parquet or .csv by the name."""
+    """Write rows that have the same keys as a table: Parquet if `path` ends in .parquet,
+    otherwise CSV."""
     write_rows(Path(path), rows)
     return Path(path)
