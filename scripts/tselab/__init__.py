@@ -1,12 +1,12 @@
-"""Command line of the tse tyre-stiffness estimator. It calls the public API `tse`, and
-prints its results."""
+"""Command line of the tse tyre-stiffness estimator. Each command calls the public API
+`tse` and prints the result."""
 
 import os
 import sys
 
-# Matrices are small here: threads of the linear algebra cost more than they save, and
-# --jobs runs processes. Set before NumPy is loaded. A program that has imported tse
-# decides for itself.
+# OpenBLAS runs with one thread: for the small matrices of tse, threads cost more time
+# than they save, and --jobs already runs processes. The variable is read when NumPy is
+# imported. If a program has already imported tse, it is left as it is.
 if "tse" not in sys.modules:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

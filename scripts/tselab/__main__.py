@@ -1,10 +1,11 @@
-"""The command `tselab`."""
+"""Entry point of the command `tselab`."""
 
 import sys
 
 
 def main() -> None:
-    """Run the command, or say which packages it stands on."""
+    """Run the command. If a Python package that it needs is missing, print its name and
+    exit with 2."""
     try:
         from tselab.cli import main as command
     except ModuleNotFoundError as error:

@@ -36,24 +36,25 @@ if TYPE_CHECKING:
     metavar="LOG.csv ...",
     type=FILE,
     multiple=True,
-    help="Logs that are not fitted: what was found is proved on them. All files up to the next option.",
+    help="Logs that are not used for the fit; the calibrated car is validated on them. All files up to "
+    "the next option.",
 )
 @click.option(
     "--out",
     metavar="CALIBRATED.toml",
     type=OutputPath(".toml"),
     required=True,
-    help="The calibrated vehicle file; .json and .html beside it.",
+    help="The calibrated vehicle file; a .json and a .html file are written next to it.",
 )
 @ROAD
 @click.option(
     "--report",
     metavar="PAGE.html",
     type=OutputPath(*PAGES),
-    help="Where the page goes; default: beside CALIBRATED.toml.",
+    help="Path of the HTML page; default: CALIBRATED.html.",
 )
-@click.option("--verbose", is_flag=True, help="Say all: every number, every channel.")
-@click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
+@click.option("--verbose", is_flag=True, help="Print every parameter and every channel.")
+@click.option("--steps", type=click.IntRange(1, 1000), help="Max number of steps of the fit.  [default: 40]")
 @add_reading_options
 @add_program_options
 @JOBS
@@ -73,37 +74,40 @@ def calibrate(
     as_json: bool,
     table: Path | None,
 ) -> int:
-    """Find what the car and the sensors of a log are, from ordinary driving.
+    """Calibrate the parameters of a car and its sensors on logs of ordinary driving.
 
     \b
     tselab calibrate drive1.csv drive2.csv --vehicle car.toml --out calibrated.toml
     tselab calibrate *.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
     tselab estimate drive3.csv --vehicle calibrated.toml
 
-    Found together, with what passenger cars have as prior: bank and grade of the roads,
-    how late every channel is behind the gyro, steering ratio, offset and lag, wheel
-    radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load transfer,
-    yaw inertia, stiffness, and the noise of the sensors. A measured velocity (columns
-    ins_vel_x, ins_vel_y, gnss_speed) is compared, too. What these logs do not show is
-    named, keeps its prior, and is in the intervals of the estimate; what would make the
-    axles surer is said at the end, with its number. Half an hour of driving with bends
-    and some braking is a good start; a second calibration, with --vehicle calibrated.toml
-    and other logs, starts from the first. --road: bank and grade of the road are known.
+    One fit determines all of these: bank and grade of the roads, delay of every channel
+    relative to the gyro, steering ratio, offset and lag, wheel radii, position, mounting
+    angles and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia,
+    stiffness, and the noise of the sensors. Their prior is the distribution among
+    passenger cars. A measured velocity (columns ins_vel_x, ins_vel_y, gnss_speed) is
+    fitted, too. A parameter that these logs do not determine is listed; it keeps its
+    prior, which widens the intervals of later estimates. The last lines say which
+    measurement would improve the axles most.
+
+    Half an hour of driving with bends and some braking is a good start. A second
+    calibration, with --vehicle calibrated.toml and other logs, starts from the result of
+    the first. With --road, bank and grade of the road are known and not fitted.
 
     \b
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
-    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated
-                               as it is, not fitted
-    CALIBRATED.json            all numbers, for programs
-    CALIBRATED.html            the same for people; --report names it
+    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one. It is part
+                               of the simulation, and not fitted
+    CALIBRATED.json            all parameters, for programs
+    CALIBRATED.html            the same for people; --report changes its path
 
-    --json says the same numbers on standard output, --table writes a row for each
-    finding.
+    --json prints all parameters on standard output, --table writes a row for each
+    parameter.
 
-    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged,
-    and they show nothing of it, or less than 20 s of them can be compared with a
-    simulation; 12 not converged (written all the same, and said); 2 bad input; 130
-    Ctrl-C.
+    Exit code: 0 usable: the fit converged, and these logs determine some parameter; 4 the
+    fit converged, but these logs determine no parameter, or less than 20 s of them can be
+    compared with a simulation; 12 the fit did not converge (the files are written all the
+    same); 2 bad input; 130 Ctrl-C.
     """
     import tse
     from tse.files import check_distinct, check_writable
@@ -137,7 +141,7 @@ def calibrate(
             progress=show,
         )
         found.write(out)
-        show("the page")
+        show("writing the page")
         found.report(page)
     if table is not None:
         found.write_table(table)

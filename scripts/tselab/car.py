@@ -1,4 +1,4 @@
-"""`tselab vehicle`, `formula`, `settings`: the files and settings of a run."""
+"""The commands `tselab vehicle`, `tselab formula` and `tselab settings`."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -13,27 +13,32 @@ from tselab.options import FILE, JSON, print_json
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
 @click.option("--example", is_flag=True, help="Print a commented vehicle file, to edit for your car.")
 @click.option(
-    "--simulated", is_flag=True, help="Print the car of 'tselab simulate', known exactly: for its logs only."
+    "--simulated",
+    is_flag=True,
+    help="Print the car of 'tselab simulate', without uncertainty: for its logs only.",
 )
-@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write the car's settings as C.")
+@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write the settings as a C header.")
 @JSON
 def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | None, as_json: bool) -> None:
-    """Check a vehicle file, or print one; also as C.
+    """Check a vehicle file, or print an example; write its settings for C.
 
     \b
     tselab vehicle --example > car.toml
     tselab vehicle car.toml
     tselab vehicle calibrated.toml --c car.h
 
-    In C, in any number format, tse_config_default(&c) and tse_config_car(&c) of car.h
-    give the settings with which 'tselab estimate' runs at 100 Hz.
+    In C, call tse_config_default(&c), then tse_config_car(&c), which car.h defines. The
+    settings are then those with which 'tselab estimate' runs at 100 Hz. car.h is for any
+    number format of the library.
     """
     import tse
     from tse import tables
     from tse.files import check_distinct
 
     if (path is not None) + example + simulated != 1 or (header is not None and path is None):
-        raise Error("give a vehicle file to check, or --example, or --simulated; --c is for a vehicle file")
+        raise Error(
+            "give exactly one of: a vehicle file to check, --example, --simulated; --c needs a vehicle file"
+        )
     if path is None:
         click.echo(tables.example_vehicle() if example else tables.simulated_vehicle(), nl=False)
         return
@@ -65,12 +70,13 @@ def vehicle(path: Path | None, example: bool, simulated: bool, header: Path | No
 
 
 @click.command()
-@click.option("--simulator", is_flag=True, help="The simulator's settings instead.")
+@click.option("--simulator", is_flag=True, help="List the settings of the simulator instead.")
 @JSON
 def settings(simulator: bool, as_json: bool) -> None:
     """List all settings with default, range and meaning.
 
-    Settings go into a FILTER.toml (name = value, flat or under [filter]) or behind --set.
+    Give settings in a file FILTER.toml (name = value, at top level or in the table
+    [filter]) or with the option --set.
     """
     from tse import tables
 
@@ -92,8 +98,8 @@ class FormulaCommand(click.Command):
 
         kinds = {
             "SIGNAL": "Signals",
-            "PLAIN": "Functions, beside + - * / and whole powers",
-            "MEMORY": "Functions that remember",
+            "PLAIN": "Functions, in addition to + - * / and integer powers",
+            "MEMORY": "Functions that depend on earlier rows",
         }
         with formatter.section("Places"):
             formatter.write_dl([(p.name, f"{p.unit}: {p.text}") for p in tables.formula_places().values()])
@@ -115,17 +121,17 @@ class FormulaCommand(click.Command):
     "header",
     metavar="OUT.h",
     type=FILE,
-    help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h.",
+    help="Also write it as a C header, for a build with -DTSE_FORMULA=OUT.h.",
 )
 @JSON
 def formula(path: Path, header: Path | None, as_json: bool) -> None:
-    """Check a formula of the user, an effect that no catalogue has; also as C.
+    """Check a formula: an effect of your own, which the catalogue does not contain.
 
     \b
     tselab formula gap/formula.toml
     tselab formula play.toml --c play.h
 
-    'tselab gap' writes such files; by hand:
+    'tselab gap' writes such files. One can also be written by hand:
 
     \b
     id = "play"
@@ -136,8 +142,9 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     value = 0.003
     unit = "rad"
 
-    A vehicle file beside it runs it everywhere with [formula] file = "play.toml". Places,
-    signals and functions are listed below; x, y, z are what stands in the brackets.
+    The lines [formula] file = "play.toml" in a vehicle file of the same folder add the
+    formula to simulator, estimator and 'tselab gap'. Places, signals and functions are
+    listed below; x, y, z are the arguments of a function in their order.
     """
     import tse
     from tse import tables

@@ -1,4 +1,5 @@
-"""The command line. Each command is a module of tselab, loaded when it is needed."""
+"""The command `tselab`: its list of subcommands, and exit codes for errors. A subcommand
+is in a module of tselab, which is imported only when the subcommand is called."""
 
 import contextlib
 import importlib
@@ -12,20 +13,20 @@ import click
 from tse import __version__
 from tse.errors import Error, Interrupted
 
-COMMANDS = {  # name: module of tselab, what it does
-    "calibrate": ("calibrate", "Find what the car and the sensors of a log are."),
+COMMANDS = {  # name of the subcommand: its module in tselab, its line in --help
+    "calibrate": ("calibrate", "Calibrate the parameters of a car on its logs."),
     "demo": ("demo", "Simulate a drive, estimate, read an MF4, find a hidden effect."),
     "estimate": ("estimate", "Estimate tyre stiffness from LOG."),
     "fleet": ("fleet", "Estimate many logs of many cars."),
-    "fmu": ("fmu", "Build FMUs, and their parameters for a car."),
-    "formula": ("car", "Check a formula of the user, also as C."),
-    "gap": ("gap", "Find, name and add what the model lacks."),
+    "fmu": ("fmu", "Build FMUs, and write their parameters for a car."),
+    "formula": ("car", "Check a formula of your own; write it as C."),
+    "gap": ("gap", "Find effects that the model lacks, and add them."),
     "live": ("live", "Estimate while driving, from a CAN bus."),
     "montecarlo": ("studies", "Monte-Carlo studies: accuracy, peers, stress ..."),
-    "paper": ("studies", "The paper's figures: as printed, robust, default."),
-    "replay": ("replay", "Show a log beside the simulation of a car along it."),
+    "paper": ("studies", "Reproduce the figures of the paper with three filters."),
+    "replay": ("replay", "Compare a log with a simulation of the car along it."),
     "settings": ("car", "List all settings."),
-    "signals": ("signals", "What a log holds, and a proposal of signals.toml."),
+    "signals": ("signals", "List the signals of a log, and propose signals.toml."),
     "simulate": ("simulate", "Simulate a manoeuvre: log and truth."),
     "vehicle": ("car", "Check a vehicle file, or print one."),
 }
@@ -33,8 +34,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
 class Commands(click.Group):
-    """A group that loads a command when it is called: numpy alone takes longer than
-    --help may."""
+    """Group of the subcommands. A subcommand is imported only when it is called, so that
+    `tselab --help` does not wait for numpy."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -72,37 +73,40 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 )
 @click.option("--debug", is_flag=True, help="Show the traceback of an internal error.")
 def cli(debug: bool) -> None:
-    """Tyre stiffness from a car's log.
+    """Estimate tyre stiffness from the log of a car.
 
     \b
-    tselab vehicle --example > car.toml          a vehicle file to edit
+    tselab vehicle --example > car.toml                a vehicle file to edit
     tselab estimate log.csv --vehicle car.toml --report report.html
-    tselab signals drive.mf4 --write signals.toml      a log with names of its own
+    tselab signals drive.mf4 --write signals.toml      a log with other signal names
     tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv
     tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml
-    tselab demo --out demo                       all of it, without a log of your own
+    tselab demo --out demo                             an example that needs no log
 
     'tselab COMMAND --help' explains each command, its columns and units.
     """
 
 
 def _discard_stdout() -> None:
-    """Send the rest of the output nowhere: else Python complains at its end that the
-    terminal takes no more."""
-    with contextlib.suppress(OSError, ValueError):  # there may be no file in place of a terminal
+    """Redirect standard output to the null device. Without it, Python prints an error at
+    exit because it cannot flush its buffer to the closed terminal."""
+    with contextlib.suppress(OSError, ValueError):  # standard output may have no file descriptor
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main() -> None:
-    """Run the command. Every failure becomes a short message and an exit code: 2 the
-    user's, 1 ours, 130 Ctrl-C."""
+    """Run the command. Turn every exception into a short message and an exit code: 2
+    input error, 1 internal error, 130 Ctrl-C, 141 closed output pipe."""
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # the terminal may lack letters of the name of a car
+        # the encoding of the terminal may not have every letter, for instance of the name
+        # of a car
         sys.stdout.reconfigure(errors="backslashreplace")
-    os.environ["TSE_HOLD_MEMORY"] = "1"  # of logs, in this process and its workers (tse.readers.recording)
-    # the pool of Arrow takes a gigabyte of addresses before it needs any
+    # limit the memory for reading logs, here and in worker processes:
+    # tse.readers.recording
+    os.environ["TSE_HOLD_MEMORY"] = "1"
+    # Arrow's own memory pool reserves a gigabyte of address space at its start
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     try:
         code = cli.main(standalone_mode=False)
@@ -122,15 +126,16 @@ def main() -> None:
         sys.exit(141)
     except MemoryError:
         click.echo(
-            "tselab: error: there is not enough memory for this; a log that is too long can be cut, or "
-            "run on a larger machine (tselab signals --help says which formats are read in pieces)",
+            "tselab: error: there is not enough memory: cut the log into shorter ones, or run it on a "
+            "machine with more memory (tselab signals --help lists which formats are read in pieces)",
             err=True,
         )
         sys.exit(2)
     except Exception as error:
         from tse.files import explain_write_error
 
-        # atomic() reports this of results: here it is the terminal or a temporary file
+        # write_atomically() reports failed writes of results. Here standard output or a
+        # temporary file could not be written
         if reason := explain_write_error(error):
             _discard_stdout()
             where = getattr(error, "filename", None) or "the output"
@@ -141,7 +146,7 @@ def main() -> None:
         else:
             click.echo(
                 f"tselab: internal error: {type(error).__name__}: {error}\n"
-                "This is a fault of tselab, not of your files. Please report it with the output of the "
+                "This is an error in tselab, not in your files. Please report it with the output of the "
                 "same command with --debug.",
                 err=True,
             )

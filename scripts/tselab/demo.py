@@ -1,6 +1,6 @@
-"""`tselab demo`: simulate, estimate and compare; read the same drive from an MF4 with
-other names, units, rates and latencies; find a hidden effect. All files stay in one
-directory."""
+"""The command `tselab demo`. It simulates a drive, estimates it, and compares the result
+with the truth. It does the same with an MF4 that has other signal names, units, rates and
+latencies. Then it finds an effect that the model of a second car lacks."""
 
 from __future__ import annotations
 
@@ -29,18 +29,24 @@ from tselab.options import FILE, PROGRESS, show_progress, silence_warnings
     type=FILE,
     default=Path("demo"),
     show_default=True,
-    help="Directory; made if needed.",
+    help="Directory; created if needed.",
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Simulate double lane changes with a road change, estimate, compare; do it again
-    from an MF4 of other names, units, rates and latencies; then find a hidden effect.
+    """Demonstrate the estimator on simulated drives: estimate, read an MF4, find an
+    effect.
 
-    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with
-    matplotlib, demo.png; in the folder logger the same drive as an MF4, where the library
-    for it is, and the proposed signals.toml; and in the folder gap the logs of a car with
-    a hidden effect, and all that 'tselab gap' makes of them.
+    First, double lane changes with a change of the road are simulated and estimated, and
+    the estimates are compared with the truth. Files: vehicle.toml, filter.toml, log.csv,
+    truth.csv, est.csv, report.html and, with matplotlib, demo.png.
+
+    Second, the same drive is written as an MF4 with other signal names, units, rates and
+    latencies, and estimated from it. Files in the folder logger: drive.mf4, the proposed
+    signals.toml, car.toml and est.csv. This part needs the Python package asammdf.
+
+    Third, a car is simulated with an effect that the model lacks, and 'tselab gap' finds
+    the effect. Files in the folder gap: the logs, and all files of 'tselab gap'.
     """
     show = show_progress(progress)
     with silence_warnings():
@@ -48,7 +54,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
         try:
             show_mf4(out / "logger", log, table)
         except Error as error:
-            click.echo(f"\nleft out: {error}")
+            click.echo(f"\nskipped: {error}")
         show_gap(
             out / "gap",
             seed,
@@ -56,14 +62,17 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
         )
 
 
-DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)  # s; s and level
-SETTLED, LAST = 10.0, 12.0  # s: stretches of the summary
-START = 0.8  # of nominal
+DURATION = 72.0  # [s] duration of the drive
+ROAD_CHANGE = (36.0, 0.7)  # time [s] of the change of the road, and factor on every stiffness after it
+SETTLED = 10.0  # [s] rows before this time are not part of the printed errors
+LAST = 12.0  # [s] length of the end of the drive, for which errors are printed
+START = 0.8  # initial estimate of every stiffness over its nominal value
 
 
-# A second car for `tselab gap`, with an effect that the model lacks: it rolls on its
-# springs, and gravity leaks into accel_y. The simulator drives it with noisy wheel speeds
-# and a stiffness that scatters; the workflow has the plain car.
+# Effect that `tselab gap` has to find in the logs of a second car: the body rolls on its
+# springs, so accel_y contains a component of gravity. The vehicle file that `tselab gap`
+# gets does not have this effect. The simulated logs also have noisy wheel speeds, and a
+# stiffness that varies from sample to sample.
 HIDDEN = "body_roll"
 HIDDEN_SETTINGS = {
     "body_roll_gain": 0.009,
@@ -72,19 +81,19 @@ HIDDEN_SETTINGS = {
     "body_roll_height": 0.15,
     "body_roll_coupling": 0.3,
 }
-GAP_DRIVES = (  # manoeuvre, seconds, speed, amplitude, held out
+GAP_DRIVES = (  # manoeuvre, duration [s], speed [m/s], amplitude [rad], whether the log is held out
     ("sine-sweep", 30.0, 20.0, 0.03, False),
     ("double-lane-change", 36.0, 22.0, 0.04, False),
     ("square-waves", 30.0, 12.0, 0.06, False),
     ("square-waves", 30.0, 28.0, 0.02, True),
 )
-SPREAD = 0.02  # of the stiffness from sample to sample, share of its mean
-STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # rad, rad/s
+SPREAD = 0.02  # sd of the stiffness from sample to sample, share of its mean
+STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of the wheel speeds [rad/s]
 
 
 def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Write vehicle, filter settings, log, truth, estimates, report and picture, and
-    print the errors of the estimates.
+    """Simulate and estimate a drive, write all files, and print the errors of the
+    estimates.
 
     Returns
     -------
@@ -96,7 +105,7 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
         file.write(simulated_vehicle())
     with write_atomically(out / "filter.toml") as file:
         file.write(
-            "# a wrong start, to see it being found\n"
+            "# wrong initial values, to show that the filter finds the true ones\n"
             + "".join(f"initial_{s} = {START}\n" for s in tse.STIFFNESS)
         )
     drive = tse.simulate(
@@ -105,7 +114,7 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
         seed=seed,
         duration=DURATION,
         road_changes=[ROAD_CHANGE],
-        settings={"wheel_speed_sd": WHEEL_NOISE},  # wheels that repeat a number exactly are a fault
+        settings={"wheel_speed_sd": WHEEL_NOISE},  # without noise, the filter takes them for frozen
         bar=progress,
     )
     drive.write(out / "log.csv", out / "truth.csv", with_ref=True)
@@ -120,7 +129,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
     table, time = result.table, result.time
     start, level = ROAD_CHANGE
     click.echo(
-        f"Double lane changes, {time[-1]:.0f} s; at {start:g} s all stiffness drops to {100 * level:.0f} %."
+        f"Double lane changes, {time[-1]:.0f} s; at {start:g} s every stiffness drops to "
+        f"{100 * level:.0f} % of nominal."
     )
     parts = {
         f"from {SETTLED:g} s to the change": (time >= SETTLED) & (time < start),
@@ -143,8 +153,8 @@ def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, p
 
 
 def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
-    """Write logs of a car with a hidden effect and the files of the gap workflow; print
-    what was hidden and found."""
+    """Write logs of a car with a hidden effect, run `tselab gap` on them, and print the
+    hidden and the named effect."""
     make_directory(out)
     path = out / "car.toml"
     with write_atomically(path) as file:
@@ -175,25 +185,27 @@ def show_gap(out: Path, seed: int, show: Callable[[str], None]) -> None:
     )
     click.echo(
         f"\nA second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). "
-        "tselab gap says:"
+        "The verdict of tselab gap:"
     )
     for line in found.words:
         click.echo(f"  {line}")
     (before, after), (held_before, held_after) = (found.rms[part]["accel_y"] for part in ("fit", "held_out"))
     click.echo(
-        f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} "
-        "after; in a "
-        f"manoeuvre that the fit has not seen {held_before:.2f} before, {held_after:.2f} after.\n"
+        f"Residual of accel_y over sensor noise: {before:.2f} before, {after:.2f} after; in the held-out "
+        f"manoeuvre {held_before:.2f} before, {held_after:.2f} after.\n"
         f"Written to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ..."
     )
 
 
-# ---- the same drive as an MF4 of a measuring system, and what a user does with it
+# ---- the same drive as an MF4 of a data logger, and what a user does with it
 
 
-RATIO, TRACK = 15.3, 1.55  # m
+RATIO = 15.3  # steering ratio
+TRACK = 1.55  # [m] track width
 DEG, G = 180 / np.pi, 9.80665
-GROUPS = {  # group of the MF4: rows of the clean log per entry, latency in s, channels with their units
+# Groups of the MF4. Name: only every n-th row of the log is an entry; latency [s];
+# signals and their units
+GROUPS = {
     "LWI": (4, 0.030, {"LWI_Lenkradwinkel": "deg"}),
     "ESP_wheels": (2, 0.040, dict.fromkeys(("ESP_VL", "ESP_VR", "ESP_HL", "ESP_HR"), "km/h")),
     "IMU": (1, 0.010, {"Gierrate": "deg/s", "Querbeschl": "g", "Laengsbeschl": "m/s2"}),
@@ -201,18 +213,25 @@ GROUPS = {  # group of the MF4: rows of the clean log per entry, latency in s, c
 
 
 def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
-    """Write car.toml, drive.mf4 and the proposed signals.toml, estimate, and print the
-    difference to the clean log.
+    """Write the drive as an MF4, propose signals, estimate, and print the differences to
+    the estimates from the CSV log.
+
+    Parameters
+    ----------
+    out
+        Folder for the files.
+    log
+        The log in SI units.
+    clean
+        The estimates from this log.
 
     Raises
     ------
     Error
-        The library for MF4 is not installed.
+        The Python package for MF4 is not installed.
     """
     if importlib.util.find_spec("asammdf") is None:
-        raise Error(
-            "the demonstration of an MF4: the Python package asammdf is needed: pip install 'tse[mf4]'"
-        )
+        raise Error("the part with an MF4 needs the Python package asammdf: pip install 'tse[mf4]'")
     make_directory(out)
     with write_atomically(out / "car.toml") as file:
         file.write(f"steering_ratio = {RATIO}\n{simulated_vehicle()}")
@@ -228,19 +247,19 @@ def show_mf4(out: Path, log: pd.DataFrame, clean: pd.DataFrame) -> None:
     off = mean_of_end(result.table) / mean_of_end(clean) - 1
     wheels = signals.to_dict()["proposal"].get("wheel_speed_rear")
     click.echo(
-        "\nThe same drive as a measuring system logs it: an MF4, four wheels in km/h, steering wheel in "
-        "degrees, "
-        f"three rates, latencies.\ntselab signals finds {len(signals.guesses)} of 6 channels; the wheels "
-        f"{1e3 * wheels['latency'] if wheels else np.nan:.0f} ms behind the gyro "
-        f"({1e3 * (GROUPS['ESP_wheels'][1] - GROUPS['IMU'][1]):.0f} ms are true).\n"
-        f"Against the estimates from the clean log, last {LAST:g} s: "
+        "\nThe same drive as an MF4 of a data logger: four wheel speeds in km/h, angle of the steering wheel "
+        "in degrees, three sample rates, latencies.\n"
+        f"tselab signals finds {len(signals.guesses)} of 6 channels, and a delay of the wheel speeds "
+        f"relative to the gyro of {1e3 * wheels['latency'] if wheels else np.nan:.0f} ms "
+        f"(true: {1e3 * (GROUPS['ESP_wheels'][1] - GROUPS['IMU'][1]):.0f} ms).\n"
+        f"Difference to the estimates from log.csv, mean of the last {LAST:g} s: "
         f"{', '.join(f'{STIFFNESS_NAMES[key].lower()} {100 * x:+.1f} %' for key, x in off.items())}.\n"
         f"Written to {out}: car.toml, drive.mf4, signals.toml, est.csv"
     )
 
 
 def write_mf4(path: Path, log: pd.DataFrame, car: dict[str, float]) -> None:
-    """Write the log as a measuring system does."""
+    """Write the log as an MF4 with the names, units, rates and latencies of GROUPS."""
     from asammdf import MDF, Signal
 
     d = {name: log[name].to_numpy(float) for name in log}

@@ -1,4 +1,4 @@
-"""`tselab estimate`."""
+"""The command `tselab estimate`."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Reading, Result
 
-MAX_STRETCHES = 12  # stretches of road with --verbose
-MAX_LINES = 12  # of the terminal, without --verbose
-MAX_EVENTS, MAX_NOTES = 4, 2  # without --verbose
+MAX_STRETCHES = 12  # max number of stretches of road that --verbose prints
+MAX_LINES = 12  # max number of printed lines without --verbose
+MAX_EVENTS, MAX_NOTES = 4, 2  # max number of printed events and of printed notes without --verbose
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 Files = dict[str, Path | None]
 
@@ -49,8 +49,8 @@ Files = dict[str, Path | None]
             "log_columns_table",
         ),
         (
-            "Columns of EST.csv after time; _sd: of the estimate; _spread: model discrepancy, of "
-            "particles from sample to sample",
+            "Columns of EST.csv after time (_sd: standard deviation of the estimate; _spread: model "
+            "discrepancy, with --form paper or robust the sd of the stiffness from sample to sample)",
             "est_columns_table",
         ),
         ("Codes", "codes_table"),
@@ -76,7 +76,7 @@ Files = dict[str, Path | None]
     "--out",
     metavar="EST.csv",
     type=OutputPath(*TABLES),
-    help="Estimates, .csv or .parquet; default: the log's name with .est.csv, in the current directory.",
+    help="Estimates, .csv or .parquet; default: name of the log with .est.csv, in the current directory.",
 )
 @click.option(
     "--report",
@@ -84,18 +84,23 @@ Files = dict[str, Path | None]
     type=OutputPath(*PAGES),
     help="Also write a report with interactive plots.",
 )
-@click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option(
-    "--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file."
+    "--load-learnt", metavar="FILE", type=FILE, help="Start from the learnt state of an earlier drive."
 )
 @click.option(
-    "--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file."
+    "--age", metavar="DAYS", type=float, help="Age of the learnt state; default: the age of its file."
+)
+@click.option(
+    "--save-learnt",
+    metavar="FILE",
+    type=FILE,
+    help="Write the learnt state after this drive; may be the file of --load-learnt.",
 )
 @click.option(
     "--average",
     metavar="SECONDS",
     type=float,
-    help="Average the log over blocks of so long first, at most 0.1 s.",
+    help="First average the log over blocks of this length, at most 0.1 s.",
 )
 @CALIBRATE
 @ROAD
@@ -104,10 +109,10 @@ Files = dict[str, Path | None]
 @click.option(
     "--verbose",
     is_flag=True,
-    help="Say all: what was filled in, notes, every number of every stretch of road.",
+    help="Print everything: values that were filled in, all notes, all values of every stretch of road.",
 )
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or robust.")
-@click.option("--particles", type=int, help="Particles in use; --form paper or robust.")
+@click.option("--particles", type=int, help="Number of particles; --form paper or robust.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or robust.")
 @FORM
 @click.option(
@@ -144,10 +149,10 @@ def estimate(
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
     tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4
 
-    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists,
-    with names, units, rates and latencies of its own: signals.toml beside it, or
-    --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
-    proposes it.
+    LOG is a CSV with the columns below, or a file of any format that 'tselab signals
+    --help' lists. The signals of such a file may have other names, units, rates and
+    latencies. A file signals.toml in the folder of the log, or --signals, assigns them to
+    channels. 'tselab signals LOG --write signals.toml' proposes one.
 
     \b
     [signals.steer_angle]          [signals.wheel_speed_front]     [signals.accel_y]
@@ -155,53 +160,59 @@ def estimate(
     unit = "deg"                   unit = "km/h"                   unit = "g"
     ratio = 15.3                   latency = 0.02                  sign = -1
 
-    Further keys: scale, offset, sign_bit, add (a signal with the rest of the value),
-    radius (of a wheel, m), valid and counter (signals of the message that say so), clock
-    (s by which the clock of its group is ahead of the others), hold (sent only when it
-    changes), unsure (what was guessed: every run lists it, and --strict refuses, until it
-    is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit,
-    step, rate, databases, separator, decimal, encoding, header. Channels that the log
-    does not have are missing; what is still observable is estimated.
+    Further keys of a channel: scale, offset, sign_bit, add (a signal whose value is
+    added), radius (wheel radius, m), valid and counter (signals of the same message that
+    mark values as valid, and count messages), clock (time by which the clock of its group
+    is ahead of the others, s), hold (the signal is sent only when it changes), unsure
+    (list of guesses: every run prints it, and --strict refuses the log, until you remove
+    it). ratio may be a table [[angle, ratio], ...]. Keys of [log]: time, time_unit, step,
+    rate, databases, separator, decimal, encoding, header. A channel that the log does not
+    have is missing in all rows; the quantities that are still observable are estimated.
 
-    What the vehicle file leaves out is that of an ordinary car of its mass and axles
-    (src/tables/uncalibrated.toml): stiffness from the axle loads, yaw inertia mass lf lr,
-    grip of a dry road, each with the scatter of such cars; the run lists it. Noise and
-    biases of the sensors are found while driving; with --form paper or robust the noise
-    is found in the log beforehand. After 'tselab calibrate' the prior is the posterior of
-    the calibration. A car that nobody has calibrated - no [calibration] and no
-    [uncertainty] in its file - is calibrated on the log itself first, on at most ten
-    minutes of it: the run says what that found and where it is kept for the next run;
-    --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
-    --load-learnt and --save-learnt leave it out, too.
+    Values that the vehicle file does not give are those of an ordinary car of the same
+    mass and axles (src/tables/uncalibrated.toml): stiffness from the axle loads, yaw
+    inertia mass lf lr, grip of a dry road. Each has the standard deviation found among
+    such cars, and the run lists it. The filter estimates noise and biases of the sensors;
+    with --form paper or robust the noise is estimated from the log before the filter
+    runs. After 'tselab calibrate' the prior is the posterior of the calibration.
 
-    Columns of the log that start with ref_ are drawn in the report: ref_vel_x,
-    ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed, ref_wheel_fl ... with the
-    quantity they name, others by themselves. Rows may come at any rate from 0.001 to 1 s,
-    also irregularly. To the particle filters (--form paper, robust) noise of the wheel
-    speeds passes for slip and makes tyres look soft: --average 0.1 makes less of it; rows
-    of EST.csv are then blocks, and noise that the vehicle file states is taken for that
-    of one sample. Ctrl-C stops early and writes the rows done so far.
+    A car without calibrated stiffness (no [calibration] and no [uncertainty] in its file)
+    is first calibrated on the log itself, on at most ten minutes of it. The run prints
+    the result, and in which file it is kept for the next run. It is not calibrated with
+    --no-calibrate, nor with --load-learnt or --save-learnt, because a learnt state
+    belongs to the car as the vehicle file describes it.
 
-    A learnt state holds stiffness, grip, sensor biases and steering, with their
-    covariance. It fits the vehicle it was learnt with, and is trusted the less the older
-    it is (settings learnt_floor, learnt_walk_day).
+    The report also draws columns of the log that start with ref_. Those that name an
+    estimated quantity (ref_vel_x, ref_yaw_rate_anything, ref_cy_front, ref_vehicle_speed,
+    ref_wheel_fl ...) are drawn together with it, others separately. The time between rows
+    may be 0.001 to 1 s, and may vary. The particle filters (--form paper, robust) take
+    noise of the wheel speeds for slip, and then underestimate the stiffness. --average
+    0.1 reduces this noise. A row of EST.csv is then a block, and a noise sd in the
+    vehicle file is still that of a single sample. Ctrl-C stops the run and writes the
+    rows done so far.
 
-    --road gives the filter the bank and grade of the road under each row: the log is
-    found on it by gnss_latitude and gnss_longitude, else by its path, the yaw rate over
-    the speed. Columns of road.csv: distance [m], bank (left side high > 0), grade (uphill
-    > 0), bank_sd, grade_sd [rad]; of its path latitude, longitude [deg], x, y [m] or
-    curvature [1/m]; closed, 1 of a circuit, whose last row is the first one again. A log
-    that is on another road is refused.
+    A learnt state contains stiffness, grip, sensor biases and steering, with their
+    covariance. It is only valid for the same vehicle. Its variances grow with its age
+    (settings learnt_floor, learnt_walk_day).
 
-    The answer is a line for each stiffness: its value with its 95 % interval over the
-    last stretches of road between changes, what came after a row counted, too; and
-    whether to act on it. --verbose says all: the values at the end of each stretch, grip,
-    the largest sideslip angle, what was filled in.
+    --road gives the filter the bank and grade of the road in each row. The position on
+    the road is found from gnss_latitude and gnss_longitude or, without them, from the
+    curvature of the driven path, yaw rate over speed. Columns of road.csv: distance [m],
+    bank (left side high > 0), grade (uphill > 0), bank_sd, grade_sd [rad]; for the path
+    latitude, longitude [deg], or x, y [m], or curvature [1/m]; closed, 1 for a circuit,
+    whose last row is at the same place as the first. A log that was driven on a different
+    road is refused.
 
-    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the
-    estimates are written, and no stiffness is valid; 2 bad input; 130 Ctrl-C. --json says
-    what was found as JSON on standard output, in place of words; --table writes it as a
-    row per stretch of road and stiffness.
+    The command prints a line for each stiffness: its value with its 95 % interval, for
+    the last stretches of road between changes, and whether it is usable. These values are
+    smoothed, so they also use later rows. --verbose also prints the filtered values at
+    the end of each stretch, grip, the largest sideslip angle, and values that were filled
+    in.
+
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: no
+    stiffness is valid, but the estimates are written; 2 bad input; 130 Ctrl-C. --json
+    prints the result as JSON instead of sentences. --table writes it as a table with a
+    row for each stiffness on each stretch of road.
     """
     import tse
     from tse.files import check_distinct, check_writable
@@ -215,7 +226,7 @@ def estimate(
         "--road": road_path,
     }
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
-    # --save-learnt may replace the file that was loaded, the other outputs may not
+    # --save-learnt may overwrite the file of --load-learnt, the other outputs may not
     check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
     check_table(table)
     check_writable(out, report, save_learnt)
@@ -245,7 +256,7 @@ def estimate(
         result.save_learnt(save_learnt)
     elif save_learnt is not None:
         why = "the channels contradict each other" if result.warnings else "no row was used"
-        notes.append(f"{why}, so nothing was learnt: {save_learnt} is not written")
+        notes.append(f"{why}, so nothing was learnt, and {save_learnt} is not written")
     if table is not None:
         result.write_table(table)
     written: Files = {"estimates": out, "report": report if result.reported else None, "table": table}
@@ -258,18 +269,19 @@ def estimate(
         print_answer(result, notes, written, report is not None)
     if result.calibration_interrupted:
         click.echo(
-            f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True
+            f"tselab: the calibration was stopped by Ctrl-C; the estimates in {out} assume an ordinary car",
+            err=True,
         )
         sys.exit(130)
     if result.interrupted:
         rows = f"{result.rows} of {len(result.log)} rows"
-        click.echo(f"tselab: stopped by Ctrl-C after {rows}; {out} holds the rows done", err=True)
+        click.echo(f"tselab: stopped by Ctrl-C after {rows}, which are in {out}", err=True)
         sys.exit(130)
     return result.exit_code
 
 
 def print_all(result: Result, notes: list[str], written: Files) -> None:
-    """Print everything that the run found; warnings and notes on standard error."""
+    """Print the whole result (--verbose). Warnings and notes go to standard error."""
     if result.started_from is not None:
         click.echo(f"started from: {result.started_from}")
     for name, value in result.facts:
@@ -290,14 +302,13 @@ def print_all(result: Result, notes: list[str], written: Files) -> None:
 
 
 def print_answer(result: Result, notes: list[str], written: Files, has_report: bool) -> None:
-    """Print the answer and every warning, and the last events and first notes that
-    MAX_LINES have room for.
+    """Print the answer, every warning and, as far as MAX_LINES allows, the latest events
+    and the first notes. Then print how many events and notes were left out.
 
-    The last line says how many more there are. Warnings and notes go to standard
-    error."""
+    Warnings and notes go to standard error."""
     found, filled = (result.vehicle.found, result.vehicle.filled) if result.vehicle is not None else ([], [])
     warnings = [f"warning: {line}" for line in result.cautions]
-    # events that a filter finds in wrong channels did not happen
+    # if channels contradict each other, the events that the filter reports are artefacts
     events = [*(() if result.warnings else result.events), *found[:1]]
     plain = [f"note: {n}" for n in notes]
     folded = {text: fold(text) for text in (*warnings, *events, *plain)}
@@ -320,7 +331,7 @@ def print_answer(result: Result, notes: list[str], written: Files, has_report: b
 
 
 def print_written(written: Files) -> None:
-    """Print which files were written."""
+    """Print the paths of the written files. None: the file was not written."""
     for what, path in written.items():
         if path is not None:
             click.echo(f"{WRITTEN[what]} written to {path}")

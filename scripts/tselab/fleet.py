@@ -24,40 +24,40 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Reading
 
-MAX_CARS = 5  # that the terminal names, the softest first
-MAX_ERRORS = 10  # that the terminal names
+MAX_CARS = 5  # max number of printed cars, the softest first
+MAX_ERRORS = 10  # max number of printed errors
 
 
 @click.command()
 @click.argument("words", metavar="LOG|FOLDER|GLOB ...", nargs=-1, required=True)
-@click.option(
-    "--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="The vehicle file of all cars."
-)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file of all logs.")
 @click.option(
     "--vehicles",
     "table",
     metavar="TABLE.csv",
     type=FILE,
-    help="Which car each log is of: columns log, vehicle, car, signals.",
+    help="Table of the vehicle file of each log: columns log, vehicle, car, signals.",
 )
 @click.option(
     "--out",
     metavar="DIR",
     type=FILE,
     required=True,
-    help="Directory; made if needed; what is done there is used again.",
+    help="Directory, created if needed. Logs that are done there are not run again.",
 )
-@click.option("--car", metavar="NAME", help="All logs are of this one car; else a folder of logs is a car.")
+@click.option(
+    "--car", metavar="NAME", help="Name of the car of all logs; default: each folder of logs is a car."
+)
 @click.option(
     "--learn/--no-learn",
     default=True,
     show_default=True,
-    help="Each drive starts from what the one of the same car "
-    "before it taught; else each by itself, all at once.",
+    help="Start each drive from the learnt state of the previous drive of the car. With --no-learn all "
+    "logs run independently and in parallel.",
 )
-@click.option("--reports/--no-reports", default=True, show_default=True, help="A report for each log.")
+@click.option("--reports/--no-reports", default=True, show_default=True, help="Write a report for each log.")
 @click.option(
-    "--estimates", is_flag=True, help="Also keep the estimates of each log, row by row, as Parquet."
+    "--estimates", is_flag=True, help="Also write the estimates of every row, in a Parquet file for each log."
 )
 @click.option(
     "--config",
@@ -70,7 +70,7 @@ MAX_ERRORS = 10  # that the terminal names
     "--average",
     metavar="SECONDS",
     type=float,
-    help="Average the logs over blocks of so long first, at most 0.1 s.",
+    help="First average the logs over blocks of this length, at most 0.1 s.",
 )
 @CALIBRATE
 @add_reading_options
@@ -82,10 +82,10 @@ MAX_ERRORS = 10  # that the terminal names
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Run on a Dask cluster instead, for instance tcp://host:8786, whose workers "
-    "see the logs under the same paths.",
+    help="Run on a Dask cluster instead, for instance tcp://host:8786. Its workers must "
+    "have the logs under the same paths.",
 )
-@click.option("--restart", is_flag=True, help="Run all again, also what is done.")
+@click.option("--restart", is_flag=True, help="Run all logs again, also those that are done.")
 @JSON
 @PROGRESS
 def fleet(
@@ -116,16 +116,17 @@ def fleet(
     tselab fleet 'logs/**/*.mf4' --vehicles cars.csv --out results
     tselab fleet logs/ --vehicles cars.csv --out results --scheduler tcp://host:8786
 
-    Each log is run as by 'tselab estimate', in any format that 'tselab signals --help'
-    lists, with the signals.toml beside it or --signals. Each drive starts from the learnt
-    state of the drive of the same car before it. Their order is that of the time in the
-    log (MF4, MDF, BLF, MCAP), else of a date in its name or its folder's, else of the
-    time of the file. Several cars run at once.
+    Each log is estimated as by 'tselab estimate', from any format that 'tselab signals
+    --help' lists, with the signals.toml in its folder or --signals. Each drive starts
+    from the learnt state of the previous drive of the same car. Drives are ordered by the
+    start time in the log (MF4, MDF, BLF, MCAP) or, without it, by a date in the name of
+    the log or of its folder or, without one, by the modification time of the file.
+    Several cars run in parallel.
 
-    The car of a log: with --vehicle, each folder directly below FOLDER is a car, however
-    deep its logs are; with --car all logs belong to one car. With --vehicles, the first
-    row of the table that matches the log: a file, a folder, or a pattern, relative to the
-    table:
+    Which logs belong to one car: with --vehicle, all logs in a folder directly below
+    FOLDER and in its subfolders; with --car, all logs. With --vehicles, the first row of
+    the table whose column log matches the log decides. That column holds a file, a folder
+    or a glob pattern. Paths in the table are relative to the folder of the table:
 
     \b
     log,vehicle,car,signals
@@ -133,35 +134,39 @@ def fleet(
     taxi/*.blf,cars/rav4.toml,taxi,cars/rav4.signals.toml
 
     \b
-    DIR/fleet.parquet   a row per log, stretch of road and stiffness: value, sd,
-                        validity, changes, warnings; error of a bad log
+    DIR/fleet.parquet   a row for each log, stretch of road and stiffness: value, sd,
+                        validity, changes, warnings; for a log that cannot be estimated
+                        a row with its error
     DIR/fleet.html      cars and trends, the softest first, with links to all reports
-    DIR/reports/        a report for each log;  DIR/estimates/  with --estimates
+    DIR/reports/        a report for each log
+    DIR/estimates/      with --estimates, the estimates of each log
     DIR/learnt/         learnt state of each car, for 'tselab estimate --load-learnt'
-    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their
-                        first logs, at most ten minutes of four. Learnt states belong to
-                        these. With --no-learn each log is calibrated by itself, with
+    DIR/calibrated/     calibrated vehicle files of the cars without calibrated
+                        stiffness. They are calibrated on at most ten minutes of their
+                        first four logs, and the learnt states belong to them. With
+                        --no-learn each log is calibrated by itself, with
                         --no-calibrate none
-    DIR/logs/           the logs that are done: the same command continues from there,
-                        also after it was killed, and runs new and changed logs
+    DIR/logs/           results of the logs that are done. The same command continues
+                        from there, even after it was killed, and runs only logs that
+                        are new or have changed
 
     \b
     python -c "import pandas; print(pandas.read_parquet('results/fleet.parquet'))"
     duckdb -c "select car, stiffness, arg_max(value, start_time)
     from 'results/fleet.parquet' where usable <> 'no' group by all"
 
-    Exit code: 0 all logs are usable; 3 in part; 4 nothing usable in any; 2 bad input; 130
+    Exit code: 0 every log is usable; 4 no log is usable; 3 otherwise; 2 bad input; 130
     Ctrl-C.
     """
     import tse
 
     if (vehicle_path is None) == (table is None):
         raise Error(
-            "either --vehicle is needed, the vehicle file of all cars, or --vehicles, a table with one "
-            "for each log"
+            "give either --vehicle, the vehicle file of all logs, or --vehicles, a table with the vehicle "
+            "file of each log"
         )
     if car is not None and table is not None:
-        raise Error("option --car: the table of --vehicles says which car a log is of")
+        raise Error("option --car: is not allowed with --vehicles, whose column car names the cars")
     done = tse.fleet(
         words,
         vehicle_path,
@@ -190,15 +195,15 @@ def fleet(
     cars = f"{len(done.ranking)} car{'s' if len(done.ranking) != 1 else ''}"
     click.echo(
         f"{len(done)} logs of {cars}, {done.hours:.1f} h: {count['yes']} usable, {count['in part']} in part, "
-        f"{count['no']} that tell nothing, {count['error']} that cannot be read"
+        f"{count['no']} not usable, {count['error']} not estimated because of an error"
     )
     for place, (name, reason) in enumerate(done.ranking[:MAX_CARS], 1):
-        click.echo(f"{place}. {name or 'without a car'}: {reason}")
+        click.echo(f"{place}. {name or 'logs without a car'}: {reason}")
     if len(done.ranking) > MAX_CARS:
         click.echo(f"and {len(done.ranking) - MAX_CARS} more cars, which {page} lists")
     for error in done.errors[:MAX_ERRORS]:
         click.echo(f"error: {error}", err=True)
     if len(done.errors) > MAX_ERRORS:
-        click.echo(f"and {len(done.errors) - MAX_ERRORS} more, which {page} lists", err=True)
+        click.echo(f"and {len(done.errors) - MAX_ERRORS} more errors, which {page} lists", err=True)
     click.echo(f"Written to {out}: {', '.join(f.name for f in done.files)}")
     return done.exit_code

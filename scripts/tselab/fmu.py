@@ -12,7 +12,8 @@ import click
 from tse.errors import Error, NoFile
 from tselab.options import FILE, JSON, print_json
 
-# ---- A vehicle as a parameter set of SSP (.ssv), for tools that connect FMUs.
+# ---- Parameters of a vehicle as a parameter set of the standard SSP (.ssv), which tools
+# that connect FMUs can read.
 
 HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <ssv:ParameterSet version="1.0" name={name}
@@ -23,25 +24,26 @@ HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 TAIL = """  </ssv:Parameters>
 </ssv:ParameterSet>
 """
-EXACT = "vehicle.exact"  # a parameter of the estimator alone
+EXACT = "vehicle.exact"  # parameter that only the FMU of the estimator has
 
 
 class FmuParameter(NamedTuple):
-    """A parameter of a modelDescription.xml."""
+    """A parameter of an FMU, from its modelDescription.xml."""
 
     name: str
-    kind: str  # its type in SSP
-    start: str
+    kind: str  # type of the parameter in SSP: Real, Integer ...
+    start: str  # start value
 
 
 def read_parameters(fmu: Path) -> list[FmuParameter]:
-    """Read the parameters of the estimator FMU, of FMI 2.0 or 3.0."""
+    """Read the parameters of the FMU of the estimator, for FMI 2.0 or 3.0. Raise Error
+    for any other file."""
     try:
         with zipfile.ZipFile(fmu) as archive:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     except FileNotFoundError:
         raise NoFile(f"{fmu}: no such file") from None
-    except Exception as error:  # of zip or XML, for any other file
+    except Exception as error:  # zipfile and ElementTree raise many types
         raise Error(f"{fmu}: is not an FMU: {error}") from None
     found = []
     for variable in root.iterfind("ModelVariables/*"):
@@ -50,28 +52,28 @@ def read_parameters(fmu: Path) -> list[FmuParameter]:
         if variable.get("causality") == "parameter":
             found.append(FmuParameter(variable.get("name", ""), kind, value.get("start", "0")))
     if EXACT not in [p.name for p in found]:
-        raise Error(f"{fmu}: is not the estimator")
+        raise Error(f"{fmu}: is not the FMU of the estimator: give TireStiffnessEstimator.fmu")
     return found
 
 
 def format_parameter_set(parameters: Iterable[FmuParameter], settings: Mapping[str, float], name: str) -> str:
-    """Return the parameter set of a car: all of vehicle.*, and the others that differ
-    from their start.
+    """Return the SSP parameter set of a car. It has all parameters vehicle.*, and those
+    others whose value differs from their start value.
 
     Parameters
     ----------
     parameters
-        Those of the estimator.
+        Parameters of the FMU.
     settings
-        Those of the car, by name. The parameter effects.body_roll.gain is the setting
-        body_roll_gain.
+        Settings of the car by name. The parameter effects.body_roll.gain has the value of
+        the setting body_roll_gain.
     name
         Name of the car.
     """
     lines = []
     for p in parameters:
         if p.name == EXACT:
-            continue  # false, its start: the settings count
+            continue  # keeps its start value false, so that the FMU uses the parameters below
         value = settings.get(p.name.partition(".")[2].replace(".", "_"), float(p.start))
         if not p.name.startswith("vehicle.") and value == float(p.start):
             continue
@@ -86,7 +88,7 @@ PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darw
 
 @click.group()
 def fmu() -> None:
-    """Build FMUs (FMI 2.0 and 3.0, co-simulation), and their parameters for a car.
+    """Build FMUs (FMI 2.0 and 3.0, co-simulation), and write their parameters for a car.
 
     \b
     tselab fmu build --all-platforms --out fmus
@@ -101,34 +103,35 @@ def fmu() -> None:
     type=FILE,
     default=Path("fmus"),
     show_default=True,
-    help="Directory; made if needed.",
+    help="Directory; created if needed.",
 )
-@click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
+@click.option("--all-platforms", is_flag=True, help="Include binaries for all platforms.")
 @click.option(
     "--platform",
     "chosen",
     multiple=True,
     type=click.Choice(PLATFORM_NAMES),
-    help="With the binary of this platform; may be repeated.",
+    help="Include the binary for this platform; may be repeated.",
 )
 @click.option(
     "--max-particles",
     type=click.IntRange(16, 65535),
-    help="Particles that an estimator can hold.  [default: 512]",
+    help="Max number of particles of an estimator.  [default: 512]",
 )
 @click.option(
     "--real",
     type=click.Choice(REALS),
     default=REALS[0],
     show_default=True,
-    help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.",
+    help="Number format of the estimator; choose that of your controller. The FMU of the vehicle always "
+    "uses double.",
 )
 @click.option(
     "--fmi",
     type=click.Choice(("2", "3", "both")),
     default="both",
     show_default=True,
-    help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).",
+    help="Version of FMI: 2.0 (NAME.fmu), 3.0 (NAME-fmi3.fmu), or both.",
 )
 @JSON
 def build(
@@ -140,7 +143,7 @@ def build(
     fmi: str,
     as_json: bool,
 ) -> None:
-    """Build the FMUs of this checkout, and the system that connects them.
+    """Build the FMUs of this checkout, and the SSP system that connects them.
 
     \b
     tselab fmu build
@@ -148,15 +151,15 @@ def build(
     tselab fmu build --fmi 3
     tselab fmu build --real fixed --out fmus-fixed
 
-    Without platforms: the binary of this machine, by its C compiler. The others, and then
-    this one too, are compiled from the sources/ that each FMU carries by the Python
-    package ziglang (extra 'platforms'), and run on old systems: linux64 needs glibc
-    2.2.5. The same sources give the same files, byte for byte. Nothing is written before
-    all has been built.
+    Without --platform and --all-platforms, each FMU has only the binary for this machine,
+    made by its C compiler. With them, the Python package ziglang (extra 'platforms')
+    compiles the binaries from the folder sources/ of each FMU. These run on old systems,
+    too: linux64 needs glibc 2.2.5. The same sources always give the same files, byte for
+    byte. Files are written only after everything was built.
 
-    Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one
-    modelDescription.xml, which is of one version, so they are two files. Both compute the
-    same bits; the system (SSP) holds those of 2.0.
+    By default there are two files for each model: one for FMI 2.0, which most tools read,
+    and one for FMI 3.0, because an FMU can only be of one version. Both compute the same
+    bits. The SSP system contains those for FMI 2.0.
     """
     from tse.files import check_directory
     from tselab.fmu_build import FMI
@@ -183,17 +186,17 @@ def build(
     "--out",
     metavar="OUT.ssv",
     type=FILE,
-    help="Default: the vehicle's name with .ssv, in the current directory.",
+    help="The parameter set; default: name of the vehicle file with .ssv, in the current directory.",
 )
 def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
-    """Write a vehicle as a parameter set of SSP (.ssv) for the estimator.
+    """Write a vehicle as a parameter set of SSP (.ssv) for the FMU of the estimator.
 
     \b
     tselab fmu parameters TireStiffnessEstimator.fmu --vehicle car.toml --out car.ssv
 
-    Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of
-    resources/vehicle.ssv of StiffnessStudy.ssp. What is not in it has its start value:
-    that of an ordinary car.
+    In a tool that reads SSP systems, use it as the parameters of the estimator, instead
+    of resources/vehicle.ssv of StiffnessStudy.ssp. A parameter that it does not contain
+    keeps its start value, which is that of an ordinary car.
     """
     import tse
     from tse.files import check_distinct, check_writable, write_atomically

@@ -1,5 +1,5 @@
-"""Building the FMUs of this checkout: natively by CMake, for other platforms from the
-sources that each FMU carries."""
+"""Build the FMUs of this checkout. CMake builds them for this machine. For other
+platforms a cross-compiler builds the binaries from the sources inside each FMU."""
 
 import importlib.util
 import os
@@ -19,31 +19,33 @@ from pathlib import Path
 from tse.errors import Error
 from tse.files import lock_file, write_atomically
 
-# ---- Platforms of the binaries. They are cross-compiled by the C compiler of the Python
-# package ziglang, which carries the C libraries of all of them.
+# ---- Platforms. The C compiler of the Python package ziglang makes the binaries for all
+# of them. The package includes the C libraries of these platforms.
 
-FMI = ("2", "3")  # versions that FMUs are built for
+FMI = ("2", "3")  # versions of FMI for which FMUs are built
 
 
 @dataclass(frozen=True)
 class Platform:
-    """A folder in binaries/, named as FMI 2.0.4 does; in an FMU of FMI 3.0 it has another
-    name, and one processor."""
+    """A platform for which binaries are built."""
 
-    name: str
-    tuple3: str
-    suffix: str
-    targets: tuple[str, ...]  # of zig; several are joined to one universal binary
+    name: str  # folder in binaries/ of an FMU of FMI 2.0
+    tuple3: str  # folder in binaries/ of an FMU of FMI 3.0
+    suffix: str  # suffix of a shared library
+    targets: tuple[str, ...]  # targets of zig; several are joined to one universal binary
 
     def folder(self, fmi: str) -> str:
+        """Return the name of the folder in binaries/."""
         return self.tuple3 if fmi == "3" else self.name
 
     def compiled_for(self, fmi: str) -> tuple[str, ...]:
+        """Return the targets of the binary. FMI 3.0 has a folder for each processor, so
+        the binary for it has only one."""
         return self.targets[:1] if fmi == "3" else self.targets
 
 
-# glibc 2.2.5 is the first for x86_64, 2.17 the first for aarch64: nothing newer is
-# needed, so older systems load it, too.
+# The targets of Linux are the oldest versions of glibc for their processors, so that old
+# systems can load the binaries.
 PLATFORMS = {
     p.name: p
     for p in (
@@ -55,14 +57,15 @@ PLATFORMS = {
     )
 }
 
-# How a shared library is made of sources. What decides its bits, and how fast it is,
-# comes from the FMU's buildDescription.xml.
+# Compiler options for a shared library. The options that affect the numerical results and
+# the speed are in the buildDescription.xml of the FMU.
 SHARED = ("-fPIC", "-fvisibility=hidden", "-shared", "-s")
 LANGUAGE = {"C99": "-std=c99"}
 
 
 def get_native_platform(fmi: str = "2") -> str:
-    """Return the name of this machine's platform."""
+    """Return the name of the platform of this machine, as the folder in binaries/ is
+    named for this version of FMI."""
     if fmi == "3" and (here := get_native_platform()) in PLATFORMS:
         return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
@@ -72,7 +75,7 @@ def get_native_platform(fmi: str = "2") -> str:
 
 @dataclass(frozen=True)
 class Build:
-    """Content of an FMU's buildDescription.xml."""
+    """Content of the buildDescription.xml of an FMU."""
 
     identifier: str
     sources: tuple[str, ...]
@@ -80,7 +83,8 @@ class Build:
 
 
 def read_build(folder: Path) -> Build:
-    """Read sources/buildDescription.xml: its first set of source files."""
+    """Read buildDescription.xml in the folder sources/ of an FMU. Only the first set of
+    source files is used."""
     root = ElementTree.parse(folder / "buildDescription.xml").getroot()
     configuration = root.find("BuildConfiguration")
     files = configuration.find("SourceFileSet")
@@ -91,7 +95,7 @@ def read_build(folder: Path) -> Build:
 
 
 def check_compiler() -> None:
-    """Refuse early a build without the compiler."""
+    """Raise Error if the cross-compiler is not installed. Called before a build."""
     if importlib.util.find_spec("ziglang") is None:
         raise Error(
             "binaries of other platforms are compiled by the Python package ziglang, which is not installed: "
@@ -100,8 +104,9 @@ def check_compiler() -> None:
 
 
 def compile_for(platform: Platform, sources: Path, cache: Path, fmi: str = "2") -> bytes:
-    """Return the binary of a platform, compiled from the sources/ of an FMU for this
-    version of FMI."""
+    """Compile the sources of an FMU for a platform. Return the binary.
+
+    `sources`: folder sources/ of the FMU. `cache`: see run_zig()."""
     return join_slices([_compile(target, platform, sources, cache) for target in platform.compiled_for(fmi)])
 
 
@@ -109,10 +114,10 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
     build = read_build(sources)
     name = build.identifier + platform.suffix
     flags = [*build.flags, *SHARED, "-I."]
-    if platform.suffix == ".dylib":  # else the path of the temporary folder would be written into it
+    if platform.suffix == ".dylib":  # otherwise the library would contain the path of the temporary folder
         flags.append(f"-Wl,-install_name,@rpath/{name}")
     with tempfile.TemporaryDirectory() as folder:
-        binary = Path(folder) / name  # a DLL carries the name it was linked with
+        binary = Path(folder) / name  # a DLL contains its file name, so it must be linked with the final one
         try:
             run_zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
         except Error as error:
@@ -121,25 +126,28 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
 
 
 def run_zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
-    """Run the C compiler of ziglang in a folder. `cache` keeps the C libraries of
-    other platforms, which take a minute to build."""
+    """Run the C compiler of ziglang in a folder.
+
+    `cache`: folder that keeps the C libraries of other platforms, which the compiler
+    builds from source in about a minute."""
     command = [sys.executable, "-m", "ziglang", "cc", *arguments]
     environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace"
     )
     if done.returncode:
-        raise Error(f"zig cc says\n{done.stderr.strip()[-2000:]}")
+        raise Error(f"zig cc failed:\n{done.stderr.strip()[-2000:]}")
 
 
-FAT_MAGIC = 0xCAFEBABE  # big-endian
-MACHO_64 = 0xFEEDFACF  # of the machine: little-endian for both
-PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}  # x86_64, arm64: a slice starts at a page
+FAT_MAGIC = 0xCAFEBABE  # magic number of a universal Mach-O file, big-endian
+MACHO_64 = 0xFEEDFACF  # magic number of a 64-bit Mach-O file, little-endian for both processors
+# CPU type (x86_64, arm64) and log2 of its page size. A slice must start at a page
+PAGE_BITS = {0x01000007: 12, 0x0100000C: 14}
 
 
 def join_slices(slices: Iterable[bytes]) -> bytes:
-    """Return Mach-O files of several processors as one, as lipo joins them; a single
-    one as it is."""
+    """Join Mach-O files for several processors into a universal one, as the tool lipo
+    does. Return a single file unchanged."""
     slices = list(slices)
     if len(slices) == 1:
         return slices[0]
@@ -158,31 +166,32 @@ def join_slices(slices: Iterable[bytes]) -> bytes:
 
 
 Say = Callable[[str], None]
-EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date that a zip file knows
+EPOCH = (1980, 1, 1, 0, 0, 0)  # date of all files in a zip: the earliest one that the format allows
 
 
 @dataclass(frozen=True)
 class Built:
-    """A file that was written, and what binaries are in it."""
+    """A written FMU or SSP system."""
 
     path: Path
-    binaries: dict[str, int]  # platform -> bytes
+    binaries: dict[str, int]  # size of the binary for each platform, bytes
 
 
 def find_checkout() -> Path:
-    """Return the checkout that this package belongs to."""
+    """Return the root of the checkout that contains this package. Raise Error if the
+    package is installed outside a checkout."""
     root = Path(__file__).resolve().parents[2]
     if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
         raise Error(
-            "'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed "
-            "without one"
+            "'tselab fmu build' needs a checkout of the project, but this tselab is installed without one: "
+            "run it from a checkout"
         )
     return root
 
 
 def read_version(name: str) -> str:
-    """Return the version of FMI of an FMU of this checkout, by its name: X is for 2.0,
-    X-fmi3 for 3.0."""
+    """Return the version of FMI of an FMU from its name: NAME-fmi3 is for 3.0, any other
+    name for 2.0."""
     return "3" if name.endswith("-fmi3") else "2"
 
 
@@ -194,8 +203,11 @@ def build(
     real: str = "double",
     fmi: Sequence[str] = FMI,
 ) -> list[Built]:
-    """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to
-    `out` once all of it has gone well."""
+    """Build the FMUs for these versions of FMI and, if 2.0 is one of them, the SSP
+    systems. Write them to `out` only after everything was built.
+
+    `wanted`: platforms that are cross-compiled; empty: only the binary for this
+    machine."""
     root = find_checkout()
     if wanted:
         check_compiler()
@@ -204,7 +216,7 @@ def build(
     fmus = {name: folder for name, folder in there.items() if read_version(name) in fmi}
     if lacking := [v for v in fmi if not any(read_version(name) == v for name in fmus)]:
         raise Error(
-            f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2"
+            f"the headers of FMI {lacking[0]}.0 are not in .venv/share: run scripts/setup.sh, or use --fmi 2"
         )
     files = {name: read_content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
@@ -236,7 +248,7 @@ def build(
 
 
 def build_native(root: Path, max_particles: int | None, say: Say, real: str = "double") -> Path:
-    """Run the preset `fmu`. Return the folder with the content of the FMUs."""
+    """Run the CMake preset `fmu`. Return the folder with the content of the FMUs."""
     if shutil.which("cmake") is None:
         raise Error("cmake is not installed: version 3.21 or later is needed")
     kind = [
@@ -251,8 +263,8 @@ def build_native(root: Path, max_particles: int | None, say: Say, real: str = "d
 
 
 def get_lock(folder: Path) -> Path:
-    """Return the lock of processes that build in a folder; beside it, since the folder
-    may be removed."""
+    """Return the lock file of a build folder, so that only one process builds in it. It
+    is next to the folder, because a build may delete the folder."""
     return folder.with_name(f"{folder.name}.lock")
 
 
@@ -275,32 +287,32 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
             raise Error(
-                f"the FMUs do not build: {' '.join(step[:3])} "
-                f"says\n{(done.stdout + done.stderr).strip()[-3000:]}"
+                f"building the FMUs failed: output of {' '.join(step[:3])}:\n"
+                f"{(done.stdout + done.stderr).strip()[-3000:]}"
             )
 
 
 def _remove_foreign(folder: Path, root: Path) -> None:
-    """Remove a build folder of a checkout that was copied or moved: its paths are
-    wrong."""
+    """Delete the build folder if it was made for a checkout at a different path, because
+    CMake cannot use it."""
     cache = folder / "CMakeCache.txt"
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={root}\n" not in cache.read_text(errors="replace"):
         shutil.rmtree(folder)
 
 
 def pack(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write a zip file with the same bytes for the same content: sorted names, one
-    date."""
+    """Write a zip file. Names are sorted and all dates are EPOCH, so that the same
+    content always gives the same bytes."""
     with write_atomically(path, "wb") as out, zipfile.ZipFile(out, "w") as file:
         for name in sorted(files):
             info = zipfile.ZipInfo(name, EPOCH)
-            info.create_system = 3  # Unix, wherever it is packed
+            info.create_system = 3  # Unix, on every machine
             info.external_attr = (0o100755 if name.endswith((".so", ".dll", ".dylib")) else 0o100644) << 16
             file.writestr(info, files[name], zipfile.ZIP_DEFLATED, 9)
 
 
 def read_content(folder: Path) -> dict[str, bytes]:
-    """Return all files below a folder by their name in the archive."""
+    """Return all files below a folder: name in the archive, and content."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
     }

@@ -39,27 +39,30 @@ VEHICLE = click.option(
     help="Vehicle file; 'tselab vehicle --example' prints one.",
 )
 HOLD_OUT = "--hold-out"
-OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed.")
+OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; created if needed.")
 HELD = click.option(
     HOLD_OUT,
     "hold_out",
     metavar="LOG ...",
     type=FILE,
     multiple=True,
-    help="Logs that are not fitted: they prove what was found. All files up to the next option.",
+    help="Logs that are not used for the fit; the result is validated on them. All files up to the next "
+    "option.",
 )
 
 REPORT = click.option(
-    "--report", metavar="PAGE.html", type=OutputPath(*PAGES), help="Also write the page there."
+    "--report", metavar="PAGE.html", type=OutputPath(*PAGES), help="Also write the page to this file."
 )
 VERBOSE = click.option(
-    "--verbose", is_flag=True, help="Say all: what is left of each channel, and what no log could show."
+    "--verbose",
+    is_flag=True,
+    help="Also print the remaining residual of each channel, and the effects that these logs cannot show.",
 )
 
 
 def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options of a command that runs the whole workflow: the arguments of _run(),
-    by name."""
+    """Add the options of a command that runs the whole workflow. They become the keyword
+    arguments of _run()."""
     for take in (
         JSON,
         PROGRESS,
@@ -72,19 +75,22 @@ def add_run_options(command: Callable[..., int]) -> Callable[..., int]:
         OUT,
         VEHICLE,
         LOGS,
-    ):  # click lists the last one first
+    ):  # --help lists the option that is added last first
         command = take(command)
     return command
 
 
 class GapGroup(click.Group):
-    """A group whose command without a name is `run`: `tselab gap LOG.csv ...`."""
+    """Group of the `gap` commands. Without the name of a command it calls `run`, so that
+    `tselab gap LOG.csv ...` works."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             near = difflib.get_close_matches(args[0], list(self.commands), 1, 0.75)
             if near and not Path(args[0]).exists():
-                raise Error(f"gap {args[0]}: is no file and no command; did you mean 'tselab gap {near[0]}'?")
+                raise Error(
+                    f"gap {args[0]}: is neither a file nor a command; did you mean 'tselab gap {near[0]}'?"
+                )
             args = ["run", *args]
         return super().parse_args(ctx, args)
 
@@ -96,7 +102,8 @@ class GapGroup(click.Group):
 
 
 class RunCommand(click.Command):
-    """--hold-out takes all files up to the next option."""
+    """A command whose option --hold-out takes several files: all up to the next
+    option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -110,50 +117,53 @@ class RunCommand(click.Command):
                 holding = False
                 spread.append(arg)
         if HOLD_OUT in args and HOLD_OUT not in spread:
-            spread.append(HOLD_OUT)  # alone: click says what is missing
+            spread.append(HOLD_OUT)  # without a file, so that click reports the missing argument
         return super().parse_args(ctx, spread)
 
 
-@click.group(cls=GapGroup, short_help="Find, name and add what the model lacks.")
+@click.group(cls=GapGroup, short_help="Find effects that the model lacks, and add them.")
 def gap() -> None:
-    """Find where simulation and measurement disagree, name the missing effect, add it,
-    show the gap shrink."""
+    """Compare a simulation with logs, name the effect that the model lacks, add it, and
+    show how much the residuals shrink."""
 
 
 @gap.command(cls=RunCommand, hidden=True)
 @add_run_options
 def run(**given: Any) -> int:
-    """Find where simulation and measurement disagree, name the missing effect, add it,
-    show the gap shrink.
+    """Compare a simulation with logs, name the effect that the model lacks, add it, and
+    show how much the residuals shrink.
 
     \b
     tselab gap drive1.csv drive2.csv --vehicle car.toml --out gap
     tselab gap log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
     tselab gap check log_*.csv --vehicle car.toml
 
-    The single-track model is driven by the logged steering angle and wheel speeds; what
-    it says of accel_x, accel_y and yaw_rate is compared with what was measured. First car
-    and road are fitted together: where bank or grade shows, the logs are put on it; laps
-    of one road have one profile, and held-out laps of it use it. Then sets of effects of
-    the catalogue, and how late messages are, are judged by their evidence beside what no
-    model explains; a name needs a probability of 90 %. Held-out logs take no part in it.
-    --road: the bank and grade are known, and not sought.
+    The single-track model is simulated with the logged steering angle and wheel speeds.
+    Its accel_x, accel_y and yaw_rate are compared with the measured ones. First, car and
+    road are fitted together. If bank or grade of the road can be determined from the
+    logs, the simulation uses them; laps of one road share one profile, also the held-out
+    laps. Then sets of effects of the catalogue, and delays of channels, are compared by
+    their evidence, with a noise model for residuals that no effect explains. An effect is
+    named if its probability is at least 90 %. Held-out logs do not influence the verdict.
+    With --road, bank and grade are known and not fitted.
 
     \b
-    DIR/verdict.json           what was found, for programs
+    DIR/verdict.json           the verdict, for programs
     DIR/report.html            the same for people
-    DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
-    DIR/effects.h              the same for C: sets a tse_config
-    DIR/road.csv               bank and grade of the road, where they show: for --road;
-                               road_2.csv of a second one
+    DIR/vehicle_improved.toml  stiffness and effects, for tselab estimate and simulate
+    DIR/effects.h              the same for C: a function that sets a tse_config
+    DIR/road.csv               bank and grade of the road, if they were determined, for
+                               --road; road_2.csv for a second road
     DIR/formula.toml           a formula for what no effect of the catalogue explains,
-                               if one was found; tse_formula.h: in C
-    DIR/residuals.parquet      before and after, every block of 40 ms
-    DIR/gap.png                the picture (with matplotlib)
+                               if one was found
+    DIR/tse_formula.h          the same for C
+    DIR/residuals.parquet      residuals before and after, in blocks of 40 ms
+    DIR/gap.png                the residuals as a picture (with matplotlib)
 
-    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 possible,
-    below 90 %, or look-alikes cannot be excluded, 20 something is missing that is not in
-    the catalogue, 2 bad input, 130 Ctrl-C.
+    Exit code: 0 no effect is missing that these logs could show; 10 an effect is named;
+    11 an effect is possible: its probability is below 90 %, or an effect with similar
+    residuals cannot be excluded; 20 something is missing that is not in the catalogue; 2
+    bad input; 130 Ctrl-C.
     """
     return _run(**given)
 
@@ -172,8 +182,9 @@ def _run(
     report: Path | None = None,
     verbose: bool = False,
 ) -> int:
-    """Run the whole workflow and print what it found. `formula`: seek one also where the
-    names explain all."""
+    """Run the whole workflow and print the result.
+
+    `formula`: search for a formula even if the named effects explain the residuals."""
     import tse
     from tse.files import check_writable, make_directory
 
@@ -202,7 +213,7 @@ def _run(
     lines = [*found.words, *found.stages] if verbose else short
     if verbose and found.undetectable:
         ids = ", ".join(found.undetectable)
-        lines.append(f"These logs could not have shown, at its typical size: {ids}.")
+        lines.append(f"These logs could not show, even at its typical size: {ids}.")
     for line in lines:
         click.echo(line)
     notes = [f"note: {line}" for line in found.notes]
@@ -215,27 +226,29 @@ def _run(
     return found.exit_code
 
 
-@gap.command(cls=RunCommand, short_help="A formula for what no effect of the catalogue explains.")
+@gap.command(cls=RunCommand, short_help="Find a formula for what no effect of the catalogue explains.")
 @add_run_options
 def discover(**given: Any) -> int:
-    """A formula for what no effect of the catalogue explains.
+    """Find a formula for what no effect of the catalogue explains.
 
     \b
     tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
 
-    As 'tselab gap', which seeks one where its names leave something; this command always
-    does. Forms of a library are put at the axles, on the body and into the sensors; those
-    with the largest expected gain are simulated with the stiffness fitted beside them,
-    length has a price, and a held-out log that they make worse forbids them.
+    This command does the same as 'tselab gap', but always searches for a formula. 'tselab
+    gap' does so only if the named effects leave a part of the residuals unexplained.
+    Candidate formulas from a library are added at the axles, at the body and in the
+    sensors. Those with the largest expected gain are simulated, and the stiffness is
+    fitted together with them. Longer formulas are penalised, and a formula that makes a
+    held-out log worse is rejected.
 
-    DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it,
-    [formula] file = "formula.toml" in a vehicle file runs it in simulator, estimator and
-    this workflow.
+    DIR/formula.toml can be edited or written by hand; 'tselab formula' checks it. The
+    lines [formula] file = "formula.toml" in a vehicle file add the formula to simulator,
+    estimator and 'tselab gap'.
     """
     return _run(**given, formula=True)
 
 
-@gap.command(short_help="What these logs can and cannot show, before any fit.")
+@gap.command(short_help="List which effects would be detected in these logs.")
 @LOGS
 @VEHICLE
 @add_reading_options
@@ -251,17 +264,18 @@ def check(
     as_json: bool,
     table: Path | None,
 ) -> int:
-    """What these logs can and cannot show, before any effect is fitted.
+    """List which effects would be detected in these logs, before any effect is fitted.
 
     \b
     tselab gap check log_*.csv --vehicle car.toml
 
-    For every effect the smallest size that would be named, its typical size, and how much
-    of it the fitted stiffness takes up; then what those that would not be named show in.
+    The table has for every effect the smallest size that would be named, its typical
+    size, and the share of its influence that the fitted stiffness compensates. Below it
+    are the effects that would not be named, with the channels in which they would show.
 
     Exit code: 0 usable: every effect would be named at its typical size; 3 usable in
-    part: some would; 4 nothing usable: none would; 2 bad input. --json says it for
-    programs, --table writes a row for each effect.
+    part: only some effects would be; 4 nothing usable: none would be; 2 bad input. --json
+    prints the table as JSON, --table writes a row for each effect.
     """
     import tse
     from tse.files import check_distinct
@@ -280,11 +294,11 @@ def check(
     return found.exit_code
 
 
-@gap.command(short_help="The effects that it knows.")
+@gap.command(short_help="List the effects of the catalogue.")
 @add_program_options
 def catalogue(as_json: bool, table: Path | None) -> None:
-    """List the effects that the workflow knows: what each is, where it enters, what shows
-    it, how large it usually is.
+    """List the effects of the catalogue: meaning, where each enters the model, which
+    channels it affects, and its typical size.
 
     \b
     tselab gap catalogue
@@ -313,13 +327,20 @@ def catalogue(as_json: bool, table: Path | None) -> None:
             )
 
 
-@gap.command(short_help="Which manoeuvre tells two effects apart.")
+@gap.command(short_help="Find the manoeuvre that distinguishes two effects.")
 @click.option(
-    "--separate", metavar="ID,ID", required=True, help="The effects; ids as 'tselab gap check' lists them."
+    "--separate",
+    metavar="ID,ID",
+    required=True,
+    help="The two effects; 'tselab gap catalogue' lists the ids.",
 )
 @VEHICLE
 @click.option(
-    "--top", type=click.IntRange(1, 100), default=6, show_default=True, help="Manoeuvres that are listed."
+    "--top",
+    type=click.IntRange(1, 100),
+    default=6,
+    show_default=True,
+    help="Max number of manoeuvres that are listed.",
 )
 @JOBS
 @PROGRESS
@@ -327,15 +348,16 @@ def catalogue(as_json: bool, table: Path | None) -> None:
 def plan(
     separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool | None, as_json: bool
 ) -> None:
-    """Which manoeuvre tells two effects apart, and how long it must be driven.
+    """Find the manoeuvre that distinguishes two effects, and how long it must be driven.
 
     \b
     tselab gap plan --separate relaxation,steering_lag --vehicle car.toml
 
-    Each manoeuvre of a library is simulated with either effect at its typical size, and
-    the other one is fitted to it together with the stiffness; what it cannot copy is what
-    tells them apart, in nats at the noise of the vehicle file's sensors. 8 nats are
-    enough.
+    A library of manoeuvres is simulated with one effect at its typical size. The other
+    effect is fitted to this simulation together with the stiffness. The remaining
+    difference distinguishes the effects. It is given as evidence in nats, for the sensor
+    noise of the vehicle file; 8 nats are enough. The same is done with the effects
+    exchanged, and the smaller evidence counts.
     """
     import tse
 
@@ -348,22 +370,27 @@ def plan(
 
 
 def check_logs_exist(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
-    """Refuse a log that does not exist, with a hint if its name resembles a command."""
+    """Raise Error if a log does not exist, with a hint if its name resembles a
+    command."""
     for path in (*logs, *hold_out):
         if not path.exists():
             near = difflib.get_close_matches(str(path), list(gap.commands), 1, 0.6) if path is logs[0] else []
-            hint = f"; nor is it a command of gap (did you mean 'tselab gap {near[0]}'?)" if near else ""
+            hint = f"; did you mean the command 'tselab gap {near[0]}'?" if near else ""
             raise Error(f"{path}: no such file{hint}")
 
 
 def check_logs_once(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
-    """Refuse a log that is given twice: it would count twice, and a fitted log that is
-    held out proves nothing."""
+    """Raise Error if a log is given twice. A repeated log would count twice in the fit,
+    and a fitted log cannot validate the result as a held-out log."""
     from tse.files import resolve_path
 
     seen: set[Path] = set()
     for n, path in enumerate((*logs, *hold_out)):
         if resolve_path(path) in seen:
-            what = "is given twice" if n < len(logs) else "option --hold-out: is fitted, too, or given twice"
+            what = (
+                "is given twice: give it once"
+                if n < len(logs)
+                else "option --hold-out: is also a log of the fit, or given twice: give it once"
+            )
             raise Error(f"{path}: {what}")
         seen.add(resolve_path(path))

@@ -1,4 +1,4 @@
-"""`tselab live`."""
+"""The command `tselab live`."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from tselab.options import (
 if TYPE_CHECKING:
     from tse import Live
 
-EACH = 0.25  # s between two updates of the three lines
-MAX_DURATION = 86400.0  # s
-MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
+EACH = 0.25  # [s] time between two updates of the printed estimates
+MAX_DURATION = 86400.0  # [s] max value of --duration
+MIN_RATE, MAX_RATE = 2.0, 1000.0  # [Hz] range of --rate, the same as in signals.toml
 
 
 @click.command()
@@ -39,9 +39,9 @@ MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
     "--interface",
     required=True,
     metavar="NAME",
-    help="Of python-can: socketcan, vector, pcan, kvaser, ixxat, slcan, udp_multicast ...",
+    help="Interface of python-can: socketcan, vector, pcan, kvaser, ixxat, slcan, udp_multicast ...",
 )
-@click.option("--channel", metavar="NAME", help="Of the interface: can0, PCAN_USBBUS1, 0 ...")
+@click.option("--channel", metavar="NAME", help="Channel of the interface: can0, PCAN_USBBUS1, 0 ...")
 @DATABASE
 @click.option(
     "--vehicle",
@@ -56,28 +56,35 @@ MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
     "signals_path",
     metavar="SIGNALS.toml",
     type=FILE,
-    help="Which signal is which channel; default: "
-    "signals.toml beside the database, else they are proposed from what comes.",
+    help="File that assigns signals to channels; default: signals.toml in the folder of the database or, "
+    "without it, a proposal made from the received frames.",
 )
 @click.option(
     "--out",
     metavar="DIR",
     type=FILE,
-    help="Folder of the record; default: live-DATE-TIME in the current directory.",
+    help="Folder in which the drive is recorded; default: live-DATE-TIME in the current directory.",
 )
-@click.option("--browser", is_flag=True, help="Also show plots in a browser, on a page of this machine.")
-@click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option(
-    "--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file."
+    "--browser", is_flag=True, help="Also show plots in a browser. Only this machine can open the page."
+)
+@click.option(
+    "--load-learnt", metavar="FILE", type=FILE, help="Start from the learnt state of an earlier drive."
+)
+@click.option(
+    "--age", metavar="DAYS", type=float, help="Age of the learnt state; default: the age of its file."
 )
 @click.option(
     "--save-learnt",
     metavar="FILE",
     type=FILE,
-    help="Write at the end what this drive teaches; may be the same file.",
+    help="Write the learnt state at the end of the drive; may be the file of --load-learnt.",
 )
 @click.option(
-    "--rate", metavar="HZ", type=float, help="Rows per second; default: the fastest channel's, up to 100."
+    "--rate",
+    metavar="HZ",
+    type=float,
+    help="Rows per second; default: the rate of the fastest channel, at most 100.",
 )
 @click.option(
     "--config",
@@ -94,11 +101,11 @@ MIN_RATE, MAX_RATE = 2.0, 1000.0  # Hz, as in signals.toml
     "bus_pairs",
     metavar="KEY=VALUE",
     multiple=True,
-    help="An option of the interface: bitrate=500000, fd=true, "
-    "receive_own_messages=true ...; may be repeated.",
+    help="An option of the interface, such as bitrate=500000, fd=true, "
+    "receive_own_messages=true; may be repeated.",
 )
 @click.option(
-    "--duration", metavar="SECONDS", type=float, help="End by itself after so long; default: at Ctrl-C."
+    "--duration", metavar="SECONDS", type=float, help="End after this time; default: end at Ctrl-C."
 )
 @add_program_options
 def live(
@@ -124,43 +131,48 @@ def live(
 
     \b
     tselab live --interface socketcan --channel can0 --database car.dbc --vehicle car.toml
-    tselab live --interface pcan --bus bitrate=500000 --database car.dbc \
+    tselab live --interface pcan --bus bitrate=500000 --database car.dbc \\
       --vehicle car.toml --browser
-    tselab live --interface socketcan --channel can0 --database car.dbc \
+    tselab live --interface socketcan --channel can0 --database car.dbc \\
       --vehicle car.toml --load-learnt car.tse --save-learnt car.tse
 
-    Three lines show each stiffness, and whether to act on it; events stand above them.
-    Ctrl-C ends the drive. Needs the extra can of the package.
+    Three lines show the stiffnesses, and whether each is usable. Events are printed above
+    them. Ctrl-C ends the drive. The command needs the extra 'can' of the package.
 
     signals.toml names the signal of each channel, as for a log. Without it the command
-    listens to the bus for 20 s, again and again, until it finds steering angle, wheel
+    receives frames for 20 s, and repeats this until it finds steering angle, wheel
     speeds, and yaw rate or lateral acceleration. It prints and records the signals that
-    it takes.
+    it uses.
 
-    A row waits until every channel has a value after it, at most one and a half steps of
-    the channel, so estimates are as late as the latest channel. The command opens a bus
-    that fails again each second. It reports a bus that is silent or off, a message that
-    stops, a database of another bus, or channels that contradict each other, and goes on.
-
-    \b
-    The record, in DIR:
-      frames.blf      all frames; frames.signals.toml and the databases stand beside it
-      rows.csv        the rows of the filter
-      rows.est.csv    the estimates, as EST.csv of 'tselab estimate'
-      filter.toml     the settings; before.tse: the learnt state that it started from
-      events.txt      the events
+    A row is estimated when every channel has received a value later than the row, or
+    after one and a half periods of the channel. So the channel that arrives last
+    determines the delay of the estimates. If the bus fails, the command tries to open it
+    again every second. It reports a bus that is silent or off, a message that is no
+    longer received, a database of a different bus, and channels that contradict each
+    other, and goes on.
 
     \b
-    tselab estimate DIR/rows.csv --config DIR/filter.toml --vehicle CAR.toml \
+    Files of the record in DIR:
+      frames.blf            all frames
+      frames.signals.toml   the signals that were used; the databases are copied, too
+      rows.csv              the rows that the filter received
+      rows.est.csv          the estimates, as EST.csv of 'tselab estimate'
+      filter.toml           the settings
+      before.tse            the learnt state of --load-learnt
+      events.txt            the events
+
+    \b
+    tselab estimate DIR/rows.csv --config DIR/filter.toml --vehicle CAR.toml \\
       --no-calibrate
     tselab estimate DIR/frames.blf --vehicle CAR.toml --no-calibrate
 
-    The first gives the same bits. The second differs in the last digits, since a row that
-    is made while driving cannot use the values after it. An uncalibrated car is taken as
-    an ordinary one of its class; 'tselab calibrate' reads the record.
+    The first command computes estimates with the same bits. Those of the second differ in
+    the last digits, because rows that are made while driving are not interpolated with
+    later values. For an uncalibrated car, the filter assumes an ordinary car of its
+    class; 'tselab calibrate' can use the record.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable; 2
-    bad input. Ctrl-C is the usual end.
+    bad input. Ctrl-C does not change the exit code.
     """
     import tse
     from tse.files import check_distinct, check_writable
@@ -169,7 +181,7 @@ def live(
     check_range("duration", duration, 0.1, MAX_DURATION, "s")
     age_s = convert_age(age, load_learnt)
     if not databases:
-        raise Error("option --database: is needed: it says what the frames of the bus mean")
+        raise Error("option --database: is missing: give the database that defines the frames of the bus")
     check_table(table)
     check_distinct(
         {"--save-learnt": save_learnt, "--table": table},
@@ -198,7 +210,7 @@ def live(
             **bus_options,
         )
         try:
-            for line in (*drive.notes, f"recorded in {folder}; Ctrl-C ends it"):
+            for line in (*drive.notes, f"the drive is recorded in {folder}; Ctrl-C ends it"):
                 lines.say(line)
             if browser:
                 url = drive.serve()
@@ -218,18 +230,19 @@ def live(
     for line in drive.answer:
         click.echo(line)
     if not drive.rows:
-        click.echo("no row was made: nothing is known")
+        click.echo("no row was made from the received frames, so nothing was estimated")
     click.echo(drive.numbers, err=True)
     if save_learnt is not None and learnt is not None:
         click.echo(f"Learnt state written to {save_learnt}")
     elif save_learnt is not None:
-        click.echo(f"nothing was learnt: {save_learnt} is not written", err=True)
+        click.echo(f"nothing was learnt, so {save_learnt} is not written", err=True)
     click.echo(f"Drive recorded in {folder}")
     return drive.exit_code
 
 
 def _follow(drive: Live, lines: _Lines, stopped: Callable[[], bool]) -> None:
-    """Run the drive to its end, and keep the three lines up to date."""
+    """Process frames until the drive ends, and update the three printed lines every EACH
+    seconds."""
     before = 0.0
     while not stopped() and not drive.ended:
         drive.poll()
@@ -239,7 +252,8 @@ def _follow(drive: Live, lines: _Lines, stopped: Callable[[], bool]) -> None:
 
 
 def _read_bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
-    """Return the options of an interface, numbers and truth values as such."""
+    """Parse the values of --bus, each KEY=VALUE. Numbers, true and false are converted;
+    other values stay strings."""
     found: dict[str, Any] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
@@ -257,9 +271,11 @@ def _read_bus_options(pairs: tuple[str, ...]) -> dict[str, Any]:
 
 
 class _Lines:
-    """Three lines of a terminal that stay in their place, and sentences above them.
+    """Output of the drive on a terminal: lines at the bottom that are updated in place,
+    and sentences above them.
 
-    Without a terminal, and if `quiet`, only the sentences, on standard error."""
+    If standard output is not a terminal, or if `quiet`, only the sentences are printed,
+    on standard error."""
 
     def __init__(self, quiet: bool) -> None:
         self._terminal = sys.stdout.isatty() and not quiet
@@ -285,7 +301,7 @@ class _Lines:
             click.echo(text, err=not self._terminal)
 
     def show(self, lines: Sequence[str]) -> None:
-        """Replace the lines."""
+        """Replace the lines at the bottom."""
         if not self._terminal or not lines:
             return
         with self._lock:
@@ -296,8 +312,8 @@ class _Lines:
 
 @contextmanager
 def _catch_interrupt() -> Iterator[Callable[[], bool]]:
-    """While open, let Ctrl-C and the end of the session only raise a flag; a second
-    Ctrl-C acts as usual."""
+    """Inside the context, Ctrl-C and the signals at the end of a session only set a flag.
+    Yield a function that returns the flag. A second Ctrl-C raises KeyboardInterrupt."""
     seen = threading.Event()
 
     def on_signal(_signal: int, _frame: FrameType | None) -> None:
@@ -307,7 +323,9 @@ def _catch_interrupt() -> Iterator[Callable[[], bool]]:
     names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
     before = {n: signal.signal(getattr(signal, n), on_signal) for n in names}
     interval = sys.getswitchinterval()
-    sys.setswitchinterval(0.001)  # s: a row must not wait for the threads that write or draw
+    # [s] Switch threads often, so that the filter does not wait for threads that write or
+    # draw
+    sys.setswitchinterval(0.001)
     try:
         yield seen.is_set
     finally:

@@ -1,4 +1,5 @@
-"""Options that several commands share, and output as JSON and as tables."""
+"""Options that several commands share, and functions that print JSON and check output
+files."""
 
 import functools
 import json
@@ -16,13 +17,13 @@ import click
 
 from tse.errors import Error, NoFile
 
-COLUMNS = 100  # of the output without --verbose
+COLUMNS = 100  # max width of the output without --verbose
 FILE = click.Path(path_type=Path)
 TABLES, PAGES = (".csv", ".parquet", ".pq"), (".html", ".htm")
 
 
 def fold(text: str) -> list[str]:
-    """Return the lines of a text on a terminal."""
+    """Wrap a text to COLUMNS. Return its lines."""
     indent = text[: len(text) - len(text.lstrip())] + "  "
     return textwrap.wrap(
         text, COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
@@ -30,18 +31,18 @@ def fold(text: str) -> list[str]:
 
 
 def fold_all(texts: Iterable[str]) -> list[str]:
-    """Return the lines of several texts on a terminal."""
+    """Wrap several texts to COLUMNS. Return their lines."""
     return [line for text in texts for line in fold(text)]
 
 
 class OutputPath(click.Path):
-    """A file that is written in the format of its suffix; without a suffix in the first
-    of `suffixes`.
+    """Type of an option that names an output file. The suffix selects the format; a file
+    without a suffix gets the first format.
 
     Parameters
     ----------
     suffixes
-        Suffixes of the formats.
+        Allowed suffixes.
     """
 
     def __init__(self, *suffixes: str):
@@ -49,24 +50,24 @@ class OutputPath(click.Path):
         self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Refuse a suffix of another format."""
+        """Return the path. Raise Error if its suffix is not allowed."""
         path = Path(super().convert(value, param, ctx))
         if path.suffix and path.suffix.lower() not in self.suffixes:
             option = param.opts[-1] if param is not None else "option"
             raise Error(
-                f"option {option}: {path}: is written as {' or '.join(self.suffixes)}, by its name, not "
-                f"as {path.suffix}"
+                f"option {option}: {path}: ends in {path.suffix}; its name must end in "
+                f"{' or '.join(self.suffixes)}"
             )
         return path
 
 
-FORMS = ("default", "robust", "paper")  # tse_config_default() and its like
+FORMS = ("default", "robust", "paper")  # set by tse_config_default(), tse_config_robust() ...
 DAY = 86400.0  # s
 MAX_AGE = 40000.0  # days
 
 
 def read_key_values(pairs: tuple[str, ...]) -> dict[str, float]:
-    """Return the numbers of --set KEY=NUMBER by name."""
+    """Parse the values of --set, each KEY=NUMBER. Return the numbers by their keys."""
     values: dict[str, float] = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
@@ -83,10 +84,12 @@ def read_key_values(pairs: tuple[str, ...]) -> dict[str, float]:
 def read_settings(
     pairs: tuple[str, ...], options: Mapping[str, float | None] | None = None, *, simulator: bool = False
 ) -> dict[str, float]:
-    """Return the settings of options of their own, None for those not given, and of
-    --set, each checked.
+    """Check all settings of a command line, and return them by name.
 
-    --set wins, except over the options of `tselab simulate` (`simulator`)."""
+    `options`: settings that have an option of their own, such as --seed; None: not given.
+    `pairs`: the values of --set, which override `options`. With `simulator`, as in
+    `tselab simulate`, `options` override `pairs`, and settings of the simulator are
+    allowed."""
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
@@ -99,46 +102,51 @@ def read_settings(
 
 
 def _find_option(setting: str) -> str:
-    """Return the option that sets it: --spread sets spread_cx_front and its like."""
+    """Return the name of the option that sets a setting. --spread sets spread_cx_front,
+    spread_cy_front and spread_cy_rear."""
     return "spread" if setting.startswith("spread_") else setting.replace("_", "-")
 
 
 def show_progress(progress: bool | None) -> bool:
-    """Return whether to show progress: as the option says, else on a terminal."""
+    """Return whether to show progress: the value of the option --progress or, if it is
+    None, whether stderr is a terminal."""
     return sys.stderr.isatty() if progress is None else progress
 
 
 def convert_age(days: float | None, load_learnt: Path | None) -> float:
-    """Return the age of a learnt state, s; UNKNOWN_AGE without the option --age."""
+    """Convert the option --age from days to seconds. Return UNKNOWN_AGE if it is not
+    given. Raise Error if it is given without --load-learnt."""
     import tse
 
     if days is None:
         return tse.UNKNOWN_AGE
     if load_learnt is None:
-        raise Error("option --age: is that of the file of --load-learnt, which is not given")
+        raise Error("option --age: is the age of the file of --load-learnt: give --load-learnt, too")
     check_range("age", days, 0.0, MAX_AGE, "days")
     return days * DAY
 
 
 def print_json(document: Any) -> None:
-    """Print a document as JSON on standard output; paths are texts."""
+    """Print a document as JSON on standard output. Paths become strings."""
     click.echo(json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False, default=str))
 
 
 def check_table(path: Path | None) -> None:
-    """Refuse early a table of --table that could not be written."""
+    """Raise Error if the file of --table has a wrong suffix or cannot be written. Called
+    before a long run."""
     from tse import files
 
     if path is None:
         return
     if not files.is_parquet(path) and path.suffix.lower() != ".csv":
-        raise Error(f"option --table: {path}: a table is written as .parquet or .csv, by its name")
+        raise Error(f"option --table: {path}: the name of a table must end in .parquet, .pq or .csv")
     files.check_writable(path)
 
 
 @contextmanager
 def silence_warnings() -> Iterator[None]:
-    """Silence Python's warnings of a result: the command prints them itself."""
+    """Suppress the UserWarnings of tse.estimate(), since the command prints their texts
+    itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         yield
@@ -148,17 +156,18 @@ CALIBRATE = click.option(
     "--calibrate/--no-calibrate",
     default=True,
     show_default=True,
-    help="Calibrate a car that nobody has calibrated on its log first.",
+    help="First calibrate a car without calibrated stiffness on its own log.",
 )
 
 
 class _Form(click.Choice):
-    """A choice of FORMS. The message for a removed form names its successor."""
+    """Type of the option --form: one of FORMS. For the removed form "sampled", the error
+    message names its successor."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value == "sampled":
             self.fail(
-                f"'sampled' is gone, 'robust' takes its place. Allowed: {', '.join(FORMS)}.", param, ctx
+                f"'sampled' was removed: use 'robust' instead. Allowed: {', '.join(FORMS)}.", param, ctx
             )
         return super().convert(value, param, ctx)
 
@@ -169,18 +178,17 @@ FORM = click.option(
     default="default",
     show_default=True,
     help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from "
-    "diverging; neither is "
-    "as safe as the default.",
+    "diverging. Both are less safe than the default.",
 )
 PROGRESS = click.option(
-    "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
+    "--progress/--no-progress", default=None, help="Show progress; default: only if stderr is a terminal."
 )
 
 
 @contextmanager
 def show_steps(progress: bool | None) -> Iterator[Callable[[str], None]]:
-    """Give a function that shows the current step with the seconds since the start; on a
-    terminal on one line."""
+    """Yield a function that prints the current step, with the seconds since the start. On
+    a terminal each step replaces the line of the last one."""
     start, terminal = time.monotonic(), sys.stderr.isatty()
 
     def say(text: str) -> None:
@@ -203,20 +211,14 @@ DATABASE = click.option(
     metavar="FILE",
     type=FILE,
     multiple=True,
-    help="What the frames of a bus mean: "
-    "DBC, ARXML, KCD, SYM; default: those beside the log. May be repeated.",
+    help="Database that defines the frames of a bus: DBC, ARXML, KCD or SYM; default: those in the folder "
+    "of the log. May be repeated.",
 )
 ROAD = click.option(
-    "--road",
-    "road_path",
-    metavar="ROAD.csv",
-    type=FILE,
-    help="Bank and grade of the road, over distance and position.",
+    "--road", "road_path", metavar="ROAD.csv", type=FILE, help="Table of bank and grade along the road."
 )
-JSON = click.option(
-    "--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words."
-)
-TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
+JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON instead of sentences.")
+TABLE_HELP = "Also write the result as a table, .parquet or .csv."
 
 
 def add_program_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -226,8 +228,8 @@ def add_program_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def add_reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a command that reads logs; it gets them as one argument
-    `reading`, a tse.Reading."""
+    """Add the options of a command that reads logs: --signals, --rate, --strict and
+    --database. The command receives them as one argument `reading`, a tse.Reading."""
 
     @functools.wraps(command)
     def with_reading(
@@ -257,16 +259,16 @@ def add_reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--rate",
             metavar="HZ",
             type=float,
-            help="Rows per second to which the log is resampled; default: the fastest "
-            "channel's, up to 100, or as it is when that is even.",
+            help="Rows per second after resampling; default: the rate of the fastest channel, at most 100. "
+            "A log whose rows are evenly spaced is not resampled.",
         ),
         DATABASE,
         click.option(
             "--signals",
             metavar="SIGNALS.toml",
             type=FILE,
-            help="Which signal of the log is which channel "
-            "('tselab signals' proposes it); default: signals.toml beside the log.",
+            help="File that assigns signals of the log to channels ('tselab signals' proposes one); default: "
+            "signals.toml in the folder of the log.",
         ),
     ):
         with_reading = option(with_reading)
@@ -278,7 +280,7 @@ JOBS = click.option(
     type=click.IntRange(1, 256),
     default=os.cpu_count() or 1,
     show_default="all cores",
-    help="Processes.",
+    help="Number of parallel processes.",
 )
 FIRST_SEED = click.option(
     "--first-seed",
@@ -287,16 +289,18 @@ FIRST_SEED = click.option(
     show_default=True,
     help="Seed of the first run.",
 )
-RESTART = click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
+RESTART = click.option("--restart", is_flag=True, help="Discard runs that are already in DIR.")
 
 
 class Lazy(click.Command):
-    """A command whose help ends in tables of the library.
+    """A command with tables at the end of its --help. They are made only for --help,
+    because the C library must be loaded for them.
 
     Parameters
     ----------
     tables
-        For each its title, and a function that returns its text; of tse.tables by name.
+        Pairs of a title and a function that returns the text of the table, or the name of
+        such a function in tse.tables.
     """
 
     def __init__(
@@ -320,5 +324,6 @@ class Lazy(click.Command):
 
 
 def check_range(name: str, value: float | None, low: float, high: float, unit: str) -> None:
+    """Raise Error if the value of an option is given and outside its range."""
     if value is not None and not low <= value <= high:
         raise Error(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")

@@ -18,10 +18,16 @@ if TYPE_CHECKING:
 @click.argument("log_path", metavar="LOG", type=FILE)
 @VEHICLE
 @click.option(
-    "--out", metavar="TABLE.csv", type=OutputPath(".csv"), help="Every row, measured and simulated."
+    "--out",
+    metavar="TABLE.csv",
+    type=OutputPath(".csv"),
+    help="Also write every row: measured and simulated channels.",
 )
 @click.option(
-    "--report", metavar="PAGE.html", type=OutputPath(*PAGES), help="The picture of it, for a browser."
+    "--report",
+    metavar="PAGE.html",
+    type=OutputPath(*PAGES),
+    help="Also write a page with plots of measured and simulated channels.",
 )
 @click.option(
     "--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting of the car; may be repeated."
@@ -39,16 +45,17 @@ def replay(
     reading: Reading,
     as_json: bool,
 ) -> None:
-    """Show a log beside the simulation of a car along it.
+    """Compare a log with a simulation of the car along it.
 
     \b
     tselab replay drive.csv --vehicle car.toml --report before.html
     tselab replay drive.csv --vehicle found/vehicle_improved.toml --report after.html
 
-    The single-track model is driven by the logged steering angle and wheel speeds, with
-    the effects, latencies and the formula of the vehicle file; accel_x, accel_y and
-    yaw_rate are compared, above 3 m/s. Nothing is fitted, and the road is level: what it
-    climbs and leans by is in the difference, unless --road says it.
+    The single-track model is simulated with the logged steering angle and wheel speeds.
+    It has the effects, latencies and the formula of the vehicle file. Its accel_x,
+    accel_y and yaw_rate are compared with the measured ones above 3 m/s. No parameter is
+    fitted. Without --road the simulated road is level, so bank and grade of the real road
+    are part of the difference.
     """
     import tse
     from tse.files import check_distinct, check_writable

@@ -13,7 +13,7 @@ from tselab.options import DATABASE, FILE, JSON, OutputPath, print_json
 if TYPE_CHECKING:
     from tse import Signals
 
-MAX_ROWS = 80  # signals that are listed in the terminal, unless --all
+MAX_ROWS = 80  # max number of signals without a proposed channel that are printed without --all
 
 
 @click.command()
@@ -23,18 +23,19 @@ MAX_ROWS = 80  # signals that are listed in the terminal, unless --all
     "out",
     metavar="SIGNALS.toml",
     type=OutputPath(".toml"),
-    help="Write the proposal: a bare name beside the log, where 'tselab estimate' looks for signals.toml.",
+    help="Write the proposal. A name without a folder is written to the folder of the log, where 'tselab "
+    "estimate' looks for signals.toml.",
 )
 @click.option(
     "--vehicle",
     "vehicle_path",
     metavar="CAR.toml",
     type=FILE,
-    help="Radii, wheelbase and steering ratio make the guesses sharper.",
+    help="Vehicle file. Its wheel radii, wheelbase and steering ratio make the proposal more reliable.",
 )
 @DATABASE
 @JSON
-@click.option("--all", "every", is_flag=True, help="List all signals, however many.")
+@click.option("--all", "every", is_flag=True, help="List all signals, even if there are many.")
 def signals(
     log_path: Path,
     out: Path | None,
@@ -43,34 +44,37 @@ def signals(
     as_json: bool,
     every: bool,
 ) -> int:
-    """What a log holds, and which signal is probably which channel.
+    """List the signals of a log, and propose which signal is which channel.
 
     \b
     tselab signals drive.mf4
     tselab signals drive.blf --database car.dbc --vehicle car.toml --write signals.toml
     tselab estimate drive.blf --vehicle car.toml
 
-    Guesses are by names (makers', ISO 8855, openpilot, ROS; English, German, French,
-    Spanish, Italian), units, and physics: lateral acceleration against speed times yaw
-    rate, wheels against each other and the yaw rate, acceleration against the change of
-    the wheels' speed, steering angle against curvature. Each comes with the figure that
-    speaks for it: look through the file and edit it. A file that is there is not
-    overwritten without being asked: remove it first.
+    The proposal is based on names (of car makers, ISO 8855, openpilot and ROS; in
+    English, German, French, Spanish and Italian), on units, and on physics: lateral
+    acceleration is compared with speed times yaw rate, wheel speeds with each other and
+    with the yaw rate, longitudinal acceleration with the change of the wheel speeds,
+    steering angle with curvature. Each proposed signal is printed with the numbers that
+    support it. Check the written file and correct it. An existing file is not
+    overwritten; remove it first.
+
+    For a channel without a proposed signal, the most similar signals are listed, each
+    with the reason why it was not proposed.
 
     Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF,
     ASC, TRC, candump, BUSMASTER and CSV with a frame per row (CANedge, Cabana, SavvyCAN,
     python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT
-    (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may be packed by
-    gzip.
+    (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may be compressed
+    with gzip.
 
-    Of a channel that is not found the signals that come nearest are listed, each with
-    what is against it.
+    Memory: channels are read one at a time, frames of a bus and rows of a CSV in pieces.
+    'tselab estimate' keeps the channels that it needs in memory. These are read as a
+    whole: each variable of a MAT 5 file (a struct is one variable), a CSV with the column
+    names of tse, and a file of openpilot.
 
-    A channel is read at a time, frames of a bus and rows of a CSV in pieces; tselab
-    estimate keeps the channels that it needs in memory. As a whole are read: of MAT 5 a
-    variable (of a struct all of it), a CSV with the names of tse, of openpilot the file.
-
-    Exit code: 0 all channels found, 3 some are missing, 2 bad input.
+    Exit code: 0 a signal was found for every channel; 3 some channels are missing; 2 bad
+    input.
     """
     import tse
     from tse.files import check_writable
@@ -79,7 +83,7 @@ def signals(
         out = log_path.parent / out
     check_writable(out)
     if out is not None and out.exists():
-        raise Error(f"{out}: is there already: remove it first, or name another file")
+        raise Error(f"{out}: exists already: remove it first, or give a different name")
     found = tse.signals(log_path, vehicle_path, databases=databases)
     if as_json:
         print_json(found.to_dict())
@@ -88,8 +92,8 @@ def signals(
     if out is not None:
         if not found.guesses:
             raise Error(
-                f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, "
-                "see 'tselab estimate --help'"
+                f"{log_path}: no signal could be proposed, so {out} is not written: write it by hand; "
+                "'tselab estimate --help' shows the keys"
             )
         found.write(out)
         click.echo(f"Written to {out}", err=as_json)
@@ -97,10 +101,13 @@ def signals(
 
 
 def _format_signals(found: Signals, log_path: Path, every: bool) -> str:
-    """Return the signals as a table, and the guesses with their figures."""
+    """Return the printed text: a table of the signals, the proposed signals with the
+    numbers that support them, missing channels, warnings and notes.
+
+    `every`: list all signals, not only MAX_ROWS of those without a channel."""
     from tse.tables import text_table
 
-    rows = [["signal", "unit", "Hz", "least", "most", "missing", "proposed for"]]
+    rows = [["signal", "unit", "Hz", "min", "max", "missing", "proposed for"]]
     lines = list(found.to_frame().itertuples())
     shown = lines
     if not every and len(lines) > MAX_ROWS:

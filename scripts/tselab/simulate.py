@@ -1,4 +1,4 @@
-"""`tselab simulate`."""
+"""The command `tselab simulate`."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def _list_maneuvers() -> str:
     cls=Lazy,
     tables=(("Manoeuvres", _list_maneuvers), ("Settings of the simulator (--set)", "sim_settings_table")),
 )
-@click.option("--maneuver", metavar="NAME", required=True, help="What is driven; list below.")
+@click.option("--maneuver", metavar="NAME", required=True, help="Name of the manoeuvre; list below.")
 @click.option(
     "--vehicle",
     "vehicle_path",
@@ -46,29 +46,25 @@ def _list_maneuvers() -> str:
     help="Vehicle file; default: the built-in car.",
 )
 @click.option(
-    "--out",
-    metavar="LOG.csv",
-    type=OutputPath(".csv"),
-    required=True,
-    help="The log, as 'tselab estimate' reads it.",
+    "--out", metavar="LOG.csv", type=OutputPath(".csv"), required=True, help="The log, for 'tselab estimate'."
 )
-@click.option(
-    "--truth", metavar="TRUTH.csv", type=OutputPath(".csv"), help="Also write what really happened."
-)
-@click.option("--with-ref", is_flag=True, help="Put the truth into ref_ columns of the log.")
+@click.option("--truth", metavar="TRUTH.csv", type=OutputPath(".csv"), help="Also write the true values.")
+@click.option("--with-ref", is_flag=True, help="Also write the true values to columns ref_... of the log.")
 @click.option("--seed", type=int, help="Seed of the random numbers.")
-@click.option("--duration", type=float, help="Length, s.")
+@click.option("--duration", type=float, help="Duration, s.")
 @click.option("--sample-time", type=float, help="Time between rows, s.  [default: 0.01]")
-@click.option("--speed", type=float, help="Start speed, m/s.")
-@click.option("--amplitude", type=float, help="Amplitude; what it means is in the list below.")
+@click.option("--speed", type=float, help="Initial speed, m/s.")
+@click.option("--amplitude", type=float, help="Amplitude; its meaning is in the list below.")
 @click.option(
     "--road-change",
     metavar="TIME:LEVEL",
     multiple=True,
-    help="From TIME on all stiffness times LEVEL; may be repeated.",
+    help="From TIME (s) on, every stiffness is LEVEL times nominal; may be repeated.",
 )
-@click.option("--spread", type=float, help="Sample-to-sample sd of all three stiffnesses, share of the mean.")
-@click.option("--noise", type=float, help="Sensor noise, times the sd of the vehicle file.")
+@click.option(
+    "--spread", type=float, help="Sd of all three stiffnesses from sample to sample, share of the mean."
+)
+@click.option("--noise", type=float, help="Factor on the sensor noise sd of the vehicle file.")
 @click.option(
     "--set",
     "pairs",
@@ -105,9 +101,9 @@ def simulate(
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6
     tselab simulate --maneuver straight --out log.csv --set true_bias_yaw_rate=0.01
 
-    --road: the bank and grade of a road lie under the car, by the distance that it has
-    travelled. The log has the positions of the road there, but the car steers as the
-    manoeuvre says, whatever the bends of the road.
+    With --road the car drives on the bank and grade that the road has at the distance
+    travelled. The log gets the positions of the road at this distance. The steering is
+    that of the manoeuvre, and does not follow the bends of the road.
     """
     import tse
     from tse import tables
@@ -166,7 +162,8 @@ def simulate(
 
 
 def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
-    """Return times and levels of --road-change TIME:LEVEL."""
+    """Parse the values of --road-change, each TIME:LEVEL. Return pairs of time [s] and
+    level."""
     from tse import tables
 
     level = tables.road_level()
@@ -178,8 +175,8 @@ def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
             raise Error(f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7") from None
         if not time >= 0 or not level.low <= value <= level.high:
             raise Error(
-                f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. "
-                f"{level.high:g}"
+                f"option --road-change: {pair!r} is outside its range: time at least 0 s, level "
+                f"{level.low:g} .. {level.high:g}"
             )
         changes.append((time, value))
     return changes

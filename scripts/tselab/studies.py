@@ -1,4 +1,4 @@
-"""`tselab montecarlo`, `paper`."""
+"""The commands `tselab montecarlo` and `tselab paper`."""
 
 from pathlib import Path
 from typing import Any
@@ -26,19 +26,21 @@ def _list_studies() -> str:
     return "\n".join(f"{name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items())
 
 
-@click.command(cls=Lazy, tables=(("Studies, with their usual number of runs of each case", _list_studies),))
-@click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
+@click.command(cls=Lazy, tables=(("Studies, with the default number of runs of each case", _list_studies),))
+@click.option("--study", "name", metavar="NAME", required=True, help="Name of the study; list below.")
 @click.option(
-    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
+    "--runs",
+    type=click.IntRange(1, 1000000),
+    help="Number of runs of each case, each with a seed of its own; default: see the list below.",
 )
 @JOBS
 @click.option(
     "--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786."
 )
 @click.option(
-    "--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]"
+    "--out", metavar="DIR", type=FILE, help="Directory; created if needed.  [default: montecarlo-NAME]"
 )
-@click.option("--cases", metavar="A,B", help="Only these cases of the study.")
+@click.option("--cases", metavar="A,B", help="Run only these cases of the study.")
 @FIRST_SEED
 @FORM
 @click.option(
@@ -46,7 +48,7 @@ def _list_studies() -> str:
     "pairs",
     metavar="KEY=VALUE",
     multiple=True,
-    help="Any setting of filter or simulator; may be repeated. What a case is about wins.",
+    help="Any setting of filter or simulator; may be repeated. Settings of a case override it.",
 )
 @RESTART
 @PROGRESS
@@ -65,7 +67,7 @@ def montecarlo(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Monte-Carlo studies against the simulator's truth.
+    """Run a Monte-Carlo study: simulate drives, and compare the estimates with the truth.
 
     \b
     tselab montecarlo --study stress --runs 200 --jobs 2
@@ -73,13 +75,14 @@ def montecarlo(
     tselab montecarlo --study stress+ekf --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
-    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C,
-    more --runs and --cases are added to what is there; runs of other settings or of
-    another library are not taken.
+    Every finished run is kept in DIR/runs.jsonl. After Ctrl-C the same command continues
+    from there. Larger --runs and further --cases are added to the finished runs. Runs
+    with different settings or a different library are not reused.
 
-    NAME+ekf runs another estimator beside the study's, on the same data; so does a
-    function of yours, NAME+module.function, which takes the log and the settings and
-    returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+    NAME+ekf adds an extended Kalman filter to the estimators of the study, on the same
+    data. NAME+module.function adds a Python function of your own. It receives the log and
+    the settings, and returns columns cx_front, cx_front_sd ...
+    (scripts/examples/own_filter.py).
 
     Writes NAME.csv, NAME.md and runs.csv.
     """
@@ -90,7 +93,7 @@ def montecarlo(
     of_simulator = tables.settings(simulator=True)
     for key, value in read_key_values(pairs).items():
         if key == "seed":
-            raise Error("option --set: the seeds are set by --first-seed and --runs")
+            raise Error("option --set: seed is not allowed: --first-seed and --runs set the seeds")
         tables.check_setting(key, value, source="option --set", simulator=True)
         (sim_settings if key in of_simulator else settings)[key] = value
     wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
@@ -121,7 +124,7 @@ def _run_study(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Run a study, write its files and say what it found."""
+    """Run a study, write its files, and print its tables."""
     from tselab.montecarlo import studies
     from tselab.montecarlo.engine import StudyPlan
     from tselab.montecarlo.engine import run_study as run_all
@@ -140,11 +143,18 @@ def _run_study(
 
 @click.command()
 @click.option(
-    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each.  [default: 200]"
+    "--runs",
+    type=click.IntRange(1, 1000000),
+    help="Number of runs of each case, each with a seed of its own.  [default: 200]",
 )
 @JOBS
 @click.option(
-    "--out", metavar="DIR", type=FILE, default=Path("paper"), show_default=True, help="Made if needed."
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    default=Path("paper"),
+    show_default=True,
+    help="Directory; created if needed.",
 )
 @FIRST_SEED
 @RESTART
@@ -159,16 +169,16 @@ def paper(
     progress: bool | None,
     as_json: bool,
 ) -> None:
-    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its
-    numbers beside ours.
+    """Reproduce Fig. 1 .. 4 of the paper with three filters, and compare the results with
+    the numbers in the paper.
 
     \b
     tselab paper
     tselab paper --runs 40 --jobs 2 --out paper
 
-    The filters: the paper's as printed, the same with settings that keep it from
-    diverging, and the default. Every finished run is kept in DIR/runs.jsonl: the same
-    command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with
-    matplotlib, paper.png.
+    The three filters are the paper's filter as printed, the same filter with settings
+    that keep it from diverging, and the default filter. Every finished run is kept in
+    DIR/runs.jsonl. After Ctrl-C the same command continues from there. The command writes
+    paper.csv, paper.md, runs.csv and, with matplotlib, paper.png.
     """
     _run_study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

@@ -110,7 +110,7 @@ def test_a_vehicle_file_becomes_the_parameters_of_its_settings(of, ssp, tmp_path
 def test_what_is_not_the_estimator_is_refused(ssp, tmp_path):
     (tmp_path / "text.fmu").write_text("no zip file")
     for path, words in (
-        (ssp.with_name("SingleTrackVehicle.fmu"), "is not the estimator"),
+        (ssp.with_name("SingleTrackVehicle.fmu"), "is not the FMU of the estimator"),
         (ssp, "is not an FMU"),
         (tmp_path / "text.fmu", "is not an FMU"),
         (tmp_path / "none.fmu", "no such file"),

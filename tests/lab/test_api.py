@@ -373,7 +373,7 @@ def test_what_is_missing_may_be_left_out_none_or_nan():
         ({"dt": -1.0}, "dt", "dt = -1 is outside its range"),
         ({"dt": 4000.0}, "dt", "dt = 4000 is outside its range"),
         ({"dt": None}, "dt", "not a number"),
-        ({"time": 1.0}, "dt", "time or dt, not both"),
+        ({"time": 1.0}, "dt", "both time and dt are given"),
         ({"steer_angel": 0.1}, "steer_angel", "did you mean steer_angle"),
         ({"missing": 1}, "missing", "there is no channel"),
         ({"wheel_speed_rear_left": 60.0}, "wheel_speed_rear_left", "give wheel_speed_rear, the mean"),

@@ -634,7 +634,7 @@ def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
         (("--save-learnt", "car.toml"), "--save-learnt is the same file as --vehicle"),
         (
             ("--load-learnt", "default.tse", "--out", "default.tse"),
-            "is written as .csv or .parquet or .pq, by its name, not as .tse",
+            "ends in .tse; its name must end in .csv or .parquet or .pq",
         ),
         (("--save-learnt", "no/such/place.tse"), "does not exist"),
     ],

@@ -173,21 +173,21 @@ def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
     [
         (
             ["estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.xlsx"],
-            "--out: e.xlsx: is written as .csv or .parquet",
+            "--out: e.xlsx: ends in .xlsx; its name must end in .csv or .parquet",
         ),
         (
             ["estimate", "log.csv", "--vehicle", "car.toml", "--report", "r.pdf"],
-            "--report: r.pdf: is written as .html or .htm",
+            "--report: r.pdf: ends in .pdf; its name must end in .html or .htm",
         ),
         (
             ["simulate", "--maneuver", "sine", "--out", "log.mf4"],
-            "option --out: log.mf4: is written as .csv, by its name",
+            "option --out: log.mf4: ends in .mf4; its name must end in .csv",
         ),
         (
             ["calibrate", "log.csv", "--vehicle", "car.toml", "--out", "c.json"],
-            "option --out: c.json: is written as .toml",
+            "option --out: c.json: ends in .json; its name must end in .toml",
         ),
-        (["signals", "log.csv", "--write", "s.csv"], "option --write: s.csv: is written as .toml"),
+        (["signals", "log.csv", "--write", "s.csv"], "option --write: s.csv: ends in .csv; its name must end in .toml"),
     ],
 )
 def test_a_format_that_is_not_written_is_refused_by_its_name(command, says, drive, tmp_path):

@@ -78,7 +78,7 @@ def done(logs):
 
 def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_error(done):
     ran, _, table = done
-    assert ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 that cannot be read" in ran.out, ran.err
+    assert ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 not estimated because of an error" in ran.out, ran.err
     bad = table[table.error.notna()]
     assert set(bad.log.map(lambda p: Path(p).name)) == {
         "2024-05-02 empty.csv",
@@ -293,7 +293,7 @@ def test_a_table_that_is_wrong_is_refused_with_its_place(text, said, logs, tmp_p
     ("options", "said"),
     [
         (("nowhere/", "--vehicle", "car.toml"), "nowhere/: no such file or folder"),
-        (("logs",), "either --vehicle is needed"),
+        (("logs",), "give either --vehicle"),
         (("logs", "--vehicle", "car.toml", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler answers"),
         (("empty", "--vehicle", "car.toml"), "no log is in this folder"),
     ],

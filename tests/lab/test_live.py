@@ -422,7 +422,7 @@ def test_the_command_saves_what_it_learnt_at_its_end_and_at_ctrl_c(folder, tmp_p
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--interface", "virtual"], "option --database: is needed"),
+        (["--interface", "virtual"], "option --database: is missing"),
         (
             ["--interface", "nosuch", "--database", "car.dbc"],
             "interface nosuch, channel None: cannot be opened",

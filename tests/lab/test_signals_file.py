@@ -330,7 +330,7 @@ def test_a_file_that_is_written_is_read_again_and_none_is_overwritten(tmp_path):
         "yaw_rate",
     }
     again = tselab_here("signals", "log.csv", "--write", "signals.toml", cwd=tmp_path)
-    assert again.code == 2 and "is there already" in again.err
+    assert again.code == 2 and "exists already" in again.err
 
 
 # ---- dates
