@@ -187,7 +187,10 @@ def test_what_a_killed_process_has_left_is_cleared_and_nothing_else(tmp_path):
             ["calibrate", "log.csv", "--vehicle", "car.toml", "--out", "c.json"],
             "option --out: c.json: ends in .json; its name must end in .toml",
         ),
-        (["signals", "log.csv", "--write", "s.csv"], "option --write: s.csv: ends in .csv; its name must end in .toml"),
+        (
+            ["signals", "log.csv", "--write", "s.csv"],
+            "option --write: s.csv: ends in .csv; its name must end in .toml",
+        ),
     ],
 )
 def test_a_format_that_is_not_written_is_refused_by_its_name(command, says, drive, tmp_path):

@@ -78,7 +78,9 @@ def done(logs):
 
 def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_error(done):
     ran, _, table = done
-    assert ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 not estimated because of an error" in ran.out, ran.err
+    assert (
+        ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 not estimated because of an error" in ran.out
+    ), ran.err
     bad = table[table.error.notna()]
     assert set(bad.log.map(lambda p: Path(p).name)) == {
         "2024-05-02 empty.csv",
@@ -270,7 +272,7 @@ def test_which_car_a_log_is_of(logs, tmp_path):
     (odd / "cars.csv").write_text("# mine\nlog,vehicle,car\n./#2/*.csv,../golf/vehicle.toml,GO #3\n")
     assert {d.car for d in find_drives([str(odd)], None, odd / "cars.csv", None, tmp_path)} == {"GO #3"}
     (lost,) = (d for d in mine if d.error)
-    assert lost.log.suffix == ".mf4" and "no row of cars.csv is for this log" in lost.error
+    assert lost.log.suffix == ".mf4" and "no row of cars.csv matches this log" in lost.error
 
 
 @pytest.mark.parametrize(
@@ -279,7 +281,10 @@ def test_which_car_a_log_is_of(logs, tmp_path):
         ("log,car\n", "column vehicle is missing"),
         ("log,vehicle\nx,\n", "line 2, column vehicle: is empty"),
         ("log,vehicle\nx,nowhere.toml\n", "nowhere.toml: no such file"),
-        ("log,vehicle,car\nx,a.toml,golf\ny,b.toml,golf\n", "line 3, column vehicle: golf has a.toml above"),
+        (
+            "log,vehicle,car\nx,a.toml,golf\ny,b.toml,golf\n",
+            "line 3, column vehicle: golf has the vehicle file a.toml in a line above",
+        ),
         ("", "cannot be read as a CSV"),
     ],
 )
@@ -330,7 +335,7 @@ def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
 
     monkeypatch.setattr(LocalPool, "next", stop)
     found = find_drives([str(logs / "logs")], logs / "car.toml", None, None, tmp_path)
-    with pytest.raises(Interrupted, match=r"keeps the 0 of 9 logs .* the same command goes on"):
+    with pytest.raises(Interrupted, match=r"keeps the 0 of 9 logs .* and the same command continues"):
         run_drives(found, FleetPlan(Reading(), reports=False), Store(tmp_path, False), 1)
 
 
@@ -405,7 +410,7 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
 
     monkeypatch.setattr(module, "_run_log", fail)
     assert "internal error: ZeroDivisionError: of ours" in module.run_task(make_task(tmp_path / "a")).error
-    with pytest.raises(UserError, match="install the same on all"):
+    with pytest.raises(UserError, match="install the same version on all"):
         module.run_task(replace(make_task(tmp_path / "a"), code=("0", "0")))
 
 
@@ -528,7 +533,7 @@ def test_cars_are_ranked_by_their_stiffness_and_not_by_their_own_calibration(don
     assert [c.name for c in ranked] == ["soft", "stiff", "along", "nothing"]
     assert [c.reason for c in ranked] == [
         "rear, in bends 70 ± 5 kN/rad", "front, in bends 100 ± 5 kN/rad", "front, along 40 ± 5 kN",
-        "nothing is known: too few bends in this log",
+        "no stiffness is known: too few bends in this log",
     ]  # fmt: skip
     _, _, table = done
     assert (table.usable == "yes").any() and table[table.usable == "yes"].reason.isna().all()

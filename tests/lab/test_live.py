@@ -258,9 +258,7 @@ def test_a_bus_that_fails_is_opened_again_and_what_follows_is_used(folder, trip)
         live.work(0.05)
     live.close()
     said = [text for _, text in live.said]
-    assert any(
-        "the bus failed (Network is down [Error Code 100]): it is opened again each second" in s for s in said
-    )
+    assert any("the bus failed (Network is down [Error Code 100]): the drive goes on" in s for s in said)
     assert "the bus is open again" in said
     assert live.drive.rows > 1900
 

@@ -1,5 +1,5 @@
-"""Estimate one log (single.py) or many logs of many cars.
+"""Estimate one log (single.py), or a fleet: many logs of many cars.
 
-find.py finds logs, work.py estimates one, run.py all of them, keep.py stores results,
-page.py shows them.
+For a fleet, find.py finds the logs, work.py estimates one log, run.py runs all of them,
+keep.py stores the results, and page.py writes the page.
 """

@@ -1,4 +1,4 @@
-"""Find logs, the car of each, and the time when it was driven."""
+"""Find the logs of a fleet, and for each log its car and the time when it was driven."""
 
 import fnmatch
 import glob
@@ -17,12 +17,12 @@ from tse.library.errors import NoFile, UserError, suggest_names
 from tse.library.files import check_regular, resolve_path
 from tse.readers.readers import READERS
 
-# Suffixes that other files have, too: in a folder these files are not taken for logs.
-# Named one by one they are.
+# Suffixes of logs that many other files have, too. In a folder, files with these suffixes
+# are not taken for logs. They are only read if they are named or match a glob pattern.
 UNSURE = {".txt", ".log", ".tab", ".h5", ".hdf5", ".bz2", ".zst", ".ipc", ".arrow", ".can"}
 SUFFIXES = {s for suffixes, _ in READERS.values() for s in suffixes} - UNSURE
-RESULTS = (".est.csv", ".est.parquet")  # files that tselab estimate writes
-MAX_TABLE = 256 << 20  # bytes
+RESULTS = (".est.csv", ".est.parquet")  # ends of the names of files that `tselab estimate` writes
+MAX_TABLE = 256 << 20  # [byte] max size of a table of vehicles
 TABLE_COLUMNS = ("log", "vehicle", "car", "signals")
 OPENPILOT = ("rlog.bz2", "rlog.zst", "qlog.bz2", "qlog.zst")
 DATE = re.compile(
@@ -33,25 +33,26 @@ DATE = re.compile(
 
 @dataclass(frozen=True)
 class Drive:
-    """One log. `start`: s since 1970. `start_from`: source of that time: "log", "name"
-    (a date in it) or "file"."""
+    """One log of a fleet, and its car."""
 
     car: str
     log: Path
     vehicle: Path | None = None
     signals: Path | None = None
-    start: float = 0.0
-    start_from: str = "file"
-    error: str = ""  # reason why it cannot be run
+    start: float = 0.0  # [s] time when the drive began, since 1970
+    start_from: str = "file"  # source of `start`: "log", "name" (a date in it), "file" (its time)
+    error: str = ""  # reason why the log cannot be estimated
 
 
 def find_drives(
     words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path
 ) -> list[Drive]:
-    """Return all logs, car by car in order of time.
+    """Return all logs, sorted by car and by the time of the drive.
 
-    `words`: files, folders, patterns. `table`: names the car of each log; else all
-    have `vehicle`, and each folder of logs is a car, or all belong to `car`."""
+    `words`: files, folders and glob patterns. `table`: CSV with the vehicle file of each
+    log. If it is None, all logs have the vehicle file `vehicle`, and belong to `car` or,
+    if `car` is None, to a car for each folder. `out`: folder of the results, in which no
+    logs are searched."""
     logs = _find_logs(words, out, table)
     found = _assign_by_table(logs, table) if table is not None else _assign_by_folder(logs, vehicle, car)
     timed = [replace(d, start=s, start_from=f) for d in found for s, f in (find_start(d.log),)]
@@ -62,8 +63,8 @@ def find_drives(
 
 
 def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
-    """Return every log once, with the folder that names its car. UserError: a word
-    matches none."""
+    """Return every log once, with the folder that gives its car the name. Raise UserError
+    if a folder has no log, or a word matches no file."""
     found: dict[Path, tuple[Path, Path]] = {}
     not_logs = {resolve_path(out), *([resolve_path(table)] if table is not None else [])}
     for word in words:
@@ -72,7 +73,7 @@ def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tupl
             inside = list(_walk_logs(path, not_logs))
             if not inside:
                 raise UserError(
-                    f"{path}: no log is in this folder; files with these endings are: "
+                    f"{path}: no log is in this folder; a log has one of these suffixes: "
                     f"{' '.join(sorted(SUFFIXES))}"
                 )
             mine = [(p, path / p.relative_to(path).parts[0] if p.parent != path else path) for p in inside]
@@ -85,7 +86,7 @@ def _find_logs(words: Sequence[str], out: Path, table: Path | None) -> list[tupl
                 if p.is_file() or _is_bag(p)
             ]
             if not mine:
-                raise NoFile(f"{word}: no such file or folder, and no file has a name of this pattern")
+                raise NoFile(f"{word}: no such file or folder, and no file matches it as a pattern")
         for p, folder in mine:
             found.setdefault(resolve_path(p), (p, resolve_path(folder)))
     return list(found.values())
@@ -122,7 +123,7 @@ def _assign_by_folder(
 
 
 def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
-    """Return the shortest end of the path that no other folder has."""
+    """Return the last parts of a path, as few as distinguish it from all others."""
     for parts in range(1, len(folder.parts) + 1):
         name = "/".join(folder.parts[-parts:])
         if sum("/".join(o.parts[-parts:]) == name for o in others) == 1:
@@ -131,8 +132,8 @@ def _shorten_name(folder: Path, others: Sequence[Path]) -> str:
 
 
 def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
-    """Return a drive for each log, with the car of the first row whose pattern
-    matches."""
+    """Return a drive for each log, with the car of the first row of the table that
+    matches it. A log that no row matches gets an error."""
     rows = _read_table(table)
     base = resolve_path(table).parent
     vehicles = sorted({resolve_path(base / r["vehicle"]).with_suffix("") for r in rows})
@@ -140,7 +141,7 @@ def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Dri
     for path, _ in logs:
         row = next((r for r in rows if _is_match(resolve_path(path), base, r["log"])), None)
         if row is None:
-            found.append(Drive("", path, error=f"{path}: no row of {table.name} is for this log"))
+            found.append(Drive("", path, error=f"{path}: no row of {table.name} matches this log"))
             continue
         vehicle = resolve_path(base / row["vehicle"])
         name = row["car"] or _shorten_name(vehicle.with_suffix(""), vehicles)
@@ -149,20 +150,22 @@ def _assign_by_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Dri
 
 
 def _is_match(path: Path, base: Path, pattern: str) -> bool:
-    """Return whether a pattern matches: this file, its folder, or a glob, relative to
-    the table."""
+    """Return whether a value of the column log matches a log: it is the path of the log
+    or of a folder that contains it, or a glob pattern. Paths are relative to `base`, the
+    folder of the table."""
     return base / pattern in (path, *path.parents) or fnmatch.fnmatch(
         str(path), str(Path(glob.escape(str(base))) / pattern)
     )
 
 
 def _read_table(table: Path) -> list[dict[str, str]]:
+    """Read and check a table of vehicles. Return its rows."""
     check_regular(table, MAX_TABLE, "a table of vehicles")
     try:
         with open(table, encoding="utf-8-sig") as file:
-            lines = [
-                line for line in file if line.strip() and not line.startswith("#")
-            ]  # a "#" inside a name stays
+            # only lines that start with "#" are comments, since a file name may contain
+            # "#"
+            lines = [line for line in file if line.strip() and not line.startswith("#")]
         head = lines[0] if lines else ""
         separator = ";" if ";" in head and "," not in head else ","
         read = pd.read_csv(
@@ -179,9 +182,9 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     read.columns = [str(c).strip() for c in read.columns]
     if lacks := [c for c in TABLE_COLUMNS[:2] if c not in read]:
         raise UserError(
-            f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a "
-            "pattern like cars/7/*.mf4), "
-            "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
+            f"{table}: column {' and '.join(lacks)} is missing; required: log (a file, a folder or a "
+            "pattern like cars/7/*.mf4) and vehicle (its vehicle file); optional: car, signals; paths are "
+            "relative to the folder of the table"
         )
     for column in (c for c in read if c not in TABLE_COLUMNS):
         hint = suggest_names(str(column), TABLE_COLUMNS, 1)
@@ -192,8 +195,8 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
             raise UserError(
-                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one "
-                "vehicle file"
+                f"{table}: line {line}, column vehicle: {row['car']} has the vehicle file {before} in a "
+                "line above: give the same file in all lines of a car"
             )
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:
@@ -209,8 +212,9 @@ def _read_table(table: Path) -> list[dict[str, str]]:
 
 
 def find_start(path: Path) -> tuple[float, str]:
-    """Return the start of a drive, s since 1970, and its source: the log, its name, or
-    the time of the file."""
+    """Return the time when a drive began [s since 1970], and its source: "log" if the log
+    contains it, otherwise "name" if the name has a date, otherwise "file", the
+    modification time of the file."""
     for source, of in (("log", _read_log_start), ("name", _read_name_date)):
         try:
             when = of(path)
@@ -225,7 +229,8 @@ def find_start(path: Path) -> tuple[float, str]:
 
 
 def _read_name_date(path: Path) -> float | None:
-    """Return a date, perhaps with a time, in the name of the file or of its folder."""
+    """Return the date, and the time of day if there is one, in the name of the file or of
+    its folder [s since 1970]. None: there is no date."""
     for name in (path.stem, path.parent.name):
         if m := DATE.search(name):
             year, month, day, hour, minute, second = (int(x or 0) for x in m.groups())
@@ -234,7 +239,8 @@ def _read_name_date(path: Path) -> float | None:
 
 
 def _read_log_start(path: Path) -> float | None:
-    """Return the start in the head of the file, for formats that have it there."""
+    """Return the start time in the header of a log [s since 1970]. None: the format has
+    none. The bytes are those of MDF 4, MDF 3, BLF and MCAP."""
     if not path.is_file():
         return None
     with open(path, "rb") as file:
@@ -257,6 +263,6 @@ def _read_mcap_start(path: Path) -> float | None:
         reader = importlib.import_module("mcap.reader")
         with open(path, "rb") as file:
             summary = reader.make_reader(file).get_summary()
-    except Exception:  # damaged, or no library: use the name
+    except Exception:  # the file is damaged, or the package mcap is not installed
         return None
     return 1e-9 * summary.statistics.message_start_time if summary and summary.statistics else None

@@ -1,5 +1,5 @@
-"""Store the results of a fleet, a file for each log, so that the same command
-continues from there; and the table of all logs."""
+"""Store the results of a fleet, in a file for each log, so that a later call need not run
+the logs again. Write the table of all logs."""
 
 import base64
 import contextlib
@@ -25,11 +25,11 @@ from tse.runs.work import Outcome, Task
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
-MIN_LOGS = 3  # other logs of a car that one is compared with
-# Of a stiffness over the median of the other logs: dry asphalt is stiffest, warm tyres
-# are softer
+MIN_LOGS = 3  # min number of other logs of a car with which a log is compared
+# Max ratio of a stiffness to its median in the other logs of the car. Even on dry
+# asphalt, where the stiffness is largest, it varies, because warm tyres are softer
 MAX_RATIO = 1.3
-COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of its drive
+COLUMNS: dict[str, str] = {  # columns of the table, those of an estimate and of its drive: type
     "car": "string",
     **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
     **{k: v for k, v in results.COLUMNS.items() if k != "log"},
@@ -41,15 +41,17 @@ COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of its dr
 
 @dataclass
 class Done:
-    """A log and its outcome. `report`: relative to the folder of the results."""
+    """A log that is done, and its outcome."""
 
     drive: Drive
     outcome: Outcome
-    report: str = ""
+    report: str = ""  # path of its report, relative to the folder of the results; empty: none
 
 
 class Store:
-    """The folder of the results."""
+    """The folder of the results of a fleet.
+
+    `restart`: forget which logs are done."""
 
     def __init__(self, out: Path, restart: bool):
         self.out = out
@@ -60,17 +62,21 @@ class Store:
                 old.unlink()
 
     def name(self, drive: Drive) -> str:
-        """Return the name of the files of a log: readable, and unique."""
+        """Return the name of the files of a log, without suffix: the names of car and
+        log, made unique by a digest of the path."""
         digest = _shorten_digest(str(resolve_path(drive.log)))
         return f"{_clean_name(drive.car)}-{_clean_name(drive.log.stem)}-{digest}"
 
     def estimates(self, drive: Drive) -> Path:
+        """Return the path of the Parquet file for the estimates of a log."""
         (self.out / ESTIMATES).mkdir(exist_ok=True)
         return resolve_path(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def calibrated(self, drive: Drive, text: str) -> Path:
-        """Write the vehicle file that was calibrated from that of a drive. An
-        identical file stays as it is."""
+        """Write a calibrated vehicle file, unless an identical one exists. Return its
+        path.
+
+        `drive`: drive of the car. `text`: content of the file."""
         folder = self.out / CALIBRATED
         folder.mkdir(exist_ok=True)
         path = (
@@ -83,9 +89,10 @@ class Store:
         return path
 
     def load(self, drive: Drive, task: Task) -> Done | None:
-        """Return the stored outcome of a log; None unless it was made of the same
-        files and settings, by this user, and all its files are there."""
-        with contextlib.suppress(ValueError):  # a wrong vehicle file is reported by the run
+        """Return the stored outcome of a log. None: the log has to run, because there is
+        no outcome of this user for the same files and settings, or one of its result
+        files is missing."""
+        with contextlib.suppress(ValueError):  # a wrong vehicle file is reported when the log runs
             kept = read_sealed(self.out / DONE / f"{self.name(drive)}.json")
             if (
                 kept is None
@@ -101,7 +108,8 @@ class Store:
         return None
 
     def save(self, drive: Drive, task: Task, outcome: Outcome) -> Done:
-        """Store an outcome: first the report, then the record that the log is done."""
+        """Store an outcome. The report is written first, so that a log which is recorded
+        as done has its report even if the process is killed in between."""
         report = ""
         if outcome.report is not None:
             report = f"{REPORTS}/{self.name(drive)}.html"
@@ -115,8 +123,8 @@ class Store:
         return Done(drive, outcome, report)
 
     def write(self, done: Sequence[Done]) -> pd.DataFrame:
-        """Write the table of all logs, and the learnt state of each car. Return the
-        table."""
+        """Write the table of all logs, and for each car the learnt state after its last
+        drive. Return the table."""
         for car in {d.drive.car for d in done}:
             mine = [d for d in done if d.drive.car == car and d.outcome.learnt]
             if mine:
@@ -130,8 +138,8 @@ class Store:
 
 
 def make_table(done: Sequence[Done]) -> pd.DataFrame:
-    """Return a row per log, stretch of road and stiffness; for a log that cannot be
-    read one row with its error."""
+    """Return a table with a row for each log, stretch of road and stiffness. A log that
+    could not be estimated has one row with its error."""
     rows: list[dict[str, Any]] = []
     for d in done:
         about: Mapping[str, Any] = {
@@ -155,12 +163,13 @@ def make_table(done: Sequence[Done]) -> pd.DataFrame:
 
 
 def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
-    """Return a sentence for each log whose tyres are much stiffer than in the other logs
-    of its car.
+    """Return a warning for each log in which a stiffness is much larger than in the other
+    logs of its car.
 
-    Dry asphalt gives the largest stiffness, so the log may be of another car, load or
-    tyres; or all others were on snow. Softer tyres are no sign: wet roads and snow are
-    soft."""
+    Usually some of the other logs are on dry asphalt, where the stiffness is largest. A
+    much larger one means a different car, load or set of tyres, or that all other logs
+    were on snow. A much smaller one has no such meaning, since wet roads and snow reduce
+    the stiffness."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):
@@ -176,14 +185,15 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
                 text = f"{NAMES[str(key)].lower()} {np.exp(x - others):.1f} times"
                 said[str(log)] = f"{said[str(log)]}, {text}" if str(log) in said else text
     return {
-        log: f"unlike the other logs of this car, {text} theirs: another car, load or tyres?"
+        log: f"compared with the other logs of this car, {text} as large: check car, load and tyres"
         for log, text in said.items()
     }
 
 
 def compute_key(task: Task) -> str:
-    """Return a digest of everything that an outcome depends on. Logs count by size and
-    time: to read them takes as long as to run them."""
+    """Return a digest of everything that an outcome depends on. It contains size and
+    modification time of the logs instead of their content, because to read the logs would
+    take as long as to run them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     others = [
@@ -215,7 +225,7 @@ def compute_key(task: Task) -> str:
 
 
 def _clean_name(name: str) -> str:
-    """Return a name that any file system accepts."""
+    """Return a name with only those characters that every file system allows."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._")[:60] or "log"
 
 
@@ -224,7 +234,7 @@ def _shorten_digest(text: str) -> str:
 
 
 def _name_car_files(name: str) -> str:
-    """Return the start of the names of the files of a car: readable, and unique on any
-    file system."""
+    """Return the start of the names of the files of a car. A digest is appended if the
+    name has been changed, or has capital letters, which some file systems ignore."""
     plain = _clean_name(name)
     return plain if plain == name.lower() else f"{plain}-{_shorten_digest(name)}"

@@ -1,4 +1,5 @@
-"""The overview of a fleet: one HTML file with links to the report of each log."""
+"""Write the page of a fleet: an HTML file with all cars, and links to the reports of
+their logs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,22 +21,22 @@ from tse.runs.run import group_by_car
 COLOURS = dict(zip(STIFFNESS, (ORANGE, BLUE, GREEN), strict=True))
 CORNERING = ("cy_front", "cy_rear")
 PANELS = ("cornering stiffness [kN/rad]", "longitudinal stiffness [kN]")
-MAX_TRENDS = 12  # cars whose trend is drawn: the softest
-MAX_LOGS = 2000  # that the page lists; the table has all
+MAX_TRENDS = 12  # max number of cars whose trend is drawn, the softest first
+MAX_LOGS = 2000  # max number of logs that the page lists; fleet.parquet has all
 
 
 @dataclass(frozen=True)
 class Last:
-    """The last usable value of a stiffness of a car."""
+    """The latest usable estimate of a stiffness of a car."""
 
-    value: float  # N/rad or N
-    band: float  # half of the 95 % interval
-    of_nominal: float  # value over that of the vehicle file or its calibration
-    when: pd.Timestamp
+    value: float  # [N/rad] or, for the longitudinal stiffness, [N]
+    band: float  # half the width of the 95 % interval
+    of_nominal: float  # ratio of value to the nominal stiffness of the vehicle file
+    when: pd.Timestamp  # end of the stretch of road
 
     @property
     def shown(self) -> str:
-        """Value with 95 % interval, in thousands."""
+        """Value with 95 % interval, kN/rad or kN."""
         return f"{self.value / KILO:.0f} ± {max(self.band / KILO, 0.5):.0f}"
 
 
@@ -45,20 +46,20 @@ class Car:
 
     name: str
     done: list[Done]
-    last: dict[str, Last]  # by stiffness, the known ones
-    why: dict[str, str]  # by stiffness, why the others are not known
+    last: dict[str, Last]  # key of a known stiffness: its latest estimate
+    why: dict[str, str]  # key of an unknown stiffness: why it is unknown
 
     @property
     def softest(self) -> str:
-        """Key of the softest cornering stiffness; of the longitudinal one if no bend
-        is usable; empty if nothing is."""
+        """Key of the smallest cornering stiffness or, if none is known, of the
+        longitudinal stiffness. Empty: no stiffness is known."""
         known = [k for k in CORNERING if k in self.last] or list(self.last)
         return min(known, key=lambda k: self.last[k].value, default="")
 
     @property
     def place(self) -> tuple[bool, bool, float]:
-        """Rank: N/rad of the softest axle. Cars without a cornering stiffness come
-        behind."""
+        """Key for sorting cars: the smallest cornering stiffness. Cars with only a
+        longitudinal stiffness follow, then cars without any."""
         return (
             not self.softest,
             self.softest not in CORNERING,
@@ -67,10 +68,10 @@ class Car:
 
     @property
     def reason(self) -> str:
-        """Softest stiffness, or why none is known, in words."""
+        """The smallest stiffness, or why no stiffness is known, as a sentence."""
         if not self.softest:
             return (
-                "nothing is known: " + "; ".join(dict.fromkeys(self.why.values()))
+                "no stiffness is known: " + "; ".join(dict.fromkeys(self.why.values()))
                 if self.why
                 else "no log was read"
             )
@@ -79,15 +80,19 @@ class Car:
 
     @property
     def errors(self) -> int:
+        """Number of logs that could not be estimated."""
         return sum(bool(d.outcome.error) for d in self.done)
 
     @property
     def hours(self) -> float:
+        """Total duration of the logs, h."""
         return sum(d.outcome.seconds for d in self.done) / 3600
 
 
 def list_cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
-    """Return all cars, the softest first."""
+    """Return all cars with their latest usable stiffnesses, the softest car first.
+
+    `done`: all logs. `table`: their rows, from keep.make_table()."""
     known = table[table["usable"].isin(["yes", "in part"]) & table["value"].notna()]
     last = known.groupby(["car", "stiffness"], sort=False).tail(1)
     of: dict[str, dict[str, Last]] = {}
@@ -105,16 +110,18 @@ def list_cars(done: Sequence[Done], table: pd.DataFrame) -> list[Car]:
 
 
 def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> None:
-    """Write the page."""
+    """Write the page of a fleet.
+
+    `done`: all logs. `table`: their rows, from keep.make_table()."""
     all_cars = list_cars(done, table)
     sections = []
     if any(c.last for c in all_cars):
-        text = "The last estimate of each car with its 95 % interval; the softest first."
+        text = "The latest estimate of each car with its 95 % interval, the softest car first."
         sections.append(("Cars", text, draw_distribution(all_cars)))
     drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MAX_TRENDS]
     for c in drawn:
         sections.append(
-            (f"Trend: {c.name}", "Each stretch of road that tells a stiffness.", draw_trend(c, table))
+            (f"Trend: {c.name}", "Each stretch of road with a usable stiffness.", draw_trend(c, table))
         )
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
     write_page(
@@ -136,7 +143,7 @@ def write_fleet_page(path: Path, done: Sequence[Done], table: pd.DataFrame, titl
 
 
 def _collect_remarks(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
-    """Return changes of the road and warnings by log."""
+    """Return the changes of the road and the warnings of each log that has any."""
     found: dict[str, dict[str, list[Any]]] = {}
     for r in table[table["change"].notna() | table["warnings"].notna()].itertuples():
         mine = found.setdefault(r.log, {"changes": [], "warnings": []})
@@ -148,7 +155,7 @@ def _collect_remarks(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:
 
 
 def draw_distribution(all_cars: Sequence[Car]) -> Figure:
-    """Return a figure of the last values of every car."""
+    """Return a figure of the latest stiffnesses of every car."""
     figure = Figure(PANELS, [260, 180])
     for key in STIFFNESS:
         mine = [(c.name, c.last[key]) for c in all_cars if key in c.last]
@@ -168,7 +175,8 @@ def draw_distribution(all_cars: Sequence[Car]) -> Figure:
 
 
 def draw_trend(car: Car, table: pd.DataFrame) -> Figure:
-    """Return a figure of all stretches of a car over time."""
+    """Return a figure of the stiffnesses of a car over time, a point for each stretch of
+    road."""
     figure = Figure(PANELS, [220, 160])
     mine = table[
         (table["car"] == car.name) & table["usable"].isin(["yes", "in part"]) & table["value"].notna()

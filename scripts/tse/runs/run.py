@@ -1,6 +1,6 @@
-"""Run all logs of a fleet: several cars at once, the drives of a car one after the
-other, each from the learnt state of the one before. In processes of this machine or on
-a Dask cluster, with the same numbers."""
+"""Run all logs of a fleet. Several cars run in parallel. The drives of a car run one
+after the other, each from the learnt state of the previous one. The logs run in processes
+on this machine or on a Dask cluster, and give the same results on both."""
 
 import contextlib
 import sys
@@ -28,22 +28,22 @@ from tse.runs.find import Drive
 from tse.runs.keep import Done, Store
 from tse.runs.work import Outcome, Task, read_code_version, run_task
 
-MAX_CALIBRATION_LOGS = 4  # max number of logs of a car that calibrate it
+MAX_CALIBRATION_LOGS = 4  # max number of logs on which a car is calibrated
 
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """Options that all logs share."""
+    """Options of a fleet, the same for all logs; see tse.fleet()."""
 
     reading: Reading
     config: Path | None = None
     average: float | None = None
     form: str = "default"
     settings: dict[str, float] = field(default_factory=dict)
-    learn: bool = True  # each drive starts from the learnt state of the drive before
-    reports: bool = True
-    estimates: bool = False
-    calibrate: bool = True  # an uncalibrated car, on its first logs
+    learn: bool = True  # whether each drive starts from the learnt state of the previous one
+    reports: bool = True  # whether a page is written for each log
+    estimates: bool = False  # whether the estimates of every row are written for each log
+    calibrate: bool = True  # whether an uncalibrated car is calibrated on its first logs
 
 
 def run_drives(
@@ -54,8 +54,11 @@ def run_drives(
     scheduler: str | None = None,
     progress: bool = False,
 ) -> list[Done]:
-    """Run the logs that are not done. Return all, in the order of `drives`. `jobs`:
-    processes; 0: this one."""
+    """Run the logs that are not done yet. Return the outcomes of all logs, in the order
+    of `drives`.
+
+    `jobs`: number of worker processes; 0: run in this process. `scheduler`: address of a
+    Dask cluster that runs the logs instead. `progress`: show a progress bar."""
     done: dict[Drive, Done] = {}
     chains = [_Chain(c, plan, store) for c in _group_chains(drives, plan.learn)]
     with tqdm(
@@ -75,10 +78,10 @@ def run_drives(
                 while waiting or running:
                     while waiting:
                         chain = waiting.popleft()
-                        task = chain.next(keep)
+                        task = chain.find_next(keep)
                         if task is None:
                             continue
-                        if workers is None:  # no process is started if all is done
+                        if workers is None:  # start processes only if a log has to run
                             workers = stack.enter_context(_open_workers(min(jobs, len(chains)), scheduler))
                         running[task.log] = chain
                         workers.submit(task)
@@ -89,7 +92,7 @@ def run_drives(
                         waiting.append(chain)
         except KeyboardInterrupt:
             kept = f"{store.out} keeps the {len(done)} of {len(drives)} logs that are done"
-            raise Interrupted(f"stopped; {kept}, the same command goes on from there") from None
+            raise Interrupted(f"stopped by Ctrl-C; {kept}, and the same command continues") from None
     return [done[d] for d in drives]
 
 
@@ -100,44 +103,46 @@ def _open_workers(jobs: int, scheduler: str | None) -> Workers:
 
 
 def get_outcome(task: Task, result: Callable[[], Outcome]) -> Outcome:
-    """Return the outcome of a log, also if its process died."""
+    """Return the outcome of a log. If its process died, the outcome is an error."""
     try:
         return result()
     except Died as error:
-        return Outcome(error=f"{task.log}: {error}: cut the log, or run it where there is more")
+        return Outcome(error=f"{task.log}: {error}: cut the log, or run it on a machine with more memory")
 
 
 def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
-    """Return the drives that must run in order: those of a car."""
+    """Return groups of drives. The drives of a group run one after the other. They are
+    the drives of a car or, without `learn`, a single drive. The longest group comes
+    first, because it determines the total time."""
     if not learn:
         return [[d] for d in drives]
     cars: dict[str, list[Drive]] = {}
     for d in drives:
         cars.setdefault(d.car, []).append(d)
-    return sorted(
-        cars.values(), key=len, reverse=True
-    )  # the longest chain first: it decides when all is done
+    return sorted(cars.values(), key=len, reverse=True)
 
 
 class _Chain:
-    """The drives of a car, and the learnt state of the last one."""
+    """The drives of a car that still have to run, and the learnt state of the last one
+    that ran."""
 
     def __init__(self, drives: Sequence[Drive], plan: FleetPlan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
-        self.calibrated: dict[Path, Path] = {}  # vehicle file -> the calibrated one
+        self.calibrated: dict[Path, Path] = {}  # vehicle file: the calibrated vehicle file
         self.learnt: bytes | None = None
-        self.end = 0.0  # end of the drive that was learnt from, s since 1970
+        self.end = 0.0  # [s since 1970] end of the drive after which `learnt` was saved
 
-    def next(self, keep: Any) -> Task | None:
-        """Return the next log that has to be run; keep the done ones on the way. None:
-        no more."""
+    def find_next(self, keep: Any) -> Task | None:
+        """Return the task of the next log that has to run. None: there is none.
+
+        `keep`: called with each log before it that is already done or has an error."""
         while self.drives:
             drive = self.drives[0]
             if drive.error or drive.vehicle is None:
                 self.drives.popleft()
                 keep(Done(drive, Outcome(error=drive.error or f"{drive.log}: no vehicle file")))
                 continue
-            task = self.task(drive)
+            task = self.make_task(drive)
             kept = self.store.load(drive, task)
             if kept is None:
                 return task
@@ -146,7 +151,8 @@ class _Chain:
             keep(kept)
         return None
 
-    def task(self, drive: Drive) -> Task:
+    def make_task(self, drive: Drive) -> Task:
+        """Return the task of a drive."""
         reading, plan = self.plan.reading, self.plan
         vehicle = self.calibrated.get(drive.vehicle, drive.vehicle) if drive.vehicle else None
         mine = (
@@ -177,12 +183,15 @@ class _Chain:
         )
 
     def take(self, task: Task, outcome: Outcome) -> Done:
+        """Store the outcome of the first drive, and remove the drive."""
         drive = self.drives.popleft()
         outcome.error = outcome.error.replace(str(task.log), str(drive.log))
         self._learn(drive, outcome)
         return self.store.save(drive, task, outcome)
 
     def _learn(self, drive: Drive, outcome: Outcome) -> None:
+        """Use calibrated vehicle file and learnt state of a drive for the following
+        ones."""
         if self.plan.learn and outcome.calibrated and drive.vehicle:
             self.calibrated[drive.vehicle] = self.store.calibrated(drive, outcome.calibrated)
         if self.plan.learn and outcome.learnt is not None:
@@ -190,11 +199,11 @@ class _Chain:
 
 
 def _resolve_path(path: Path | None) -> Any:
-    """Return an absolute path: workers may run in another folder."""
+    """Return an absolute path, because workers may run in a different folder."""
     return resolve_path(path) if path is not None else None
 
 
 def group_by_car(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:
-    """Yield the logs car by car, in order of time."""
+    """Yield the name and the logs of each car."""
     for car in dict.fromkeys(d.drive.car for d in done):
         yield car, [d for d in done if d.drive.car == car]

@@ -1,5 +1,5 @@
-"""One log: prepare vehicle, log and settings, and run the estimator. tse.estimate()
-uses it, and tse.fleet() for each log."""
+"""Prepare vehicle, log and settings, and run the estimator on one log. tse.estimate()
+does this, and tse.fleet() for each log."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -50,30 +50,26 @@ from tse.roads.road import Road
 
 @dataclass
 class Prepared:
-    """A run that may begin.
-
-    `warnings`: how the channels contradict each other. `doubts`: contradictions that
-    count only if the rows confirm them. Both are among the notes. `own`: result of the
-    calibration on the log itself."""
+    """A run that is prepared: all inputs of the estimator, and what the checks found."""
 
     vehicle: Vehicle
     log: CheckedLog
     config: Config
-    notes: list[str]
-    warnings: list[str]
+    notes: list[str]  # sentences of all checks; `warnings` and `doubts` are among them
+    warnings: list[str]  # contradictions between channels, because of which no row is valid
+    # possible contradictions, which become warnings if the estimates confirm one
     doubts: list[str] = field(default_factory=list)
-    own: OwnCalibration | None = None
+    own: OwnCalibration | None = None  # result of the calibration on the log itself
 
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Options of the calibration of an uncalibrated car on the log itself.
+    """Options of the calibration of an uncalibrated car on the log itself."""
 
-    `others`: more logs of the same car. `goes_on`: Ctrl-C ends the calibration only,
-    and the estimate is that of an ordinary car."""
-
-    say: Callable[[str], None] = lambda _: None
-    others: Sequence[CheckedLog] = ()
+    say: Callable[[str], None] = lambda _: None  # called with a sentence about the current step
+    others: Sequence[CheckedLog] = ()  # further logs of the same car
+    # after Ctrl-C during the calibration, estimate with an ordinary car instead of
+    # stopping
     goes_on: bool = False
 
 
@@ -89,7 +85,8 @@ def prepare_run(
     calibrate: Calibrate | None = None,
     road: Road | None = None,
 ) -> Prepared:
-    """Read and check the files of a run, and prepare it."""
+    """Read and check vehicle file and log, and prepare the run. For the arguments see
+    assemble_run()."""
     vehicle = read_vehicle(vehicle_path)
     reading = replace(reading or Reading(), car=vehicle)
     log = read_log(log_path, reading=reading)
@@ -121,24 +118,26 @@ def assemble_run(
     calibrate: Calibrate | None = None,
     road: Road | None = None,
 ) -> Prepared:
-    """Prepare a run.
+    """Check vehicle, log and settings against each other, and prepare the run.
 
-    `vehicle` is filled in. `source`: origin of `settings`, for messages. `strict`:
-    refuse a log with warnings. `calibrate`: options for an uncalibrated car; None: it
-    stays so. `road`: bank and grade for the filter."""
+    `vehicle`: its missing values are filled in. `average`: length of the blocks over
+    which the log is averaged, s; None: not averaged. `source`: where `settings` come
+    from, for messages. `strict`: raise UserError if there are warnings. `calibrate`:
+    options for calibrating an uncalibrated car first; None: do not. `road`: bank and
+    grade for the filter."""
     stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
     level = log
     if road is not None:
         if form != "default":
-            raise UserError(f"{road.path}: only the default filter uses a road, not form {form}")
-        from tse.roads.road_match import add_road  # scipy: only with a road
+            raise UserError(f"{road.path}: form {form} cannot use a road: use the default form")
+        from tse.roads.road_match import add_road  # imports scipy, which is slow
 
         log, profile = add_road(log, road, Config.exact(vehicle.values))
     lively = select_liveliest(log, MAX_CHECKED_ROWS)
     if form == "default":
-        average_sensors(vehicle, lively)  # the filter estimates the others
+        average_sensors(vehicle, lively)  # the filter estimates the noise itself
     else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
@@ -201,15 +200,14 @@ def assemble_run(
 
 @dataclass
 class Run:
-    """A run, and what it found. `notes` are those of the preparation, too; `reported`:
-    the report is written."""
+    """Result of a run."""
 
     estimate: Estimates
     changes: list[Change]
     findings: list[Finding]
-    notes: list[str]
-    reported: bool
-    started_from: str | None = None  # the learnt state, and its age
+    notes: list[str]  # of the preparation and of the run
+    reported: bool  # whether the report was written
+    started_from: str | None = None  # sentence about the learnt state of the start, with its age
 
 
 def run_prepared(
@@ -220,11 +218,12 @@ def run_prepared(
     progress: bool = False,
     whole: bool = False,
 ) -> Run:
-    """Estimate; write the estimates to `out` and the report, where they are given.
+    """Run the estimator. Write the estimates to `out` and the page to `report`, if given.
 
-    If the rows show that the channels contradict each other, estimate again with no row
-    valid. `whole`: keep the table of all rows and columns in memory, in place of a
-    summary."""
+    If the estimates show that channels contradict each other, the estimator runs again
+    with every row marked as not valid. `learnt`: learnt state from which the filter
+    starts. `progress`: show a progress bar. `whole`: keep all rows and columns in memory,
+    instead of a summary, and write no `out`."""
 
     def estimate_once() -> tuple[Estimates, Any]:
         contradicted = bool(prepared.warnings)
@@ -262,8 +261,8 @@ def run_prepared(
 
 
 def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
-    """Return whether the rows show a contradiction that the preparation did not. It is
-    added to the warnings."""
+    """Return whether the estimates show that channels contradict each other, if the
+    preparation has not found it. The contradiction is added to the warnings."""
     late = check_steering_lag(table, prepared.config)
     said = (
         ""
@@ -280,13 +279,13 @@ def find_contradiction(prepared: Prepared, table: pd.DataFrame) -> bool:
 
 
 def collect_notes(prepared: Prepared, est: Estimates) -> list[str]:
-    """Return all notes of a run: of the preparation, of refused rows, of the
-    estimates."""
+    """Return all notes of a run: those of the preparation, and those about refused rows
+    and about the estimates."""
     notes = list(prepared.notes)
     refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:
         notes.append(
-            f"{refused} rows were refused by the library; their estimates are empty, the status says why"
+            f"{refused} rows were refused by the library: they have no estimates, and their status says why"
         )
     return [
         *notes,

@@ -1,5 +1,5 @@
-"""One log of a fleet: the task, the work and the outcome of a process, here or
-elsewhere."""
+"""Estimate one log of a fleet, possibly in a different process or on a different machine:
+the task that is sent there, and the outcome that comes back."""
 
 import tempfile
 import traceback
@@ -23,14 +23,13 @@ from tse.runs.single import Calibrate, prepare_run
 
 
 class Mismatch(UserError):
-    """This process has another tselab or library than the one that sent the task, so
-    all numbers would be in doubt."""
+    """A worker has a different tselab or C library than the process that sent the task,
+    so its results could differ."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One log and everything that is needed to run it. `learnt`: learnt state of the
-    drive before, `age` s older."""
+    """One log, and everything that a worker needs to estimate it."""
 
     log: Path
     vehicle: Path
@@ -42,42 +41,44 @@ class Task:
     average: float | None
     form: str
     settings: Mapping[str, float]
-    learnt: bytes | None
-    age: float
-    report: bool
-    estimates: Path | None
-    calibrate: bool  # an uncalibrated car, on this log and on `others`, each with its signals
-    others: tuple[tuple[Path, Path | None], ...]
+    learnt: bytes | None  # learnt state after the previous drive of the car
+    age: float  # [s] time from the end of that drive to the start of this one
+    report: bool  # whether a page is written
+    estimates: Path | None  # file for the estimates of every row; None: they are not written
+    calibrate: bool  # whether an uncalibrated car is calibrated on this log and on `others`
+    others: tuple[tuple[Path, Path | None], ...]  # further logs of the car, and their signals
     code: tuple[str, str]  # read_code_version() of the sender
 
 
 @dataclass
 class Outcome:
-    """The outcome of a task."""
+    """Result of a task."""
 
-    error: str = ""
-    rows: list[dict[str, Any]] = field(default_factory=list)  # results.COLUMNS
-    learnt: bytes | None = None
-    report: bytes | None = None
-    seconds: float = 0.0  # duration of the log
-    code: int = 4  # results.choose_exit_code()
+    error: str = ""  # why the log could not be estimated; empty: it was
+    rows: list[dict[str, Any]] = field(default_factory=list)  # with the columns results.COLUMNS
+    learnt: bytes | None = None  # learnt state after this drive
+    report: bytes | None = None  # content of the page
+    seconds: float = 0.0  # [s] duration of the log
+    code: int = 4  # from results.choose_exit_code()
     notes: list[str] = field(default_factory=list)
-    calibrated: str = ""  # text of the vehicle file that this log has calibrated
+    calibrated: str = ""  # vehicle file that was calibrated on this log; empty: it was not
 
 
 def read_code_version() -> tuple[str, str]:
-    """Return version of tselab and digest of the library of this process."""
+    """Return the version of tselab and the digest of the C library of this process."""
 
     return __version__, hash_library()
 
 
 def run_task(task: Task) -> Outcome:
-    """Run one log. A log that cannot be used is an outcome, not an exception."""
+    """Estimate one log. If it cannot be estimated, return an outcome with the error.
+
+    Raise Mismatch if this process has a different tselab or C library than the sender."""
     version, digest = read_code_version()
     if (version, digest) != task.code:
         raise Mismatch(
-            f"a worker has tselab {version}, library {digest[:8]}; asked is {task.code[0]}, "
-            f"{task.code[1][:8]}: install the same on all"
+            f"a worker has tselab {version} and library {digest[:8]}, but {task.code[0]} and "
+            f"{task.code[1][:8]} are needed: install the same version on all workers"
         )
     try:
         return _run_log(task)
@@ -85,20 +86,20 @@ def run_task(task: Task) -> Outcome:
         return Outcome(error=str(error))
     except MemoryError:
         return Outcome(
-            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there "
-            "is more"
+            error=f"{task.log}: is too long for the memory of this machine: cut it, or run it on a machine "
+            "with more memory"
         )
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return Outcome(
             error=f"{task.log}: internal error: {type(error).__name__}: {error} "
             f"({Path(where.filename).name}:{where.lineno}); "
-            "a fault of tselab, please report it"
+            "this is an error in tselab, please report it"
         )
 
 
 def _run_log(task: Task) -> Outcome:
-
+    """Estimate one log. Raise UserError if it cannot be estimated."""
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     itself, of_others = None, list[str]()
     if task.calibrate and is_uncalibrated(car := read_vehicle(task.vehicle)):
@@ -111,14 +112,15 @@ def _run_log(task: Task) -> Outcome:
         task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself
     )
     made = prepared.own.text if prepared.own else ""
-    # A state that was learnt with the uncalibrated car does not fit
+    # a state that was learnt with the uncalibrated car is not valid for the calibrated
+    # one
     before = task.learnt if not made else None
     learnt = Learnt(Path("the drive before"), before, task.age, True) if before is not None else None
     if learnt is not None:
         try:
             learnt.load(NativeFilter(prepared.config))
         except UserError as error:
-            prepared.notes.append(f"what the drive before taught is not used: {error}")
+            prepared.notes.append(f"the learnt state of the previous drive is not used: {error}")
             learnt = None
     with tempfile.TemporaryDirectory() as scratch:
         report = Path(scratch) / "report.html" if task.report else None
@@ -133,9 +135,8 @@ def _run_log(task: Task) -> Outcome:
             ran.changes,
             [*prepared.warnings, *prepared.doubts, *prepared.log.warnings],
         ),
-        learnt=None
-        if prepared.warnings
-        else ran.estimate.learnt,  # nothing is learnt from contradicting channels
+        # if channels contradict each other, the learnt state is wrong and is discarded
+        learnt=None if prepared.warnings else ran.estimate.learnt,
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.choose_exit_code(ran.findings),

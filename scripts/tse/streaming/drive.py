@@ -1,5 +1,5 @@
-"""The filter while driving: frames of a bus in, estimates out, everything recorded. A
-failure of the bus is reported in a sentence, and the drive goes on."""
+"""Run the filter on the frames of a CAN bus while driving, and record the drive. If the
+bus fails, a sentence reports it, and the drive goes on."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ from tse.readers.bus_text import CanFrame
 from tse.readers.read_can import Bus
 from tse.readers.recording import ReadOptions, Recording, import_optional, list_names
 
-TICK = 0.002  # s between two looks for frames
-SILENT = 1.0  # s without a frame or a value of a channel, after which it is reported
-REOPENED = 1.0  # s between two attempts to open a bus that failed
-FOREIGN = 2.0  # s of unknown frames only, after which it is reported
-SAID_AGAIN = 10.0  # s between two sentences about error frames
-FIRST_CHECK, CHECKED = 10.0, 20.0  # s of rows until the channels are checked; s to the next check
-MAX_CHECKED = 60_000  # rows of a check: ten minutes at 100 Hz
-LISTENED, MAX_LISTENED = 20.0, 600.0  # s of frames from which signals are proposed; max s that are kept
-PIECE = 0.2  # s of frames that are used at a time
-WRITTEN = 1.0  # s between two writes of rows
-HAPPENED, SETTLED = 20.0, 0.5  # s in which events are looked for; min age of a reported event, s
-BUS_OFF, RESTARTED = 0x40, 0x100  # bits of an error frame of SocketCAN
+TICK = 0.002  # [s] min time between two calls that process frames
+SILENT = 1.0  # [s] time without a frame, or without a value of a channel, after which it is reported
+REOPENED = 1.0  # [s] time between two attempts to open a bus that failed
+FOREIGN = 2.0  # [s] if no frame of this time is in a database, it is reported
+SAID_AGAIN = 10.0  # [s] min time between two sentences about error frames
+FIRST_CHECK, CHECKED = 10.0, 20.0  # [s] time of the first check of the channels, and between checks
+MAX_CHECKED = 60_000  # max number of rows that a check uses: ten minutes at 100 Hz
+LISTENED, MAX_LISTENED = 20.0, 600.0  # [s] frames for the first proposal of signals; max kept for it
+PIECE = 0.2  # [s] max duration of the frames that are processed together
+WRITTEN = 1.0  # [s] time between two writes of rows
+HAPPENED, SETTLED = 20.0, 0.5  # [s] length of the past that is searched for events; min age of one
+BUS_OFF, RESTARTED = 0x40, 0x100  # bits in the identifier of an error frame of SocketCAN
 
 Say = Callable[[str], None]
 
@@ -69,36 +69,37 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Arrived:
-    """A frame, and its arrival on the machine's clock, s."""
+    """A received frame."""
 
     frame: CanFrame
-    at: float
+    at: float  # [s] time of arrival, time.monotonic()
 
 
 class Reader(threading.Thread):
-    """Reads a bus, and opens it again where it fails.
+    """Thread that reads a bus. If the bus fails, the thread opens it again.
 
     Parameters
     ----------
     open_bus : callable
-        Returns a bus of python-can.
+        Returns an open bus of python-can.
     say : callable
-        Takes a sentence.
+        Called with a sentence for each event of the bus.
     record : callable
-        Takes each message of python-can.
+        Called with each message of python-can.
     """
 
     def __init__(self, open_bus: Callable[[], Any], say: Say, record: Callable[[Any], None]):
         super().__init__(daemon=True, name="bus")
         self._open, self._say, self._record = open_bus, say, record
-        self._bus = open_bus()  # raises at once if the bus cannot be opened
+        self._bus = open_bus()  # here and not in the thread, so that the caller gets the error
         self._came: deque[Arrived] = deque()
         self._there, self._ended = threading.Event(), threading.Event()
         self.count = 0
         self.errors = 0
 
     def take(self, timeout: float) -> list[Arrived]:
-        """Return the frames since the last call; wait for them up to `timeout` s."""
+        """Return the frames received since the last call. If there are none, wait for up
+        to `timeout` s."""
         self._there.wait(timeout)
         self._there.clear()
         found = []
@@ -107,7 +108,7 @@ class Reader(threading.Thread):
         return found
 
     def stop(self) -> None:
-        """End reading."""
+        """Stop the thread, and close the bus."""
         self._ended.set()
         if self.is_alive():
             self.join(2.0)
@@ -123,7 +124,7 @@ class Reader(threading.Thread):
                     self._bus = self._open()
                     self._say("the bus is open again")
                 message = self._bus.recv(0.2)
-            except Exception as error:  # of drivers of many makers
+            except Exception as error:  # each driver raises other types
                 self._fail(error)
                 continue
             if message is None:
@@ -132,14 +133,14 @@ class Reader(threading.Thread):
                 self.errors += 1
                 if message.arbitration_id & BUS_OFF and not message.arbitration_id & RESTARTED:
                     self._say(
-                        "the bus is off: the controller has left it after too many errors; it goes on "
-                        "when it is back"
+                        "the bus is off: the controller has disconnected after too many errors; the drive "
+                        "goes on when the controller reconnects"
                     )
                 elif time.monotonic() - said_errors > SAID_AGAIN:
                     said_errors = time.monotonic()
                     self._say(
                         f"{self.errors} error frame{'s' if self.errors > 1 else ''} on the bus so far: "
-                        "bit rate or wiring"
+                        "check bit rate and wiring"
                     )
                 continue
             if message.is_remote_frame:
@@ -154,28 +155,33 @@ class Reader(threading.Thread):
             self._there.set()
 
     def _fail(self, error: Exception) -> None:
+        """Report an error of the bus, close the bus, and wait until it may be opened
+        again."""
         if self._bus is not None and not self._ended.is_set():
             self._say(
-                f"the bus failed ({str(error)[:120] or type(error).__name__}): it is opened again each second"
+                f"the bus failed ({str(error)[:120] or type(error).__name__}): the drive goes on, and tries "
+                "to open the bus again each second"
             )
         try:
             if self._bus is not None:
                 self._bus.shutdown()
-        except Exception:  # its failure was reported already
+        except Exception:  # the failure of the bus has already been reported
             pass
         self._bus = None
         self._ended.wait(REOPENED)
 
 
 def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callable[[], Any]:
-    """Return a function that opens a bus of python-can. It raises UserError with the
-    message of the driver."""
+    """Return a function that opens a bus of python-can. If the bus cannot be opened, that
+    function raises UserError with the message of the driver.
+
+    `more`: further options of the interface."""
     can = import_optional("can", "can", f"live, interface {interface}")
 
     def opened() -> Any:
         try:
             return can.Bus(interface=interface, channel=channel, **more)
-        except Exception as error:  # of drivers of many makers
+        except Exception as error:  # each driver raises other types
             raise UserError(
                 f"interface {interface}, channel {channel}: cannot be opened: "
                 f"{str(error)[:200] or type(error).__name__}"
@@ -184,15 +190,15 @@ def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callabl
     return opened
 
 
-# ---- What is recorded
+# ---- The record
 
 
 class Record:
-    """A folder with the drive: frames as they came, rows as the filter had them,
-    estimates, and what was said.
+    """Folder in which a drive is recorded: received frames, rows of the filter, estimates
+    and events.
 
-    A disk that takes no more is a sentence; the filter goes on. Without a folder nothing
-    is kept."""
+    If the folder cannot be written, a sentence reports it, recording ends, and the filter
+    goes on. If `folder` is None, nothing is recorded."""
 
     def __init__(self, folder: Path | None, say: Say):
         self._own = tempfile.TemporaryDirectory(prefix="tselab-") if folder is None else None
@@ -200,7 +206,7 @@ class Record:
         if folder is not None:
             make_directory(folder)
             if any(folder.iterdir()):
-                raise UserError(f"{folder}: is not empty; a drive needs a folder of its own")
+                raise UserError(f"{folder}: is not empty: give a new or empty folder for the drive")
         self._say = say
         self._frames: Any = None
         self._files: dict[str, IO[bytes]] = {}
@@ -211,9 +217,11 @@ class Record:
         """Record a message of python-can."""
         if self._frames is None and not self._failed:
             can = import_optional("can", "can", "live")
-            self._guarded(lambda: setattr(self, "_frames", can.BLFWriter(str(self.folder / "frames.blf"))))
+            self._run_guarded(
+                lambda: setattr(self, "_frames", can.BLFWriter(str(self.folder / "frames.blf")))
+            )
         if self._frames is not None and not self._failed:
-            self._guarded(lambda: self._frames.on_message_received(message))
+            self._run_guarded(lambda: self._frames.on_message_received(message))
 
     def write(self, name: str, data: bytes) -> None:
         """Append to a file of the folder."""
@@ -221,27 +229,28 @@ class Record:
         def append() -> None:
             with self._lock:
                 if name not in self._files:
-                    self._files[name] = open(self.folder / name, "ab")  # noqa: SIM115 - it stays open as long as the drive
+                    self._files[name] = open(self.folder / name, "ab")  # noqa: SIM115 - until close()
                 self._files[name].write(data)
                 self._files[name].flush()
 
         if not self._failed:
-            self._guarded(append)
+            self._run_guarded(append)
 
-    def _guarded(self, act: Callable[[], None]) -> None:
+    def _run_guarded(self, act: Callable[[], None]) -> None:
+        """Call a function that writes. If it fails, report it and end recording."""
         try:
             act()
         except OSError as error:
             self._failed = True
             self._say(
-                f"{self.folder}: cannot be written ({error.strerror or error}): it goes on, and nothing "
-                "more is recorded"
+                f"{self.folder}: cannot be written ({error.strerror or error}): the drive goes on, but is "
+                "no longer recorded"
             )
 
     def close(self) -> None:
-        """Close all files."""
+        """Close all files. Delete the folder if it is temporary."""
         if self._frames is not None:
-            self._guarded(self._frames.stop)
+            self._run_guarded(self._frames.stop)
         for file in self._files.values():
             file.close()
         if self._own is not None:
@@ -253,41 +262,41 @@ class Record:
 
 @dataclass
 class DriveState:
-    """State of a drive, for display."""
+    """Progress of a drive, for display."""
 
     rows: int = 0
     frames: int = 0
-    first: float = 0.0  # s, of the first row
-    time: float = 0.0  # s, of the last row
-    delay: float = 0.0  # s from a frame to its estimate: max of the last second
-    delays: list[float] = field(default_factory=list)  # of all rows after the signals were found
-    statuses: Counter[int] = field(default_factory=Counter)
-    contradicted: list[str] = field(default_factory=list)
+    first: float = 0.0  # [s] time of the first row
+    time: float = 0.0  # [s] time of the last row
+    delay: float = 0.0  # [s] delay from a frame to its estimate, max of the last second
+    delays: list[float] = field(default_factory=list)  # [s] delay of each row once signals are known
+    statuses: Counter[int] = field(default_factory=Counter)  # number of rows for each status
+    contradicted: list[str] = field(default_factory=list)  # sentences on contradicting channels
 
 
 class LiveDrive:
-    """The filter on a bus.
+    """A drive: reads a bus, makes rows from the frames, runs the filter, and records.
 
     Parameters
     ----------
     open_bus : callable
-        Returns a bus of python-can (make_bus_opener()).
+        Returns an open bus of python-can (make_bus_opener()).
     databases : sequence of Path
-        What its frames mean.
+        Databases that define the frames.
     vehicle : Vehicle
         The car.
     config : Config
         Settings of the filter.
     signals : SignalsFile or None
-        Which signal is which channel; None: they are proposed from what comes.
+        Assignment of signals to channels; None: it is proposed from the received frames.
     folder : Path or None
-        Where the drive is recorded; None: nowhere.
+        Folder in which the drive is recorded; None: it is not recorded.
     learnt : Learnt, optional
-        What an earlier drive taught.
+        Learnt state of an earlier drive.
     rate : float, optional
-        Of the rows, Hz.
+        Rate of the rows, Hz.
     say : callable
-        Takes a sentence about what just happened.
+        Called with a sentence for each event.
     """
 
     def __init__(
@@ -315,9 +324,9 @@ class LiveDrive:
         else:
             self._bus = Bus(Path("the bus"), self.databases, ReadOptions())
         if learnt is not None:
-            learnt.load(NativeFilter(config))  # refuse a wrong one before anything begins
+            learnt.load(NativeFilter(config))  # raises if the state is wrong, before the drive begins
         self.filter: NativeFilter | None = None
-        self._valid = dict.fromkeys(STIFFNESS, 0)  # number of valid rows
+        self._valid = dict.fromkeys(STIFFNESS, 0)  # number of valid rows of each stiffness
         self.reader = Reader(open_bus, self.say, lambda message: self.record.frame(message))
         try:
             self.record = Record(folder, self.say)
@@ -329,13 +338,13 @@ class LiveDrive:
         self._proposed: SignalsFile | None = None
         self._listened: list[Arrived] = []
         self._next_proposal = LISTENED
-        self._origin = float("nan")  # time of the bus, s, that is 0 in the record
-        self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = (
-            deque()
-        )  # rows to be written
-        self._written = 0  # rows
+        self._origin = float("nan")  # [s] time of the bus that is time 0 of the record
+        # rows that are not written yet: times, columns, outputs
+        self._pending: deque[tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]] = deque()
+        self._written = 0  # number of written rows
         self._columns: deque[dict[str, np.ndarray]] = deque()  # the last written rows, in blocks
-        self._table: list[dict[str, Any]] = []  # columns of SUMMARY of every `stride`-th row
+        # blocks of the columns SUMMARY, of every `_stride`-th written row
+        self._table: list[dict[str, Any]] = []
         self._stride = 1
         self._ended = threading.Event()
         self._keeper = threading.Thread(target=self._keep, daemon=True, name="record")
@@ -349,27 +358,30 @@ class LiveDrive:
         self._quiet = self._foreign = False
         self._last_tick = 0.0
         self._recent: deque[tuple[float, float]] = deque()
-        self.last: np.ndarray | None = None  # the last output
+        self.last: np.ndarray | None = None  # output of the last row
         self.closed = False
         _warm_up(config)
         gc.collect()
-        gc.freeze()  # what is loaded now stays: a search through it takes longer than a row may
+        # exclude the objects loaded so far from garbage collection: to scan them takes
+        # longer than the time between two rows
+        gc.freeze()
         self.reader.start()
         self._keeper.start()
 
     @property
     def started_from(self) -> str | None:
-        """Learnt state that the drive started from, and its age."""
+        """Sentence about the learnt state that the drive started from, with its age."""
         return self._learnt.note if self._learnt is not None else None
 
     def _copy_inputs(self) -> None:
-        """Copy the inputs that a later `tselab estimate` of the frames needs."""
+        """Copy databases, signals and learnt state to the record, so that `tselab
+        estimate` can estimate the recorded frames later."""
         folder = self.record.folder
         for p in self.databases:
             shutil.copyfile(p, folder / p.name)
         if self._signals is not None and self._signals.path is not None:
             text = self._signals.path.read_text(encoding="utf-8-sig")
-            text = re.sub(r"(?m)^\s*databases\s*=.*\n", "", text)  # they stand beside it now
+            text = re.sub(r"(?m)^\s*databases\s*=.*\n", "", text)  # they are now in the same folder
             self.record.write("frames.signals.toml", text.encode())
         if self._learnt is not None:
             self.record.write("before.tse", self._learnt.data)
@@ -377,13 +389,15 @@ class LiveDrive:
     # ---- sentences
 
     def say(self, text: str) -> None:
-        """Report an event, and record it."""
+        """Report an event as a sentence, and record it."""
         at = self.drive.time
         self.said.append((at, text))
         self.record.write("events.txt", f"{at:.2f} s: {text}\n".encode())
         self._tell(text)
 
     def _say_once(self, text: str) -> None:
+        """Report an event, unless a sentence that differs only in its numbers has been
+        reported before."""
         plain = re.sub(r"[\d.]+", "#", text)
         if plain not in self._said_once:
             self._said_once.add(plain)
@@ -392,8 +406,8 @@ class LiveDrive:
     # ---- the loop
 
     def work(self, timeout: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-        """Use the frames that have come, or wait for them up to `timeout` s. Return
-        times of the rows that they make, and their outputs."""
+        """Process the received frames; if there are none, wait for up to `timeout` s.
+        Return times and outputs of the rows that were made from them."""
         came = self.reader.take(timeout)
         if came and (rest := self._last_tick + TICK - time.monotonic()) > 0:
             time.sleep(rest)
@@ -405,7 +419,7 @@ class LiveDrive:
             self._listen(came, now)
             if self.stream is None:
                 return np.zeros(0), self._make_no_outputs()
-            came, self._listened = self._listened, []  # all frames so far
+            came, self._listened = self._listened, []  # signals are known now: use all frames so far
         made = []
         for part in _cut_pieces(came) or [[]]:
             for text in self.stream.add([a.frame for a in part]):
@@ -416,19 +430,23 @@ class LiveDrive:
         return times, outputs
 
     def _keep(self) -> None:
-        """Write, look back and check now and then, in a thread of its own: rows must
-        not wait for it."""
+        """Write rows, report events and check the channels at intervals, until the drive
+        ends. Runs in a separate thread, so that the filter does not wait for it."""
         while not self._ended.wait(WRITTEN):
             self._write()
             self._look_back()
             if self.drive.time > self._next_check and self._columns:
                 self._next_check = self.drive.time + CHECKED
-                self._agree(list(self._columns))
+                self._check_channels(list(self._columns))
 
     def _make_no_outputs(self) -> np.ndarray:
         return np.zeros(0, library().dtype(OUTPUT))
 
     def _look_at_bus(self, came: Sequence[Arrived], now: float) -> None:
+        """Report whether frames have stopped or come again, and a bus whose frames are
+        not in the databases.
+
+        `came`: frames since the last call. `now`: time.monotonic(), s."""
         if came:
             if self._quiet:
                 self.say(f"frames again, after {now - self._last_frame:.1f} s")
@@ -436,7 +454,7 @@ class LiveDrive:
             self._first_frame = min(self._first_frame, now)
         elif not self._quiet and now > self._last_frame + SILENT:
             self._quiet = True
-            self.say("no frame for a second: is the bus asleep, off, or another one?")
+            self.say("no frame for a second: the bus may be asleep or off; check interface and channel")
         if self._foreign or now < self._first_frame + FOREIGN:
             return
         known, unknown = (self.stream.known, self.stream.unknown) if self.stream else self._count()
@@ -450,8 +468,8 @@ class LiveDrive:
             )
 
     def _count(self) -> tuple[int, dict[int, int]]:
-        """Count frames that are known, and identifiers that are not, while there are no
-        signals yet."""
+        """Return the number of frames that are in a database, and the number of frames
+        for each identifier that is not. Used until the signals are known."""
         seen = Counter(a.frame.identifier for a in self._listened)
         known = sum(n for i, n in seen.items() if self._bus is not None and self._bus.knows(i))
         return known, {i: n for i, n in seen.items() if self._bus is None or not self._bus.knows(i)}
@@ -459,7 +477,8 @@ class LiveDrive:
     # ---- proposed signals
 
     def _listen(self, came: Sequence[Arrived], now: float) -> None:
-        """Gather frames until they say which signal is which channel."""
+        """Collect frames. At intervals start a thread that proposes signals from them.
+        When it has found the signals, begin to make rows."""
         self._listened += came
         if self._listened and self._listened[-1].frame.time - self._listened[0].frame.time > MAX_LISTENED:
             del self._listened[: len(self._listened) // 2]
@@ -478,7 +497,7 @@ class LiveDrive:
             self._proposing.start()
 
     def _propose(self, came: list[Arrived]) -> None:
-        """Propose signals from what has come. Runs beside the reader."""
+        """Propose signals from the received frames. Runs in a separate thread."""
         try:
             notes: list[str] = []
             bus = Bus(Path("the bus"), self.databases, ReadOptions())
@@ -495,7 +514,7 @@ class LiveDrive:
             missing = [c for c in proposal.missing if c not in ("accel_x",)]
             if missing:
                 self.say(
-                    f"not found so far: {', '.join(missing)}; it listens on, drive some "
+                    f"not found so far: {', '.join(missing)}; more frames are needed, drive some "
                     f"bends{_find_nearest(proposal, missing)}"
                 )
                 return
@@ -505,14 +524,15 @@ class LiveDrive:
             for g in proposal.guesses:
                 self.say(f"proposed: {format_headline(g)}")
             self.say(
-                f"guessed by names, units and physics: look at {path}, and name it with --signals the "
-                "next time"
+                f"the signals are guessed by names, units and physics: check {path}, and give it with "
+                "--signals for the next drive"
             )
         except UserError as error:
             self._say_once(str(error).splitlines()[0])
-        except Exception as error:  # without this sentence the drive would listen for ever
+        except Exception as error:  # report it: otherwise the user would wait for signals in vain
             self._say_once(
-                f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); it listens on"
+                f"signals could not be proposed ({type(error).__name__}: {str(error)[:100]}); the next "
+                "attempt uses more frames"
             )
 
     def _begin_with(self, signals: SignalsFile) -> None:
@@ -525,6 +545,8 @@ class LiveDrive:
     # ---- rows
 
     def _step(self, came: Sequence[Arrived], now: float) -> tuple[np.ndarray, np.ndarray]:
+        """Make the rows that are complete after the frames `came`, and run the filter on
+        them. Return times and outputs of the rows."""
         stream = self.stream
         assert stream is not None
         behind = 0.0 if came else now - self._last_frame
@@ -543,7 +565,9 @@ class LiveDrive:
         if self.drive.contradicted:
             mark_implausible(outputs)
         took = time.monotonic()
-        if came and len(times) < 0.5 / self.config.sample_time:  # more rows: they waited for the signals
+        # rows of half a second at once have waited for the proposal of signals: their
+        # delay is not that of the filter
+        if came and len(times) < 0.5 / self.config.sample_time:
             self.drive.delays += [took - came[0].at] * len(times)
             self._recent.append((took, took - came[0].at))
         while self._recent and self._recent[0][0] < took - 1.0:
@@ -559,6 +583,8 @@ class LiveDrive:
         return times, outputs
 
     def _start(self, first: float) -> None:
+        """Create the filter before the first row, whose time on the bus is `first`, and
+        record its settings."""
         stream = self.stream
         assert stream is not None and stream.rate is not None
         self._origin = float(np.floor(first)) if first > 1e6 else 0.0
@@ -574,13 +600,13 @@ class LiveDrive:
             for k, v in self.config.as_dict().items()
             if v != self._plain[k] or k in ("sample_time", "max_gap")
         }
-        lines = ["# What this drive was estimated with; tselab estimate --config takes it."]
+        lines = ["# Settings with which this drive was estimated, for tselab estimate --config."]
         self.record.write(
             "filter.toml", "\n".join([*lines, *(f"{k} = {v!r}" for k, v in changed.items()), ""]).encode()
         )
 
     def _make_inputs(self, times: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
-        """Return rows as the library takes them."""
+        """Return the rows as inputs of the library."""
         lib = library()
         rows = np.zeros(len(times), lib.dtype(INPUT))
         if not self.drive.rows:
@@ -593,7 +619,8 @@ class LiveDrive:
         return rows
 
     def _look_at_channels(self) -> None:
-        """Say which channel has no value any more, and when it is back."""
+        """Report each channel that has received no value for SILENT, and that it has
+        values again."""
         stream = self.stream
         assert stream is not None
         bus_now = stream.time
@@ -604,8 +631,8 @@ class LiveDrive:
             if gone and c not in self._silent:
                 self._silent[c] = last
                 self.say(
-                    f"{c}: no value for a second (message {stream.find_message(c)}): it is missing until "
-                    "one comes"
+                    f"{c}: no value for a second (message {stream.find_message(c)}): the channel is missing "
+                    "until the next value"
                 )
             elif not gone and c in self._silent:
                 self.say(f"{c}: values again, after {bus_now - self._silent.pop(c):.1f} s")
@@ -613,7 +640,7 @@ class LiveDrive:
     # ---- written rows
 
     def _write(self) -> None:
-        """Write the rows since the last time."""
+        """Write the pending rows and their estimates. Keep a summary of the estimates."""
         new = [self._pending.popleft() for _ in range(len(self._pending))]
         if not new:
             return
@@ -640,8 +667,8 @@ class LiveDrive:
             self._table = [{str(n): whole[n].iloc[::2].array for n in whole}]
 
     def table(self) -> pd.DataFrame:
-        """Return the columns of SUMMARY of all written rows; of a long drive every
-        n-th row."""
+        """Return the columns SUMMARY of all written rows or, for a long drive, of every
+        `_stride`-th row."""
         frames = [pd.DataFrame(x) for x in self._table]
         nothing = make_block(np.zeros(0), self._make_no_outputs(), self.config)
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(nothing)
@@ -649,7 +676,8 @@ class LiveDrive:
     # ---- events
 
     def _look_back(self) -> None:
-        """Report changes, faults and sliding that the filter finds."""
+        """Report the changes, faults and sliding that the filter has found in the last
+        HAPPENED seconds, each only once."""
         tail: list[dict[str, Any]] = []
         for x in reversed(self._table):
             tail.insert(0, x)
@@ -672,8 +700,10 @@ class LiveDrive:
                 )
 
     def _is_said(self, what: str, start: float, end: float | None = None) -> bool:
-        """Return whether this event was reported; else mark it as reported. An event
-        that goes on is the same event."""
+        """Return whether an event has already been reported. If not, mark it as reported.
+
+        `what`: name of the event. `start`, `end` [s]. An event that continues one of the
+        same name counts as reported."""
         for i, (name, until) in enumerate(self._happened):
             if name == what and start <= until + 1.0:
                 self._happened[i] = (name, max(until, end or start))
@@ -681,10 +711,13 @@ class LiveDrive:
         self._happened = [(n, u) for n, u in self._happened if n != what] + [(what, end or start)]
         return False
 
-    # ---- do the channels agree?
+    # ---- check of the channels against each other
 
-    def _agree(self, columns: list[dict[str, np.ndarray]]) -> None:
-        """Check whether the channels contradict each other, as of a log."""
+    def _check_channels(self, columns: list[dict[str, np.ndarray]]) -> None:
+        """Check whether the channels contradict each other, with the check for logs, and
+        report it.
+
+        `columns`: the last written rows, in blocks."""
         try:
             data = {n: np.concatenate([c[n] for c in columns]) for n in columns[0]}
             time_ = data.pop("time")
@@ -701,14 +734,15 @@ class LiveDrive:
             self._say_once(str(error).splitlines()[0])
         except Exception as error:  # a failed check is reported, and does not end the drive
             self._say_once(
-                f"whether the channels agree could not be tested ({type(error).__name__}: {str(error)[:100]})"
+                f"the channels could not be checked against each other ({type(error).__name__}: "
+                f"{str(error)[:100]})"
             )
 
     # ---- the answer
 
     def result(self) -> tuple[Estimates, list[Finding], list[Change], list[str]]:
-        """Return estimates, findings, changes and contradictions at the end of the
-        drive, as `tselab estimate` finds them in the rows."""
+        """Return estimates, findings, changes and contradictions of the drive so far, as
+        `tselab estimate` would find them in the recorded rows."""
         table = self.table()
         sd = self.filter.uncertainty_sd() if self.filter is not None else {}
         against = list(self.drive.contradicted)
@@ -722,7 +756,7 @@ class LiveDrive:
         return est, make_findings(table, self.config, changes, against, sd), changes, against
 
     def now(self) -> list[Finding]:
-        """Return the findings of the last row."""
+        """Return the three stiffnesses after the last row, as findings."""
         if self.last is None:
             return []
         words = {code: f.name for code, f in library().codes(REASON).items()}
@@ -752,7 +786,8 @@ class LiveDrive:
         return [Finding(None, found)]
 
     def close(self) -> None:
-        """End the drive: stop reading, and complete the record."""
+        """End the drive: stop reading, process the last frames, and complete the
+        record."""
         if self.closed:
             return
         self.closed = True
@@ -769,13 +804,13 @@ class LiveDrive:
                 self._step(part, self._last_frame)
         self._write()
         if self._columns:
-            self._agree(list(self._columns))
+            self._check_channels(list(self._columns))
         self._look_back()
         self.record.close()
         gc.unfreeze()
 
     def numbers(self) -> str:
-        """Return rows, rate and delay in a few words."""
+        """Return number of frames and rows, rate and delay, as a sentence."""
         d = self.drive
         late = np.array(d.delays) * 1e3
         if not d.rows or not len(late):
@@ -800,7 +835,8 @@ def _has_event(x: dict[str, Any]) -> bool:
 
 
 def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
-    """Return frames in pieces of a short time, since channels keep a short time only."""
+    """Split frames into pieces of at most PIECE seconds, because the stream keeps the
+    values of its channels only for a short time."""
     pieces: list[list[Arrived]] = []
     for a in came:
         if not pieces or abs(a.frame.time - pieces[-1][0].frame.time) > PIECE:
@@ -810,7 +846,8 @@ def _cut_pieces(came: Sequence[Arrived]) -> list[list[Arrived]]:
 
 
 def _warm_up(config: Config) -> None:
-    """Load what is loaded at its first use, so that the first frame does not wait."""
+    """Call functions that load modules and tables at their first use, so that the first
+    frame does not wait for it."""
     for wanted in ("rad", "rad/s", "m/s2"):
         unit_factor(wanted, wanted)
     make_csv_rows(convert_to_single(make_block(np.zeros(1), np.zeros(1, library().dtype(OUTPUT)), config)))
@@ -821,6 +858,7 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return the nearest candidate of the first channel that is not found."""
+    """Return a hint with the most similar signal for the first of the missing channels
+    that has one."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (nearest: {said[0]})" if said else ""

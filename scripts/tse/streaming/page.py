@@ -1,6 +1,6 @@
-"""A page of this machine that shows a drive while it goes on. It has the charts of the
-browser page, fed with rows of the filter that runs here; the filter of the browser
-page would give a second answer."""
+"""Web server on this machine for a page with plots of a running drive. The page has the
+charts of the browser page, but shows the estimates of the filter that runs here. It does
+not run a second filter in the browser."""
 
 from __future__ import annotations
 
@@ -22,28 +22,31 @@ from tse.library.core import NOMINAL, REASON, STIFFNESS, library
 from tse.streaming.drive import LiveDrive
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
-SHOWN = 0.05  # s between two rows that are shown
-MAX_KEPT = 72_000  # rows that are kept: an hour. When it is full, the older half is dropped
-AT_A_TIME = 4000  # rows of one answer
+SHOWN = 0.05  # [s] min time between two rows that the page shows
+# Max number of rows that are kept, an hour. When it is exceeded, the older half is
+# dropped
+MAX_KEPT = 72_000
+AT_A_TIME = 4000  # max number of rows in one response to the browser
 
 
 class Page:
-    """The page. add() takes rows as they come; threads of its own answer the browsers.
+    """The page and its server. add() stores new rows; threads of the server answer the
+    requests of browsers.
 
     Parameters
     ----------
     live : LiveDrive
         The drive.
     port : int
-        0: any that is free.
+        TCP port; 0: any free one.
     car : str
-        Sentence above the charts: that the car is not calibrated.
+        Sentence above the charts, if the car is not calibrated; otherwise empty.
     """
 
     def __init__(self, live: LiveDrive, port: int = 0, car: str = ""):
         self._live = live
         self._car = car
-        # along the car, the driven axle is shown
+        # the longitudinal stiffness is shown for the driven axle
         self._rear = live.config.driven_axle == DRIVEN["rear"]
         self._lock = threading.Lock()
         self._gone = 0  # number of dropped rows
@@ -59,7 +62,7 @@ class Page:
                 page._answer(self)
 
             def log_message(self, format: str, *args: Any) -> None:
-                """Say nothing."""
+                """Do not log requests."""
 
         self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
         self._server.daemon_threads = True
@@ -67,7 +70,9 @@ class Page:
         threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
 
     def add(self, times: np.ndarray, outputs: np.ndarray) -> None:
-        """Add rows: times, s, and outputs of the library, (rows,)."""
+        """Store rows for the page.
+
+        `times`: (rows,) [s]. `outputs`: (rows,) outputs of the library."""
         for t, o in zip(times.tolist(), outputs, strict=True):
             if t < self._last + SHOWN - 1e-6:
                 continue
@@ -99,7 +104,7 @@ class Page:
     def _answer(self, to: BaseHTTPRequestHandler) -> None:
         asked = urlsplit(to.path)
         if to.headers.get("Host", "").partition(":")[0] not in ("127.0.0.1", "localhost"):
-            to.send_error(403)  # another site that resolves its name to this machine
+            to.send_error(403)  # a website whose name resolves to this machine must not read the drive
         elif asked.path == "/":
             self._send(to, "text/html; charset=utf-8", read_page().encode())
         elif asked.path == "/rows":
@@ -119,7 +124,8 @@ class Page:
         to.wfile.write(body)
 
     def _make_state(self, first: int, events: int) -> dict[str, Any]:
-        """Return rows and sentences since row `first` and sentence `events`."""
+        """Return the rows from number `first` on (at most AT_A_TIME), the events from
+        number `events` on, and the present answer, for the script of the page."""
         with self._lock:
             count = self._gone + len(self._columns["time"])
             first = first if self._gone <= first <= count else self._gone
@@ -148,7 +154,7 @@ class Page:
 
 
 def read_page() -> str:
-    """Return the page, with style and script in it."""
+    """Return the HTML of the page, with style sheet and script inserted."""
     text = (TEMPLATES / "live.html").read_text(encoding="utf-8")
     for mark, name in (("/* @style@ */", "page.css"), ("/* @script@ */", "draw.js")):
         text = text.replace(mark, (TEMPLATES / name).read_text(encoding="utf-8"))
