@@ -635,7 +635,7 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
         (
             "nowhere.kalman",
             "no estimator 'nowhere.kalman': No module named 'nowhere'; "
-            "is the folder of nowhere.py in PYTHONPATH?",
+            "check that the folder of nowhere.py is in PYTHONPATH",
         ),
         ("tse.Nothing", "has no attribute 'Nothing'"),
         ("tse.STIFFNESS", "is not a function"),

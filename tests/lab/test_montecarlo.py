@@ -413,7 +413,7 @@ def test_runs_go_on_after_a_stop_and_a_cut_line(tmp_path, monkeypatch):
         return real(unit)
 
     monkeypatch.setattr(engine, "run_unit", stops)
-    with pytest.raises(engine.Interrupted, match=r"keeps the 2 of 4 runs .* the same command goes on"):
+    with pytest.raises(engine.Interrupted, match=r"keeps the 2 of 4 runs .* the same command continues"):
         engine.run_study(p, tmp_path / "cut")
     path = tmp_path / "cut" / engine.RUNS
     path.write_bytes(path.read_bytes()[:-20])  # the second run is cut
@@ -461,7 +461,7 @@ def test_runs_of_other_settings_or_code_are_not_taken_and_stay_for_their_own(tmp
 def test_a_process_with_another_library_refuses():
     p = make_plan("stress", "nominal")
     unit = p.units[0]
-    with pytest.raises(UserError, match="not, or no longer, the one that the study began with"):
+    with pytest.raises(UserError, match="differs from the one with which the study began"):
         engine.run_unit(unit._replace(library="0" * 64))
 
 
@@ -555,7 +555,7 @@ def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_p
     send(run.pid, what)
     _, err = run.communicate(timeout=60)  # ends when the last worker has closed its copy of stderr
     assert run.returncode == 130, err
-    assert "of 500 runs that are done, the same command goes on from there" in err and "Traceback" not in err
+    assert "of 500 runs that are done, and the same command continues" in err and "Traceback" not in err
     assert path.read_text().endswith("\n")
 
 
@@ -727,7 +727,7 @@ def check_regimes(lines, text):
     assert known["all_settle_1_most"] < 0.2 and known["cy_front_rms"] < 1 and np.isnan(known["valid_off_1"])
     assert lines.loc["road-0.7", "tse"]["detected_1"] < 5
     assert lines.loc["slow-20", "tse"]["cy_rear_rms"] < 20
-    assert "## RMS error over that of known" in text and "## After a change of the road" in text
+    assert "## Ratio of the RMS error to that of known" in text and "## After a change of the road" in text
 
 
 def check_false_alarms(lines, text):

@@ -115,7 +115,7 @@ def _run_log(task: Task) -> Outcome:
     # a state that was learnt with the uncalibrated car is not valid for the calibrated
     # one
     before = task.learnt if not made else None
-    learnt = Learnt(Path("the drive before"), before, task.age, True) if before is not None else None
+    learnt = Learnt(Path("the previous drive"), before, task.age, True) if before is not None else None
     if learnt is not None:
         try:
             learnt.load(NativeFilter(prepared.config))

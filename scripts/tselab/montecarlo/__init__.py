@@ -1,31 +1,31 @@
-"""Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated
-data.
+"""Monte-Carlo studies. Each case of a study is simulated with many seeds, and every
+estimator runs on the same simulated drives.
 
-case.py        a case of a study, and the simulation of a drive of it
-studies.py     manoeuvres, errors of logs, and all cases
+case.py        a case of a study, and the simulation of one of its drives
+studies.py     manoeuvres, faults of logs, and the cases of all studies
 estimators.py  the estimators that run on a drive
-peers.py       Kalman filters for comparison
-scores.py      a row of numbers from a drive and its estimate
-summary.py     tables from rows: of all studies, and of one
-engine.py      all runs: processes, Dask, resuming
+peers.py       extended Kalman filters for comparison
+scores.py      scores of one estimator on one drive
+summary.py     tables of the scores
+engine.py      runs of a study, in processes or on a Dask cluster; resumes a stopped study
 pictures.py    pictures and files of a study
 
-They are part of the package, since `tselab paper` needs no checkout, and drive the rooms
-of tse row by row. The commands in tselab/studies.py call them.
+They are part of the package, so that `tselab paper` also works without a checkout. The
+commands are in tselab/studies.py.
 """
 
-STUDIES = {  # name: (usual number of runs, title)
+STUDIES = {  # name: (default number of runs of each case, title)
     "accuracy": (24, "Accuracy in the paper's set-up (Sec. IV-A)"),
     "paper": (
         200,
         "The paper's figures: its filter as printed, the same made robust, and the default filter",
     ),
     "robust": (16, "What keeps the paper's filter from diverging, and what else was tried"),
-    "peers": (100, "tse beside an EKF with the true covariances"),
+    "peers": (100, "tse compared with an EKF that has the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),
-    "regimes": (100, "Changes of the road: detected, followed, no false alarms"),
+    "regimes": (100, "Changes of the road: detection, settling time, false alarms"),
     "false-alarms": (
         600,
-        "Ordinary driving of a car known exactly, in stretches of ten minutes: every change is a false alarm",
+        "Ordinary driving with exactly known parameters, ten minutes a run: every change is a false alarm",
     ),
 }

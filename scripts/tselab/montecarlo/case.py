@@ -1,5 +1,5 @@
-"""A case of a study, and one drive of it: simulated once per seed, read by every
-estimator."""
+"""A case of a study, and the simulation of its drives. A drive is simulated once for each
+seed, and every estimator runs on it."""
 
 import zlib
 from collections.abc import Callable, Mapping
@@ -11,11 +11,13 @@ from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.simulation.maneuvers import Maneuver
 from tse.simulation.simulate import drive as run_simulator
 
-# Torque is on the front axle in all manoeuvres; the car is that of the paper, (1)-(4).
+# Settings of all cases: initial stiffness 70 % of nominal, front-wheel drive (all
+# manoeuvres have torque on the front axle), and the model of the paper, equations (1) to
+# (4)
 START = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
-WINDOW = (15.0, 30.0)  # s, where errors count unless the case says otherwise
-G = 9.81  # m/s2
-LINEAR = 0.6  # share of the friction limit beyond which a tyre counts as no longer linear
+WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
+G = 9.81  # [m/s2]
+LINEAR = 0.6  # ratio of tyre force to friction limit above which a tyre is not linear any more
 
 Builder = Callable[[Config, SimConfig, np.random.Generator], Maneuver]
 Corruption = Callable[[np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
@@ -24,40 +26,39 @@ Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """Manoeuvre, settings of the estimator, faults of the log, and the window of the
+    """A case of a study: manoeuvre, settings, faults of the log, and windows of the
     scores."""
 
     name: str
     title: str
-    build: Builder
-    config: Mapping[str, float] = field(default_factory=dict)  # the car, and settings of the estimator
-    car: Mapping[str, float] = field(
-        default_factory=dict
-    )  # factors on the car's settings of which nobody tells
-    sim: Mapping[str, float] = field(default_factory=dict)  # the simulator
-    draw: Draw | None = None  # further settings of the estimator that depend on the seed
-    corrupt: Corruption | None = None  # changes the log; returns which rows it made unusable
+    build: Builder  # makes the manoeuvre
+    config: Mapping[str, float] = field(default_factory=dict)  # settings of car and estimator
+    # factors on settings of the simulated car that the estimators do not know
+    car: Mapping[str, float] = field(default_factory=dict)
+    sim: Mapping[str, float] = field(default_factory=dict)  # settings of the simulator
+    draw: Draw | None = None  # returns further settings of the estimator that depend on the seed
+    corrupt: Corruption | None = None  # changes the log; returns which rows are unusable then
     estimators: tuple[str, ...] = ("tse",)
-    windows: tuple[tuple[float, float], ...] = (WINDOW,)
-    events: tuple[float, ...] = ()  # s: from here on another truth has to be found
-    lasts: float = 0.0  # s that the truth goes on changing after an event
+    windows: tuple[tuple[float, float], ...] = (WINDOW,)  # [s] where errors are scored
+    events: tuple[float, ...] = ()  # [s] times at which the true stiffness changes
+    lasts: float = 0.0  # [s] duration of such a change; 0: it is a step
 
 
 @dataclass
 class CaseDrive:
-    """One simulated drive, as it was and as it was logged."""
+    """One simulated drive: the truth and the log."""
 
-    time: np.ndarray
-    rows: np.ndarray  # the log
+    time: np.ndarray  # [s]
+    rows: np.ndarray  # the log, as inputs of the library
     truth: np.ndarray  # outputs of the simulator
-    road: np.ndarray
-    corrupted: np.ndarray  # rows of which the log does not tell the truth
-    about: dict[str, float]  # settings that are the case's, not the user's or the estimator's
-    config: Config  # settings of an estimator that has none of its own
-    car: Config  # the car
+    road: np.ndarray  # factor of the road on every stiffness
+    corrupted: np.ndarray  # rows in which the log was falsified
+    about: dict[str, float]  # settings of the case, which override the user's
+    config: Config  # settings of the estimator "tse"
+    car: Config  # true parameters of the car
     sim: SimConfig
-    events: tuple[float, ...] = ()  # of the case
-    friction: float = 0.0  # at which tyre forces saturate; 0: nowhere
+    events: tuple[float, ...] = ()  # [s] as in Case
+    friction: float = 0.0  # friction coefficient of the tyres; 0: the tyres are linear
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -68,8 +69,10 @@ class CaseDrive:
 def simulate_case(
     case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]
 ) -> CaseDrive:
-    """Drive the case with a seed. `configure` completes what the case says about the
-    estimator; what the case is about wins over the user's settings."""
+    """Simulate the drive of a case with a seed.
+
+    `configure`: makes the settings of the estimator "tse" from those of the case, which
+    override the user's. `sim`: the user's settings of the simulator."""
     rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
     about: dict[str, float] = {**case.config, "seed": seed}
     car, sim_config = configure(about), SimConfig({**sim, **case.sim, "seed": seed})

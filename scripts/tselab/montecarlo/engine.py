@@ -1,8 +1,8 @@
-"""All runs of a study: in this process, in a pool of processes or on a Dask cluster;
-every finished run is kept at once.
+"""Run a study: in this process, in a pool of processes or on a Dask cluster. Every run is
+stored when it is finished.
 
-A unit of work is a case and a seed. It is a plain tuple and run_unit() a plain function,
-so that every way of running does the same and gives the same numbers.
+A unit of work is a case with a seed. It is a plain tuple, and run_unit() is a plain
+function, so that the results are the same wherever it runs.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from tselab.montecarlo.studies import Study
 RUNS = "runs.jsonl"
 KEYS = ["case", "estimator", "seed"]
 NOISES = [f"noise_{channel}" for channel in MEASURES]
-TIMES = ["simulate_s", "estimate_s"]  # differ from run to run
+TIMES = ["simulate_s", "estimate_s"]  # columns with measured times, which are not reproducible
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What is to be run."""
+    """A study, and the options with which it runs."""
 
     study: Study
-    runs: int
+    runs: int  # number of runs of each case
     first_seed: int = 1
     form: str = "default"
     settings: Mapping[str, float] = field(default_factory=dict)
     sim_settings: Mapping[str, float] = field(default_factory=dict)
-    cases: tuple[str, ...] = ()  # as asked for; empty: all
+    cases: tuple[str, ...] = ()  # value of the option --cases; empty: all cases
 
     @property
     def seeds(self) -> range:
@@ -63,7 +63,7 @@ class StudyPlan:
 
 
 class Unit(NamedTuple):
-    """One seed of one case, and all that a process elsewhere must know to run it."""
+    """A case with a seed, and everything that a worker process needs to run it."""
 
     study: str
     case: str
@@ -71,11 +71,11 @@ class Unit(NamedTuple):
     form: str
     settings: dict[str, float]
     sim_settings: dict[str, float]
-    library: str  # hash: every process has to run the same
+    library: str  # hash of the C library, which must be the same in every process
 
     @property
     def mark(self) -> str:
-        """Of all that decides its numbers."""
+        """Digest of everything that determines the results of the unit."""
         return _hash(json.dumps([*self, hash_code()], sort_keys=True))
 
 
@@ -88,11 +88,12 @@ def _load_study(name: str) -> Study:
 
 
 def run_unit(unit: Unit) -> list[dict[str, Any]]:
-    """Simulate once, run every estimator of the case on it: one row each."""
+    """Simulate the drive of a unit, and run every estimator of the case on it. Return a
+    row of scores for each estimator."""
     if hash_library() != unit.library:
         raise UserError(
-            f"the tse library {library().path} is not, or no longer, the one that the study began with; "
-            "start it again"
+            f"the tse library {library().path} differs from the one with which the study began: start the "
+            "study again"
         )
     case = _load_study(unit.study).case(unit.case)
     start = time.perf_counter()
@@ -113,13 +114,13 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
 
 
 def trace_run(plan: StudyPlan, case: Case, seed: int, name: str) -> tuple[CaseDrive, np.ndarray]:
-    """One run once more, with all its rows: for a picture."""
+    """Repeat a run for a picture. Return the drive, and the estimates of all its rows."""
     d = simulate_case(case, seed, lambda about: configure_unit("tse", plan, about), plan.sim_settings)
     return d, estimators.run_estimator(name, d, configure_unit(name, plan, d.about))
 
 
 def configure_unit(name: str, unit: Unit | StudyPlan, about: Mapping[str, float]) -> Config:
-    """The settings of an estimator in a unit."""
+    """Return the settings of an estimator in a unit. `about`: settings of the case."""
     return estimators.configure_estimator(name, unit.form, unit.settings, about)
 
 
@@ -134,19 +135,20 @@ def run_study(
     restart: bool = False,
     progress: bool = False,
 ) -> pd.DataFrame:
-    """Run what is not yet in OUT/runs.jsonl; all rows of the plan, which OUT/runs.csv
-    gets, too.
+    """Run the units that are not in the file runs.jsonl of the folder `out` yet. Return
+    the scores of all units of the plan, and write them to runs.csv.
 
-    A line holds the rows of a unit behind what they are of and a sum of themselves. Lines
-    of another plan or of older code stay there for a plan that they are of; what a stop
-    has cut is no line."""
+    A line of runs.jsonl has the digest of a unit (Unit.mark), a checksum, and the scores.
+    A line that is incomplete because the study was stopped has a wrong checksum, and is
+    ignored. Lines of other plans or of older code are kept, since their plan may run
+    again."""
     make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:
         path.unlink(missing_ok=True)
     done = read_runs(path, units)
     left = [u for u in units if u.mark not in done]
-    _append(path, "\n")  # the last line may be cut
+    _append(path, "\n")  # ends the last line, which may be incomplete
     with tqdm(
         total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
     ) as bar:
@@ -163,8 +165,8 @@ def run_study(
                     bar.set_postfix_str(f"{unit.case} seed {unit.seed}")
         except KeyboardInterrupt:
             raise Interrupted(
-                f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, the same "
-                "command goes on from there"
+                f"stopped by Ctrl-C; {path} keeps the {len(done)} of {len(units)} runs that are done, and "
+                "the same command continues"
             ) from None
     table = pd.DataFrame([row for u in units for row in done[u.mark]], columns=list_columns(plan.study.name))
     order = [(c.name, e) for c in plan.study.cases for e in c.estimators]
@@ -176,7 +178,8 @@ def run_study(
 
 
 def read_runs(path: Path, units: list[Unit]) -> dict[str, list[dict[str, Any]]]:
-    """The rows of those of the units that are there, by their marks."""
+    """Read the scores of units from runs.jsonl. Return them by the digest of the unit;
+    units that have not run are not in the result."""
     wanted, found = {u.mark for u in units}, {}
     if path.exists():
         for line in path.read_text(encoding="utf-8", errors="replace").split("\n"):
@@ -196,6 +199,8 @@ def _append(path: Path, text: str) -> None:
 
 
 def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
+    """Return the rows of a unit, result(). If it raises, add case and seed to the
+    error."""
     try:
         return result()
     except UserError:
@@ -205,7 +210,7 @@ def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
 
 
 def list_columns(study: str) -> list[str]:
-    """Columns of runs.csv."""
+    """Return the names of the columns of runs.csv for a study."""
     names = list(KEYS)
     cases = _load_study(study).cases
     events = max(len(c.events) for c in cases) + 1
@@ -229,8 +234,8 @@ def list_columns(study: str) -> list[str]:
 
 @functools.cache
 def hash_code() -> str:
-    """What makes the numbers beside the library and the settings: the files of studies,
-    manoeuvres and other filters."""
+    """Return a digest of the Python code on which the scores depend: studies, manoeuvres,
+    simulation, and filters for comparison."""
     files = {
         *Path(__file__).parent.glob("*.py"),
         *(Path(str(m.__file__)) for m in (core, maneuvers, simulate)),

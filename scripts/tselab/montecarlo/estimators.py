@@ -1,4 +1,5 @@
-"""What can be run on a drive, by name."""
+"""The estimators that run on a simulated drive: tse, the paper's filter and its variants,
+Kalman filters for comparison, and functions of the user."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -13,35 +14,36 @@ from tselab.montecarlo import peers
 from tselab.montecarlo.case import START, CaseDrive
 from tselab.montecarlo.peers import Known
 
-# Variants of the robust form, robust-NAME: what was tried.
+# Variants of the robust form. The estimator robust-NAME has these settings, which were
+# tried and not chosen.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "one-factor": (
-        "one forgetting factor in (17), 0.99",
+        "a single forgetting factor of 0.99, as in equation (17)",
         {"forgetting": 0.99, "forgetting_mean": 0.0, "forgetting_change": 1.0},
     ),
-    "constant": ("the mean's factor does not fall where innovations last", {"forgetting_change": 1.0}),
-    "slower": ("the mean's factor 0.985, not 0.98", {"forgetting_mean": 0.985}),
-    "slowest": ("the mean's factor 0.99, falling", {"forgetting_mean": 0.99}),
-    "euler": ("Euler, inputs held", {"integration": 0}),
-    "free": ("draws are not reflected", {"reflect_draws": 0}),
+    "constant": (
+        "forgetting factor of the mean does not decrease if innovations persist",
+        {"forgetting_change": 1.0},
+    ),
+    "slower": ("forgetting factor of the mean 0.985 instead of 0.98", {"forgetting_mean": 0.985}),
+    "slowest": ("forgetting factor of the mean 0.99 instead of 0.98", {"forgetting_mean": 0.99}),
+    "euler": ("Euler integration, inputs held between rows", {"integration": 0}),
+    "free": ("drawn stiffnesses are not reflected at the limits", {"reflect_draws": 0}),
     "no-kernel": ("resampling is not regularised", {"spread_kernel": 0.0}),
-    "wide-kernel": ("kernel 0.06, not 0.03", {"spread_kernel": 0.06}),
-    "covariance": ("the covariance forgets by 0.99, not 0.998", {"forgetting": 0.99}),
-    "tight-limit": ("the spread is 0.3 at most, not 0.7", {"spread_max": 0.3}),
-    "no-limit": ("the spread has no limit", {"spread_max": 2.0}),
-    "small-start": ("starts with a spread of 5 %, not 15 %", {"initial_spread": 0.05}),
+    "wide-kernel": ("kernel of the resampling 0.06 instead of 0.03", {"spread_kernel": 0.06}),
+    "covariance": ("forgetting factor of the covariance 0.99 instead of 0.998", {"forgetting": 0.99}),
+    "tight-limit": ("max spread 0.3 instead of 0.7", {"spread_max": 0.3}),
+    "no-limit": ("no limit of the spread", {"spread_max": 2.0}),
+    "small-start": ("initial spread 5 % instead of 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "known")
-FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # and the form that each is of
-PRINTED = {
-    "initial_vel_x": 22.0,
-    "initial_vel_x_from_wheels": 0,
-    "integration": 0,
-}  # where Sec. IV-A starts; Euler
+FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # estimator: form of its settings
+# Settings of "printed": initial speed of Sec. IV-A of the paper, Euler integration
+PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
-    "known": "EKF that never forgets, with the true covariances and the times of changes",
-    "tse": "tse as it comes",
+    "known": "EKF without forgetting, which has the true covariances and the times of the changes",
+    "tse": "tse with default settings",
     "robust": "the paper's filter with settings that keep it from diverging",
     "paper": "the paper's filter as printed",
     "printed": "the paper's filter as printed, started as in Sec. IV-A",
@@ -49,8 +51,8 @@ TEXTS = {
 
 
 def get_overrides(name: str) -> dict[str, float]:
-    """The settings in which an estimator differs from `tse`, beside its form.
-    'robust-100' has 100 particles."""
+    """Return the settings in which an estimator differs from its form. 'robust-100' has
+    100 particles. Raise UserError if the name is unknown."""
     if is_yours(name):
         _load_yours(name)
         return {}
@@ -71,25 +73,26 @@ def get_overrides(name: str) -> dict[str, float]:
 def configure_estimator(
     name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]
 ) -> Config:
-    """Settings of an estimator: start and form, then the user's, then what the case is
-    about, then its own."""
+    """Return the settings of an estimator. Later ones override earlier ones: START, the
+    form, the user's `settings`, those of the case (`about`), those of the estimator."""
     family = name.partition("-")[0]
     forms = Config.settings_of(FORMS.get(family, form))
     return Config.exact({**START, **forms, **settings, **about, **get_overrides(name)})
 
 
 def is_yours(name: str) -> bool:
-    """A function of the user by its name in Python, 'module.function'."""
+    """Return whether a name means a function of the user, 'module.function'."""
     return all(part.isidentifier() for part in name.split(".")) and "." in name
 
 
 def _load_yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
+    """Import a function of the user. Raise UserError if there is none of this name."""
     module, _, function = name.rpartition(".")
     try:
         found = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError) as error:
         raise UserError(
-            f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?"
+            f"there is no estimator '{name}': {error}; check that the folder of {module}.py is in PYTHONPATH"
         ) from None
     if not callable(found):
         raise UserError(f"the estimator '{name}' is not a function")
@@ -97,26 +100,30 @@ def _load_yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]
 
 
 def _run_yours(name: str, d: CaseDrive, config: Config) -> np.ndarray:
-    """Given the log and the settings of car and sensors that tse has; returned: stiffness
-    in N and N/rad, as columns of EST.csv."""
+    """Run a function of the user on a drive.
+
+    The function gets the log and all settings of tse. It returns stiffnesses and sds in N
+    and N/rad, named as the columns of EST.csv. Return them relative to nominal."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _load_yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
     if missing := [s for s in (f"{s}{end}" for s in STIFFNESS for end in ("", "_sd")) if s not in fields]:
-        raise UserError(f"the estimator '{name}' does not give {', '.join(missing)}")
+        raise UserError(f"the estimator '{name}' does not return {', '.join(missing)}")
     out = np.zeros(len(d.rows), [(f, float) for f in fields])
     for f in fields:
         values = np.asarray(answer[f], float)
         if values.shape != out.shape:
             raise UserError(
-                f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row"
+                f"the estimator '{name}' returns {f} with shape {values.shape}; needed is {out.shape}, a "
+                "number for each row"
             )
         out[f] = values / getattr(config, next(NOMINAL[s] for s in STIFFNESS if f.startswith(s)))
     return out
 
 
 def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
-    """Estimate a drive; return cx_front, cx_front_sd, ... of every row."""
+    """Run an estimator on a drive. Return cx_front, cx_front_sd ... of every row,
+    relative to nominal."""
     if is_yours(name):
         return _run_yours(name, d, config)
     if name in PEERS:
@@ -125,9 +132,10 @@ def run_estimator(name: str, d: CaseDrive, config: Config) -> np.ndarray:
 
 
 def _make_known(d: CaseDrive, config: Config, changes: bool = False) -> Known:
-    """The true covariances, as they are at the start; with `changes` for a filter that
-    knows of the changes of level."""
+    """Return the true covariances of a drive.
 
+    `changes`: for a filter that knows the times of the changes. Its spread is relative to
+    the present stiffness level instead of the initial one."""
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
         spread=tuple(

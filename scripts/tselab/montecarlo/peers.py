@@ -1,16 +1,19 @@
-"""An extended Kalman filter with the true covariances, which tse is compared with.
+"""An extended Kalman filter with the true covariances, with which tse is compared.
 
-State z = (vel_x, vel_y, yaw_rate; mu; b; eps): mu the mean deviation of the three
-stiffnesses from nominal, b the biases, eps the deviation of this sample alone, which
-disturbs the measurement and moves the car until the next row:
+The state is z = (x, mu, b, eps), where x = (vel_x, vel_y, yaw_rate), mu is the mean
+deviation of the three stiffnesses from nominal, b are the sensor biases, and eps is the
+additional deviation of the stiffnesses in this row. eps_k affects both the measurement of
+row k and the motion until row k + 1:
 
     y_k = h(x_k, mu + eps_k) + b_k + e_k
     x_{k+1} = f(x_k, mu + eps_k)
     eps_k ~ N(0, diag(spread^2)), independent from row to row
 
-Process and measurement noise are dependent. The state eps_k accounts for that exactly; no
-library was found that does. Numbers in brackets are those of src/EQUATIONS.md. Equations
-(1)-(4) are implemented again in numpy, with derivatives by complex steps.
+So process noise and measurement noise are correlated. With eps_k as a part of the state
+this is taken into account exactly. No library was found that does it.
+
+Equation numbers are those of src/EQUATIONS.md. Equations (1) to (4) are implemented here
+a second time, in numpy, and their derivatives are computed by complex steps.
 """
 
 from dataclasses import dataclass
@@ -22,11 +25,15 @@ from tse.library.core import STIFFNESS, Config, library
 from tse.log.rows import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-LOW_SPEED = 1.0  # m/s, slips are taken over at least this
-STEP = 0.8  # largest rate times step of the integrator: error of a step below 0.8^5/120 of what decays
-TINY = 1e-30
+LOW_SPEED = 1.0  # [m/s] min speed in the denominators of the slips
+# Max product of integration step and fastest decay rate. The relative error of a
+# Runge-Kutta step is then below 0.8^5/120
+STEP = 0.8
+TINY = 1e-30  # step of the complex-step derivatives
 STATES = ("vel_x", "vel_y", "yaw_rate")
-COMMON, OWN = 0.4, 0.1  # sd of a change that is known over the level: of all stiffnesses together, of each
+# sd of a change at a known time, relative to the stiffness: part common to all three
+# stiffnesses, and part of each stiffness alone
+COMMON, OWN = 0.4, 0.1
 OUTPUT = np.dtype(
     [(f"{name}{end}", float) for name in STATES for end in ("", "_sd")]
     + [(f"{name}{end}", float) for name in STIFFNESS for end in ("", "_sd", "_spread")]
@@ -36,20 +43,23 @@ OUTPUT = np.dtype(
 
 @dataclass(frozen=True)
 class Known:
-    """True values of the simulation."""
+    """True values of the simulation that the filter gets."""
 
-    spread: tuple[float, float, float]  # sample-to-sample sd of the stiffness, relative to nominal
-    noise_sd: tuple[float, float, float]  # accel_x, accel_y [m/s2], yaw_rate [rad/s]
-    forgetting: float = 0.99  # lambda per nominal sample time; "known" forgets nothing
-    held: bool = False  # the steering angle of a row acts until the next; else it is linear between rows
-    changes: tuple[
-        float, ...
-    ] = ()  # s since the first row: another mean stiffness from here on; only "known" uses it
+    spread: tuple[float, float, float]  # sd of the stiffness from sample to sample, relative to nominal
+    noise_sd: tuple[float, float, float]  # of accel_x, accel_y [m/s2], yaw_rate [rad/s]
+    forgetting: float = 0.99  # forgetting factor per nominal sample time; "known" does not use it
+    held: bool = False  # whether the steering angle is held between rows; otherwise it is linear
+    # [s] times since the first row at which the mean stiffness changes; only "known" uses
+    # them
+    changes: tuple[float, ...] = ()
 
 
 def compute_accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """aX, aY, yaw acceleration (1)-(4) of columns of states, stiffness deviations w (5),
-    inputs u."""
+    """Return accel_x, accel_y and yaw acceleration, equations (1) to (4).
+
+    `c`: parameters of the car. `x`, `w`: states, and deviations of the stiffnesses
+    (equation (5)); each column is a point at which the equations are evaluated. `u`:
+    steering angle, wheel speeds front and rear."""
     v, (delta, front, rear) = np.maximum(x[0], LOW_SPEED), u
     front, rear = front * c.wheel_radius_front, rear * c.wheel_radius_rear
     fx = c.longitudinal_stiffness_front * (1 + w[0]) * (front - x[0]) / np.maximum(v, abs(front))
@@ -62,14 +72,16 @@ def compute_accelerations(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: n
 
 
 def observe(c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """aX, aY and yaw rate, without bias."""
+    """Return accel_x, accel_y and yaw rate without bias. For the arguments see
+    compute_accelerations()."""
     return np.array([*compute_accelerations(c, x, w, u)[:2], x[2]])
 
 
 def move(
     c: SimpleNamespace, x: np.ndarray, w: np.ndarray, u: np.ndarray, to: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Return states after dt, by Runge and Kutta; inputs are linear from u to `to`."""
+    """Integrate the states over dt by the Runge-Kutta method. The inputs change linearly
+    from `u` to `to`."""
 
     def rate(x: np.ndarray, share: float) -> np.ndarray:
         a = compute_accelerations(c, x, w, u + share * (to - u))
@@ -82,9 +94,8 @@ def move(
     yaw = (c.cornering_stiffness_front * c.lf**2 + c.cornering_stiffness_rear * c.lr**2) / c.yaw_inertia
     along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) / c.mass
     across = (c.cornering_stiffness_front + c.cornering_stiffness_rear) / c.mass
-    steps = int(
-        np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / STEP), 1, 50)
-    )  # 1.5: may grip better
+    # the factor 1.5 allows for a stiffness above nominal
+    steps = int(np.clip(np.ceil(dt * 1.5 * max(along, across, yaw) / speed / STEP), 1, 50))
     h = dt / steps
     for k in range(steps):
         k1 = rate(x, k / steps)
@@ -95,7 +106,8 @@ def move(
 
 
 def _hold_inputs(u: np.ndarray) -> np.ndarray:
-    """A missing input keeps its last value (the first known one at the start)."""
+    """Replace missing inputs by the last known value; before the first known value, by
+    that one."""
     last = np.maximum.accumulate(np.where(np.isfinite(u), np.arange(len(u))[:, None], -1), axis=0)
     return np.nan_to_num(np.take_along_axis(u, np.where(last < 0, np.isfinite(u).argmax(0), last), 0))
 
@@ -103,9 +115,12 @@ def _hold_inputs(u: np.ndarray) -> np.ndarray:
 def _find_conditions(
     c: SimpleNamespace, dt: np.ndarray, u: np.ndarray, y: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows at which states start anew, and measurements to learn from, as the filters of
-    tse decide: too slow, reverse, large angles: the model is not made for them. Inputs
-    missing: prediction only."""
+    """Return the rows at which the states restart, and which measurements of each row are
+    used, by the rules of tse.
+
+    No measurement is used at low speed, in reverse or with a large steering angle, where
+    the model is not valid, and none if an input is missing (`known` False). The states
+    restart after low speed, and after more than max_gap without inputs."""
     time = np.cumsum(dt)
     slow = np.minimum(u[:, 1] * c.wheel_radius_front, u[:, 2] * c.wheel_radius_rear) < c.hold_speed
     last = np.maximum.accumulate(np.where(known, np.arange(len(time)), -1))
@@ -113,12 +128,13 @@ def _find_conditions(
     restart = off | (dt > c.max_gap) | np.concatenate([[True], off[:-1]])
     low, high = np.array([(f.low, f.high) for f in library().channels if f.name in MEASURES]).T
     usable = (y >= low) & (y <= high) & (known & ~slow & (np.abs(u[:, 0]) <= c.max_steer))[:, None]
-    usable[restart, 2] = False  # the gyro made the start
+    usable[restart, 2] = False  # the yaw rate of a restart is taken from the gyro already
     return restart, usable
 
 
 def _differentiate(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return f(x, w) and its derivative by the twelve states, by complex steps."""
+    """Return f(x, w) and its partial derivatives with respect to the twelve states,
+    computed by complex steps."""
     step = 1j * TINY * np.eye(6)
     y = f(x[:, None] + step[:3], w[:, None] + step[3:])  # type: ignore[operator]
     d = y.imag / TINY
@@ -126,9 +142,11 @@ def _differentiate(f: object, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray,
 
 
 def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
-    """Estimates after each row, stiffness relative to nominal. kind: "ekf", or "known",
-    which knows when the mean changes, opens it then and never forgets in between; rows:
-    as Filter.inputs(), NaN = missing."""
+    """Run the filter. Return the estimates after each row, stiffness relative to nominal.
+
+    `kind`: "ekf" has a forgetting factor. "known" has none, but knows the times of
+    changes, and increases the variance of the mean stiffness then. `rows`: as
+    NativeFilter.inputs(); NaN is missing."""
     c, tells = SimpleNamespace(**config.as_dict()), kind == "known"
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))
@@ -156,7 +174,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
             p = f @ p @ f.T + np.diag(np.concatenate([np.zeros(6), walk * dt[row], eps]))
             if again := not (np.isfinite(z).all() and np.isfinite(p).all()):
                 z, p, use = z0.copy(), np.diag(first), use[use < 2]
-        if again:  # from the wheels, straight ahead at the gyro's rate
+        if again:  # restart: speed from the wheels, no lateral velocity, yaw rate from the gyro
             gyro = y[row, 2] - z[8] if np.isfinite(y[row, 2]) else 0.0
             z[X], z[EPS] = (
                 [(u[row, 1] * c.wheel_radius_front + u[row, 2] * c.wheel_radius_rear) / 2, 0.0, gyro],
@@ -168,7 +186,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
             for part, variance in ((X, start_x), (EPS, eps)):
                 p[part], p[:, part] = 0, 0
                 p[part, part] = np.diag(variance)
-        if tells:  # a spread follows the level, as the simulator's does; eps is afresh, without correlations
+        if tells:  # the spread is proportional to the level, as in the simulator; eps has no correlations
             level = 1 + z[MU]
             while changes and time[row] >= changes[0] - 1e-9:
                 changes.pop(0)
@@ -191,7 +209,9 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 [np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]
             )
         )
-        if len(use) and not tells:  # (17), whole rows and columns, to the start's variance at most
+        # forgetting, equation (17): scale rows and columns of the mean, up to its initial
+        # variance
+        if len(use) and not tells:
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)
             scale[MU] = np.sqrt(np.minimum(forgot, np.maximum(1.0, c.initial_mean_sd**2 / now)))

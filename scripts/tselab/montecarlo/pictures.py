@@ -1,5 +1,5 @@
-"""Pictures by matplotlib, of the demonstration and of the paper's figures; what a study
-leaves in its directory."""
+"""Draw the pictures of `tselab demo` and of the paper's figures with matplotlib, and
+write the files of a study."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 
 def draw_demo(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFrame) -> None:
-    """True and estimated stiffness with band, above what the driver does."""
+    """Draw true and estimated stiffness with its 95 % interval over time, and below them
+    steering angle and speed."""
     with open_picture(path) as plt:
         figure, axes = plt.subplots(
             4, 1, figsize=(9, 7.6), dpi=200, sharex=True, height_ratios=[1, 1, 1, 0.62], layout="constrained"
@@ -97,7 +98,7 @@ def draw_demo(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.DataFr
 # ---- the paper's figures
 
 
-RED, EDGE = "#c0392b", "#c8ced4"  # red as the paper's figures
+RED, EDGE = "#c0392b", "#c8ced4"  # the paper's figures have red curves, too
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
 STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
 ERROR = "% of the truth"
@@ -123,7 +124,7 @@ PAPER_STYLE = {
 
 
 def draw_paper(plan: StudyPlan, runs: pd.DataFrame, path: Path) -> bool:
-    """Draw the paper's figures; False without matplotlib."""
+    """Draw the paper's figures to a file. Return False if matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         return False
     with open_picture(path, PAPER_STYLE):
@@ -135,7 +136,7 @@ def draw_paper(plan: StudyPlan, runs: pd.DataFrame, path: Path) -> bool:
 
 
 def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
-    """The paper's Fig. 1 .. 4, a column per filter."""
+    """Return Fig. 1 .. 4 of the paper, with a column for each filter."""
     import matplotlib.pyplot as plt
 
     cases = {c.name: c for c in plan.study.cases}
@@ -164,8 +165,9 @@ def _draw_figures(plan: StudyPlan, runs: pd.DataFrame) -> Figure:
 
 
 def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Normalised longitudinal stiffness and its standard deviation from sample to sample;
-    the default filter has none: that of the mean instead."""
+    """Draw the longitudinal stiffness relative to nominal, and its standard deviation
+    from sample to sample. The default filter does not estimate the latter; the standard
+    deviation of the mean is drawn instead."""
     axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, y["cx_front"], color=RED, label="stiffness")
     axis.plot(d.time, d.sim.spread_cx_front * d.stiffness[:, 0], color=INK, lw=1.0)
@@ -178,8 +180,8 @@ def _draw_fig1(axis: Axes, name: str, d: CaseDrive, y: np.ndarray) -> None:
 
 
 def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
-    """Probability of the mean error of the front lateral stiffness, with the normal
-    distribution of its mean and sd."""
+    """Draw the histogram of the mean error of the front cornering stiffness over the
+    runs, and the normal distribution with the same mean and sd."""
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
     edges = np.linspace(-4.0, 4.0, 33)
     height = np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n
@@ -200,7 +202,8 @@ def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
 
 
 def _draw_fig3(axis: Axes, key: str, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Normalised stiffness and its sd, with the prior 20 % too low."""
+    """Draw a stiffness relative to nominal with its sd, for a prior that is 20 % too
+    low."""
     mean, sd = y[key], y[f"{key}_sd"]
     axis.plot(d.time, d.stiffness[:, STIFFNESS.index(key)], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, mean, color=RED, label="stiffness")
@@ -211,14 +214,14 @@ def _draw_fig3(axis: Axes, key: str, name: str, d: CaseDrive, y: np.ndarray) -> 
     )
 
 
-# ---- NAME.csv, NAME.md and, of the paper, with matplotlib, NAME.png
+# ---- Files of a study: NAME.csv, NAME.md and, for the study "paper", NAME.png
 
 
 def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
-    """Write all files. Returned: the Markdown, and which files."""
+    """Write all files of a study. Return the text of NAME.md, and the paths."""
     lines = summarise(plan, runs)
     tables = summary.make_findings(plan, runs, lines)
-    if plan.study.base not in ("paper", "robust"):  # their own tables say it all
+    if plan.study.base not in ("paper", "robust"):  # tables of these studies contain everything
         tables += [make_overview(plan, lines), *summary.tabulate_changes(plan, lines)]
     facts = list_run_facts(plan, lines)
     text = format_markdown(plan, facts, tables)
@@ -232,7 +235,7 @@ def write_study(plan: StudyPlan, runs: pd.DataFrame, out: Path) -> tuple[str, li
 
 
 def format_command(plan: StudyPlan) -> str:
-    """What to type for the same result."""
+    """Return the command line that reproduces the study."""
     parts = [f"tselab montecarlo --study {plan.study.name} --runs {plan.runs}"]
     if plan.study.name == "paper":
         parts = [f"tselab paper --runs {plan.runs}"]
@@ -244,7 +247,7 @@ def format_command(plan: StudyPlan) -> str:
 
 
 def list_run_facts(plan: StudyPlan, lines: pd.DataFrame) -> list[tuple[str, str]]:
-    """What is needed to repeat it, and what it cost."""
+    """Return how the study was run, and how long it took, as pairs of name and text."""
     lib, first = library(), lines.iloc[0]
     seeds = f"seeds {plan.seeds[0]} .. {plan.seeds[-1]}" if plan.runs > 1 else f"seed {plan.first_seed}"
     settings = [f"{k} = {v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]
@@ -255,15 +258,17 @@ def list_run_facts(plan: StudyPlan, lines: pd.DataFrame) -> list[tuple[str, str]
         ("Library", f"tse {lib.version}, {lib.format}; tselab {__version__}"),
         (
             "Cost",
-            f"{first['simulate_s'] + first['estimate_s']:.2f} s a run of case {first['case']} and estimator "
-            f"{first['estimator']}, {first['simulate_s']:.2f} s of it simulation and scores",
+            f"{first['simulate_s'] + first['estimate_s']:.2f} s for a run of case {first['case']} with "
+            f"estimator {first['estimator']}, of which simulation and scores take "
+            f"{first['simulate_s']:.2f} s",
         ),
     ]
 
 
 def format_markdown(plan: StudyPlan, facts: list[tuple[str, str]], tables: list[Table]) -> str:
-    """The result as text."""
+    """Return the result of a study as Markdown."""
     lines = [f"# {plan.study.title}", "", *(f"- {name}: {value}" for name, value in facts)]
     for table in tables:
         lines += ["", table.markdown()]
-    return "\n".join([*lines, "", f"Intervals of all values: {plan.study.name}.csv; each run: runs.csv.", ""])
+    files = f"{plan.study.name}.csv has the intervals of all values, runs.csv the scores of each run."
+    return "\n".join([*lines, "", files, ""])

@@ -1,12 +1,15 @@
-"""One drive and one estimate of it become a row of numbers. All errors are shares of the
-true mean stiffness at that row. Of tyres that saturate the truth is their secant: the
-linear model has no other stiffness to find (compute_felt_stiffness()).
+"""Score one estimator on one drive. The scores are a row of numbers. All errors are
+relative to the true mean stiffness in the same row. For tyres that saturate, the truth is
+the secant stiffness, because that is what an estimator with a linear tyre model converges
+to (compute_felt_stiffness()).
 
-Whether an estimate may be blamed for being wrong, or for saying that it does not know,
-depends on what could be known. That is judged from the simulator's truth: from the
-noise-free slips follows the regressor phi of each stiffness (as src/paper/row.c, which
-has to use estimates), and from its variance over the last two memories the sd that the
-mean could have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
+An error counts against an estimator only if the stiffness was observable, and a stiffness
+that is flagged as not valid only if it was not. Observability is computed from the truth.
+The noise-free slips give the regressor phi of each stiffness (src/paper/row.c does the
+same from estimates). The variance of phi over the last two memories gives the best sd
+that an estimate of the mean can have:
+
+    sqrt((1 + E[phi^2] spread^2)/(memory var phi))
 """
 
 import itertools
@@ -19,58 +22,72 @@ from tse.library.core import REASON, STIFFNESS, library
 from tse.log.rows import MEASURES
 from tselab.montecarlo.case import LINEAR, Case, CaseDrive, G
 
-DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0  # share of the mean stiffness, s
-SETTLE_AFTER = 10.0  # s after start, event or disturbance, before errors are judged
-VALID_AFTER = 5.0  # s, before the valid flag is judged
-CLOSE = 0.10  # error below which an estimate has settled, or may be called right
-CLEARLY = 2.0  # best-case sd beyond this factor of valid_sd, either way, is clear; between is grey
-LOW_SPEED = 1.0  # m/s, as in src/model/vehicle.h
-REVERSE_SPEED = -0.1  # m/s, as in src/estimator/filter.c
-SETTLED_FOR = 1.0  # s within CLOSE: has settled
+# An estimate has diverged if its relative error exceeds the first number for longer than
+# the second [s]
+DIVERGED_ERROR, DIVERGED_FOR = 0.20, 2.0
+SETTLE_AFTER = 10.0  # [s] time after start, event or disturbance in which errors do not count
+VALID_AFTER = 5.0  # [s] time after the start in which the valid flag does not count
+CLOSE = 0.10  # max relative error of an estimate that has settled, or counts as right
+# A stiffness is clearly observable if its best-case sd is below valid_sd/CLEARLY, and
+# clearly unobservable above valid_sd CLEARLY. Rows in between are not scored
+CLEARLY = 2.0
+LOW_SPEED = 1.0  # [m/s] as in src/model/vehicle.h
+REVERSE_SPEED = -0.1  # [m/s] as in src/estimator/filter.c
+SETTLED_FOR = 1.0  # [s] an estimate has settled if its error is below CLOSE for this long
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
-SURE = 0.9  # of a change of regime: from here on it counts as reported
+SURE = 0.9  # min probability of a change of regime that counts as reported
 STATES = ("vel_x", "yaw_rate")
-DISTINCT = 0.5  # s between changes that count as two
-BEFORE, AFTER = (
-    0.15,
-    2.0,
-)  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
-OFF, OFF_FOR = 0.20, 60.0  # error that must not be called valid, s after an event in which it is counted
-UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
+DISTINCT = 0.5  # [s] reported changes that are closer together count as one
+# [s] a reported change is correct if it is at most this much earlier, or later, than a
+# true one
+BEFORE, AFTER = (0.15, 2.0)
+# Relative error above which a valid flag is wrong; [s] time after an event in which rows
+# with a wrong valid flag are counted
+OFF, OFF_FOR = 0.20, 60.0
+UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # correct if not observable
 
 
 @dataclass
 class Knowable:
-    """What could be known at each row."""
+    """What an estimator can know in each row of a drive, computed from the truth."""
 
-    best_sd: np.ndarray  # (n, 3), relative to nominal; inf where nothing is learnt
-    level: np.ndarray  # (n, 3) true mean as tyres show it, relative to nominal
-    corrupted: np.ndarray  # (n,) the log does not tell the truth
-    beyond: np.ndarray  # (n,) tyres beyond their linear range
-    settled: np.ndarray  # (n,) long enough after start, events and disturbances
-    valid_sd: float
-    secant: np.ndarray | None = None  # (n, 3) as level, of tyres beyond their linear range, too
+    best_sd: np.ndarray  # (n, 3) best-case sd, relative to nominal; inf if nothing is learnt
+    level: np.ndarray  # (n, 3) true mean stiffness (secant of rows in the linear range) over nominal
+    corrupted: np.ndarray  # (n,) whether the log was falsified
+    beyond: np.ndarray  # (n,) whether a tyre is beyond its linear range
+    settled: np.ndarray  # (n,) whether start, events and disturbances are long enough ago
+    valid_sd: float  # the setting: max relative sd of a valid stiffness
+    secant: np.ndarray | None = None  # (n, 3) as level, but with rows beyond the linear range
 
     @property
     def observable(self) -> np.ndarray:
-        """Clearly so, (n, 3): the valid flag counts in shares of nominal, errors in
-        shares of the truth; by both."""
+        """(n, 3) whether the stiffness is clearly observable. The best-case sd must be
+        small relative to nominal, as in the valid flag, and relative to the truth, as in
+        errors."""
         return self.best_sd * np.maximum(1, 1 / self.level) < self.valid_sd / CLEARLY
 
     @property
     def unobservable(self) -> np.ndarray:
-        """Clearly so, by both counts, (n, 3)."""
+        """(n, 3) whether the stiffness is clearly unobservable: the best-case sd is large
+        relative to both nominal and the truth."""
         return self.best_sd * np.minimum(1, 1 / self.level) > self.valid_sd * CLEARLY
 
     @property
     def judged(self) -> np.ndarray:
-        """Where an error is the estimator's fault, (n, 3)."""
+        """(n, 3) whether an error counts against the estimator."""
         return self.observable & (self.settled & ~self.corrupted & ~self.beyond)[:, None]
 
 
 def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
-    """From the truth: phi (n, 3) in true sigma per unit of w, and the tyre forces over
-    the friction limit (n, 2)."""
+    """Compute regressors and tyre utilisation from the truth.
+
+    Returns
+    -------
+    tuple
+        (n, 3) regressor phi: derivative of the acceleration with respect to the relative
+        deviation of each stiffness, over the true noise sd. (n, 2) force of a linear tyre
+        over the friction limit, front and rear axle; 0 without friction limit.
+    """
     c, truth = d.car, d.truth
     vx, vy, r = (truth[f"true_{n}"].astype(float) for n in ("vel_x", "vel_y", "yaw_rate"))
     vf = c.wheel_radius_front * truth["true_wheel_speed_front"]
@@ -104,8 +121,10 @@ def compute_regressors(d: CaseDrive) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_grip(use: np.ndarray) -> np.ndarray:
-    """Secant of the simulator's tyre over its stiffness, as grip() in
-    src/host/simulate.c. use: linear force over the limit."""
+    """Return the ratio of secant stiffness to stiffness of the simulator's tyre, as
+    grip() in src/host/simulate.c.
+
+    `use`: force of a linear tyre over the friction limit."""
     z = use / 3
     return np.where(z < 1, 1 - z + z**2 / 3, 1 / np.maximum(use, 1e-9))
 
@@ -118,9 +137,12 @@ def compute_felt_stiffness(
     memory: float,
     linear: float = LINEAR,
 ) -> np.ndarray:
-    """The stiffness that a best fit of the linear tyre over the memory finds: the secant,
-    weighted by what each row shows of it, phi^2. Rows beyond the linear range, from which
-    nobody should learn, do not count."""
+    """Return the stiffness (n, 3) to which a least-squares fit of a linear tyre over the
+    memory converges: the mean secant stiffness, weighted with phi^2.
+
+    `mean`: true stiffness. `phi`, `use`: from compute_regressors(). `learning`: rows from
+    which an estimator learns. `memory`: in rows. `linear`: rows with larger `use` are
+    left out, because no estimator should learn from them."""
     if not use.any():
         return mean
     rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
@@ -139,8 +161,8 @@ def compute_felt_stiffness(
 
 
 def compute_running_mean(x: np.ndarray, window: float) -> np.ndarray:
-    """Mean of what has been, with a memory of `window` rows: gain 1/min(window, rows so
-    far)."""
+    """Return the mean of all values up to each row, with exponential forgetting: the gain
+    is 1/min(window, number of rows so far)."""
     first = min(len(x), int(window))
     start = np.cumsum(x[:first]) / np.arange(1, first + 1)
     if first == len(x):
@@ -151,8 +173,11 @@ def compute_running_mean(x: np.ndarray, window: float) -> np.ndarray:
 
 
 def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, memory: float) -> np.ndarray:
-    """Best-case sd of the mean from the regressor of one stiffness; rows from which
-    nothing is learnt do not count."""
+    """Return the best-case sd (n,) of the mean of one stiffness, relative to nominal; inf
+    in rows from which an estimator does not learn.
+
+    `phi`: regressor of this stiffness. `learning`: rows from which an estimator learns.
+    `spread`: sd of the stiffness from sample to sample. `memory`: in rows."""
     sd = np.full(len(phi), np.inf)
     x = phi[learning]
     square = compute_running_mean(x**2, 2 * memory)
@@ -163,14 +188,14 @@ def compute_best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, m
 
 
 def find_rows_after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
-    """Rows that are at least `wait` after the last of the moments before them. Moments
-    need not be rows."""
+    """Return whether each row is at least `wait` seconds after the latest of the sorted
+    times `moments` before it."""
     last = np.searchsorted(moments, time + 1e-9, side="right") - 1
     return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
 
 
 def find_knowable(d: CaseDrive, case: Case) -> Knowable:
-    """What the truth of the drive says about what could be known."""
+    """Compute from the truth what an estimator can know in each row."""
     c = d.config
     phi, use = compute_regressors(d)
     wheels = np.column_stack(
@@ -191,24 +216,25 @@ def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    # Before, the filter says "starting", and rightly
+    # before, the reason "starting" is correct
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
     settled = find_rows_after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
 
 
 def find_rows_inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.ndarray:
-    """Rows in any of the windows."""
+    """Return whether each row is in one of the windows."""
     return np.any([(time >= a - 1e-9) & (time <= b + 1e-9) for a, b in windows], axis=0)
 
 
 def find_longest_run(flags: np.ndarray) -> int:
-    """Length of the longest run of True."""
+    """Return the length of the longest run of True."""
     return count_wrong_rows(flags, flags)
 
 
 def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
-    """Most judged rows in any one stretch in which every row, judged or not, is wrong."""
+    """Return the max number of judged rows in a stretch of consecutive wrong rows. Rows
+    that are wrong but not judged do not end a stretch."""
     count = np.cumsum(np.concatenate([[0], wrong & judged]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong.astype(int), [0]])))
     return int((count[edges[1::2]] - count[edges[::2]]).max(initial=0))
@@ -217,21 +243,22 @@ def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
 def compute_settling_time(
     time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
 ) -> float:
-    """Seconds from `start` until the error stays below CLOSE for `hold` seconds, with
-    hold = inf up to `end`; inf when it does not. Less than `hold` before the end counts
-    when it stays below until there."""
+    """Return the time from `start` until the error stays below CLOSE for `hold` seconds,
+    or from then on until `end` if that is sooner. inf: it does not.
+
+    `time`, `start`, `end` [s]. `error`: relative error in each row."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)
     t = time[part]
     wrong = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
-    begins = np.concatenate([[0], wrong + 1])  # of stretches that are right, some of no length
+    begins = np.concatenate([[0], wrong + 1])  # first rows of stretches without a wrong row, some empty
     begins = begins[begins < len(t)]
-    ends = np.concatenate([t[wrong], [np.inf]])[: len(begins)]  # the first wrong row after each, if any
+    ends = np.concatenate([t[wrong], [np.inf]])[: len(begins)]  # time of the next wrong row, inf: none
     long = np.flatnonzero(ends - t[begins] >= hold - 1e-9)
     return float(max(t[begins[long[0]]] - start, 0.0)) if len(long) else np.inf
 
 
 def _compute_mean(x: np.ndarray) -> float:
-    """Of the rows that have an estimate: a refused row has none."""
+    """Return the mean over the rows that have an estimate. Refused rows have none."""
     x = x[np.isfinite(x)]
     return float(x.mean()) if len(x) else np.nan
 
@@ -240,14 +267,15 @@ def _compute_mean(x: np.ndarray) -> float:
 
 
 def compute_log_time(d: CaseDrive) -> np.ndarray:
-    """Time as the log has it: with the pauses, during which nothing was driven."""
+    """Return the time of each row from the time steps of the log, s. It includes pauses
+    between parts of a drive."""
     now = np.cumsum(d.rows["dt"].astype(float))
     return now - now[0]
 
 
 def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
-    """When the estimator says that the regime changed, in the time of the drive: each
-    change once, whenever it was said."""
+    """Return the times of the regime changes that the estimator reports, in the time of
+    the drive, s. A change that is reported in several rows is in the result only once."""
     sure = (
         (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
     )
@@ -259,8 +287,9 @@ def find_reported(d: CaseDrive, estimate: np.ndarray) -> np.ndarray:
 
 
 def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Changes reported and false ones; after each event how soon it was detected, how
-    soon all stiffnesses were right, and for how long any was called valid and was not."""
+    """Return the scores of regime changes: numbers of reported and of false changes; for
+    each event the time until it is detected, the time until all stiffnesses have settled,
+    and for how long a stiffness was flagged valid in spite of a large error."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = compute_log_time(d)
     error = np.max(
@@ -295,8 +324,8 @@ def score_regimes(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -
 
 
 def score_run(d: CaseDrive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """The numbers of one run. Percent; shares as two counts of rows, so that they can be
-    pooled."""
+    """Return the scores of one run, in percent. A share is two numbers of rows, numerator
+    and denominator, so that runs can be pooled."""
     time, step = d.time, d.config.sample_time
     window = find_rows_inside(time, case.windows)
     truth = k.level

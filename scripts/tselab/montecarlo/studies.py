@@ -1,4 +1,4 @@
-"""The studies: every case of every study, in one place."""
+"""The cases of all studies, and the manoeuvres and faults of logs that they need."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,11 +15,11 @@ from tselab.montecarlo import STUDIES
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, get_overrides
 
-# ---- Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver;
-# and errors of logs.
+# ---- Manoeuvres that only studies need. Each function takes the car, the settings of the
+# simulator and a random generator, and returns a Maneuver.
 
-STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
-LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
+STEER, TORQUE = 0.02, 700.0  # [rad], [Nm] amplitudes of the paper's square waves
+LOW_STEER, LOW_SLIP = 0.005, 0.005  # [rad], [1] amplitudes of low excitation
 
 
 def drive_square_waves(
@@ -32,7 +32,10 @@ def drive_square_waves(
     torque: float | None = TORQUE,
     road: tuple[tuple[float, float], ...] = (),
 ) -> Maneuver:
-    """The paper's square waves. torque None: what gives LOW_SLIP."""
+    """Return the paper's square waves of steering and torque.
+
+    `torque` [Nm]; None: the torque that causes LOW_SLIP. `road`: pairs of time [s] and
+    factor on every stiffness from then on."""
     m = maneuvers.build(
         "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
     )
@@ -41,8 +44,8 @@ def drive_square_waves(
 
 
 def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
-    """Steady front torque that makes this slip on the front axle: its wheels and, through
-    the car, the rear wheels take their part of it."""
+    """Return the torque on the front axle that causes a steady slip of this axle, Nm. It
+    also accelerates the front wheels and, through the car, the rear wheels."""
     force = car.longitudinal_stiffness_front * slip
     front, rear = (
         getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
@@ -53,16 +56,16 @@ def find_torque(car: Config, sim: SimConfig, slip: float) -> float:
 def drive_listed(
     car: Config, sim: SimConfig, rng: np.random.Generator, *, name: str, duration: float
 ) -> Maneuver:
-    """A manoeuvre of `tselab simulate`."""
+    """Return a manoeuvre of `tselab simulate`."""
     return maneuvers.build(name, car, sample_time=car.sample_time, duration=duration, seed=sim.seed)
 
 
-LANE_CHANGE = (302.0, 3.0, 0.015)  # start and length, s; rad
-HIGHWAY_END = 315.0
+LANE_CHANGE = (302.0, 3.0, 0.015)  # start [s], duration [s], steering amplitude [rad]
+HIGHWAY_END = 315.0  # [s]
 
 
 def drive_highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Five minutes of straight highway, then one lane change of 4 m."""
+    """Return five minutes of straight highway, then a lane change of 4 m."""
     m = drive_listed(car, sim, rng, name="straight", duration=HIGHWAY_END)
     start, length, amplitude = LANE_CHANGE
     share = (m.time - start) / length
@@ -70,12 +73,12 @@ def drive_highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Mane
     return replace(m, steer_angle=m.steer_angle + amplitude * sine)
 
 
-REVERSE_END = 60.0
+REVERSE_END = 60.0  # [s]
 
 
 def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """From standstill 3 m/s backwards with steering, back to standstill, launch to 18
-    m/s, then the paper's square waves."""
+    """Return a drive that begins at standstill, goes backwards at 3 m/s with steering,
+    stops, accelerates to 18 m/s, and ends with the paper's square waves."""
     t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
     force = (
         np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass
@@ -87,15 +90,15 @@ def drive_reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Mane
     return Maneuver(t, 0.0, steer, torque, zero, np.ones_like(t))
 
 
-PULSES = (20.0, 45.0)  # s
-PULSES_END = 75.0
-LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # Nm on the front brakes, s
-SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # Nm on the front wheels, s
+PULSES = (20.0, 45.0)  # [s] times at which the front wheels lock or spin
+PULSES_END = 75.0  # [s]
+LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # [Nm] torque of the front brakes, [s] its duration
+SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # [Nm] torque on the front wheels, [s] its duration
 
 
 def drive_wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Square waves; twice the brakes lock the front wheels for a second, and the speed is
-    taken back afterwards."""
+    """Return square waves in which the brakes lock the front wheels twice, for a second
+    each. Drive torque afterwards restores the speed."""
     m = drive_square_waves(car, sim, rng, duration=PULSES_END)
     torque, brake = m.wheel_torque_front.copy(), np.zeros_like(m.time)
     for start in PULSES:
@@ -107,8 +110,8 @@ def drive_wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> M
 
 
 def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Square waves; twice too much torque spins the front wheels, and the speed is given
-    back afterwards."""
+    """Return square waves in which a large torque makes the front wheels spin twice.
+    Brake torque afterwards restores the speed."""
     m = drive_square_waves(car, sim, rng, duration=PULSES_END)
     torque = m.wheel_torque_front.copy()
     for start in PULSES:
@@ -117,8 +120,10 @@ def drive_wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> M
     return replace(m, wheel_torque_front=torque)
 
 
-PAPER_SPEED, PAPER_SD = 22.0, 1.0  # m/s: x0 and P0 of the paper, also of the lateral velocity
-APPROACH, LANES_END = 10.0, 48.0  # s
+# [m/s] mean and sd of the initial speed in the paper (x0, P0). The initial lateral
+# velocity has the same sd
+PAPER_SPEED, PAPER_SD = 22.0, 1.0
+APPROACH, LANES_END = 10.0, 48.0  # [s] end of the straight approach, end of the drive
 
 
 def drive_paper_waves(
@@ -129,15 +134,16 @@ def drive_paper_waves(
     duration: float,
     road: tuple[tuple[float, float], ...],
 ) -> Maneuver:
-    """The paper's square waves, from a state drawn from the paper's p0."""
+    """Return the paper's square waves. The initial state is drawn from the initial
+    distribution of the paper."""
     speed = PAPER_SPEED + PAPER_SD * rng.standard_normal()
     sim.vel_y = PAPER_SD * rng.standard_normal()
     return replace(drive_square_waves(car, sim, rng, duration=duration, road=road), speed=speed)
 
 
 def drive_paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """After the paper's IV-B: ten seconds straight on, accelerating twice; from 13 s on
-    double lane changes."""
+    """Return a drive like that of Sec. IV-B of the paper: ten seconds straight ahead with
+    two accelerations, then double lane changes from 13 s on."""
     m = drive_listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
     t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
     before = len(t) - len(m.time)
@@ -148,7 +154,7 @@ def drive_paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> 
     return Maneuver(t, m.speed - 6.0, steer, torque, np.zeros_like(t), np.ones_like(t))
 
 
-# ---- regimes: what happens to the road while driving
+# ---- changes of the road
 
 
 def drive_slow_change(
@@ -161,32 +167,39 @@ def drive_slow_change(
     level: float,
     after: float,
 ) -> Maneuver:
-    """Square waves; all stiffness goes linearly to `level` within `length`."""
+    """Return square waves in which every stiffness changes linearly from nominal to
+    `level` times nominal.
+
+    `start`, `length` [s]: of this change. `after` [s]: from its end to the end of the
+    drive."""
     m = drive_square_waves(car, sim, rng, duration=start + length + after)
     return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
 
 
-LANE_PERIOD = (6.0, 12.0)  # s: of keeping the lane
+LANE_PERIOD = (6.0, 12.0)  # [s] range of the periods of steering while keeping the lane
 
 
 def _make_waves(
     t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
 ) -> np.ndarray:
-    """Two slow sines of random period and phase that add up to `size`."""
+    """Return the sum of two sines of random period and phase. Their amplitudes add up to
+    a random number.
+
+    `size`: range of this number. `period`: range of the periods, s."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
 
 
-PART = (20.0, 60.0)  # s: for as long somebody drives in one way
-SPEEDS = (8.0, 35.0)  # m/s
-SPEED_CHANGE = 1.5  # m/s2
-LATERAL = (0.5, 2.5)  # m/s2, largest of a part
-WAVE = 1.0  # m/s2 up and down, of square waves
+PART = (20.0, 60.0)  # [s] range of the duration of a part of the drive
+SPEEDS = (8.0, 35.0)  # [m/s] range of the speeds
+SPEED_CHANGE = 1.5  # [m/s2] acceleration between two speeds
+LATERAL = (0.5, 2.5)  # [m/s2] range of the max lateral acceleration of a part
+WAVE = 1.0  # [m/s2] longitudinal acceleration in a part with square waves
 
 
 def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
-    """Parts of lane keeping, square waves, random steering and straight roads, at speeds
-    that change in between: what a car does as long as nothing happens."""
+    """Return ordinary driving without any event: random parts of lane keeping, square
+    waves, random steering and straight roads, with changes of speed between them."""
     t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
     steer, target = np.zeros_like(t), np.zeros_like(t)
     start, speed = 0.0, rng.uniform(*SPEEDS)
@@ -218,17 +231,20 @@ def drive_ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, dur
     return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)
 
 
-# ---- Errors of logs. Each function changes the rows in place, and returns which of them
+# ---- Faults of logs. Each function changes the rows in place, and returns which of them
 # are unusable.
 
 
-LENGTHS = (0.1, 0.5, 2.0, 5.0)  # s, of a dropout or a stuck channel
-FIRST, SLOT, JITTER = 15.0, 20.0, 2.0  # s: one corruption in each slot, and time to judge what it left
+LENGTHS = (0.1, 0.5, 2.0, 5.0)  # [s] durations of a dropout or a frozen channel
+# [s] start of the first slot, length of a slot, and max delay of the fault in its slot.
+# Each slot has one fault, and the rest of the slot shows its consequences
+FIRST, SLOT, JITTER = 15.0, 20.0, 2.0
 SLOTS_END = FIRST + SLOT * len(LENGTHS)
 
 
 def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[int, int]]:
-    """Rows [a, b) of one corruption of each length, in random order at random times."""
+    """Return a range of rows [a, b) for a fault of each of LENGTHS, in random order and
+    at random times."""
     found = []
     for slot, length in enumerate(rng.permutation(LENGTHS)):
         start = FIRST + SLOT * slot + rng.uniform(0, JITTER)
@@ -238,7 +254,7 @@ def _choose_stretches(time: np.ndarray, rng: np.random.Generator) -> list[tuple[
 
 
 def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """The channel is missing for 0.1, 0.5, 2 and 5 s."""
+    """Remove the values of a channel for each of LENGTHS."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = np.nan
@@ -247,7 +263,7 @@ def drop_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, c
 
 
 def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel: str) -> np.ndarray:
-    """The channel repeats its last value for 0.1, 0.5, 2 and 5 s."""
+    """Let a channel repeat its last value for each of LENGTHS."""
     corrupted = np.zeros(len(time), bool)
     for a, b in _choose_stretches(time, rng):
         rows[channel][a:b] = rows[channel][a - 1]
@@ -258,8 +274,8 @@ def freeze_channel(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator,
 def add_outliers(
     time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float
 ) -> np.ndarray:
-    """Single samples of the inertial channels are far off. An estimator has to live with
-    them: no row is unusable."""
+    """Add outliers of `sigmas` standard deviations to a `share` of the samples of the
+    inertial channels. An estimator must cope with them, so no row counts as unusable."""
     default = Config.exact()
     for channel in MEASURES:
         hit = rng.random(len(time)) < share
@@ -274,19 +290,20 @@ DEGREE = np.pi / 180
 
 @dataclass(frozen=True)
 class Study:
-    """A list of cases, and how many runs of each are usual. The name may add estimators
-    to all of them: "stress+ekf"."""
+    """A study: a list of cases."""
 
-    name: str
+    name: str  # may add estimators to all cases: "stress+ekf"
     title: str
-    runs: int
+    runs: int  # default number of runs of each case
     cases: tuple[Case, ...]
 
     @property
     def base(self) -> str:
+        """Name of the study without added estimators."""
         return self.name.partition("+")[0]
 
     def case(self, name: str) -> Case:
+        """Return a case by its name."""
         return next(c for c in self.cases if c.name == name)
 
 
@@ -295,10 +312,11 @@ def _make_square_waves(duration: float = 30.0, **more: object) -> partial:
 
 
 def _draw_paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
+    """Return an initial speed with an error of 1 m/s sd."""
     return {"initial_vel_x": sim.speed + rng.standard_normal()}
 
 
-NOMINAL = Case("nominal", "square waves, all as assumed", _make_square_waves())
+NOMINAL = Case("nominal", "square waves, all parameters as assumed", _make_square_waves())
 NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _make_square_waves(), sim={"noise": 3.0})
 NOISE_THIRD = Case(
     "noise-third", "sensor noise a third of the setting", _make_square_waves(), sim={"noise": 1 / 3}
@@ -343,29 +361,34 @@ def _make_stress_cases() -> tuple[Case, ...]:
         NOMINAL,
         Case(
             "paper-prior",
-            "vx starts 1 m/s sd off",
+            "initial vx with an error of 1 m/s sd",
             _make_square_waves(),
             draw=_draw_paper_prior,
             config={"initial_vel_x_from_wheels": 0, "initial_vel_x_sd": 1.0},
         ),
-        Case("vy-start", "vy starts 10 sigma off", _make_square_waves(), sim={"vel_y": 1.0}),
+        Case("vy-start", "initial vy 10 sigma wrong", _make_square_waves(), sim={"vel_y": 1.0}),
         NOISE_3X,
         NOISE_THIRD,
         Case(
             "wheel-noise-known",
-            "wheel speeds noisy by 0.05 rad/s, in the settings",
+            "noise of the wheel speeds 0.05 rad/s, as in the settings",
             _make_square_waves(),
             sim={"wheel_speed_sd": 0.05},
             config={"wheel_noise_sd": 0.05},
         ),
         Case(
             "wheel-noise-unknown",
-            "wheel speeds noisy by 0.05 rad/s, not in the settings",
+            "noise of the wheel speeds 0.05 rad/s, but not in the settings",
             _make_square_waves(),
             sim={"wheel_speed_sd": 0.05},
         ),
         OUTLIERS,
-        Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _make_square_waves(), sim=imu_bias),
+        Case(
+            "imu-bias",
+            "biases of 0.1, 0.1 m/s2, 0.2 deg/s that vary as a random walk",
+            _make_square_waves(),
+            sim=imu_bias,
+        ),
         LOW,
         replace(
             LOW,
@@ -383,7 +406,7 @@ def _make_stress_cases() -> tuple[Case, ...]:
         *(
             Case(
                 f"spread-{s:g}",
-                f"stiffness scatters by {s:g} %",
+                f"sd of the stiffness from sample to sample {s:g} %",
                 _make_square_waves(),
                 sim=dict.fromkeys(SPREADS, s / 100),
             )
@@ -395,7 +418,7 @@ def _make_stress_cases() -> tuple[Case, ...]:
         ),
         Case(
             "forgetting-0.999",
-            "forgetting 0.999, judged after two memories",
+            "forgetting 0.999, scored after two memories",
             _make_square_waves(40.0),
             config={"forgetting": 0.999},
             windows=((20.0, 40.0),),
@@ -413,7 +436,7 @@ def _make_stress_cases() -> tuple[Case, ...]:
         *(
             Case(
                 f"stuck-{c}",
-                f"{c} stuck for 0.1 .. 5 s",
+                f"{c} frozen for 0.1 .. 5 s",
                 slots,
                 corrupt=partial(freeze_channel, channel=c),
                 windows=after_15,
@@ -433,10 +456,16 @@ def _make_stress_cases() -> tuple[Case, ...]:
             windows=((45.0, REVERSE_END),),
         ),
         Case(
-            "wheel-lock", "front wheels lock for 1 s, twice; against the secant", drive_wheel_lock, **friction
+            "wheel-lock",
+            "front wheels lock for 1 s, twice; truth: secant stiffness",
+            drive_wheel_lock,
+            **friction,
         ),
         Case(
-            "wheel-spin", "front wheels spin for 1 s, twice; against the secant", drive_wheel_spin, **friction
+            "wheel-spin",
+            "front wheels spin for 1 s, twice; truth: secant stiffness",
+            drive_wheel_spin,
+            **friction,
         ),
         Case(
             "mass+10",
@@ -462,12 +491,14 @@ def _make_stress_cases() -> tuple[Case, ...]:
     )
 
 
-SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # s
+SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # [s] slow change: duration, start, time after it
 
 
 def _make_regime_cases() -> tuple[Case, ...]:
-    """What `_stress` does not have. Windows end before an event: its row already has
-    another truth."""
+    """Return the cases with changes of the road.
+
+    A window ends just before an event, because the row of the event already has the new
+    truth."""
     two = ("tse", "known")
     return (
         Case(
@@ -490,7 +521,7 @@ def _make_regime_cases() -> tuple[Case, ...]:
     )
 
 
-TEN_MINUTES = 600.0  # s
+TEN_MINUTES = 600.0  # [s]
 
 
 def _make_false_alarm_cases() -> tuple[Case, ...]:
@@ -510,9 +541,9 @@ def _set_estimators(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ..
 
 
 def _make_paper_cases() -> tuple[Case, ...]:
-    """Sec. IV-A with inputs that change linearly between rows, and with inputs that are
-    held; and a twin of the experiment of IV-B, with a prior that is wrong by 20 % on
-    either side."""
+    """Return the cases of the paper: Sec. IV-A with inputs that are linear between rows,
+    and with inputs that are held; a simulation of the experiment of Sec. IV-B with a
+    prior that is 20 % too low, and with one that is 20 % too high."""
     waves = Case(
         "iv-a",
         "square waves, road to 70 % at 30 s",
@@ -574,12 +605,15 @@ def _make_cases() -> dict[str, tuple[Case, ...]]:
 
 
 def make_study(name: str, cases: tuple[str, ...] = ()) -> Study:
-    """A study, or only some of its cases."""
+    """Return a study.
+
+    `name`: of the study, with further estimators after "+". `cases`: names of the cases;
+    empty: all. Raise UserError for an unknown name."""
     base, *beside = name.split("+")
     if base not in STUDIES:
         raise UserError(f"option --study: there is no study '{base}'; known: {', '.join(STUDIES)}")
     for other in beside:
-        get_overrides(other)  # refuses what there is not
+        get_overrides(other)  # raises UserError for an unknown estimator
     every = [
         replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *beside)))) for c in _make_cases()[base]
     ]

@@ -1,4 +1,5 @@
-"""Rows become tables: one line per case and estimator, with intervals."""
+"""Make tables from the scores of all runs, with a line for each case and estimator, and
+confidence intervals."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -15,22 +16,23 @@ from tselab.montecarlo.engine import StudyPlan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, DIVERGED_ERROR, DIVERGED_FOR, OFF, OFF_FOR, SETTLED_FOR, SURE
 
-RESAMPLES = 2000  # of a bootstrap interval
-LEVEL = 0.95
+RESAMPLES = 2000  # number of resamples for a bootstrap interval
+LEVEL = 0.95  # confidence level of all intervals
 HEADS = {"cx_front": "Cx front", "cy_front": "Cy front", "cy_rear": "Cy rear"}
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people. All but the first `left` columns are numbers."""
+    """A table of the Markdown file."""
 
     title: str
     head: list[str]
     rows: list[list[str]]
-    left: int = 1
-    text: str = ""
+    left: int = 1  # number of columns that are aligned left; the others are numbers
+    text: str = ""  # explanation above the table
 
     def markdown(self) -> str:
+        """Return title, explanation and table as Markdown."""
         lines = [f"## {self.title}", "", *([self.text, ""] if self.text else [])]
         return "\n".join([*lines, *format_markdown_table(self.head, self.rows, self.left)])
 
@@ -39,15 +41,16 @@ class Table:
 
 
 def compute_rms(squares: np.ndarray) -> np.ndarray:
-    """RMS along the last axis."""
+    """Return the RMS along the last axis, from squares."""
     return np.sqrt(squares.mean(axis=-1))
 
 
 def bootstrap_interval(
     values: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray] = compute_rms
 ) -> tuple[float, float]:
-    """Percentile interval of a statistic over the last axis, which holds the runs: they
-    are drawn again as a whole."""
+    """Return the bootstrap percentile interval of a statistic. Runs, along the last axis
+    of `values`, are resampled with replacement; all values of a run stay together. NaN:
+    there are fewer than two runs."""
     values = np.asarray(values, float)
     n = values.shape[-1]
     if n < 2:
@@ -58,12 +61,15 @@ def bootstrap_interval(
 
 
 def compute_rms_ratio(pair: np.ndarray) -> np.ndarray:
-    """RMS of the first row of squares over that of the second."""
+    """Return the ratio of two RMS values.
+
+    `pair`: squares of the numerator, and of the denominator."""
     return compute_rms(pair[0]) / compute_rms(pair[1])
 
 
 def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
-    """Mean, and half the width of its t interval."""
+    """Return the mean, and half the width of its t interval; NaN for fewer than two
+    values."""
     values = np.asarray(values, float)
     if len(values) < 2:
         return float(values.mean()) if len(values) else np.nan, np.nan
@@ -71,7 +77,7 @@ def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
 
 
 def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
-    """Exact interval of a share."""
+    """Return the exact interval of a share, `k` of `n`."""
     interval = stats.binomtest(k, n).proportion_ci(LEVEL, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -80,7 +86,9 @@ def compute_clopper_pearson(k: int, n: int) -> tuple[float, float]:
 
 
 def summarise(plan: StudyPlan, runs: pd.DataFrame) -> pd.DataFrame:
-    """One line per case and estimator. Percent, seconds."""
+    """Return a table with a line for each case and estimator, in percent and seconds.
+
+    `runs`: the scores of all runs, from engine.run_study()."""
     lines = []
     for case in plan.study.cases:
         for name in case.estimators:
@@ -93,11 +101,14 @@ def summarise(plan: StudyPlan, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def select_runs(runs: pd.DataFrame, case: str, estimator: str) -> pd.DataFrame:
-    """The rows of one estimator in one case, by seed."""
+    """Return the runs of one estimator in one case."""
     return runs[(runs["case"] == case) & (runs["estimator"] == estimator)]
 
 
 def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
+    """Return the line of one case and estimator.
+
+    `part`: its runs."""
     n = len(part)
     line: dict[str, float] = {
         "runs": n,
@@ -147,30 +158,33 @@ def _summarise_case(part: pd.DataFrame) -> dict[str, float]:
 
 
 def _pool_shares(part: pd.DataFrame, keys: Iterable[str], share: str) -> float:
-    """Share of all rows of all runs, percent; NaN when there is none."""
+    """Return a share over all rows of all runs, percent. NaN: the denominator is 0.
+
+    `keys`: stiffnesses that are pooled. `share`: one of scores.SHARES."""
     count = sum(part[f"{k}_{share}"].sum() for k in keys)
     among = sum(part[f"{k}_{share}_of"].sum() for k in keys)
     return 100 * count / among if among else np.nan
 
 
-# ---- for people
+# ---- numbers as text
 
 
 def format_number(value: float | None, digits: int = 2, sign: str = "") -> str:
-    """A number; a dash where there is none."""
+    """Format a number. NaN and None become "-", inf becomes "never"."""
     if value is None or np.isnan(value):
         return "-"
     return "never" if np.isinf(value) else f"{value:{sign}.{digits}f}"
 
 
 def format_three(line: pd.Series, what: str, digits: int = 1, sign: str = "") -> str:
-    """The three stiffnesses in one cell."""
+    """Format a value of all three stiffnesses for one cell."""
     return ", ".join(format_number(line.get(f"{k}_{what}", np.nan), digits, sign) for k in STIFFNESS)
 
 
 def format_settling(line: pd.Series, event: int) -> list[str]:
-    """Two cells: seconds until settled after an event, median and longest; the same for
-    good. Of the slowest stiffness."""
+    """Return two cells with times after an event, median and longest run: until the error
+    is small for SETTLED_FOR, and until it stays small for the rest. They are those of the
+    slowest stiffness."""
     cells = []
     for kind in ("settle", "stay"):
         names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
@@ -180,7 +194,7 @@ def format_settling(line: pd.Series, event: int) -> list[str]:
 
 
 def format_divergence(line: pd.Series) -> str:
-    """Count and interval."""
+    """Format the number of runs that diverged, and the interval of their share."""
     if np.isnan(line.get("diverged", np.nan)):
         return "-"
     return f"{line['diverged']:.0f} ({line['diverged_low']:.1f} .. {line['diverged_high']:.1f} %)"
@@ -195,30 +209,27 @@ def _format_rms(line: pd.Series, key: str) -> str:
 
 WRONG = f"{100 * DIVERGED_ERROR:.0f} %"
 LEGEND = (
-    "Triples: Cx front, Cy front, Cy rear. In % of the true mean stiffness, in the score window of the "
-    "case. Diverged: runs in "
-    f"which the mean of a stiffness was wrong by more than {WRONG} on end, for more than {DIVERGED_FOR:g} "
-    "s of rows from which "
-    f"it could clearly be observed, {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance; "
-    "any: whether it could "
-    "be observed or not. RMS and bias leave out refused rows, which have no estimate. Covered: share of "
-    "rows whose 95 % interval "
-    f"holds the truth. False valid: of the rows flagged valid, those wrong by more than {WRONG}. False "
-    "invalid: of the rows from "
-    f"which it could clearly be observed, and was within {100 * scores.CLOSE:.0f} %, those not flagged "
-    "valid. Reason right: of "
-    "the rows from which it clearly could not be observed, those that say so. Faults reported: of the "
-    "rows with a missing or "
-    "frozen channel, those not flagged valid or with the status that a measurement is missing. Seen: "
-    "share of rows that say that "
-    "the spread is learnt, not below what can be observed. Noise: sd as found over the setting, accel_x, "
-    "accel_y, yaw_rate, "
-    "mean. Intervals: 95 %, Clopper-Pearson for shares, bootstrap for RMS, t for means."
+    "Triples are Cx front, Cy front, Cy rear, in % of the true mean stiffness, in the score window of the "
+    "case. Diverged: number of runs in which the error of a stiffness exceeded "
+    f"{WRONG} without a break, for more than {DIVERGED_FOR:g} s of rows in which it was clearly observable; "
+    f"rows less than {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance do not count. "
+    "Any: the same, whether observable or not. RMS and bias are without refused rows, which have no "
+    "estimate. Covered: share of rows whose 95 % interval contains the truth. False valid: share of the "
+    f"rows flagged valid in which the error exceeds {WRONG}. False invalid: share of the rows in which the "
+    f"stiffness was clearly observable and its error below {100 * scores.CLOSE:.0f} %, but which are not "
+    "flagged valid. Reason right: share of the rows in which it was clearly unobservable, and which give "
+    "that as the reason. Faults reported: share of the rows with a missing or frozen channel which are not "
+    "flagged valid, or have the status that a measurement is missing. Seen: share of rows in which the "
+    "spread is flagged as estimated. Noise: ratio of the estimated noise sd to the setting, for accel_x, "
+    "accel_y, yaw_rate. Intervals are 95 %: Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
 
 def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
-    """One line per case and estimator: divergence, error, coverage, validity, spread."""
+    """Return a table of all cases and estimators: divergence, error, coverage, validity,
+    spread.
+
+    `summary`: from summarise()."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
     head = [
         "case",
@@ -262,17 +273,18 @@ def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
     return Table("All cases", head, rows, 2 if several else 1, LEGEND)
 
 
-# ---- The tables that only one study has: what it is about.
+# ---- tables that only one study has
 
 SETTLING = (
-    f"Settling: until the error is below 10 % for {SETTLED_FOR:g} s; for good: until it stays below up to "
-    "the next change or the "
-    "end of the run. Of several stiffnesses the slowest."
+    f"Times until the error of the slowest stiffness is below 10 % for {SETTLED_FOR:g} s and, for good, "
+    "until it stays below 10 % up to the next change or the end of the run."
 )
 
 
 def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """What the study is about."""
+    """Return the tables that only this study has.
+
+    `runs`: the scores of all runs. `summary`: from summarise()."""
     of_study = {
         "paper": _tabulate_paper,
         "robust": _tabulate_robust,
@@ -285,7 +297,8 @@ def make_findings(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) ->
 
 
 def tabulate_changes(plan: StudyPlan, summary: pd.DataFrame) -> list[Table]:
-    """How soon each change of a case is followed."""
+    """Return a table of the settling times after each change of the road; no table if
+    there are no changes."""
     rows = [
         [case.name, line["estimator"], f"{event:g} s", *format_settling(line, n)]
         for case in plan.study.cases
@@ -300,7 +313,8 @@ PAPERS = ("printed", "robust", "tse")
 
 
 def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """The paper's numbers beside ours."""
+    """Return a table that compares the numbers in the paper with those of three
+    filters."""
     cases = {c.name: c for c in plan.study.cases}
     rows: list[list[str]] = []
     for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
@@ -310,20 +324,17 @@ def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) 
         if name in cases:
             rows += _tabulate_lanes(prior, [select_runs(runs, name, e) for e in ("paper", *PAPERS[1:])])
     text = (
-        f"{plan.runs} runs of each case. Sec. IV-A: 500 particles, forgetting 0.99 (robust: 0.998, of the "
-        "mean 0.98), start "
-        "at 70 %, all stiffness to 70 % at 30 s; inputs linear or held between rows. Sec. IV-B: simulated "
-        "twin of the experiment, "
-        "0.995 (robust: of the mean 0.98). Triples: Cx, Cy front, "
-        "Cy rear, % of the true mean; in brackets 95 % intervals (bootstrap for rms, t for means, "
-        "Clopper-Pearson for shares). "
-        "Diverged: a stiffness off by more than 20 % for more than 2 s in 15 .. 30 s, in 45 .. 60 s, in "
-        "44 .. 48 s of IV-B. "
-        "Standard deviation: of a stiffness from sample to sample, which the default filter does not "
-        "estimate."
+        f"{plan.runs} runs of each case. Sec. IV-A: 500 particles; forgetting 0.99 (robust: 0.998, of the "
+        "mean 0.98); initial stiffness 70 % of nominal; every stiffness changes to 70 % at 30 s; inputs "
+        "linear or held between rows. Sec. IV-B: simulation of the experiment; forgetting 0.995 (robust: of "
+        "the mean 0.98). Triples are Cx, Cy front, Cy rear, in % of the true mean; 95 % intervals are in "
+        "brackets (bootstrap for rms, t for means, Clopper-Pearson for shares). Diverged: the error of a "
+        "stiffness exceeds 20 % for more than 2 s in the window 15 .. 30 s or 45 .. 60 s, for Sec. IV-B in "
+        "44 .. 48 s. Standard deviation: of a stiffness from sample to sample; the default filter does not "
+        "estimate it."
     )
     return [
-        Table("The paper's numbers and ours", ["", "paper", "as printed", "robust", "default"], rows, 2, text)
+        Table("The paper and three filters", ["", "paper", "as printed", "robust", "default"], rows, 2, text)
     ]
 
 
@@ -357,7 +368,7 @@ def _tabulate_waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[l
     particles = [100 * (part["cx_front_spread_w0"] / true - 1) for part in parts[:2]]
     fig1 = [
         [
-            f"Fig. 1, {head}Cx, standard deviation of the median run over the truth, %",
+            f"Fig. 1, {head}Cx, standard deviation of the median run relative to the truth, %",
             "within 5",
             *(f"{x.median():+.0f}" for x in particles),
             "-",
@@ -376,8 +387,8 @@ def _tabulate_waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[l
             *(_format_mean_of(p["cy_front_bias_w0"]) for p in parts),
         ],
         [
-            "... its sd; p of a normal distribution",
-            "a normal one",
+            "... its sd; p value of the test for a normal distribution",
+            "normal distribution",
             *(_format_normality(p["cy_front_bias_w0"]) for p in parts),
         ],
     ]
@@ -385,7 +396,7 @@ def _tabulate_waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[l
         [f"{head}rms error, 15 .. 30 s", "-", *_format_three_parts(parts, _format_rms_of, "mean_square_w0")],
         [f"{head}rms error, 45 .. 60 s", "-", *_format_three_parts(parts, _format_rms_of, "mean_square_w1")],
         [
-            f"{head}95 % interval holds, 15 .. 30 s",
+            f"{head}95 % interval contains the truth, 15 .. 30 s",
             "-",
             *_format_three_parts(parts, lambda x: f"{x.mean():.0f}", "covered_w0"),
         ],
@@ -396,7 +407,7 @@ def _tabulate_waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[l
 
 
 def _format_normality(x: pd.Series) -> str:
-    if len(x) < 8:  # too few for the test
+    if len(x) < 8:  # too few runs for the test
         return format_number(x.std())
     return f"{x.std():.2f}; {compute_anderson_darling(x.to_numpy())[1]:.3f}"
 
@@ -425,7 +436,7 @@ def _tabulate_lanes(prior: str, parts: list[pd.DataFrame]) -> list[list[str]]:
 
 
 def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Each variant of the robust form, in each window of each case."""
+    """Return a table for each case: all variants of the robust form, in each window."""
     tables = []
     for case in plan.study.cases:
         rows = []
@@ -437,7 +448,7 @@ def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame)
                     _format_errors([part], n)[0],
                     *_format_three_parts([part], _format_rms_of, f"mean_square_w{n}"),
                 ]
-            text = VARIANTS[name.partition("-")[2]][0] if "-" in name else "as `tse_config_robust()` has it"
+            text = VARIANTS[name.partition("-")[2]][0] if "-" in name else "settings of `tse_config_robust()`"
             spread = ", ".join(f"{part[f'{k}_spread_w0'].median():.1f}" for k in STIFFNESS)
             rows.append([name, text, *cells, spread])
         spans = [f"{a:g} .. {b:.0f} s" for a, b in case.windows]
@@ -448,17 +459,17 @@ def _tabulate_robust(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame)
             "spread, median run",
         ]
         text = (
-            f"{case.title}; {plan.runs} runs. Triples: Cx, Cy front, Cy rear, % of the true mean, with 95 "
-            "% intervals. "
-            "Diverged: a stiffness off by more than 20 % for more than 2 s of the window. True spread: 5 %."
+            f"{case.title}; {plan.runs} runs. Triples are Cx, Cy front, Cy rear, in % of the true mean, "
+            "with 95 % intervals. Diverged: the error of a stiffness exceeds 20 % for more than 2 s of the "
+            "window. The true spread is 5 %."
         )
         tables.append(Table(case.name, head, rows, 2, text))
     return tables
 
 
 def compute_anderson_darling(x: np.ndarray) -> tuple[float, float]:
-    """A² with the correction for estimated mean and sd, and its p (D'Agostino & Stephens
-    1986, table 4.9)."""
+    """Return A² of the Anderson-Darling test for a normal distribution, corrected for the
+    estimated mean and sd, and its p value (D'Agostino & Stephens 1986, table 4.9)."""
     n = len(x)
     z = np.sort((x - x.mean()) / x.std(ddof=1))
     i = np.arange(1, n + 1)
@@ -520,21 +531,20 @@ def _tabulate_peers(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) 
         "over EKF",
     ]
     text = (
-        "RMS over 15 .. 30 s, ratios on the same data with paired bootstrap intervals (95 %). After the "
-        "change: until the "
-        "slowest stiffness is within 10 % for 1 s, median run (longest). ekf and known are Python here; "
-        "what they would cost in C "
-        f"is not in this table. ekf: {TEXTS['ekf']}; known: {TEXTS['known']}."
+        "RMS error in 15 .. 30 s. Ratios are those on the same data, with paired bootstrap intervals (95 "
+        "%). After the change: time until the error of the slowest stiffness is below 10 % for 1 s, median "
+        "run (longest). ekf and known are written in Python; their times in C are not measured. "
+        f"ekf: {TEXTS['ekf']}; known: {TEXTS['known']}."
     )
-    return [Table("Against an EKF", head, rows, 2, text)]
+    return [Table("Comparison with an EKF", head, rows, 2, text)]
 
 
-# ---- regimes
+# ---- changes of the road
 
 
 def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Table]:
-    """RMS error of each estimator over that of another one, in each window of each case
-    that has both."""
+    """Return a table of the ratio of RMS errors, of each estimator to the estimator
+    `base`, in each window of each case that has both."""
     rows = []
     for case in plan.study.cases:
         below = select_runs(runs, case.name, base)
@@ -548,7 +558,7 @@ def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Tabl
                     for k in STIFFNESS
                 ]
                 if not np.isfinite(pairs).any():
-                    continue  # a bound
+                    continue  # an estimator without these scores
                 cells = [
                     f"{compute_rms_ratio(p):.2f} "
                     f"({' .. '.join(map(format_number, bootstrap_interval(p, compute_rms_ratio)))})"
@@ -557,8 +567,8 @@ def tabulate_ratios(plan: StudyPlan, runs: pd.DataFrame, base: str) -> list[Tabl
                 rms = [", ".join(format_number(float(compute_rms(p[i]))) for p in pairs) for i in (0, 1)]
                 rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
     head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
-    text = f"On the same data, with paired bootstrap intervals (95 %). {base}: {TEXTS[base]}."
-    return [Table(f"RMS error over that of {base}", head, rows, 2, text)] if rows else []
+    text = f"Ratios on the same data, with paired bootstrap intervals (95 %). {base}: {TEXTS[base]}."
+    return [Table(f"Ratio of the RMS error to that of {base}", head, rows, 2, text)] if rows else []
 
 
 def _tabulate_regimes(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
@@ -574,7 +584,8 @@ def _tabulate_false_alarms(plan: StudyPlan, runs: pd.DataFrame, summary: pd.Data
 
 
 def _format_median(values: pd.Series) -> str:
-    """Median run and longest, and how many never did."""
+    """Format the times of all runs: median (longest), or median (never: number of runs in
+    which it did not happen)."""
     x = values.dropna().to_numpy()
     if not len(x):
         return "-"
@@ -599,17 +610,19 @@ def _tabulate_after(plan: StudyPlan, runs: pd.DataFrame) -> Table:
     ]
     head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
     text = (
-        f"Median run (longest). Detected: the estimator says with more than {100 * SURE:g} %, that the "
-        "regime changed then. Within "
-        f"10 %: all three stiffnesses, for {SETTLED_FOR:g} s. Valid and off: how long, in the {OFF_FOR:g} "
-        "s after the change, any "
-        f"stiffness is called valid and is wrong by more than {100 * OFF:g} %."
+        "Times are those of the median run (longest). Detected: until the estimator reports the change of "
+        f"regime with a probability above {100 * SURE:g} %. Within 10 %: until the errors of all three "
+        f"stiffnesses are below 10 % for {SETTLED_FOR:g} s. Valid and off: for how long, in the "
+        f"{OFF_FOR:g} s after the change, a stiffness is flagged valid although its error exceeds "
+        f"{100 * OFF:g} %."
     )
     return Table("After a change of the road", head, rows, 2, text)
 
 
 def compute_poisson_interval(count: int, exposure: float) -> tuple[float, float]:
-    """Exact 95 % interval of a rate (Garwood 1936)."""
+    """Return the exact 95 % interval of the rate of a Poisson process (Garwood 1936).
+
+    `count`: number of events. `exposure`: time in which they were counted."""
     low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
     return float(low / exposure), float(stats.chi2.ppf(0.975, 2 * count + 2) / 2 / exposure)
 
@@ -629,6 +642,7 @@ def _format_rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
 
 
 def tabulate_false_changes(plan: StudyPlan, runs: pd.DataFrame) -> Table:
+    """Return a table of the reported and false changes of regime."""
     known = runs[runs["changes"].notna()]
     rows = [
         _format_rate(case.name, name, part)
@@ -648,8 +662,8 @@ def tabulate_false_changes(plan: StudyPlan, runs: pd.DataFrame) -> Table:
         "runs with any",
     ]
     text = (
-        f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is "
-        "false unless it lies within "
-        f"{AFTER:g} s after a change of the truth. Exact Poisson intervals."
+        "A change of regime counts as reported if the estimator gives it a probability above "
+        f"{100 * SURE:g} %. It is false unless the truth changed in the {AFTER:g} s before it. Intervals "
+        "are exact for a Poisson process."
     )
     return Table("Changes of regime", head, rows, 2, text)
