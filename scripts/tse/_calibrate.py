@@ -29,8 +29,8 @@ class Calibration(Shown):
     def __init__(self, result: CalibrationResult, logs: Sequence[Path]):
         self._result, self._logs = result, list(logs)
         self.converged = bool(result.fit.converged)
-        """Whether the fit converged. If not, the parameters are those of its last
-        step."""
+        """Whether the fit converged. If not, the parameters
+        are those of its last step."""
         self.notes = tuple(result.notes)
         """Sentences about what was unusual in the logs or in the fit."""
 
@@ -60,14 +60,14 @@ class Calibration(Shown):
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """The result in a few sentences, the last lines that `tselab calibrate`
-        prints."""
+        """The result in a few sentences, the last lines that
+        `tselab calibrate` prints."""
         return tuple(summarise_result(self._result, self.stiffness))
 
     @property
     def shown_words(self) -> tuple[str, ...]:
-        """A sentence for each parameter that these logs determine, in order of decreasing
-        evidence."""
+        """A sentence for each parameter that these logs determine, in
+        order of decreasing evidence."""
         return tuple(f.words for group in self._result.groups for f in group.members if f.shown)
 
     @property
@@ -86,8 +86,8 @@ class Calibration(Shown):
         return pd.DataFrame([f.as_json() for f in self._result.findings])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of the JSON file that write() puts next to the vehicle
-        file."""
+        """Return the content of the JSON file that write() puts
+        next to the vehicle file."""
         found: dict[str, Any] = results.convert_to_plain(output.to_json(self._result))
         return found
 

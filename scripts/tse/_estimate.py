@@ -86,32 +86,32 @@ class Result(Shown):
         """(n,) time of each row as in the log, s."""
         return self.table["time"].to_numpy(float)
 
-    def _three(self, end: str) -> Array:
+    def _select_three(self, end: str) -> Array:
         return self.table[[f"{s}{end}" for s in STIFFNESS]].to_numpy(float)
 
     @property
     def stiffness(self) -> Array:
         """(n, 3) means: cx_front [N], cy_front, cy_rear [N/rad]."""
-        return self._three("")
+        return self._select_three("")
 
     @property
     def stiffness_sd(self) -> Array:
         """(n, 3) standard deviations of `stiffness`, in the same units."""
-        return self._three("_sd")
+        return self._select_three("_sd")
 
     @property
     def stiffness_secant(self) -> Array:
-        """(n, 3) secant stiffness: tyre force divided by slip, at the slip and load of
-        each row, in the units of `stiffness`. Its relative sd is the same as that of
-        `stiffness`."""
-        return self._three("_secant")
+        """(n, 3) secant stiffness: tyre force divided by slip, at the slip and
+        load of each row, in the units of `stiffness`. Its relative sd is the
+        same as that of `stiffness`."""
+        return self._select_three("_secant")
 
     @property
     def stiffness_spread(self) -> Array:
         """(n, 3) spread, in the units of `stiffness`. Forms "robust" and "paper":
         standard deviation of the stiffness from sample to sample. Default form: size of
         the model discrepancy, expressed as a stiffness."""
-        return self._three("_spread")
+        return self._select_three("_spread")
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
@@ -132,24 +132,24 @@ class Result(Shown):
     def words(self) -> tuple[str, ...]:
         """The result in sentences, the last lines of `tselab estimate --verbose`.
 
-        For an uncalibrated car the first sentence gives the stiffness that the
-        calibration on the log itself found, or says that there was no calibration.
-        Filter, the C library, the FMU and the browser page do not calibrate on the
-        log."""
+        For an uncalibrated car the first sentence gives the stiffness that
+        the calibration on the log itself found, or says that there was no
+        calibration. Filter, the C library, the FMU and the browser page do
+        not calibrate on the log."""
         itself = self.vehicle.found[:1] if self.vehicle is not None else []
         return (*itself, *(line for lines in self.stretch_words for line in lines))
 
     @property
     def stretch_words(self) -> tuple[tuple[str, ...], ...]:
         """Sentences for each stretch of road between changes."""
-        return tuple(tuple(f.lines()) for f in self._found()[0])
+        return tuple(tuple(f.lines()) for f in self._get_findings()[0])
 
     @property
     def answer(self) -> tuple[str, ...]:
         """Three lines: each stiffness with its 95 % interval, and whether it is usable.
         If the road changed, there are three lines for each of the last stretches.
         `repr()` returns the same."""
-        return tuple(make_answer(self._found()[0], self._config()))
+        return tuple(make_answer(self._get_findings()[0], self._make_config()))
 
     def __repr__(self) -> str:
         return "\n".join(self.answer)
@@ -162,8 +162,9 @@ class Result(Shown):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of the command: 0 usable, 3 usable in part, 4 nothing usable."""
-        return results.choose_exit_code(self._found()[0])
+        """Exit code of `tselab estimate`: 0 usable, 3 usable in part, 4 nothing
+        usable."""
+        return results.choose_exit_code(self._get_findings()[0])
 
     @property
     def stretches(self) -> pd.DataFrame:
@@ -175,43 +176,43 @@ class Result(Shown):
         estimate smoothed over the stretch, with smoothed_sd, smoothed_low ..
         smoothed_high and smoothed_reason ("valid", or why it should not be used); valid
         (share of valid rows), usable, reason, change, change_probability, ratio, text."""
-        return results.make_frame(self._rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
+        return results.make_frame(self._make_rows(Path(), self.warnings), results.COLUMNS).drop(columns="log")
 
     @property
     def events(self) -> tuple[str, ...]:
-        """A sentence for each event of the drive: change of the road, sensor fault,
-        sliding."""
-        table = self._estimated().table
-        return tuple(regimes.describe_events(self._found()[1], regimes.find_spells(table)))
+        """A sentence for each event of the drive: change of the
+        road, sensor fault, sliding."""
+        table = self._get_estimates().table
+        return tuple(regimes.describe_events(self._get_findings()[1], regimes.find_spells(table)))
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
         """Facts about log, vehicle and filter of the run, as pairs of name and value."""
-        ran, ready = self._of_run()
+        ran, ready = self._get_run()
         return tuple(results.list_run_facts(ran.estimate, ready.log, ready.vehicle, ready.config))
 
     @property
     def messages(self) -> tuple[str, ...]:
         """`warnings` and `notes` in the order in which `tselab estimate` prints them,
         without the notes on values that were filled in."""
-        return tuple(self._of_run()[0].notes)
+        return tuple(self._get_run()[0].notes)
 
     @property
     def cautions(self) -> tuple[str, ...]:
         """The `messages` about what may be wrong: `warnings`, contradictions between
         channels that the rows do not confirm, and warnings from reading the log."""
-        _, ready = self._of_run()
+        _, ready = self._get_run()
         return (*ready.warnings, *ready.doubts, *ready.log.warnings)
 
     @property
     def rows(self) -> int:
         """Number of rows that were estimated. `table` may have fewer."""
-        return len(self._estimated())
+        return len(self._get_estimates())
 
     @property
     def interrupted(self) -> bool:
         """Whether Ctrl-C ended the run early (`keep_partial`)."""
-        return self._estimated().interrupted
+        return self._get_estimates().interrupted
 
     @property
     def calibration_interrupted(self) -> bool:
@@ -229,23 +230,23 @@ class Result(Shown):
         """Which learnt state the run started from, and its age, as a sentence."""
         return self._ran[0].started_from if self._ran is not None else None
 
-    def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
+    def _get_findings(self) -> tuple[list[Finding], list[regimes.Change]]:
         if self._ran is not None:
             return self._ran[0].findings, self._ran[0].changes
         plain = _convert_flags(self.table)
         changes = regimes.find_changes(plain)
-        return make_findings(plain, self._config(), changes, self.warnings, self.uncertainty_sd), changes
+        return make_findings(plain, self._make_config(), changes, self.warnings, self.uncertainty_sd), changes
 
-    def _config(self) -> Config:
+    def _make_config(self) -> Config:
         return self._ran[1].config if self._ran is not None else Filter(settings=self.settings)._config
 
-    def _estimated(self) -> Estimates:
+    def _get_estimates(self) -> Estimates:
         return (
             self._ran[0].estimate if self._ran is not None else Estimates(_convert_flags(self.table), False)
         )
 
-    def _rows(self, log: Path, cautions: Sequence[str]) -> list[dict[str, Any]]:
-        return results.make_rows(log, self._estimated(), *self._found(), cautions)
+    def _make_rows(self, log: Path, cautions: Sequence[str]) -> list[dict[str, Any]]:
+        return results.make_rows(log, self._get_estimates(), *self._get_findings(), cautions)
 
     def filter(self) -> Filter:
         """Return a filter with the settings of this run, before its first row."""
@@ -254,7 +255,7 @@ class Result(Shown):
     @property
     def log(self) -> Log:
         """The log as the filter received it, after averaging if `average` was given."""
-        return Log(self._of_run()[1].log)
+        return Log(self._get_run()[1].log)
 
     def to_frame(self) -> pd.DataFrame:
         """Return `table`."""
@@ -262,7 +263,7 @@ class Result(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab estimate --json`."""
-        ran, ready = self._of_run()
+        ran, ready = self._get_run()
         itself = None if ready.own is None else {**ready.own.found, "words": ready.vehicle.found}
         said = {
             "vehicle": ready.vehicle.path,
@@ -284,7 +285,7 @@ class Result(Shown):
     def plot(self) -> Any:
         """Return a plotly figure: the stiffnesses with their 95 % intervals, grey where
         they are not valid, and the events."""
-        ran, ready = self._of_run()
+        ran, ready = self._get_run()
         self._check_whole("plot")
         data = plots.Data(ready.log)
         data.add(ran.estimate.table)
@@ -296,7 +297,7 @@ class Result(Shown):
         """Write the page of `tselab estimate --report`."""
         from tse.report.report import write_report  # imports plotly, which is slow
 
-        ran, ready = self._of_run()
+        ran, ready = self._get_run()
         self._check_whole("report")
         judged = ran.changes, ran.findings
         write_report(
@@ -304,7 +305,7 @@ class Result(Shown):
         )
         return Path(path)
 
-    def _of_run(self) -> tuple[Run, Prepared]:
+    def _get_run(self) -> tuple[Run, Prepared]:
         if self._ran is None:
             raise ValueError("this Result was not made by estimate(), so it has no log")
         return self._ran
@@ -326,13 +327,13 @@ class Result(Shown):
     def write_table(self, path: str | os.PathLike[str]) -> Path:
         """Write the table of `tselab estimate --table`: Parquet if `path` ends in
         .parquet, otherwise CSV."""
-        _, ready = self._of_run()
-        results.write_rows(Path(path), self._rows(ready.log.path, self.cautions), results.COLUMNS)
+        _, ready = self._get_run()
+        results.write_rows(Path(path), self._make_rows(ready.log.path, self.cautions), results.COLUMNS)
         return Path(path)
 
     def save_learnt(self, path: str | os.PathLike[str]) -> Path:
-        """Write the learnt state to a file, for the next drive. Raise Error if nothing
-        was learnt."""
+        """Write the learnt state to a file, for the next drive. Raise
+        Error if nothing was learnt."""
         if self.learnt is None:
             raise UserError(
                 f"nothing was learnt, so {path} is not written: no row was used, or channels contradict "
@@ -390,11 +391,11 @@ def estimate(
         most 0.1. It is meant for noisy sensors. None: no averaging.
     learnt
         Learnt state of an earlier drive of this vehicle (Result.learnt or
-        Filter.save_learnt()), or the Path of a file with it. None: the filter starts from
-        the settings.
+        Filter.save_learnt()), or the Path of a file with it. None: the filter
+        starts from the settings.
     age
-        Time since that drive, s. By default it is unknown or, for a file, the age of the
-        file.
+        Time since that drive, s. By default it is unknown or, for a
+        file, the age of the file.
     calibrate
         Whether a car without calibrated stiffness is first calibrated on this log
         (Result.calibration). It is not if `learnt` is given.
@@ -489,8 +490,8 @@ def estimate(
 def read_learnt_state(learnt: bytes | os.PathLike[str] | None, age: float) -> Learnt | None:
     """Return a learnt state that is given as bytes or as a file.
 
-    `age`: time since the state was learnt, s; for a file, UNKNOWN_AGE means the age of
-    the file."""
+    `age`: time since the state was learnt, s; for a file, UNKNOWN_AGE
+    means the age of the file."""
     if isinstance(learnt, os.PathLike):
         return read_learnt(Path(learnt), None if age == UNKNOWN_AGE else age)
     return None if learnt is None else Learnt(Path("learnt"), learnt, age, True)

@@ -45,8 +45,8 @@ class Filter:
         "default", or a particle filter: "paper" is the paper's filter as printed,
         "robust" the same with settings that keep it from diverging.
     sample_time
-        Usual time between rows, 0.001 .. 1 s. None: the setting sample_time, by default
-        0.01 s.
+        Usual time between rows, 0.001 .. 1 s. None: the setting
+        sample_time, by default 0.01 s.
 
     Raises
     ------
@@ -127,9 +127,9 @@ class Filter:
             A mapping, or a row of a data frame (Series or named tuple) or of a structured
             array. Columns ref_... are ignored.
         **channels
-            Fields of Row in SI units. They override those of `row`. A channel that is
-            left out, None or NaN is missing. From the second row on, `dt` or `time` must
-            be given.
+            Fields of Row in SI units. They override those of `row`. A channel
+            that is left out, None or NaN is missing. From the second row on, `dt`
+            or `time` must be given.
 
         Returns
         -------
@@ -246,9 +246,9 @@ class Filter:
         )
 
     def save_learnt(self) -> bytes | None:
-        """Return the learnt state, from which the next drive can start: 268 bytes, which
-        tse_learnt_load() of the C library reads, too (tse/learnt.h). None: no row was
-        used yet."""
+        """Return the learnt state, from which the next drive can start: 268
+        bytes, which tse_learnt_load() of the C library reads, too (tse/learnt.h).
+        None: no row was used yet."""
         return self._filter.save_learnt()
 
     def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:

@@ -30,8 +30,8 @@ class Fleet(Shown):
         self._done, self._table = done, table
         self._cars = page.list_cars(done, table)
         self.folder = folder
-        """Folder with fleet.parquet, fleet.html, reports, learnt states and calibrated
-        vehicle files."""
+        """Folder with fleet.parquet, fleet.html, reports, learnt states and
+        calibrated vehicle files."""
         self.files = (folder / TABLE, folder / PAGE)
         """Paths of the table fleet.parquet and of the page fleet.html."""
         self.errors = tuple(d.outcome.error for d in done if d.outcome.error)
@@ -54,8 +54,8 @@ class Fleet(Shown):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of `tselab fleet`: 0 every log is usable, 4 no log is usable, 3
-        otherwise."""
+        """Exit code of `tselab fleet`: 0 every log is usable, 4 no
+        log is usable, 3 otherwise."""
         codes = {results.NOTHING if d.outcome.error else d.outcome.code for d in self._done}
         return codes.pop() if len(codes) == 1 else results.IN_PART if codes else results.USABLE
 
@@ -203,8 +203,8 @@ def fleet(
     Returns
     -------
     Fleet
-        The result. A log that cannot be read does not end the call; its message is in
-        `errors`.
+        The result. A log that cannot be read does not end the call;
+        its message is in `errors`.
 
     Raises
     ------

@@ -43,8 +43,8 @@ class Gap(Shown):
         self.notes = tuple(result.notes)
         """Sentences about what was unusual in the logs or in the fit."""
         self.undetectable = tuple(d.id for d in result.undetectable)
-        """Ids of the effects that would not be detected in these logs even at their
-        typical size."""
+        """Ids of the effects that would not be detected in these logs
+        even at their typical size."""
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -69,8 +69,8 @@ class Gap(Shown):
 
     @property
     def short_stages(self) -> tuple[str, ...]:
-        """Lines of a table of the residuals in the three stages: those of the held-out
-        logs or, if there are none, of the fitted logs."""
+        """Lines of a table of the residuals in the three `stages`, for the held-out logs
+        or, if there are none, for the fitted logs."""
         held = next((part for part in self._result.stages if part != workflow.FIT), workflow.FIT)
         title = "fitted logs" if held == workflow.FIT else "held-out logs"
         found = self._result.stages.get(held)
@@ -91,8 +91,8 @@ class Gap(Shown):
 
     @property
     def vehicle(self) -> Vehicle:
-        """The car with the named effects, to be used in estimate(), simulate() and
-        replay()."""
+        """The car with the named effects, to be used in estimate(),
+        simulate() and replay()."""
         return read_vehicle(self.folder / "vehicle_improved.toml")
 
     def to_dict(self) -> dict[str, Any]:
@@ -101,8 +101,8 @@ class Gap(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row for each named effect and each late channel of
-        verdict.json."""
+        """Return a table with a row for each named effect and each late
+        channel of verdict.json."""
         verdict = self.to_dict()
         late = [{"id": s.pop("id"), "parameters": {"time": s}} for s in verdict["sensors"]]
         return pd.DataFrame([*verdict["effects"], *late])
@@ -148,8 +148,8 @@ def gap(
     jobs
         Number of simulations that run in parallel.
     formula
-        Whether a formula is searched for even if the named effects explain the residuals
-        completely.
+        Whether a formula is searched for even if the named effects explain
+        the residuals completely.
     road
         Bank and grade of the road that all logs were driven on: a file road.csv, or a
         Road. None: they are estimated where the logs determine them.
@@ -179,15 +179,15 @@ class GapCheck:
     def __init__(self, found: check.Check, logs: Sequence[Path]):
         self._found, self._logs = found, list(logs)
         self.exit_code = found.code
-        """0: every effect would be named at its typical size; 3: only some would be; 4:
-        none would be."""
+        """0: every effect would be named at its typical size; 3: only some
+        would be; 4: none would be."""
         self.notes = tuple(found.notes)
         """Sentences about what was unusual in the logs."""
 
     @property
     def text(self) -> str:
-        """A table of the effects, and in which channels the undetectable ones would
-        show."""
+        """A table of the effects, and in which channels the
+        undetectable ones would show."""
         return self._found.text()
 
     def to_dict(self) -> dict[str, Any]:
@@ -275,8 +275,8 @@ def gap_plan(
     Parameters
     ----------
     effects
-        Ids of the two effects, such as "relaxation,steering_lag". tse.tables.effects()
-        lists all.
+        Ids of the two effects, such as "relaxation,steering_lag".
+        tse.tables.effects() lists all.
     vehicle, jobs, progress
         As in gap().
 

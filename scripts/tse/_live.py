@@ -54,8 +54,8 @@ class Live:
         self._end = math.inf if duration is None else time.monotonic() + duration
         self._stopped = False
         self.notes = tuple(notes)
-        """Sentences about the learnt state that the drive started from, and about unusual
-        settings."""
+        """Sentences about the learnt state that the drive started from,
+        and about unusual settings."""
         self.folder = folder
         """Folder in which the drive is recorded. None: it is not recorded."""
 
@@ -128,7 +128,7 @@ class Live:
     def answer(self) -> tuple[str, ...]:
         """Three lines: each stiffness with its 95 % interval, now or, after close(), of
         the whole drive."""
-        found = self._result()[1] if self._drive.closed else self._drive.now()
+        found = self._get_result()[1] if self._drive.closed else self._drive.now()
         return tuple(make_answer(found, self._drive.config))
 
     @property
@@ -140,11 +140,11 @@ class Live:
     def learnt(self) -> bytes | None:
         """After close(), the learnt state, to be passed as `learnt` for the next drive.
         None: nothing was learnt, or the channels contradict each other."""
-        return self._result()[0].learnt
+        return self._get_result()[0].learnt
 
     def save_learnt(self, path: PathLike) -> Path:
-        """Write the learnt state to a file, for the next drive. Raise Error if nothing
-        was learnt."""
+        """Write the learnt state to a file, for the next drive. Raise
+        Error if nothing was learnt."""
         learnt = self.learnt
         if learnt is None:
             raise UserError(f"nothing was learnt, so {path} is not written")
@@ -170,12 +170,12 @@ class Live:
     def exit_code(self) -> int:
         """After close(), the exit code of `tselab live`: 0 usable, 3 usable in part, 4
         nothing usable."""
-        found = self._result()[1]
+        found = self._get_result()[1]
         return results.choose_exit_code(found) if found else results.NOTHING
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tselab live --json`. Call close() first."""
-        est, found, _, against = self._result()
+        est, found, _, against = self._get_result()
         said: dict[str, Any] = {
             "vehicle": self._drive.vehicle.path,
             "record": self.folder,
@@ -193,14 +193,14 @@ class Live:
     def write_table(self, path: PathLike) -> Path:
         """Write the table of `tselab live --table`: Parquet if `path` ends in .parquet,
         otherwise CSV. Call close() first."""
-        rows = results.make_rows(self._get_rows_path(), *self._result())
+        rows = results.make_rows(self._get_rows_path(), *self._get_result())
         results.write_rows(Path(path), rows, results.COLUMNS)
         return Path(path)
 
     def _get_rows_path(self) -> Path:
         return (self.folder if self.folder is not None else Path()) / "rows.csv"
 
-    def _result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
+    def _get_result(self) -> tuple[Estimates, list[Finding], list[regimes.Change], list[str]]:
         """Return estimates, findings, changes and contradictions of the drive. Those of a
         closed drive are computed only once."""
         if not self._drive.closed:
@@ -244,8 +244,8 @@ def live(
     interface, channel
         Interface and channel of python-can, for instance "socketcan" and "can0".
     bus
-        An open bus of python-can, instead of `interface` and `channel`. It is shut down
-        at the end.
+        An open bus of python-can, instead of `interface` and `channel`. It
+        is shut down at the end.
     signals
         The file signals.toml. None: the signals.toml in the folder of the database or, if
         there is none, signals are proposed from the frames.
@@ -260,8 +260,8 @@ def live(
         Learnt state of an earlier drive of this vehicle (Live.learnt or Result.learnt),
         or the Path of a file with it.
     age
-        Time since that drive, s. By default it is unknown or, for a file, the age of the
-        file.
+        Time since that drive, s. By default it is unknown or, for a
+        file, the age of the file.
     rate
         Rows per second. None: the rate of the fastest channel, at most 100.
     duration

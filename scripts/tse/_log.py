@@ -37,16 +37,16 @@ LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.ND
 
 
 class Log(Shown):
-    """Result of read_log(): the checked rows of a log, in SI units and axes of ISO
-    8855."""
+    """Result of read_log(): the checked rows of a log, in SI
+    units and axes of ISO 8855."""
 
     def __init__(self, checked: Checked):
         self._checked = checked
         self.path = checked.path
         """File of the log."""
         self.notes = tuple(checked.notes)
-        """Sentences about what was unusual in the log, and which values were filled
-        in."""
+        """Sentences about what was unusual in the log, and
+        which values were filled in."""
         self.warnings = tuple(checked.warnings)
         """The `notes` about what may be wrong."""
 
@@ -100,9 +100,9 @@ def read_log(
     path
         The file: CSV, Parquet, MF4, BLF, MCAP, ROS bag, MAT, openpilot ...
     vehicle
-        As in estimate(). Its wheel radii convert wheel speeds in m/s to rad/s, and its
-        steering ratio converts the angle of the steering wheel to that of the road
-        wheels.
+        As in estimate(). Its wheel radii convert wheel speeds in m/s to
+        rad/s, and its steering ratio converts the angle of the steering wheel
+        to that of the road wheels.
     signals
         The file that assigns signals to channels. None: the signals.toml next to the log
         or, if there is none, the assignment is guessed.
@@ -215,26 +215,26 @@ class Signals(Shown):
 
     @property
     def guesses(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """For each proposed signal a sentence, and the numbers that support the
-        proposal."""
+        """For each proposed signal a sentence, and the numbers
+        that support the proposal."""
         return tuple((format_headline(g), tuple(g.figures)) for g in self._proposal.guesses)
 
     @property
     def toml(self) -> str:
-        """The text of signals.toml. Its comments give the reasons for each proposed
-        signal."""
-        return self._text(self._recording.path.parent)
+        """The text of signals.toml. Its comments give the reasons
+        for each proposed signal."""
+        return self._format_text(self._recording.path.parent)
 
-    def _text(self, folder: Path) -> str:
+    def _format_text(self, folder: Path) -> str:
         return format_signals(self._recording, self._proposal, self._how, folder)
 
     def write(self, path: PathLike) -> Path:
-        """Write signals.toml, which read_log() and the commands read. An existing file is
-        replaced."""
+        """Write signals.toml, which read_log() and the commands read. An
+        existing file is replaced."""
         if not self._proposal.guesses:
             raise UserError(f"{self._recording.path}: no signal could be proposed, so {path} is not written")
         with write_atomically(Path(path)) as file:
-            file.write(self._text(Path(path).parent))
+            file.write(self._format_text(Path(path).parent))
         return Path(path)
 
     def to_dict(self) -> dict[str, Any]:
@@ -257,9 +257,9 @@ class Signals(Shown):
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row per signal: name, unit, rate [Hz], low, high (range
-        of its values), missing (share of missing values), used (channel that it is
-        proposed for)."""
+        """Return a table with a row per signal: name, unit, rate [Hz], low, high
+        (range of its values), missing (share of missing values), used (channel
+        that it is proposed for)."""
         return pd.DataFrame([vars(line) for line in self._lines])
 
     def _shown_rows(self) -> pd.DataFrame:
@@ -293,8 +293,8 @@ def signals(
     log
         A file of any format.
     vehicle
-        As in estimate(). With the data of the vehicle, the physical checks are more
-        accurate.
+        As in estimate(). With the data of the vehicle, the physical
+        checks are more accurate.
     databases
         Databases of the CAN bus, such as DBC files.
 

@@ -1,5 +1,5 @@
-"""Base class of the results that the API returns: as sentences, table, figure and
-page."""
+"""Base class of the results that the API returns: as
+sentences, table, figure and page."""
 
 from __future__ import annotations
 

@@ -146,8 +146,8 @@ def simulate(
 
 
 class Replayed(Shown):
-    """Result of replay(): measured channels, and the same channels of the simulated
-    car."""
+    """Result of replay(): measured channels, and the same
+    channels of the simulated car."""
 
     def __init__(self, table: pd.DataFrame, notes: Sequence[str] = (), title: str = "log", vehicle: str = ""):
         self._table, self._title, self._vehicle = table, title, vehicle
@@ -173,8 +173,8 @@ class Replayed(Shown):
         return along.measure_misfit(self._table)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the document of `tselab replay --json`: the result of apart(), and the
-        notes."""
+        """Return the document of `tselab replay --json`: the result
+        of apart(), and the notes."""
         parts = {c: asdict(a) for c, a in self.apart().items()}
         found: dict[str, Any] = convert_to_plain({"apart": parts, "notes": self.notes})
         return found
@@ -222,10 +222,10 @@ def replay(
     Parameters
     ----------
     log
-        A file, a data frame, or the result of read_log(). Missing steering angles and
-        wheel speeds are interpolated between neighbouring rows. A channel with a latency
-        in the settings of the car (such as accel_y_latency) is simulated with the same
-        delay.
+        A file, a data frame, or the result of read_log(). Missing steering angles
+        and wheel speeds are interpolated between neighbouring rows. A channel
+        with a latency in the settings of the car (such as accel_y_latency) is
+        simulated with the same delay.
     vehicle
         As in estimate().
     settings
@@ -239,8 +239,8 @@ def replay(
     Returns
     -------
     Replayed
-        The result. The simulated channels have no noise and no bias, and the stiffness is
-        constant.
+        The result. The simulated channels have no noise and no bias, and
+        the stiffness is constant.
 
     Raises
     ------

@@ -37,10 +37,10 @@ def read_vehicle(vehicle: VehicleLike) -> Vehicle:
     Parameters
     ----------
     vehicle
-        Required keys are mass [kg], lf, lr (distances from the centre of gravity to the
-        axles [m]), wheel_radius_front and wheel_radius_rear [m]. `tselab vehicle
-        --example` shows the optional keys, and the tables sensors, uncertainty, latency
-        and effects.
+        Required keys are mass [kg], lf, lr (distances from the centre of gravity to
+        the axles [m]), wheel_radius_front and wheel_radius_rear [m]. `tselab
+        vehicle --example` shows the optional keys, and the tables sensors,
+        uncertainty, latency and effects.
 
     Returns
     -------
@@ -117,8 +117,8 @@ def write_c_settings(vehicle: VehicleLike, path: str | os.PathLike[str]) -> Path
 
 
 def check_names(settings: Mapping[str, float] | None) -> Mapping[str, float]:
-    """Return the settings; None as an empty mapping. Raise TypeError if they are not a
-    mapping."""
+    """Return the settings; None as an empty mapping. Raise TypeError
+    if they are not a mapping."""
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(
             f"settings: {type(settings).__name__} is not a mapping; give names and numbers, such as "

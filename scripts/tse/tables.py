@@ -128,8 +128,8 @@ def check_setting(name: str, value: float, *, source: str = "", simulator: bool 
     name, value
         The setting.
     source
-        Where the setting comes from, such as the name of an option. The message begins
-        with it.
+        Where the setting comes from, such as the name of an option.
+        The message begins with it.
     simulator
         Whether the settings of the simulator are searched first.
 
@@ -143,8 +143,8 @@ def check_setting(name: str, value: float, *, source: str = "", simulator: bool 
 
 
 def road_level() -> Setting:
-    """Return the input road_level of the simulator, a factor on every stiffness, with its
-    range."""
+    """Return the input road_level of the simulator, a factor on every
+    stiffness, with its range."""
     f = library().field(SIM_INPUT, "road_level")
     return Setting(f.name, f.default, f.low, f.high, f.unit, f.text)
 
@@ -201,7 +201,7 @@ def formula_operations() -> dict[str, Term]:
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str]) -> Path:
-    """Write rows that have the same keys as a table: Parquet if `path` ends in .parquet,
-    otherwise CSV."""
+    """Write rows that have the same keys as a table: Parquet if `path` ends in
+    .parquet, otherwise CSV."""
     write_rows(Path(path), rows)
     return Path(path)

@@ -101,8 +101,8 @@ def calibrate(
     CALIBRATED.json            all parameters, for programs
     CALIBRATED.html            the same for people; --report changes its path
 
-    --json prints all parameters on standard output, --table writes a row for each
-    parameter.
+    --json prints all parameters on standard output, --table writes
+    a row for each parameter.
 
     Exit code: 0 usable: the fit converged, and these logs determine some parameter; 4 the
     fit converged, but these logs determine no parameter, or less than 20 s of them can be

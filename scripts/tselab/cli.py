@@ -100,8 +100,8 @@ def main() -> None:
     debug = "--debug" in sys.argv[1:]
     sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # the encoding of the terminal may not have every letter, for instance of the name
-        # of a car
+        # the encoding of the terminal may not have every letter, for
+        # instance of the name of a car
         sys.stdout.reconfigure(errors="backslashreplace")
     # limit the memory for reading logs, here and in worker processes:
     # tse.readers.recording

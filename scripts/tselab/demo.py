@@ -34,8 +34,8 @@ from tselab.options import FILE, PROGRESS, show_progress, silence_warnings
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Demonstrate the estimator on simulated drives: estimate, read an MF4, find an
-    effect.
+    """Demonstrate the estimator on simulated drives: estimate,
+    read an MF4, find an effect.
 
     First, double lane changes with a change of the road are simulated and estimated, and
     the estimates are compared with the truth. Files: vehicle.toml, filter.toml, log.csv,
@@ -92,8 +92,8 @@ STEER_NOISE, WHEEL_NOISE = 2e-4, 0.02  # sd of the steering angle [rad] and of t
 
 
 def show_estimate(out: Path, seed: int, progress: bool) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Simulate and estimate a drive, write all files, and print the errors of the
-    estimates.
+    """Simulate and estimate a drive, write all files, and print the
+    errors of the estimates.
 
     Returns
     -------

@@ -203,11 +203,11 @@ def estimate(
     whose last row is at the same place as the first. A log that was driven on a different
     road is refused.
 
-    The command prints a line for each stiffness: its value with its 95 % interval, for
-    the last stretches of road between changes, and whether it is usable. These values are
-    smoothed, so they also use later rows. --verbose also prints the filtered values at
-    the end of each stretch, grip, the largest sideslip angle, and values that were filled
-    in.
+    The command prints a line for each stiffness: its value with its 95 % interval,
+    for the last stretches of road between changes, and whether it is usable. These
+    values are smoothed, so they also use later rows. --verbose also prints the
+    filtered values at the end of each stretch, grip, the largest sideslip angle, and
+    values that were filled in.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: no
     stiffness is valid, but the estimates are written; 2 bad input; 130 Ctrl-C. --json

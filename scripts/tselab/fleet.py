@@ -155,8 +155,8 @@ def fleet(
     duckdb -c "select car, stiffness, arg_max(value, start_time)
     from 'results/fleet.parquet' where usable <> 'no' group by all"
 
-    Exit code: 0 every log is usable; 4 no log is usable; 3 otherwise; 2 bad input; 130
-    Ctrl-C.
+    Exit code: 0 every log is usable; 4 no log is usable; 3 otherwise;
+    2 bad input; 130 Ctrl-C.
     """
     import tse
 

@@ -190,8 +190,8 @@ def find_checkout() -> Path:
 
 
 def read_version(name: str) -> str:
-    """Return the version of FMI of an FMU from its name: NAME-fmi3 is for 3.0, any other
-    name for 2.0."""
+    """Return the version of FMI of an FMU from its name: NAME-fmi3 is for
+    3.0, any other name for 2.0."""
     return "3" if name.endswith("-fmi3") else "2"
 
 
@@ -206,8 +206,8 @@ def build(
     """Build the FMUs for these versions of FMI and, if 2.0 is one of them, the SSP
     systems. Write them to `out` only after everything was built.
 
-    `wanted`: platforms that are cross-compiled; empty: only the binary for this
-    machine."""
+    `wanted`: platforms that are cross-compiled; empty: only the
+    binary for this machine."""
     root = find_checkout()
     if wanted:
         check_compiler()

@@ -102,8 +102,8 @@ class GapGroup(click.Group):
 
 
 class RunCommand(click.Command):
-    """A command whose option --hold-out takes several files: all up to the next
-    option."""
+    """A command whose option --hold-out takes several files:
+    all up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -370,8 +370,8 @@ def plan(
 
 
 def check_logs_exist(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
-    """Raise Error if a log does not exist, with a hint if its name resembles a
-    command."""
+    """Raise Error if a log does not exist, with a hint if its
+    name resembles a command."""
     for path in (*logs, *hold_out):
         if not path.exists():
             near = difflib.get_close_matches(str(path), list(gap.commands), 1, 0.6) if path is logs[0] else []

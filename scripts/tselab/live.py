@@ -139,10 +139,10 @@ def live(
     Three lines show the stiffnesses, and whether each is usable. Events are printed above
     them. Ctrl-C ends the drive. The command needs the extra 'can' of the package.
 
-    signals.toml names the signal of each channel, as for a log. Without it the command
-    receives frames for 20 s, and repeats this until it finds steering angle, wheel
-    speeds, and yaw rate or lateral acceleration. It prints and records the signals that
-    it uses.
+    signals.toml names the signal of each channel, as for a log. Without it the
+    command receives frames for 20 s, and repeats this until it finds steering
+    angle, wheel speeds, and yaw rate or lateral acceleration. It prints and records
+    the signals that it uses.
 
     A row is estimated when every channel has received a value later than the row, or
     after one and a half periods of the channel. So the channel that arrives last
@@ -241,8 +241,8 @@ def live(
 
 
 def _follow(drive: Live, lines: _Lines, stopped: Callable[[], bool]) -> None:
-    """Process frames until the drive ends, and update the three printed lines every EACH
-    seconds."""
+    """Process frames until the drive ends, and update the three printed
+    lines every EACH seconds."""
     before = 0.0
     while not stopped() and not drive.ended:
         drive.poll()
@@ -323,8 +323,8 @@ def _catch_interrupt() -> Iterator[Callable[[], bool]]:
     names = [n for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
     before = {n: signal.signal(getattr(signal, n), on_signal) for n in names}
     interval = sys.getswitchinterval()
-    # [s] Switch threads often, so that the filter does not wait for threads that write or
-    # draw
+    # [s] Switch threads often, so that the filter does not wait for
+    # threads that write or draw
     sys.setswitchinterval(0.001)
     try:
         yield seen.is_set

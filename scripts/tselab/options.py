@@ -1,5 +1,5 @@
-"""Options that several commands share, and functions that print JSON and check output
-files."""
+"""Options that several commands share, and functions that print
+JSON and check output files."""
 
 import functools
 import json
@@ -86,10 +86,10 @@ def read_settings(
 ) -> dict[str, float]:
     """Check all settings of a command line, and return them by name.
 
-    `options`: settings that have an option of their own, such as --seed; None: not given.
-    `pairs`: the values of --set, which override `options`. With `simulator`, as in
-    `tselab simulate`, `options` override `pairs`, and settings of the simulator are
-    allowed."""
+    `options`: settings that have an option of their own, such as --seed; None: not
+    given. `pairs`: the values of --set, which override `options`. With
+    `simulator`, as in `tselab simulate`, `options` override `pairs`, and settings
+    of the simulator are allowed."""
     from tse import tables
 
     own = {name: value for name, value in (options or {}).items() if value is not None}
@@ -145,8 +145,8 @@ def check_table(path: Path | None) -> None:
 
 @contextmanager
 def silence_warnings() -> Iterator[None]:
-    """Suppress the UserWarnings of tse.estimate(), since the command prints their texts
-    itself."""
+    """Suppress the UserWarnings of tse.estimate(), since the command
+    prints their texts itself."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         yield

@@ -62,19 +62,19 @@ def signals(
     For a channel without a proposed signal, the most similar signals are listed, each
     with the reason why it was not proposed.
 
-    Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF,
-    ASC, TRC, candump, BUSMASTER and CSV with a frame per row (CANedge, Cabana, SavvyCAN,
-    python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT
-    (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may be compressed
-    with gzip.
+    Formats: VBOX, CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4),
+    BLF, ASC, TRC, candump, BUSMASTER and CSV with a frame per row (CANedge, Cabana,
+    SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra
+    ros), MAT (7.3: extra mat), openpilot's rlog (extra openpilot). Any of them may
+    be compressed with gzip.
 
     Memory: channels are read one at a time, frames of a bus and rows of a CSV in pieces.
     'tselab estimate' keeps the channels that it needs in memory. These are read as a
     whole: each variable of a MAT 5 file (a struct is one variable), a CSV with the column
     names of tse, and a file of openpilot.
 
-    Exit code: 0 a signal was found for every channel; 3 some channels are missing; 2 bad
-    input.
+    Exit code: 0 a signal was found for every channel; 3 some channels
+    are missing; 2 bad input.
     """
     import tse
     from tse.files import check_writable

@@ -162,8 +162,8 @@ def simulate(
 
 
 def _read_road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
-    """Parse the values of --road-change, each TIME:LEVEL. Return pairs of time [s] and
-    level."""
+    """Parse the values of --road-change, each TIME:LEVEL. Return
+    pairs of time [s] and level."""
     from tse import tables
 
     level = tables.road_level()

@@ -163,8 +163,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     check_regular(table, MAX_TABLE, "a table of vehicles")
     try:
         with open(table, encoding="utf-8-sig") as file:
-            # only lines that start with "#" are comments, since a file name may contain
-            # "#"
+            # only a whole line can be a comment, since file names may contain "#"
             lines = [line for line in file if line.strip() and not line.startswith("#")]
         head = lines[0] if lines else ""
         separator = ";" if ";" in head and "," not in head else ","

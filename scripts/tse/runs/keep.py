@@ -73,8 +73,8 @@ class Store:
         return resolve_path(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def calibrated(self, drive: Drive, text: str) -> Path:
-        """Write a calibrated vehicle file, unless an identical one exists. Return its
-        path.
+        """Write a calibrated vehicle file, unless an identical one
+        exists. Return its path.
 
         `drive`: drive of the car. `text`: content of the file."""
         folder = self.out / CALIBRATED
@@ -166,10 +166,10 @@ def find_unlike_tyres(frame: pd.DataFrame) -> dict[str, str]:
     """Return a warning for each log in which a stiffness is much larger than in the other
     logs of its car.
 
-    Usually some of the other logs are on dry asphalt, where the stiffness is largest. A
-    much larger one means a different car, load or set of tyres, or that all other logs
-    were on snow. A much smaller one has no such meaning, since wet roads and snow reduce
-    the stiffness."""
+    Usually some of the other logs are on dry asphalt, where the stiffness is largest.
+    A much larger one means a different car, load or set of tyres, or that all other
+    logs were on snow. A much smaller one has no such meaning, since wet roads and
+    snow reduce the stiffness."""
     valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
     for (_, key), mine in valid.groupby(["car", "stiffness"]):

@@ -1,5 +1,5 @@
-"""Write the page of a fleet: an HTML file with all cars, and links to the reports of
-their logs."""
+"""Write the page of a fleet: an HTML file with all cars, and links to
+the reports of their logs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -175,8 +175,8 @@ def draw_distribution(all_cars: Sequence[Car]) -> Figure:
 
 
 def draw_trend(car: Car, table: pd.DataFrame) -> Figure:
-    """Return a figure of the stiffnesses of a car over time, a point for each stretch of
-    road."""
+    """Return a figure of the stiffnesses of a car over time, a point
+    for each stretch of road."""
     figure = Figure(PANELS, [220, 160])
     mine = table[
         (table["car"] == car.name) & table["usable"].isin(["yes", "in part"]) & table["value"].notna()

@@ -54,8 +54,8 @@ def run_drives(
     scheduler: str | None = None,
     progress: bool = False,
 ) -> list[Done]:
-    """Run the logs that are not done yet. Return the outcomes of all logs, in the order
-    of `drives`.
+    """Run the logs that are not done yet. Return the outcomes of all logs,
+    in the order of `drives`.
 
     `jobs`: number of worker processes; 0: run in this process. `scheduler`: address of a
     Dask cluster that runs the logs instead. `progress`: show a progress bar."""
@@ -123,8 +123,8 @@ def _group_chains(drives: Sequence[Drive], learn: bool) -> list[list[Drive]]:
 
 
 class _Chain:
-    """The drives of a car that still have to run, and the learnt state of the last one
-    that ran."""
+    """The drives of a car that still have to run, and the learnt state
+    of the last one that ran."""
 
     def __init__(self, drives: Sequence[Drive], plan: FleetPlan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
@@ -190,8 +190,8 @@ class _Chain:
         return self.store.save(drive, task, outcome)
 
     def _learn(self, drive: Drive, outcome: Outcome) -> None:
-        """Use calibrated vehicle file and learnt state of a drive for the following
-        ones."""
+        """Use calibrated vehicle file and learnt state of a
+        drive for the following ones."""
         if self.plan.learn and outcome.calibrated and drive.vehicle:
             self.calibrated[drive.vehicle] = self.store.calibrated(drive, outcome.calibrated)
         if self.plan.learn and outcome.learnt is not None:

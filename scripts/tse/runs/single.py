@@ -68,8 +68,8 @@ class Calibrate:
 
     say: Callable[[str], None] = lambda _: None  # called with a sentence about the current step
     others: Sequence[CheckedLog] = ()  # further logs of the same car
-    # after Ctrl-C during the calibration, estimate with an ordinary car instead of
-    # stopping
+    # after Ctrl-C during the calibration, estimate with an
+    # ordinary car instead of stopping
     goes_on: bool = False
 
 

@@ -155,8 +155,8 @@ class Reader(threading.Thread):
             self._there.set()
 
     def _fail(self, error: Exception) -> None:
-        """Report an error of the bus, close the bus, and wait until it may be opened
-        again."""
+        """Report an error of the bus, close the bus, and wait
+        until it may be opened again."""
         if self._bus is not None and not self._ended.is_set():
             self._say(
                 f"the bus failed ({str(error)[:120] or type(error).__name__}): the drive goes on, and tries "
@@ -194,8 +194,8 @@ def make_bus_opener(interface: str, channel: str | None, **more: Any) -> Callabl
 
 
 class Record:
-    """Folder in which a drive is recorded: received frames, rows of the filter, estimates
-    and events.
+    """Folder in which a drive is recorded: received frames, rows of the
+    filter, estimates and events.
 
     If the folder cannot be written, a sentence reports it, recording ends, and the filter
     goes on. If `folder` is None, nothing is recorded."""
@@ -347,7 +347,7 @@ class LiveDrive:
         self._table: list[dict[str, Any]] = []
         self._stride = 1
         self._ended = threading.Event()
-        self._keeper = threading.Thread(target=self._keep, daemon=True, name="record")
+        self._keeper = threading.Thread(target=self._run_keeper, daemon=True, name="record")
         self._next_check = FIRST_CHECK
         self._said_once: set[str] = set()
         self._silent: dict[str, float] = {}
@@ -429,7 +429,7 @@ class LiveDrive:
         self._look_at_channels()
         return times, outputs
 
-    def _keep(self) -> None:
+    def _run_keeper(self) -> None:
         """Write rows, report events and check the channels at intervals, until the drive
         ends. Runs in a separate thread, so that the filter does not wait for it."""
         while not self._ended.wait(WRITTEN):
@@ -619,8 +619,8 @@ class LiveDrive:
         return rows
 
     def _look_at_channels(self) -> None:
-        """Report each channel that has received no value for SILENT, and that it has
-        values again."""
+        """Report each channel that has received no value for SILENT, and
+        that it has values again."""
         stream = self.stream
         assert stream is not None
         bus_now = stream.time
@@ -688,18 +688,18 @@ class LiveDrive:
         table = pd.concat([pd.DataFrame(x) for x in tail], ignore_index=True)
         table = table[table["time"] > self.drive.time - HAPPENED].reset_index(drop=True)
         for c in regimes.find_changes(table):
-            if c.time < self.drive.time - SETTLED and not self._is_said(c.what, c.time):
+            if c.time < self.drive.time - SETTLED and not self._is_reported(c.what, c.time):
                 self.say(f"{c.label}{': ' if c.effect else ''}{c.effect}")
         for s in regimes.find_spells(table):
             goes_on = s.end > self.drive.time - SETTLED
-            if s.end - s.start > SETTLED and not self._is_said(s.name, s.start, s.end):
+            if s.end - s.start > SETTLED and not self._is_reported(s.name, s.start, s.end):
                 self.say(
                     f"{s.name} since {s.start:.2f} s, {regimes.format_percent(s.probability)}"
                     if goes_on
                     else s.label
                 )
 
-    def _is_said(self, what: str, start: float, end: float | None = None) -> bool:
+    def _is_reported(self, what: str, start: float, end: float | None = None) -> bool:
         """Return whether an event has already been reported. If not, mark it as reported.
 
         `what`: name of the event. `start`, `end` [s]. An event that continues one of the
@@ -714,8 +714,8 @@ class LiveDrive:
     # ---- check of the channels against each other
 
     def _check_channels(self, columns: list[dict[str, np.ndarray]]) -> None:
-        """Check whether the channels contradict each other, with the check for logs, and
-        report it.
+        """Check whether the channels contradict each other, with the check
+        for logs, and report it.
 
         `columns`: the last written rows, in blocks."""
         try:
@@ -786,8 +786,8 @@ class LiveDrive:
         return [Finding(None, found)]
 
     def close(self) -> None:
-        """End the drive: stop reading, process the last frames, and complete the
-        record."""
+        """End the drive: stop reading, process the last frames,
+        and complete the record."""
         if self.closed:
             return
         self.closed = True
@@ -858,7 +858,7 @@ def _format_cell(x: float) -> str:
 
 
 def _find_nearest(proposal: Proposal, missing: Sequence[str]) -> str:
-    """Return a hint with the most similar signal for the first of the missing channels
-    that has one."""
+    """Return a hint with the most similar signal for the first of the
+    missing channels that has one."""
     said = [x for c in missing for x in proposal.nearest.get(c, ())[:1]]
     return f" (nearest: {said[0]})" if said else ""

@@ -1,6 +1,6 @@
 """Web server on this machine for a page with plots of a running drive. The page has the
-charts of the browser page, but shows the estimates of the filter that runs here. It does
-not run a second filter in the browser."""
+same charts as docs/try.html, which runs the filter in the browser. Here the filter runs
+on this machine, and the page only shows its estimates."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from tse.streaming.drive import LiveDrive
 
 TEMPLATES = Path(__file__).parents[1] / "report" / "templates"
 SHOWN = 0.05  # [s] min time between two rows that the page shows
-# Max number of rows that are kept, an hour. When it is exceeded, the older half is
-# dropped
+# Max number of rows that are kept, an hour. When it is exceeded,
+# the older half is dropped
 MAX_KEPT = 72_000
 AT_A_TIME = 4000  # max number of rows in one response to the browser
 

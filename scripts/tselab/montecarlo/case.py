@@ -11,9 +11,9 @@ from tse.library.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tse.simulation.maneuvers import Maneuver
 from tse.simulation.simulate import drive as run_simulator
 
-# Settings of all cases: initial stiffness 70 % of nominal, front-wheel drive (all
-# manoeuvres have torque on the front axle), and the model of the paper, equations (1) to
-# (4)
+# Settings of all cases: initial stiffness 70 % of nominal, front-wheel
+# drive (all manoeuvres have torque on the front axle), and the model of the
+# paper, equations (1) to (4)
 START = {**{f"initial_{s}": 0.7 for s in STIFFNESS}, "driven_axle": 1, "exact_kinematics_share": 0.0}
 WINDOW = (15.0, 30.0)  # [s] default window in which errors are scored
 G = 9.81  # [m/s2]
@@ -26,8 +26,8 @@ Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """A case of a study: manoeuvre, settings, faults of the log, and windows of the
-    scores."""
+    """A case of a study: manoeuvre, settings, faults of the log,
+    and windows of the scores."""
 
     name: str
     title: str
@@ -62,7 +62,7 @@ class CaseDrive:
 
     @property
     def stiffness(self) -> np.ndarray:
-        """True mean stiffness, relative to nominal, (n, 3)."""
+        """(n, 3) true mean stiffness, relative to nominal."""
         return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
 
 

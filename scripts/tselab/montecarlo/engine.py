@@ -138,10 +138,10 @@ def run_study(
     """Run the units that are not in the file runs.jsonl of the folder `out` yet. Return
     the scores of all units of the plan, and write them to runs.csv.
 
-    A line of runs.jsonl has the digest of a unit (Unit.mark), a checksum, and the scores.
-    A line that is incomplete because the study was stopped has a wrong checksum, and is
-    ignored. Lines of other plans or of older code are kept, since their plan may run
-    again."""
+    A line of runs.jsonl has the digest of a unit (Unit.mark), a checksum, and the
+    scores. A line that is incomplete because the study was stopped has a wrong
+    checksum, and is ignored. Lines of other plans or of older code are kept, since
+    their plan may run again."""
     make_directory(out)
     path, units = out / RUNS, plan.units
     if restart:
@@ -199,8 +199,8 @@ def _append(path: Path, text: str) -> None:
 
 
 def _locate_error(unit: Unit, result: Any) -> list[dict[str, Any]]:
-    """Return the rows of a unit, result(). If it raises, add case and seed to the
-    error."""
+    """Return the rows of a unit, result(). If it raises, add
+    case and seed to the error."""
     try:
         return result()
     except UserError:

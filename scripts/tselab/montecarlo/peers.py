@@ -49,8 +49,8 @@ class Known:
     noise_sd: tuple[float, float, float]  # of accel_x, accel_y [m/s2], yaw_rate [rad/s]
     forgetting: float = 0.99  # forgetting factor per nominal sample time; "known" does not use it
     held: bool = False  # whether the steering angle is held between rows; otherwise it is linear
-    # [s] times since the first row at which the mean stiffness changes; only "known" uses
-    # them
+    # [s] times since the first row at which the mean stiffness
+    # changes; only "known" uses them
     changes: tuple[float, ...] = ()
 
 
@@ -106,8 +106,8 @@ def move(
 
 
 def _hold_inputs(u: np.ndarray) -> np.ndarray:
-    """Replace missing inputs by the last known value; before the first known value, by
-    that one."""
+    """Replace missing inputs by the last known value; before the first
+    known value, by that one."""
     last = np.maximum.accumulate(np.where(np.isfinite(u), np.arange(len(u))[:, None], -1), axis=0)
     return np.nan_to_num(np.take_along_axis(u, np.where(last < 0, np.isfinite(u).argmax(0), last), 0))
 
@@ -209,8 +209,8 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
                 [np.stack([z[X], sds[X]], 1).ravel(), mean.ravel(), np.stack([z[B], sds[B]], 1).ravel()]
             )
         )
-        # forgetting, equation (17): scale rows and columns of the mean, up to its initial
-        # variance
+        # forgetting, equation (17): scale rows and columns of the mean,
+        # up to its initial variance
         if len(use) and not tells:
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)

@@ -202,8 +202,8 @@ def _draw_fig2(axis: Axes, name: str, x: np.ndarray) -> None:
 
 
 def _draw_fig3(axis: Axes, key: str, name: str, d: CaseDrive, y: np.ndarray) -> None:
-    """Draw a stiffness relative to nominal with its sd, for a prior that is 20 % too
-    low."""
+    """Draw a stiffness relative to nominal with its sd, for a
+    prior that is 20 % too low."""
     mean, sd = y[key], y[f"{key}_sd"]
     axis.plot(d.time, d.stiffness[:, STIFFNESS.index(key)], color=INK, lw=1.0, label="truth")
     axis.plot(d.time, mean, color=RED, label="stiffness")

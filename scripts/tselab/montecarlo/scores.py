@@ -3,11 +3,11 @@ relative to the true mean stiffness in the same row. For tyres that saturate, th
 the secant stiffness, because that is what an estimator with a linear tyre model converges
 to (compute_felt_stiffness()).
 
-An error counts against an estimator only if the stiffness was observable, and a stiffness
-that is flagged as not valid only if it was not. Observability is computed from the truth.
-The noise-free slips give the regressor phi of each stiffness (src/paper/row.c does the
-same from estimates). The variance of phi over the last two memories gives the best sd
-that an estimate of the mean can have:
+A wrong estimate, or one that is flagged as not valid, counts against an estimator only if
+the stiffness was observable. Observability is computed from the truth. The noise-free
+slips give the regressor phi of each stiffness (src/paper/row.c does the same from
+estimates). The variance of phi over the last two memories gives the best sd that an
+estimate of the mean can have:
 
     sqrt((1 + E[phi^2] spread^2)/(memory var phi))
 """
@@ -38,8 +38,8 @@ SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", 
 SURE = 0.9  # min probability of a change of regime that counts as reported
 STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # [s] reported changes that are closer together count as one
-# [s] a reported change is correct if it is at most this much earlier, or later, than a
-# true one
+# [s] a reported change is correct if it is at most this much earlier,
+# or later, than a true one
 BEFORE, AFTER = (0.15, 2.0)
 # Relative error above which a valid flag is wrong; [s] time after an event in which rows
 # with a wrong valid flag are counted
@@ -61,9 +61,9 @@ class Knowable:
 
     @property
     def observable(self) -> np.ndarray:
-        """(n, 3) whether the stiffness is clearly observable. The best-case sd must be
-        small relative to nominal, as in the valid flag, and relative to the truth, as in
-        errors."""
+        """(n, 3) whether the stiffness is clearly observable. The best-case sd
+        must be small relative to nominal, as in the valid flag, and relative to
+        the truth, as in errors."""
         return self.best_sd * np.maximum(1, 1 / self.level) < self.valid_sd / CLEARLY
 
     @property
@@ -216,7 +216,7 @@ def find_knowable(d: CaseDrive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    # before, the reason "starting" is correct
+    # until then, an estimator that gives the reason "starting" is right
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9
     settled = find_rows_after(d.time, moments, SETTLE_AFTER) & started
     return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
@@ -243,8 +243,9 @@ def count_wrong_rows(wrong: np.ndarray, judged: np.ndarray) -> int:
 def compute_settling_time(
     time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR
 ) -> float:
-    """Return the time from `start` until the error stays below CLOSE for `hold` seconds,
-    or from then on until `end` if that is sooner. inf: it does not.
+    """Return the time from `start` until the estimate has settled [s]: from then on the
+    error stays below CLOSE for `hold` seconds, or up to `end` if that is sooner. inf: it
+    does not settle.
 
     `time`, `start`, `end` [s]. `error`: relative error in each row."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)

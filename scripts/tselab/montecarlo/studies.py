@@ -170,8 +170,8 @@ def drive_slow_change(
     """Return square waves in which every stiffness changes linearly from nominal to
     `level` times nominal.
 
-    `start`, `length` [s]: of this change. `after` [s]: from its end to the end of the
-    drive."""
+    `start`, `length` [s]: of this change. `after` [s]: from its end
+    to the end of the drive."""
     m = drive_square_waves(car, sim, rng, duration=start + length + after)
     return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
 
@@ -497,8 +497,8 @@ SLOW, SLOW_START, SLOW_AFTER = 20.0, 20.0, 20.0  # [s] slow change: duration, st
 def _make_regime_cases() -> tuple[Case, ...]:
     """Return the cases with changes of the road.
 
-    A window ends just before an event, because the row of the event already has the new
-    truth."""
+    A window ends just before an event, because the row of the event
+    already has the new truth."""
     two = ("tse", "known")
     return (
         Case(

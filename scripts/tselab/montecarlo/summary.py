@@ -68,8 +68,8 @@ def compute_rms_ratio(pair: np.ndarray) -> np.ndarray:
 
 
 def compute_mean_interval(values: Iterable[float]) -> tuple[float, float]:
-    """Return the mean, and half the width of its t interval; NaN for fewer than two
-    values."""
+    """Return the mean, and half the width of its t interval; NaN
+    for fewer than two values."""
     values = np.asarray(values, float)
     if len(values) < 2:
         return float(values.mean()) if len(values) else np.nan, np.nan
@@ -226,8 +226,8 @@ LEGEND = (
 
 
 def make_overview(plan: StudyPlan, summary: pd.DataFrame) -> Table:
-    """Return a table of all cases and estimators: divergence, error, coverage, validity,
-    spread.
+    """Return a table of all cases and estimators: divergence, error,
+    coverage, validity, spread.
 
     `summary`: from summarise()."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
@@ -313,8 +313,8 @@ PAPERS = ("printed", "robust", "tse")
 
 
 def _tabulate_paper(plan: StudyPlan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    """Return a table that compares the numbers in the paper with those of three
-    filters."""
+    """Return a table that compares the numbers in the paper
+    with those of three filters."""
     cases = {c.name: c for c in plan.study.cases}
     rows: list[list[str]] = []
     for name, inputs in (("iv-a", "linear"), ("iv-a-held", "held")):
