@@ -464,7 +464,7 @@ def test_a_log_of_another_car_is_said():
         for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))
     ]
     found = find_unlike_tyres(pd.DataFrame(rows))
-    assert list(found) == ["4"] and "front cornering stiffness 1.9 times theirs" in found["4"]
+    assert list(found) == ["4"] and "front cornering stiffness 1.9 times as large" in found["4"]
     assert find_unlike_tyres(pd.DataFrame(rows[:3])) == {}
 
 

@@ -99,7 +99,7 @@ def test_headers_that_are_not_there_are_named(tmp_path, monkeypatch):
         (tmp_path / "stage" / name).mkdir(parents=True)
         (tmp_path / "stage" / name / "modelDescription.xml").write_text("")
     monkeypatch.setattr(build, "build_native", lambda *_: tmp_path / "stage")
-    with pytest.raises(UserError, match=r"FMI 3\.0 headers are not in .*scripts/setup\.sh"):
+    with pytest.raises(UserError, match=r"headers of FMI 3\.0 are not in .*scripts/setup\.sh"):
         build.build(tmp_path / "out", (), None, lambda _: None)
     assert not (tmp_path / "out").exists()
 

@@ -342,7 +342,7 @@ def test_python_gives_each_row_and_goes_on_from_what_a_drive_taught(folder, trip
             bus=can.Bus(interface="virtual", channel="third"),
             learnt=live.learnt,
         )
-    with pytest.raises(TypeError, match="an interface, or a bus"):
+    with pytest.raises(TypeError, match="either an interface or an open bus"):
         tse.live(folder / "car.toml", database=folder / "car.dbc")
 
 
@@ -550,5 +550,5 @@ def test_a_disk_that_is_full_is_a_sentence_and_it_goes_on(folder, trip, tmp_path
     sender = Sender("full", trip[:3000])
     drive_live(live, sender, 1.5)
     monkeypatch.undo()
-    assert any("No space left on device): it goes on" in text for _, text in live.said)
+    assert any("No space left on device): the drive goes on" in text for _, text in live.said)
     assert live.drive.rows > 900

@@ -293,7 +293,9 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
         n.startswith("left out: ") and "2026-01-03.csv: nothing is learnt from it" in n
         for n in first["notes"]
     )
-    assert not any("calibrated on" in n or "taught is not used" in n for n in second["notes"])
+    assert not any(
+        "calibrated on" in n or "learnt state of the previous drive is not used" in n for n in second["notes"]
+    )
     (made,) = (tmp_path / "out" / CALIBRATED).glob("*.toml")
     assert read_vehicle(made).calibration["own"]
     loaded = tselab_here(
