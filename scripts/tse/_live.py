@@ -300,8 +300,8 @@ def live(
     for name, value in check_names(settings).items():
         made.set(name, value)
     check_effect(settings or {}, made)
-    beside = Path(signals) if signals is not None else databases[0].parent / "signals.toml"
-    mapped = read_signals(beside) if signals is not None or beside.is_file() else None
+    signals_path = Path(signals) if signals is not None else databases[0].parent / "signals.toml"
+    mapped = read_signals(signals_path) if signals is not None or signals_path.is_file() else None
     before = read_learnt_state(learnt, age)
     opened = (lambda: bus) if bus is not None else make_bus_opener(str(interface), channel, **options)
     tell = say if say is not None else lambda _: None

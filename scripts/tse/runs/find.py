@@ -239,7 +239,7 @@ def _read_name_date(path: Path) -> float | None:
 
 def _read_log_start(path: Path) -> float | None:
     """Return the start time in the header of a log [s since 1970]. None: the format has
-    none. The bytes are those of MDF 4, MDF 3, BLF and MCAP."""
+    none. Formats that have one are MDF 4, MDF 3, BLF and MCAP."""
     if not path.is_file():
         return None
     with open(path, "rb") as file:

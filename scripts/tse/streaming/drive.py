@@ -751,8 +751,8 @@ class LiveDrive:
         if not against and (said := describe_implausible(table)):
             against.append(said)
         changes = regimes.find_changes(table)
-        taught = self.filter.save_learnt() if self.filter is not None and not against else None
-        est = Estimates(table, False, taught, sd, dict(self.drive.statuses))
+        learnt = self.filter.save_learnt() if self.filter is not None and not against else None
+        est = Estimates(table, False, learnt, sd, dict(self.drive.statuses))
         return est, make_findings(table, self.config, changes, against, sd), changes, against
 
     def now(self) -> list[Finding]:

@@ -147,7 +147,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
     `kind`: "ekf" has a forgetting factor. "known" has none, but knows the times of
     changes, and increases the variance of the mean stiffness then. `rows`: as
     NativeFilter.inputs(); NaN is missing."""
-    c, tells = SimpleNamespace(**config.as_dict()), kind == "known"
+    c, is_known = SimpleNamespace(**config.as_dict()), kind == "known"
     dt = np.concatenate([[0.0], np.array(rows["dt"][1:], float)])
     inputs, y = (np.array([rows[name] for name in names], float).T for names in (DRIVES, MEASURES))
     driven = np.isfinite(inputs).all(1)
@@ -162,7 +162,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
     eps = np.array(known.spread, float) ** 2
     first = np.concatenate([start_x, np.full(3, c.initial_mean_sd**2), sd("{}_bias_sd", MEASURES), eps])
     z0 = np.concatenate([np.zeros(3), [getattr(c, f"initial_{s}") - 1 for s in STIFFNESS], np.zeros(6)])
-    z, p, time, changes = z0.copy(), np.diag(first), np.cumsum(dt), sorted(known.changes) if tells else []
+    z, p, time, changes = z0.copy(), np.diag(first), np.cumsum(dt), sorted(known.changes) if is_known else []
     for row in range(len(rows)):
         use, again = np.flatnonzero(usable[row]), bool(restart[row])
         if not again:
@@ -186,7 +186,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
             for part, variance in ((X, start_x), (EPS, eps)):
                 p[part], p[:, part] = 0, 0
                 p[part, part] = np.diag(variance)
-        if tells:  # the spread is proportional to the level, as in the simulator; eps has no correlations
+        if is_known:  # the spread is proportional to the level, as in the simulator; eps has no correlations
             level = 1 + z[MU]
             while changes and time[row] >= changes[0] - 1e-9:
                 changes.pop(0)
@@ -211,7 +211,7 @@ def run_peer(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.nd
         )
         # forgetting, equation (17): scale rows and columns of the mean,
         # up to its initial variance
-        if len(use) and not tells:
+        if len(use) and not is_known:
             scale, now = np.ones(12), np.maximum(np.diagonal(p)[MU], 1e-300)
             forgot = known.forgetting ** (-(dt[row] or c.sample_time) / c.sample_time)
             scale[MU] = np.sqrt(np.minimum(forgot, np.maximum(1.0, c.initial_mean_sd**2 / now)))

@@ -609,13 +609,13 @@ def make_study(name: str, cases: tuple[str, ...] = ()) -> Study:
 
     `name`: of the study, with further estimators after "+". `cases`: names of the cases;
     empty: all. Raise UserError for an unknown name."""
-    base, *beside = name.split("+")
+    base, *added = name.split("+")
     if base not in STUDIES:
         raise UserError(f"option --study: there is no study '{base}'; known: {', '.join(STUDIES)}")
-    for other in beside:
+    for other in added:
         get_overrides(other)  # raises UserError for an unknown estimator
     every = [
-        replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *beside)))) for c in _make_cases()[base]
+        replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *added)))) for c in _make_cases()[base]
     ]
     names = [c.name for c in every]
     if missing := [case for case in cases if case not in names]:
