@@ -387,7 +387,7 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
                 check_workers(client, address)
             start(*make_worker_command(address, tmp_path / "dask"), path=tmp_path / "old")
             wait_until(lambda: len(client.scheduler_info()["workers"]) == 1)
-            with pytest.raises(UserError, match=r"has tselab 0\.0\.1, this is tselab"):
+            with pytest.raises(UserError, match=r"has tselab 0\.0\.1, but this process has tselab"):
                 check_workers(client, address)
 
 

@@ -1,7 +1,7 @@
 """Binding of the C library.
 
-Names, ranges, units and struct layouts are read from the library itself (tse/describe.h),
-so that this file repeats none of its tables."""
+Names, ranges, units and struct layouts are read from the loaded library (functions of
+tse/describe.h), so that this file repeats none of its tables."""
 
 from __future__ import annotations
 
@@ -25,10 +25,12 @@ CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
 FORMULA_PLACE, FORMULA_OP, FORMULA_LIMIT = range(11, 14)
 STRUCT_COUNT = 14
-STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # in the order of TSE_CX_FRONT ...
+# names of the stiffnesses; the index is TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR
+STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ALL_SETTINGS_HINT = "; 'tselab settings' lists all"
-GRIP = "grip"  # output whose validity is grip_valid
-NOMINAL = {  # settings with the nominal stiffness, in which relative stiffness is counted
+GRIP = "grip"  # output that is valid in rows with grip_valid = 1
+# for each stiffness the setting with its nominal value; a relative stiffness of 1 is nominal
+NOMINAL = {
     "cx_front": "longitudinal_stiffness_front",
     "cy_front": "cornering_stiffness_front",
     "cy_rear": "cornering_stiffness_rear",
@@ -36,11 +38,11 @@ NOMINAL = {  # settings with the nominal stiffness, in which relative stiffness 
 
 
 class SettingError(UserError):
-    """A setting outside its range. The text names setting, value and range."""
+    """A setting is outside its range. The message names setting, value and range."""
 
 
 class UnknownSetting(SettingError, KeyError):
-    """A setting that does not exist. The text suggests similar names."""
+    """There is no setting of this name. The message suggests similar names."""
 
     __str__ = Exception.__str__
 
@@ -50,8 +52,10 @@ class Field:
     """One row of a table of the library."""
 
     name: str
-    kind: str  # s setting, r real, i int32, u uint32, c code, p array, o array or NULL
-    offset: int  # bytes; of STATUS and REASON the code
+    # s: setting (tse_setting), r: tse_real, i: int32, u: uint32, c: code,
+    # p: pointer to an array, o: pointer to an array or NULL
+    kind: str
+    offset: int  # [bytes] from the start of the struct. In STATUS and REASON: the code
     default: float
     low: float
     high: float
@@ -70,7 +74,7 @@ class Field:
 
     @property
     def range_text(self) -> str:
-        """Allowed range with unit, for messages."""
+        """Allowed range with unit, as messages print it."""
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         return f"{self.low:g} .. {self.high:g}{unit}" if self.has_range else "any"
 
@@ -84,14 +88,17 @@ class EffectParameter:
     setting: str
     unit: str
     text: str
-    strength: bool  # True: 0 switches the effect off. False: a shape, unused at strength 0
-    sign: int  # plausible sign of a strength: 1, -1, or 0 for either
+    # True: a strength, 0 switches the effect off. False: a shape, without effect while all
+    # strengths of the effect are 0
+    strength: bool
+    sign: int  # plausible sign of a strength: 1, -1, or 0 if both are plausible
     default: float
     low: float
     high: float
     typical: tuple[float, float]
-    negligible: float  # size below which the effect is not reported
-    given: bool = False  # a shape that logs cannot separate from the strength
+    negligible: float  # absolute value below which the effect is not reported
+    # True: a shape that logs cannot distinguish from the strength; no fit estimates it
+    given: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,32 +111,35 @@ class EffectRow:
     entry_points: tuple[str, ...]
     channels: str
     look_alikes: tuple[str, ...]  # ids of effects, or descriptions of other causes
-    estimator: str  # use of the effect by the filters
-    bit: int
-    filter: str  # both, default or none: the filters whose estimate it moves
+    estimator: str  # description of how the filters use the effect
+    bit: int  # number of its bit in tse_effects.mask
+    filter: str  # filters whose estimate its settings change: both, default or none
     occurrence: str  # SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
-    early: str  # title of a value below early_below, which is of messages or the IMU; "": there is none
+    # title instead of `title` if the fitted value is below early_below: it is then a latency
+    # of messages or a low-pass filter of the IMU, no effect of the car. "": there is no such title
+    early: str
     early_below: float
     parameters: tuple[EffectParameter, ...]
 
     @property
     def strengths(self) -> tuple[EffectParameter, ...]:
-        """Parameters that scale the effect."""
+        """Parameters that are strengths: the effect is off while all of them are 0."""
         return tuple(p for p in self.parameters if p.strength)
 
     @property
     def shapes(self) -> tuple[EffectParameter, ...]:
-        """Parameters that shape the effect."""
+        """Parameters that are shapes: without effect while all strengths are 0."""
         return tuple(p for p in self.parameters if not p.strength)
 
 
 @dataclass(frozen=True)
 class SettingUse:
-    """The use of one setting of Config."""
+    """How the filters use one setting of Config."""
 
-    table: str  # of src/tables: vehicle, uncertainty, sensors, latency, velocity, ...
-    filter: str  # both, default, paper or none: the filters whose estimate it moves
-    replaced_by: str  # the setting that the filter uses instead while that is not 0; "": there is none
+    table: str  # table of src/tables that defines it: vehicle, uncertainty, sensors, ...
+    filter: str  # filters whose estimate it changes: both, default, paper or none
+    # setting that the filters use instead of this one if it is not 0; "": there is none
+    replaced_by: str
 
 
 @dataclass(frozen=True)
@@ -140,14 +150,14 @@ class FormulaOp:
     code: int
     takes: int  # number of operands
     kind: str  # NUMBER, SIGNAL, PLAIN, MEMORY
-    # unit of the result: a unit, or its rule from the units of the operands (same,
-    # product, quotient, root, first, rate)
+    # unit of the result, or the rule that gives it from the units of the operands: same,
+    # product, quotient, root, first, rate
     unit: str
     text: str
 
 
 class _CEffect(ctypes.Structure):
-    """tse_effect_row of tse/describe.h."""
+    """Layout of struct tse_effect_row in tse/describe.h."""
 
     _fields_ = [
         *(
@@ -161,11 +171,13 @@ class _CEffect(ctypes.Structure):
 
 
 class _CSettingRow(ctypes.Structure):
+    """Layout of struct tse_setting_row in tse/describe.h."""
+
     _fields_ = [(name, ctypes.c_char_p) for name in ("name", "table", "filter", "replaced_by")]
 
 
 class _CEffectParameter(ctypes.Structure):
-    """tse_effect_parameter of tse/describe.h."""
+    """Layout of struct tse_effect_parameter in tse/describe.h."""
 
     _fields_ = [
         *((name, ctypes.c_char_p) for name in ("effect", "name", "setting", "unit", "text")),
@@ -179,7 +191,7 @@ class _CEffectParameter(ctypes.Structure):
 
 
 class _CField(ctypes.Structure):
-    """tse_field of tse/describe.h."""
+    """Layout of struct tse_field in tse/describe.h."""
 
     _fields_ = [
         ("name", ctypes.c_char_p),
@@ -194,7 +206,7 @@ class _CField(ctypes.Structure):
 
 
 class _CBuild(ctypes.Structure):
-    """tse_build of tse/describe.h."""
+    """Layout of struct tse_build in tse/describe.h."""
 
     _fields_ = [
         ("version", ctypes.c_char_p),
@@ -204,13 +216,15 @@ class _CBuild(ctypes.Structure):
         ("params_bytes", ctypes.c_int32),
         ("sim_bytes", ctypes.c_int32),
         ("learnt_bytes", ctypes.c_int32),
-        ("filter_paper_bytes", ctypes.c_int32),  # 0: the library has one size of filter
-        ("fraction_bits", ctypes.c_int32),  # of a fixed-point number; 0: floating point
+        # size of a filter with particles; filter_bytes is that of a filter without particles
+        ("filter_paper_bytes", ctypes.c_int32),
+        # number of fraction bits of a fixed-point number; 0: the library uses floating point
+        ("fraction_bits", ctypes.c_int32),
     ]
 
 
 def find_library() -> Path:
-    """Return the path TSELAB_LIBRARY, or that of the library beside this package."""
+    """Return the path of the library: variable TSELAB_LIBRARY, else folder lib next to this file."""
     if named := os.environ.get("TSELAB_LIBRARY"):
         return Path(named)
     suffix = {"darwin": "dylib", "win32": "dll"}.get(sys.platform, "so")
@@ -223,22 +237,24 @@ class Library:
     def __init__(self, path: Path):
         if not path.is_file():
             raise UserError(
-                f"the tse library is not at {path}: run scripts/setup.sh, or set TSELAB_LIBRARY to the "
-                "shared library"
+                f"there is no tse library at {path}: run scripts/setup.sh, or set TSELAB_LIBRARY to "
+                "the path of the shared library"
             )
         try:
             self._dll = ctypes.CDLL(str(path))
         except OSError as error:
             raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
         self.path = path
-        # fixed-point numbers are exchanged as double: native(), from_native()
+        # Python code holds fixed-point numbers as double; native() and from_native() convert
         for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
                 self._suffix = suffix
                 self.real = np.dtype(real)
                 break
         else:
-            raise UserError(f"{path}: is not a double, float or fixed-point build of the tse library")
+            raise UserError(
+                f"{path}: is not a tse library: function tse_step_f64, tse_step_f32 or tse_step_fix is missing"
+            )
         self._read_build()
         self._read_fields()
         self.effects = self._read_effects()
@@ -253,7 +269,7 @@ class Library:
         self.uncertainties = self.settings_in("uncertainty")
 
     def _read_build(self) -> None:
-        """Read version, number format and sizes of the build."""
+        """Read the version, the number format and the struct sizes of the loaded library."""
         build = _CBuild()
         self.function("tse_describe_build", None)(ctypes.addressof(build))
         self.version, self.format = build.version.decode(), build.format.decode()
@@ -264,7 +280,7 @@ class Library:
         self.fraction_bits = build.fraction_bits
 
     def _read_fields(self) -> None:
-        """Read the tables of all structs and codes."""
+        """Read the fields of every struct, and the lists of codes."""
         describe = self.function(
             "tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2
         )
@@ -289,24 +305,32 @@ class Library:
             ]
 
     def _read_table(self, function: str, row: type) -> list:
-        """Return the rows that a function of the library describes."""
+        """Return the rows of the table that a tse_describe function returns.
+
+        Parameters
+        ----------
+        function : str
+            Name of the function, for example "tse_describe_effects".
+        row : type
+            Layout of a row, a subclass of ctypes.Structure.
+        """
         count = ctypes.c_int32()
         rows = self.function(function, ctypes.POINTER(row))(ctypes.addressof(count))
         return [rows[i] for i in range(count.value)]
 
     def _read_settings(self) -> dict[str, SettingUse]:
-        """Return the use of every setting, in the order of Config."""
+        """Return how the filters use each setting, in the order of Config."""
         return {
             r.name.decode(): SettingUse(r.table.decode(), r.filter.decode(), r.replaced_by.decode())
             for r in self._read_table("tse_describe_settings", _CSettingRow)
         }
 
     def settings_in(self, *tables: str) -> tuple[str, ...]:
-        """Return the settings of some tables of src/tables, in the order of Config."""
+        """Return the settings that these tables of src/tables define, in the order of Config."""
         return tuple(name for name, use in self.settings.items() if use.table in tables)
 
     def _read_effects(self) -> dict[str, EffectRow]:
-        """Return the catalogue of effects, in its order."""
+        """Return the effects by id, in the order of src/tables/effects.toml."""
         parameters = [
             EffectParameter(
                 *(getattr(r, n).decode() for n in ("effect", "name", "setting", "unit", "text")),
@@ -341,7 +365,17 @@ class Library:
         }
 
     def function(self, name: str, restype: Any = ctypes.c_int, argtypes: list | None = None) -> Any:
-        """Return a function of the library; `argtypes` None: only pointers."""
+        """Return a function of the library.
+
+        Parameters
+        ----------
+        name : str
+            Name without the suffix of the number format.
+        restype
+            ctypes type of the result.
+        argtypes : list, optional
+            ctypes types of the arguments. None: all arguments are pointers.
+        """
         f = getattr(self._dll, name + self._suffix)
         f.restype = restype
         if argtypes is None:
@@ -355,16 +389,16 @@ class Library:
         return f
 
     def fields(self, which: int) -> list[Field]:
-        """Return the rows of a table."""
+        """Return the fields of struct `which`, or the rows of list `which`."""
         return self._fields[which]
 
     def field(self, which: int, name: str) -> Field:
-        """Return one row of a table by its name."""
+        """Return the field or row `name` of struct or list `which`."""
         return next(f for f in self._fields[which] if f.name == name)
 
-    @functools.cache  # noqa: B019  (few libraries per process)
+    @functools.cache  # noqa: B019  (a process loads few libraries, so that the cache stays small)
     def dtype(self, which: int) -> np.dtype:
-        """Return the layout of a struct as a dtype of numpy."""
+        """Return the layout of struct `which` as a numpy dtype."""
         kinds = {"s": self.real, "r": self.real, "i": np.dtype(np.int32), "u": np.dtype(np.uint32)}
         kinds["p"] = kinds["o"] = np.dtype(np.uintp)
         rows = self._fields[which]
@@ -380,9 +414,10 @@ class Library:
     def native(self, values: np.ndarray, which: int | None = None) -> np.ndarray:
         """Convert numbers, or records of struct `which`, to the library's number format.
 
-        A fixed-point library receives a new array: NaN becomes its NaN, numbers beyond
-        the range become the nearest limit. Settings are rounded to single precision first
-        (TSE_S in tse/real.h). Other libraries receive `values` itself."""
+        For a floating-point library, return `values` itself. For a fixed-point library,
+        return a new array, in which NaN is the library's code of NaN, and a number beyond
+        the range is the nearest limit. Settings are first rounded to single precision, as
+        macro TSE_S of tse/real.h does."""
         if not self.fraction_bits:
             return values
         if which is None:
@@ -390,7 +425,7 @@ class Library:
         records = np.ascontiguousarray(values).copy()
         words, raw = records.view(np.float64), records.view(np.int64)
         for kind in "sr":
-            at = self._columns(which, kind)
+            at = self._list_offsets(which, kind)
             numbers = words.reshape(len(records), -1)[:, at]
             raw.reshape(len(records), -1)[:, at] = _to_fixed(
                 numbers.astype(np.float32).astype(float) if kind == "s" else numbers, self.fraction_bits
@@ -398,8 +433,8 @@ class Library:
         return records
 
     def from_native(self, native: np.ndarray, values: np.ndarray, which: int | None = None) -> None:
-        """Convert `native`, which the library has written, back into `values`."""
-        if not self.fraction_bits:  # native is values
+        """Convert `native`, which the library has written, and store the numbers in `values`."""
+        if not self.fraction_bits:  # `native` and `values` are the same array
             return
         if which is None:
             values[:] = _from_fixed(native, self.fraction_bits)
@@ -413,38 +448,38 @@ class Library:
                 numbers = _from_fixed(raw[:, self.dtype(which).fields[name][1] // 8], self.fraction_bits)
                 values[name] = [float(str(x)) for x in numbers.astype(np.float32)] if kind == "s" else numbers
 
-    @functools.cache  # noqa: B019  (few libraries per process)
-    def _columns(self, which: int, kind: str) -> list[int]:
-        """Return offsets of the settings or reals of a struct, in words of 8 bytes."""
+    @functools.cache  # noqa: B019  (a process loads few libraries, so that the cache stays small)
+    def _list_offsets(self, which: int, kind: str) -> list[int]:
+        """Return the offsets of the fields of this kind in struct `which`, in words of 8 bytes."""
         return [f.offset // 8 for f in self._fields[which] if f.kind == kind]
 
     def codes(self, which: int) -> dict[int, Field]:
-        """Return the rows of STATUS or REASON by their code."""
+        """Return the rows of list `which` (STATUS or REASON), with their codes as keys."""
         return {f.offset: f for f in self._fields[which]}
 
     def status(self, name: str) -> int:
-        """Return the code of a status by its name."""
+        """Return the code of the status with this name."""
         return self.field(STATUS, name).offset
 
     @property
     def channels(self) -> list[Field]:
-        """Channels of a log row, in their order."""
+        """Fields of tse_input that hold the required channels of a log row, in their order."""
         names = [f.name for f in self._fields[INPUT]]
         return self._fields[INPUT][1 : names.index("missing")]
 
     @property
     def optional(self) -> list[Field]:
-        """Optional channels of a log row, in the order of their bits in `given`."""
+        """Fields of tse_input that hold optional channels, in the order of their bits in `given`."""
         names = [f.name for f in self._fields[INPUT]]
         return self._fields[INPUT][names.index("given") + 1 :]
 
 
-FIXED_NAN = np.iinfo(np.int64).min  # the NaN of number/fixed.h
-MAX_SCALED = 2.0**60  # limit of converted numbers; larger than every result
+FIXED_NAN = np.iinfo(np.int64).min  # code of NaN in src/number/fixed.h
+MAX_SCALED = 2.0**60  # limit of a number times 2^bits; larger than every result of the library
 
 
 def _to_fixed(values: np.ndarray, bits: int) -> np.ndarray:
-    """Convert numbers to fixed point with `bits` fraction bits."""
+    """Return numbers as fixed-point integers with `bits` fraction bits."""
     numbers = np.asarray(values, float)
     with np.errstate(invalid="ignore", over="ignore"):
         scaled = np.clip(np.rint(numbers * 2.0**bits), -MAX_SCALED, MAX_SCALED)
@@ -452,26 +487,26 @@ def _to_fixed(values: np.ndarray, bits: int) -> np.ndarray:
 
 
 def _from_fixed(raw: np.ndarray, bits: int) -> np.ndarray:
-    """Convert fixed point with `bits` fraction bits to numbers."""
+    """Return the values of fixed-point integers with `bits` fraction bits."""
     return np.where(raw == FIXED_NAN, np.nan, raw / 2.0**bits)
 
 
 @functools.lru_cache(maxsize=1)
 def library() -> Library:
-    """Return the library; load it at the first call."""
+    """Return the library of this process. The first call loads it."""
     return Library(find_library())
 
 
 @functools.lru_cache(maxsize=1)
 def hash_library() -> str:
-    """Return the hash of the bytes of the library that this process has loaded."""
+    """Return the SHA-256 of the file of the library that this process has loaded."""
     return hashlib.sha256(library().path.read_bytes()).hexdigest()
 
 
 class Settings:
-    """A settings struct of the library, with an attribute per setting.
+    """A struct of settings of the library, with one attribute for each setting.
 
-    Each assignment is checked against the range of the setting."""
+    An assignment outside the range of the setting raises SettingError."""
 
     _which: int = CONFIG
     _defaults: str = "tse_config_default"
@@ -488,23 +523,25 @@ class Settings:
 
     @property
     def lib(self) -> Library:
-        """The library whose settings these are."""
+        """The library that defines the struct and its ranges."""
         return self._lib or library()
 
     @property
     def fields(self) -> dict[str, Field]:
-        """Rows of the table of settings, by name."""
+        """Description of each setting, with the name as key."""
         return self._table
 
     def fill(self, function: str) -> None:
-        """Let a function of the library write the settings."""
+        """Let a function of the library, such as tse_config_default, write all settings."""
         native = self.lib.native(self._record, self._which)
         self.lib.function(function, None)(native.ctypes.data)
         self.lib.from_native(native, self._record, self._which)
 
     @property
     def address(self) -> int:
-        """Address of the settings for the library, valid until the next read of it."""
+        """Address of the struct in the library's number format.
+
+        It is valid until this property is read again."""
         object.__setattr__(self, "_native", self.lib.native(self._record, self._which))
         return self._native.ctypes.data
 
@@ -512,7 +549,7 @@ class Settings:
         if name.startswith("_") or name not in self._table:
             raise AttributeError(name)
         value = self._record[name][0]
-        # a setting 0.01 in single precision is returned as 0.01, not as 0.00999999977
+        # shortest decimal number: a float32 of 0.01 is returned as 0.01, not as 0.00999999977
         return value.item() if value.dtype != np.float32 else float(str(value))
 
     def __setattr__(self, name: str, value: float) -> None:
@@ -522,7 +559,7 @@ class Settings:
         return name in self._table
 
     def set(self, name: str, value: float, source: str = "") -> None:
-        """Set one value. `source` (a file, an option) begins the message of a refusal."""
+        """Set one value. An error message begins with `source`, a file or an option."""
         where = f"{source}: " if source else ""
         field = self._table.get(name)
         if field is None:
@@ -549,13 +586,15 @@ class Settings:
 
 
 class Config(Settings):
-    """tse_config: vehicle, sensors, filter.
+    """Settings of vehicle, sensors and filter: struct tse_config.
 
-    The default is an ordinary car without its mass."""
+    Defaults are those of an ordinary car. The mass has no default."""
 
     @classmethod
     def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
-        """Return an exactly known car, as the simulator's, with `values` set."""
+        """Return settings without uncertainty of the car (tse_config_exact), then set `values`.
+
+        Simulations use them, because the simulated car is known exactly."""
         config = cls(lib=lib)
         config.fill("tse_config_exact")
         for name, value in (values or {}).items():
@@ -563,30 +602,40 @@ class Config(Settings):
         return config
 
     def complete(self) -> Config:
-        """Return a copy with the filter's values for unset mass, inertia, stiffness."""
+        """Return a copy in which an unset mass, inertia or stiffness has the value that the
+        filter would use."""
         config = type(self)(self.as_dict(), lib=self._lib)
         config.fill("tse_config_complete")
         return config
 
     @classmethod
     def settings_of(cls, name: str) -> dict[str, float | int]:
-        """Return the settings in which tse_config_NAME() differs from the defaults."""
+        """Return the settings that the function tse_config_<name>() sets to other values than
+        the defaults."""
         config = cls()
         config.fill(f"tse_config_{name}")
         return config.changed()
 
 
 class SimConfig(Settings):
-    """tse_sim_config: settings of the simulator beyond Config."""
+    """Settings that only the simulator has: struct tse_sim_config."""
 
     _which = SIM_CONFIG
     _defaults = "tse_sim_config_default"
 
 
 def _raise_refusal(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...]) -> None:
-    """Raise a SettingError for a negative status.
+    """Raise SettingError if a function of the library returned a negative status.
 
-    `wrong`: name of the refused setting."""
+    Parameters
+    ----------
+    status : int
+        Result of the function.
+    wrong : ctypes.c_char_p
+        Name of the setting that the function refused, or NULL.
+    settings : tuple of Settings
+        The structs that the function read.
+    """
     if status >= 0:
         return
     name = wrong.value.decode() if wrong.value else ""
@@ -594,6 +643,7 @@ def _raise_refusal(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings
         if name in group:
             f, value = group.fields[name], getattr(group, name)
             if value == f.default:
+                # unset, therefore computed from other settings
                 raise SettingError(
                     f"{name} follows from mass, lf and lr, and is outside its range {f.range_text} ({f.text})"
                 )
@@ -603,23 +653,24 @@ def _raise_refusal(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings
 
 
 def _allocate(size: int) -> np.ndarray:
-    """Return zeroed memory of at least `size` bytes, aligned to eight bytes."""
+    """Return at least `size` bytes of zeroed memory, aligned to 8 bytes."""
     return np.zeros((size + 7) // 8, np.uint64)
 
 
 class LearntError(UserError):
-    """Bytes that cannot be loaded as the filter's learnt state.
+    """These bytes cannot be loaded as the learnt state of the filter.
 
-    The text is the library's."""
+    The message is the text of the library's status."""
 
 
 class NativeFilter:
-    """One estimator of the library. It starts at its first row."""
+    """One filter of the library, with its parameters and its state."""
 
     def __init__(self, config: Config):
         self.lib = lib = config.lib
         self.config = config
-        particles = "form" in config and config.form  # the default filter has no particles
+        # setting `form`: 0 is the default filter, otherwise the paper's filter with particles
+        particles = "form" in config and config.form
         self._bytes = lib.filter_paper_bytes if particles else lib.filter_bytes
         self._params, self._filter = _allocate(lib.params_bytes), _allocate(self._bytes)
         wrong = ctypes.c_char_p()
@@ -632,7 +683,7 @@ class NativeFilter:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state before the first row."""
+        """Reset the filter to its state before the first row."""
         reset = self.lib.function("tse_reset", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t])
         status = reset(*self._pointers, self._bytes)
         if status < 0:
@@ -641,9 +692,9 @@ class NativeFilter:
     def step_into(
         self, rows: np.ndarray, outputs: np.ndarray, first: int = 0, last: int | None = None
     ) -> None:
-        """Feed rows[first:last], write outputs[first:last].
+        """Step the filter with rows[first:last] and write outputs[first:last].
 
-        Of a refused row only `status` is written."""
+        If the filter refuses a row, only `status` of its output is written."""
         last = len(rows) if last is None else last
         step, (params, state) = self._step, self._pointers
         given, made = self.lib.native(rows[first:last], INPUT), self.lib.native(outputs[first:last], OUTPUT)
@@ -656,13 +707,13 @@ class NativeFilter:
         self.lib.from_native(made, outputs[first:last], OUTPUT)
 
     def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
-        """Feed rows[0], write outputs[0], return the status.
+        """Step the filter with rows[0], write outputs[0], and return the status.
 
-        A negative status: the row is refused, and the output is unchanged."""
+        If the status is negative, the filter has refused the row, and the output is unchanged."""
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Feed rows of any number format; return their outputs."""
+        """Step the filter with rows, whose numbers may have any format, and return the outputs."""
         given, out = self.inputs(len(rows)), self.outputs(len(rows))
         for name in given.dtype.names:
             given[name] = rows[name]
@@ -670,11 +721,11 @@ class NativeFilter:
         return out
 
     def inputs(self, n: int) -> np.ndarray:
-        """Return n zeroed rows."""
+        """Return n rows of tse_input; all fields are 0."""
         return np.zeros(n, self.lib.dtype(INPUT))
 
     def outputs(self, n: int) -> np.ndarray:
-        """Return n outputs; their real numbers are NaN."""
+        """Return n rows of tse_output; real numbers are NaN, integers 0."""
         out = np.zeros(n, self.lib.dtype(OUTPUT))
         for name in out.dtype.names:
             if out.dtype[name].kind == "f":
@@ -682,15 +733,15 @@ class NativeFilter:
         return out
 
     def snapshot(self) -> bytes:
-        """Return the state of the filter as bytes."""
+        """Return a copy of the filter's memory, for restore()."""
         return self._filter.tobytes()[: self._bytes]
 
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
-        """Return the share of each uncertain setting in the sd of the three stiffnesses.
+        """Return the sd that each uncertain setting adds to the three stiffnesses.
 
-        Settings are those of src/tables/uncertainty.toml. The sd is relative to the
-        nominal stiffness and holds for the last row. The filter with particles has none:
-        {}."""
+        Keys are the settings of src/tables/uncertainty.toml. An sd is relative to the nominal
+        stiffness and belongs to the last row. For the filter with particles, which does not
+        compute it, the result is {}."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):
@@ -703,18 +754,31 @@ class NativeFilter:
         return sd
 
     def save_learnt(self) -> bytes | None:
-        """Return the learnt state for the next drive; None before the first row."""
+        """Return the learnt state, from which the next drive can start; None before the first row."""
         out = np.zeros(self.lib.learnt_bytes, np.uint8)
         save = self.lib.function("tse_learnt_save", argtypes=[ctypes.c_void_p] * 3)
         return out.tobytes() if save(*self._pointers, out.ctypes.data) >= 0 else None
 
     def load_learnt(self, learnt: bytes, age: float) -> None:
-        """Start from the learnt state of an earlier drive, saved `age` seconds ago.
+        """Let the filter start from the learnt state of an earlier drive.
 
-        To be called before the first row."""
+        Call this before the first row.
+
+        Parameters
+        ----------
+        learnt : bytes
+            Result of save_learnt().
+        age : float
+            Time since it was saved, s.
+
+        Raises
+        ------
+        LearntError
+            The bytes are damaged or belong to a different vehicle, or `age` is NaN.
+        """
         if not isinstance(learnt, bytes | bytearray | memoryview):
             raise TypeError(
-                "learnt: bytes are needed, as save_learnt() and Result.learnt give them, not "
+                "learnt: bytes are needed, as save_learnt() and Result.learnt return them, not "
                 f"{type(learnt).__name__}"
             )
         if math.isnan(age):
@@ -732,14 +796,16 @@ class NativeFilter:
             raise LearntError(self.lib.codes(STATUS)[status].text + detail)
 
     def restore(self, snapshot: bytes) -> None:
-        """Return to the state of a snapshot."""
+        """Set the filter to the state that snapshot() returned."""
         if len(snapshot) != self._bytes:
-            raise ValueError(f"a snapshot of this filter has {self._bytes} bytes, not {len(snapshot)}")
+            raise ValueError(
+                f"snapshot has {len(snapshot)} bytes; a snapshot of this filter has {self._bytes}"
+            )
         self._filter.view(np.uint8)[: len(snapshot)] = np.frombuffer(snapshot, np.uint8)
 
 
 class Simulator:
-    """The simulator of the library: true motion and measurements of a car."""
+    """The simulator of the library. It computes the true motion and the measurements of a car."""
 
     def __init__(self, config: Config, sim_config: SimConfig):
         self.lib = lib = library()
@@ -763,27 +829,27 @@ class Simulator:
         self.lib.from_native(made, outputs[i : i + 1], SIM_OUTPUT)
 
     def inputs(self, n: int) -> np.ndarray:
-        """Return n zeroed inputs."""
+        """Return n rows of tse_sim_input; all fields are 0."""
         return np.zeros(n, self.lib.dtype(SIM_INPUT))
 
     def outputs(self, n: int) -> np.ndarray:
-        """Return n zeroed outputs."""
+        """Return n rows of tse_sim_output; all fields are 0."""
         return np.zeros(n, self.lib.dtype(SIM_OUTPUT))
 
 
 class Replay:
-    """The model, driven by steering angle and wheel speeds of a log.
+    """The vehicle model with the steering angle and the wheel speeds of a log as inputs.
 
-    It predicts the other channels, without noise, with the effects that Config switches
-    on. For fits: a row without effects takes about 0.1 us.
+    It predicts the other channels, without noise and with the effects that Config switches
+    on. It is fast enough for fits: without effects, a row takes about 0.1 us.
 
     Parameters
     ----------
     outputs : sequence of str
-        Channels to compute, names of REPLAY_OUT.
+        Channels to compute. Names are those of struct REPLAY_OUT.
     **log : array_like, (rows,)
-        Columns of the log, names of REPLAY_LOG. Optional ones may be None, or follow by
-        set().
+        Columns of the log. Names are those of struct REPLAY_LOG. An optional column may be
+        None, or be set later with set().
     """
 
     def __init__(self, outputs: Sequence[str] = ("accel_x", "accel_y", "yaw_rate"), **log: Any):
@@ -812,30 +878,31 @@ class Replay:
         self._defaults = lib.function("tse_replay_start_default", None)
 
     def set(self, name: str, values: Any) -> None:
-        """Set a column of the log (a road's profile, a disturbance); None removes it."""
+        """Set a column of the log, for example the profile of a road; None removes the column."""
         if values is None:
             self._log[name] = 0
             return
         array = self.lib.native(np.ascontiguousarray(values, self.lib.real))
         if array.shape != (self.rows,):
-            raise ValueError(f"{name} has shape {array.shape}, not ({self.rows},)")
+            raise ValueError(f"{name} has shape {array.shape}; allowed: ({self.rows},)")
         self._arrays[name] = array
         self._log[name] = array.ctypes.data
 
     def run(self, config: Config, **start: float) -> dict[str, np.ndarray]:
-        """Run the log.
+        """Compute the channels `outputs` for all rows of the log.
 
         Parameters
         ----------
         config : Config
             The car and its effects.
         **start : float
-            Initial state, names of REPLAY_START. The others have the library's defaults.
+            Initial states. Names are those of struct REPLAY_START. A state that is not
+            given has the library's default.
 
         Returns
         -------
         dict of str to ndarray, (rows,)
-            The channels `outputs`. The next run overwrites these arrays.
+            The computed channels. The next run overwrites these arrays.
         """
         wrong = ctypes.c_char_p()
         status = self._prepare(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
@@ -863,7 +930,9 @@ class Replay:
 
 
 def convert_stiffness(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, sd and spread of the stiffnesses of one output, N and N/rad."""
+    """Return mean, sd and spread of the three stiffnesses in one output.
+
+    Unit: N for cx_front, N/rad for cy_front and cy_rear."""
     lib = library()
     record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)
     si = [np.zeros(3, lib.real) for _ in range(3)]

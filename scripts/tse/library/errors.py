@@ -1,26 +1,28 @@
-"""Exceptions for users, and hints for misspelt names."""
+"""Exceptions that users see, and hints at misspelt names."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 
 class UserError(ValueError):
-    """An error in the user's files or options. The text names the place and the cause.
+    """An error in the user's files or options. The message names the place and the cause.
 
-    The command shows it without a traceback."""
+    The command line prints the message without a traceback."""
 
 
 class NoFile(UserError, FileNotFoundError):
-    """A named file does not exist."""
+    """A file that the user named does not exist."""
 
     __str__ = Exception.__str__
 
 
 class Interrupted(Exception):
-    """Ctrl-C. The text tells how to continue the work."""
+    """The user pressed Ctrl-C. The message says how to continue the work."""
 
 
-def suggest_names(name: str, known: Iterable[str], most: int = 2, other: str = "") -> str:
-    """Return a hint with up to `most` similar known names; `other` if none is similar."""
-    close = get_close_matches(name, list(known), most)
+def suggest_names(name: str, known: Iterable[str], limit: int = 2, other: str = "") -> str:
+    """Return a hint at the known names that are similar to `name`, at most `limit` of them.
+
+    If no known name is similar, return `other`."""
+    close = get_close_matches(name, list(known), limit)
     return f" (did you mean {' or '.join(close)}?)" if close else other

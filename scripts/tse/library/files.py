@@ -1,4 +1,4 @@
-"""Write files completely or not at all, seal results of a user, read TOML."""
+"""Write files completely or not at all; write and read sealed files; read TOML."""
 
 import contextlib
 import errno
@@ -26,34 +26,35 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-# Errors of a disk, a quota, a limit of the shell or a device, which the user can mend
+# errors that the user can resolve: disk full, quota or size limit reached, device failed or
+# read-only
 WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
 
 
 def explain_write_error(error: BaseException) -> str:
-    """Return the reason of a failed write, in words; "" for errors of another kind."""
+    """Return the system's text of an error in WRITE_ERRORS; "" for any other error."""
     if isinstance(error, OSError) and error.errno in WRITE_ERRORS:
         return error.strerror or str(error)
     return ""
 
 
 def resolve_path(path: Path) -> Path:
-    """Return the path with its links resolved.
+    """Return the path with its symbolic links resolved.
 
-    Unlike Path.resolve() it accepts a circle of links, which fails when it is opened."""
+    A loop of links raises no error here, unlike in Path.resolve(). Opening the file does."""
     return Path(os.path.realpath(path))
 
 
 def check_directory(out: Path) -> None:
-    """Refuse a directory for results that exists as a file."""
+    """Raise UserError if the directory for results is an existing file."""
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
 
 
 def make_directory(out: Path) -> None:
-    """Make a directory for results, with its parents, unless it exists."""
+    """Make a directory for results and its parents, if it does not exist."""
     check_directory(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -65,43 +66,44 @@ def make_directory(out: Path) -> None:
 def write_atomically(path: Path, mode: str = "w") -> Iterator[IO]:
     """Yield a file that replaces `path` when the block ends without an error.
 
-    Otherwise `path` is unchanged. A link is replaced itself: its target may belong to
-    somebody else. The permissions of `path` are kept."""
+    After an error, `path` is unchanged. If `path` is a symbolic link, the file replaces the
+    link and not its target, which may belong to a different user. The permissions of `path`
+    are kept."""
     path = Path(path)
     try:
         with _write_new(path, mode) as file:
             yield file
     except OSError as error:
         reason = explain_write_error(error)
-        # packages that write pictures lose the error number
+        # packages that write pictures raise an OSError without an error number
         if error.errno is None and not isinstance(error, ValueError):
             reason = str(error)
         if reason:
-            raise UserError(f"{path}: cannot be written: {reason}; nothing of it is kept") from error
+            raise UserError(f"{path}: cannot be written: {reason}; the unfinished file is deleted") from error
         raise
 
 
 PART_SUFFIX = ".part"  # end of the name of an unfinished file
-MIN_PART_AGE = 60.0  # s; an older unfinished file was left behind by another process
+MIN_PART_AGE = 60.0  # [s] age from which an unfinished file that no process has locked is deleted
 
 
 def _lock_handle(handle: int) -> bool:
-    """Lock an open file. Return False if another process holds the lock.
+    """Lock an open file. Return False if a different process holds the lock.
 
-    The system releases the lock of a killed process."""
-    if fcntl is None:  # Windows does not remove open files
+    The operating system releases the lock of a killed process."""
+    if fcntl is None:  # Windows needs no lock: it refuses to delete a file that is open
         return True
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        # other errors: the file system has no locks
+        # any other error means that the file system has no locks
         return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
     return True
 
 
 @functools.lru_cache(maxsize=4096)
 def _list_parts(folder: Path) -> tuple[str, ...]:
-    """Return the unfinished files of a folder, as of the first call for it."""
+    """Return the names of the unfinished files in a folder. Later calls repeat the first result."""
     try:
         return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART_SUFFIX))
     except OSError:
@@ -109,7 +111,7 @@ def _list_parts(folder: Path) -> tuple[str, ...]:
 
 
 def _remove_stale_parts(path: Path) -> None:
-    """Remove unfinished files of this path that a killed process left behind."""
+    """Delete unfinished files that a killed process left when it wrote to `path`."""
     own = re.compile(rf"\.{re.escape(path.name)}\.[a-z0-9_]{{8}}{re.escape(PART_SUFFIX)}")
     for left in (path.parent / n for n in _list_parts(path.parent) if own.fullmatch(n)):
         with contextlib.suppress(OSError):
@@ -122,9 +124,9 @@ def _remove_stale_parts(path: Path) -> None:
 
 @contextmanager
 def _write_new(path: Path, mode: str) -> Iterator[IO]:
-    """Yield a file beside `path` and rename it to `path` at the end."""
+    """Yield a new file in the folder of `path` and rename it to `path` at the end."""
     text = None if "b" in mode else "utf-8"
-    if path.exists() and not path.is_file():  # a pipe or device cannot be replaced
+    if path.exists() and not path.is_file():  # a pipe or a device is written, not replaced
         with open(path, mode, encoding=text) as file:
             yield file
         return
@@ -137,7 +139,8 @@ def _write_new(path: Path, mode: str) -> Iterator[IO]:
         with os.fdopen(handle, mode, encoding=text, newline=None if text is None else "") as f:
             _lock_handle(f.fileno())
             yield f
-            # content before name: otherwise a power cut can leave an empty file
+            # the content must reach the disk before the new name does: otherwise a power
+            # failure can leave an empty file
             f.flush()
             os.fsync(f.fileno())
         umask = os.umask(0)
@@ -151,9 +154,9 @@ def _write_new(path: Path, mode: str) -> Iterator[IO]:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the entries of a folder to the disk, where the system can.
+    """Write the list of names in a folder to the disk, if the system has such a call.
 
-    Elsewhere the content is safe, and the new name reaches the disk later."""
+    Otherwise the system writes the new name later."""
     if sys.platform == "win32":
         return
     try:
@@ -170,10 +173,11 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def lock_file(path: Path) -> Iterator[None]:
-    """Let one process at a time run the block that this lock file guards.
+    """Hold the lock of this lock file while the block runs.
 
-    Others wait. The system releases the lock of a killed process."""
-    from filelock import FileLock  # here: row-by-row estimation needs numpy only
+    A second process waits until the lock is released. The operating system releases the
+    lock of a killed process."""
+    from filelock import FileLock  # imported here, because row-by-row estimation needs numpy only
 
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -182,7 +186,9 @@ def lock_file(path: Path) -> Iterator[None]:
 
 
 def check_writable(*paths: Path | None) -> None:
-    """Refuse, before any long work, files that cannot be written; None is skipped."""
+    """Raise UserError if one of these files cannot be written. None is skipped.
+
+    Commands call this before long work, whose result would otherwise be lost."""
     for path in (p for p in paths if p is not None):
         if path.is_dir():
             raise UserError(f"{path}: is a directory, a file name is needed")
@@ -193,9 +199,17 @@ def check_writable(*paths: Path | None) -> None:
 
 
 def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | None]) -> None:
-    """Refuse an output that is the same file as an input or another output.
+    """Raise UserError if an output is the same file as an input or as a second output.
 
-    Symbolic and hard links are followed. Keys are names for the message."""
+    Symbolic and hard links are followed.
+
+    Parameters
+    ----------
+    outputs : dict of str to Path or None
+        Files to write. Keys are names for the message. None is skipped.
+    inputs : dict of str to Path or None
+        Files to read, in the same form.
+    """
     seen = {key: what for what, p in inputs.items() if p is not None for key in _identify(Path(p))}
     for what, path in outputs.items():
         if path is None:
@@ -207,7 +221,9 @@ def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | Non
 
 
 def _identify(path: Path) -> list[object]:
-    """Return keys of a file: its resolved path; its device and inode, if it exists."""
+    """Return the keys of a file: its resolved path and, if it exists, its device and inode.
+
+    Two paths that share a key are the same file."""
     keys: list[object] = [resolve_path(path)]
     try:
         found = path.stat()
@@ -217,30 +233,30 @@ def _identify(path: Path) -> list[object]:
 
 
 def is_parquet(path: Path | None) -> bool:
-    """Return whether the suffix is that of Parquet; other tables are CSV."""
+    """Return True if the suffix of a table is that of Parquet. Any other table is a CSV."""
     return path is not None and path.suffix.lower() in (".parquet", ".pq")
 
 
-# ---- Sealed files: data from which a later run of the same user continues. The seal
-# is a digest keyed by a secret in the user's own folder. A result folder of a stranger
-# has no valid seal, so no run continues from it.
+# ---- Sealed files hold data from which a later run of the same user continues. The seal is
+# a digest whose key is a secret in the user's home folder. Without the secret, nobody can
+# write a file with a valid seal, and no run continues from a file without one.
 
 SECRET_BYTES = 32
 
 
 def compute_seal(content: Any) -> str:
-    """Return the keyed digest of JSON data."""
+    """Return the digest of JSON data, with the user's secret as the key."""
     return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), key=load_secret()).hexdigest()
 
 
 def write_sealed(path: Path, content: Any) -> None:
-    """Write JSON data with its seal. JSON holds no code that could run."""
+    """Write data and their seal as JSON, a format that cannot contain code."""
     with write_atomically(path) as file:
         json.dump({"content": content, "seal": compute_seal(content)}, file)
 
 
 def read_sealed(path: Path) -> Any:
-    """Return the data of a sealed file; None without a valid seal of this user."""
+    """Return the data of a sealed file; None if the seal of this user is missing or wrong."""
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         content = kept["content"]
@@ -252,10 +268,10 @@ def read_sealed(path: Path) -> Any:
 
 @functools.cache
 def load_secret() -> bytes:
-    """Return the user's secret; make it at the first call.
+    """Return the user's secret, the key of the seals. If there is none, make it.
 
-    Without a folder that can hold it, the secret is that of the process, and later runs
-    start from nothing."""
+    If the secret cannot be stored, return random bytes. Later runs then accept no seal of
+    this process and start from the beginning."""
     home = (
         os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".local" / "state"
     )
@@ -267,7 +283,8 @@ def load_secret() -> bytes:
             with os.fdopen(handle, "wb") as file:
                 file.write(secrets.token_bytes(SECRET_BYTES))
             try:
-                os.link(name, path)  # one of several processes succeeds, with a whole file
+                # if several processes make the secret, one link() succeeds, with a complete file
+                os.link(name, path)
             except FileExistsError:
                 pass
             finally:
@@ -286,27 +303,27 @@ else:
 
 parse_toml = tomllib.loads
 
-INTEGER_LIMIT = 1 << 63  # integers of TOML have 64 bits, those of Python any number
-MAX_TOML_BYTES = 16 << 20  # a signals.toml of 10 000 channels has 1 MB
-MAX_TOML_DEPTH = 64  # nested tables
+INTEGER_LIMIT = 1 << 63  # an integer of TOML has 64 bits; Python would accept longer ones
+MAX_TOML_BYTES = 16 << 20  # [bytes] a signals.toml of 10 000 channels has 1 MB
+MAX_TOML_DEPTH = 64  # number of tables that may contain each other
 
 
-def check_regular(path: Path, most: int, what: str) -> None:
-    """Refuse a path that is no regular file or is too large, before it is read.
+def check_regular(path: Path, max_bytes: int, what: str) -> None:
+    """Raise UserError if a path is no regular file or is too large to read.
 
     Parameters
     ----------
     path : Path
-        The file. A missing file passes: opening it raises the error.
-    most : int
+        The file. A missing file or a directory is accepted: opening it raises the error.
+    max_bytes : int
         Maximum size, bytes.
     what : str
-        Name of the needed content for the message: "a TOML file".
+        The needed content, for the message. Example: "a TOML file".
 
     Raises
     ------
     UserError
-        It is a device or a pipe, or larger than `most`.
+        The path is a device or a pipe, or the file is larger than `max_bytes`.
     """
     try:
         found = Path(path).stat()
@@ -316,8 +333,10 @@ def check_regular(path: Path, most: int, what: str) -> None:
         return
     if not stat.S_ISREG(found.st_mode):
         raise UserError(f"{path}: is a device or a pipe, {what} is needed")
-    if found.st_size > most:
-        raise UserError(f"{path}: has {found.st_size >> 20:,} MB; {what} of up to {most >> 20} MB is read")
+    if found.st_size > max_bytes:
+        raise UserError(
+            f"{path}: is too large: {found.st_size >> 20:,} MB; {what} has at most {max_bytes >> 20} MB"
+        )
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -331,7 +350,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     UserError
-        It cannot be read, is not valid TOML, is no regular file, or is nested too deeply.
+        The file cannot be read, is no regular file, is too large, is not valid TOML, or its
+        tables are nested too deeply.
     """
     check_regular(path, MAX_TOML_BYTES, "a TOML file")
     try:
@@ -342,7 +362,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: is a directory, a TOML file is needed") from None
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; a TOML file is needed") from None
-    except ValueError as error:  # TOMLDecodeError, and Python's limits on digits and dates
+    except ValueError as error:  # TOMLDecodeError, or a number or date that Python cannot hold
         raise UserError(f"{path}: is not valid TOML: {error}{_hint_at_table(Path(path))}") from None
     except RecursionError:
         raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
@@ -353,17 +373,29 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _hint_at_table(path: Path) -> str:
-    """Return a hint if the first line of a file looks like the names of columns."""
+    """Return a hint if the first line of a file looks like the header of a table; otherwise ""."""
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline(65536)
     cells = max(line.count(c) for c in ",;\t") + 1
     if cells > 3 and "=" not in line:
-        return f"\n  it is a table of {cells} columns: a log in the place of a TOML file?"
+        return f"\n  its first line has {cells} columns: is it a log instead of a TOML file?"
     return ""
 
 
 def _check_values(path: Path, value: Any, key: str, depth: int) -> None:
-    """Refuse too large integers and too deep tables. `key`: path of `value`."""
+    """Raise UserError if an integer is too large or tables are nested too deeply.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    value
+        A value of the file; its parts are checked, too.
+    key : str
+        The dotted key of `value`.
+    depth : int
+        Number of tables and arrays that contain `value`.
+    """
     if isinstance(value, int) and not -INTEGER_LIMIT <= value < INTEGER_LIMIT:
         raise UserError(f"{path}: is not valid TOML: key {key[:200]}: an integer has at most 64 bits")
     if depth > MAX_TOML_DEPTH:

@@ -1,9 +1,9 @@
 """Run tasks in processes of this machine or of a Dask cluster, with the same results.
 
-    for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as they finish
+    for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as tasks finish
         result()  # returns the value of do(task), or raises its error
 
-`do` is a function of a module; pickle must be able to send the tasks."""
+`do` is a function at the top level of a module. Tasks must be of types that pickle can send."""
 
 from __future__ import annotations
 
@@ -26,23 +26,24 @@ from typing import Any, TypeAlias
 
 from tse.library.errors import UserError
 
-CONNECT_TIMEOUT = 10  # s; wait for the answer of a scheduler
-WORKERS_TIMEOUT = 3  # s; wait for the first worker: workers start a moment after the scheduler
+CONNECT_TIMEOUT = 10  # [s] maximum wait for the answer of a scheduler
+WORKERS_TIMEOUT = 3  # [s] maximum wait for the first worker; workers start after the scheduler
 Work: TypeAlias = Callable[[Any], Any]
-Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task; a call that returns or raises its result
+# a task, and a function that returns the result of the task or raises its error
+Finished: TypeAlias = tuple[Any, Callable[[], Any]]
 
 
 class Died(RuntimeError):
-    """The process of a task has died."""
+    """The process that ran a task has died."""
 
     def __init__(self, more: str = ""):
-        super().__init__("the process that worked on it died, probably for want of memory" + more)
+        super().__init__("the process that ran this task died, probably out of memory" + more)
 
 
 class Workers:
-    """Accepts tasks (submit) and returns finished ones (next).
+    """Interface of the workers: submit() accepts a task, next() returns a finished task.
 
-    On an error, leaving the `with` block does not wait for running tasks."""
+    If an error ends the `with` block, running tasks are stopped."""
 
     submit: Callable[[Any], None]
     next: Callable[[], Finished]
@@ -51,31 +52,31 @@ class Workers:
         return self
 
     def __exit__(self, kind: Any, *error: object) -> None:
-        """End nothing; subclasses end their processes."""
+        """Do nothing. Subclasses end their processes here."""
 
 
 def run_in_processes(
     do: Work, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[Finished]:
-    """Yield each task when it has finished.
+    """Yield each task as soon as it is finished.
 
     Parameters
     ----------
     do : callable
-        The work: a function of a module with one argument.
+        Function of one argument, at the top level of a module.
     tasks : sequence
-        Its arguments.
+        The arguments; `do` is called once for each.
     jobs : int
-        Number of processes; 1: this process, in the order of the tasks.
+        Number of processes. With 1, the tasks run in this process, in their order.
     scheduler : str, optional
-        Address of a Dask scheduler, whose workers replace the processes.
+        Address of a Dask scheduler. Its workers then run the tasks, and `jobs` is not used.
 
     Yields
     ------
     task
-        One of the tasks.
+        A finished task.
     result : callable
-        Returns the result of the task, or raises its error.
+        Function that returns the result of the task, or raises its error.
     """
     if tasks:
         few = InProcess(do) if jobs == 1 else LocalPool(do, min(jobs, len(tasks)))
@@ -87,7 +88,7 @@ def run_in_processes(
 
 
 class InProcess(Workers):
-    """This process: each task runs when its result is called."""
+    """Run the tasks in this process, each when the caller asks for its result."""
 
     def __init__(self, do: Work):
         self._do = do
@@ -102,13 +103,14 @@ class InProcess(Workers):
 
 
 class LocalPool(Workers):
-    """Processes of this machine."""
+    """Run the tasks in several processes of this machine."""
 
     def __init__(self, do: Work, jobs: int):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        # tasks that ran when a process died; each runs again in a process of its own
+        # tasks that were running when a process died. Each runs again, alone in a new process:
+        # the task whose process dies again is the cause
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 
@@ -118,7 +120,7 @@ class LocalPool(Workers):
         return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
 
     def submit(self, task: Any) -> None:
-        with ignore_interrupts():  # submit() may start a process
+        with ignore_interrupts():  # submit() may start a process, which must ignore Ctrl-C
             try:
                 future = self._pool.submit(self._do, task)
             except BrokenProcessPool:
@@ -129,7 +131,8 @@ class LocalPool(Workers):
 
     def next(self) -> Finished:
         while not self._suspects:
-            # get(), because Ctrl-C within wait() locks futures, and the pool never ends
+            # get() instead of futures.wait(): if Ctrl-C interrupts wait(), the locks of the
+            # futures stay held, and the pool never ends
             future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
@@ -153,12 +156,14 @@ class LocalPool(Workers):
 
 
 def _raise_died(more: str = "") -> Any:
-    """Raise Died. Called in the place of the result of a task whose process has died."""
+    """Raise Died. This function replaces the result of a task whose process has died."""
     raise Died(more)
 
 
 def _end_with_parent() -> None:
-    """End this worker when its parent ends; otherwise it would wait for work forever."""
+    """Start a thread that ends this worker process when its parent process ends.
+
+    Without it, the worker of a killed parent would wait for tasks forever."""
     parent = multiprocessing.parent_process()
 
     def end_after_parent() -> None:
@@ -170,10 +175,11 @@ def _end_with_parent() -> None:
 
 
 class DaskCluster(Workers):
-    """A Dask cluster, whose workers reach files under the same paths as this process.
+    """Run the tasks on the workers of a Dask cluster.
 
-    The scheduler repeats the task of a dead worker on another one. `check` is called with
-    client and address before the first task."""
+    The workers must reach files under the same paths as this process. If a worker dies, the
+    scheduler repeats its task on a different worker. Before the first task, `check` is called
+    with the client and the address of the scheduler."""
 
     def __init__(
         self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
@@ -182,7 +188,8 @@ class DaskCluster(Workers):
         check(self._client, scheduler)
         import distributed
 
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a dead worker is expected
+        # a worker may die; Dask's warnings about it are not shown
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._finished: Any = distributed.as_completed([], loop=self._client.loop)
         self._tasks: dict[str, Any] = {}
         self._futures: dict[str, Any] = {}
@@ -204,19 +211,20 @@ class DaskCluster(Workers):
         return task, future.result
 
     def __exit__(self, kind: Any, *error: object) -> None:
-        with contextlib.suppress(Exception):  # the cluster may have ended
+        with contextlib.suppress(Exception):  # cancel() fails if the cluster has ended
             self._client.cancel(list(self._futures.values()))
         self._client.close()
 
 
 def connect_to_dask(scheduler: str) -> Any:
-    """Return a client of the Dask cluster at this address."""
+    """Return a client that is connected to the Dask scheduler at this address."""
     try:
         import distributed
     except ImportError:
         raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
     try:
-        if not scheduler.startswith("inproc://"):  # a client without a scheduler logs many lines
+        # test the connection first: without a scheduler, Client() would log many lines
+        if not scheduler.startswith("inproc://"):
             socket.create_connection(
                 distributed.comm.get_address_host_port(scheduler), CONNECT_TIMEOUT
             ).close()
@@ -226,11 +234,11 @@ def connect_to_dask(scheduler: str) -> Any:
 
 
 def check_workers(client: Any, scheduler: str) -> None:
-    """Refuse a cluster without workers, or with other code than this process.
+    """Raise UserError if a cluster has no workers, or if a worker has a different tselab.
 
-    Without workers the run would wait forever; other code gives other results."""
+    Without workers, the run would wait forever. With different code, results would differ."""
 
-    # an inner function is sent as code: a worker may have no tselab to import it from
+    # Dask sends an inner function as code, so that a worker without tselab can run it
     def read_version() -> tuple[str, str]:
         import hashlib
         from pathlib import Path
@@ -247,7 +255,9 @@ def check_workers(client: Any, scheduler: str) -> None:
     end = time.monotonic() + WORKERS_TIMEOUT
     while not (found := client.run(read_version)):
         if time.monotonic() > end:
-            raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
+            raise UserError(
+                f"option --scheduler: the Dask cluster at {scheduler} has no workers; start at least one"
+            )
         time.sleep(0.2)
     mine = read_version()
     for worker, (version, code) in sorted(found.items()):
@@ -255,13 +265,16 @@ def check_workers(client: Any, scheduler: str) -> None:
             other = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}
             raise UserError(
                 f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has "
-                f"{other.get(version, f'tselab {version}')}, this is tselab {mine[0]}"
+                f"{other.get(version, f'tselab {version}')}, but this process has tselab {mine[0]}; "
+                "install the same version on the worker"
             )
 
 
 @contextlib.contextmanager
 def treat_kill_as_interrupt() -> Iterator[None]:
-    """Let a plain kill (SIGTERM) end the block as Ctrl-C does, workers included."""
+    """Let SIGTERM, the signal of the command kill, raise KeyboardInterrupt as Ctrl-C does.
+
+    The block then ends its worker processes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -280,7 +293,8 @@ def treat_kill_as_interrupt() -> Iterator[None]:
 def ignore_interrupts() -> Iterator[None]:
     """Let processes that are started in the block ignore Ctrl-C.
 
-    A terminal sends Ctrl-C to all its processes; only the first one reacts."""
+    A terminal sends Ctrl-C to all processes of a command. Only the first process must react;
+    it ends the workers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
