@@ -29,7 +29,7 @@ STRUCT_COUNT = 14
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ALL_SETTINGS_HINT = "; 'tselab settings' lists all"
 GRIP = "grip"  # output that is valid in rows with grip_valid = 1
-# for each stiffness the setting with its nominal value; a relative stiffness of 1 is nominal
+# setting with the nominal value of each stiffness, to which the estimates are relative
 NOMINAL = {
     "cx_front": "longitudinal_stiffness_front",
     "cy_front": "cornering_stiffness_front",
@@ -88,8 +88,8 @@ class EffectParameter:
     setting: str
     unit: str
     text: str
-    # True: a strength, 0 switches the effect off. False: a shape, without effect while all
-    # strengths of the effect are 0
+    # True: a strength, 0 switches the effect off. False: a shape, without effect while
+    # all strengths of the effect are 0
     strength: bool
     sign: int  # plausible sign of a strength: 1, -1, or 0 if both are plausible
     default: float
@@ -115,8 +115,9 @@ class EffectRow:
     bit: int  # number of its bit in tse_effects.mask
     filter: str  # filters whose estimate its settings change: both, default or none
     occurrence: str  # SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED or IN_MODEL
-    # title instead of `title` if the fitted value is below early_below: it is then a latency
-    # of messages or a low-pass filter of the IMU, no effect of the car. "": there is no such title
+    # title instead of `title` if the fitted value is below early_below: it is then a
+    # latency of messages or a low-pass filter of the IMU, no effect of the car. "": there
+    # is no such title
     early: str
     early_below: float
     parameters: tuple[EffectParameter, ...]
@@ -216,15 +217,16 @@ class _CBuild(ctypes.Structure):
         ("params_bytes", ctypes.c_int32),
         ("sim_bytes", ctypes.c_int32),
         ("learnt_bytes", ctypes.c_int32),
-        # size of a filter with particles; filter_bytes is that of a filter without particles
+        # size of a filter with particles; filter_bytes: of one without particles
         ("filter_paper_bytes", ctypes.c_int32),
-        # number of fraction bits of a fixed-point number; 0: the library uses floating point
+        # fraction bits of a fixed-point number; 0: the library uses floating point
         ("fraction_bits", ctypes.c_int32),
     ]
 
 
 def find_library() -> Path:
-    """Return the path of the library: variable TSELAB_LIBRARY, else folder lib next to this file."""
+    """Return the path of the library: that in the environment variable TSELAB_LIBRARY, if
+    it is set, otherwise that in the folder lib next to this file."""
     if named := os.environ.get("TSELAB_LIBRARY"):
         return Path(named)
     suffix = {"darwin": "dylib", "win32": "dll"}.get(sys.platform, "so")
@@ -245,7 +247,7 @@ class Library:
         except OSError as error:
             raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
         self.path = path
-        # Python code holds fixed-point numbers as double; native() and from_native() convert
+        # Python holds fixed-point numbers as double; native(), from_native() convert
         for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
                 self._suffix = suffix
@@ -253,7 +255,7 @@ class Library:
                 break
         else:
             raise UserError(
-                f"{path}: is not a tse library: function tse_step_f64, tse_step_f32 or tse_step_fix is missing"
+                f"{path}: is not a tse library: it has no function tse_step_f64, tse_step_f32 or tse_step_fix"
             )
         self._read_build()
         self._read_fields()
@@ -269,7 +271,7 @@ class Library:
         self.uncertainties = self.settings_in("uncertainty")
 
     def _read_build(self) -> None:
-        """Read the version, the number format and the struct sizes of the loaded library."""
+        """Read version, number format and struct sizes of the loaded library."""
         build = _CBuild()
         self.function("tse_describe_build", None)(ctypes.addressof(build))
         self.version, self.format = build.version.decode(), build.format.decode()
@@ -326,7 +328,7 @@ class Library:
         }
 
     def settings_in(self, *tables: str) -> tuple[str, ...]:
-        """Return the settings that these tables of src/tables define, in the order of Config."""
+        """Return the settings of these tables of src/tables, in the order of Config."""
         return tuple(name for name, use in self.settings.items() if use.table in tables)
 
     def _read_effects(self) -> dict[str, EffectRow]:
@@ -433,7 +435,7 @@ class Library:
         return records
 
     def from_native(self, native: np.ndarray, values: np.ndarray, which: int | None = None) -> None:
-        """Convert `native`, which the library has written, and store the numbers in `values`."""
+        """Convert `native`, which the library has written; store it in `values`."""
         if not self.fraction_bits:  # `native` and `values` are the same array
             return
         if which is None:
@@ -450,11 +452,11 @@ class Library:
 
     @functools.cache  # noqa: B019  (a process loads few libraries, so that the cache stays small)
     def _list_offsets(self, which: int, kind: str) -> list[int]:
-        """Return the offsets of the fields of this kind in struct `which`, in words of 8 bytes."""
+        """Return the offsets [8 bytes] of the fields of this kind in struct `which`."""
         return [f.offset // 8 for f in self._fields[which] if f.kind == kind]
 
     def codes(self, which: int) -> dict[int, Field]:
-        """Return the rows of list `which` (STATUS or REASON), with their codes as keys."""
+        """Return the rows of list `which` (STATUS or REASON), with codes as keys."""
         return {f.offset: f for f in self._fields[which]}
 
     def status(self, name: str) -> int:
@@ -463,13 +465,14 @@ class Library:
 
     @property
     def channels(self) -> list[Field]:
-        """Fields of tse_input that hold the required channels of a log row, in their order."""
+        """Fields of tse_input for the required channels of a row, in their order."""
         names = [f.name for f in self._fields[INPUT]]
         return self._fields[INPUT][1 : names.index("missing")]
 
     @property
     def optional(self) -> list[Field]:
-        """Fields of tse_input that hold optional channels, in the order of their bits in `given`."""
+        """Fields of tse_input for optional channels, in the order of their bits in
+        `given`, the mask of the channels that a row has."""
         names = [f.name for f in self._fields[INPUT]]
         return self._fields[INPUT][names.index("given") + 1 :]
 
@@ -532,7 +535,7 @@ class Settings:
         return self._table
 
     def fill(self, function: str) -> None:
-        """Let a function of the library, such as tse_config_default, write all settings."""
+        """Let a function of the library, such as tse_config_default, set all values."""
         native = self.lib.native(self._record, self._which)
         self.lib.function(function, None)(native.ctypes.data)
         self.lib.from_native(native, self._record, self._which)
@@ -549,7 +552,7 @@ class Settings:
         if name.startswith("_") or name not in self._table:
             raise AttributeError(name)
         value = self._record[name][0]
-        # shortest decimal number: a float32 of 0.01 is returned as 0.01, not as 0.00999999977
+        # shortest decimal number: a float32 of 0.01 becomes 0.01, not 0.00999999977
         return value.item() if value.dtype != np.float32 else float(str(value))
 
     def __setattr__(self, name: str, value: float) -> None:
@@ -592,9 +595,10 @@ class Config(Settings):
 
     @classmethod
     def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
-        """Return settings without uncertainty of the car (tse_config_exact), then set `values`.
+        """Return the settings of tse_config_exact(), changed by `values`.
 
-        Simulations use them, because the simulated car is known exactly."""
+        In them, the car is known exactly, as it is in simulations: no setting is
+        uncertain."""
         config = cls(lib=lib)
         config.fill("tse_config_exact")
         for name, value in (values or {}).items():
@@ -602,16 +606,16 @@ class Config(Settings):
         return config
 
     def complete(self) -> Config:
-        """Return a copy in which an unset mass, inertia or stiffness has the value that the
-        filter would use."""
+        """Return a copy in which an unset mass, inertia or stiffness has the value that
+        the filter would use."""
         config = type(self)(self.as_dict(), lib=self._lib)
         config.fill("tse_config_complete")
         return config
 
     @classmethod
     def settings_of(cls, name: str) -> dict[str, float | int]:
-        """Return the settings that the function tse_config_<name>() sets to other values than
-        the defaults."""
+        """Return the settings that the function tse_config_<name>() sets to other values
+        than the defaults."""
         config = cls()
         config.fill(f"tse_config_{name}")
         return config.changed()
@@ -669,7 +673,7 @@ class NativeFilter:
     def __init__(self, config: Config):
         self.lib = lib = config.lib
         self.config = config
-        # setting `form`: 0 is the default filter, otherwise the paper's filter with particles
+        # setting `form`: 0 is the default filter, 1 the paper's filter with particles
         particles = "form" in config and config.form
         self._bytes = lib.filter_paper_bytes if particles else lib.filter_bytes
         self._params, self._filter = _allocate(lib.params_bytes), _allocate(self._bytes)
@@ -709,11 +713,12 @@ class NativeFilter:
     def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
         """Step the filter with rows[0], write outputs[0], and return the status.
 
-        If the status is negative, the filter has refused the row, and the output is unchanged."""
+        If the status is negative, the filter has refused the row, and the output is
+        unchanged."""
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Step the filter with rows, whose numbers may have any format, and return the outputs."""
+        """Step the filter with rows of any number format; return the outputs."""
         given, out = self.inputs(len(rows)), self.outputs(len(rows))
         for name in given.dtype.names:
             given[name] = rows[name]
@@ -739,9 +744,9 @@ class NativeFilter:
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
         """Return the sd that each uncertain setting adds to the three stiffnesses.
 
-        Keys are the settings of src/tables/uncertainty.toml. An sd is relative to the nominal
-        stiffness and belongs to the last row. For the filter with particles, which does not
-        compute it, the result is {}."""
+        Keys are the settings of src/tables/uncertainty.toml. An sd is relative to the
+        nominal stiffness and belongs to the last row. For the filter with particles,
+        which does not compute it, the result is {}."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):
@@ -754,7 +759,7 @@ class NativeFilter:
         return sd
 
     def save_learnt(self) -> bytes | None:
-        """Return the learnt state, from which the next drive can start; None before the first row."""
+        """Return the learnt state for the start of the next drive; None before row 1."""
         out = np.zeros(self.lib.learnt_bytes, np.uint8)
         save = self.lib.function("tse_learnt_save", argtypes=[ctypes.c_void_p] * 3)
         return out.tobytes() if save(*self._pointers, out.ctypes.data) >= 0 else None
@@ -805,7 +810,7 @@ class NativeFilter:
 
 
 class Simulator:
-    """The simulator of the library. It computes the true motion and the measurements of a car."""
+    """The simulator of the library: it computes true motion and measurements of a car."""
 
     def __init__(self, config: Config, sim_config: SimConfig):
         self.lib = lib = library()
@@ -840,16 +845,16 @@ class Simulator:
 class Replay:
     """The vehicle model with the steering angle and the wheel speeds of a log as inputs.
 
-    It predicts the other channels, without noise and with the effects that Config switches
-    on. It is fast enough for fits: without effects, a row takes about 0.1 us.
+    It predicts the other channels, without noise and with the effects that Config
+    switches on. It is fast enough for fits: without effects, a row takes about 0.1 us.
 
     Parameters
     ----------
     outputs : sequence of str
         Channels to compute. Names are those of struct REPLAY_OUT.
     **log : array_like, (rows,)
-        Columns of the log. Names are those of struct REPLAY_LOG. An optional column may be
-        None, or be set later with set().
+        Columns of the log. Names are those of struct REPLAY_LOG. An optional column may
+        be None, or be set later with set().
     """
 
     def __init__(self, outputs: Sequence[str] = ("accel_x", "accel_y", "yaw_rate"), **log: Any):
@@ -878,7 +883,7 @@ class Replay:
         self._defaults = lib.function("tse_replay_start_default", None)
 
     def set(self, name: str, values: Any) -> None:
-        """Set a column of the log, for example the profile of a road; None removes the column."""
+        """Set a column of the log, for example the profile of a road. None removes it."""
         if values is None:
             self._log[name] = 0
             return

@@ -21,7 +21,7 @@ class Interrupted(Exception):
 
 
 def suggest_names(name: str, known: Iterable[str], limit: int = 2, other: str = "") -> str:
-    """Return a hint at the known names that are similar to `name`, at most `limit` of them.
+    """Return a hint that names the known names similar to `name`, at most `limit`.
 
     If no known name is similar, return `other`."""
     close = get_close_matches(name, list(known), limit)

@@ -26,8 +26,8 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-# errors that the user can resolve: disk full, quota or size limit reached, device failed or
-# read-only
+# errors that the user can resolve: disk full, quota or size limit reached, device failed
+# or read-only
 WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
@@ -43,7 +43,7 @@ def explain_write_error(error: BaseException) -> str:
 def resolve_path(path: Path) -> Path:
     """Return the path with its symbolic links resolved.
 
-    A loop of links raises no error here, unlike in Path.resolve(). Opening the file does."""
+    Unlike Path.resolve(), raise no error for a loop of links. Opening the file does."""
     return Path(os.path.realpath(path))
 
 
@@ -66,9 +66,9 @@ def make_directory(out: Path) -> None:
 def write_atomically(path: Path, mode: str = "w") -> Iterator[IO]:
     """Yield a file that replaces `path` when the block ends without an error.
 
-    After an error, `path` is unchanged. If `path` is a symbolic link, the file replaces the
-    link and not its target, which may belong to a different user. The permissions of `path`
-    are kept."""
+    After an error, `path` is unchanged. If `path` is a symbolic link, the file replaces
+    the link and not its target, which may belong to a different user. The permissions of
+    `path` are kept."""
     path = Path(path)
     try:
         with _write_new(path, mode) as file:
@@ -103,7 +103,7 @@ def _lock_handle(handle: int) -> bool:
 
 @functools.lru_cache(maxsize=4096)
 def _list_parts(folder: Path) -> tuple[str, ...]:
-    """Return the names of the unfinished files in a folder. Later calls repeat the first result."""
+    """Return the unfinished files in a folder. Later calls repeat the first result."""
     try:
         return tuple(n for n in os.listdir(folder) if n.startswith(".") and n.endswith(PART_SUFFIX))
     except OSError:
@@ -221,9 +221,9 @@ def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | Non
 
 
 def _identify(path: Path) -> list[object]:
-    """Return the keys of a file: its resolved path and, if it exists, its device and inode.
+    """Return keys of a file: its resolved path; if it exists, its device and inode, too.
 
-    Two paths that share a key are the same file."""
+    Two paths with a common key are the same file."""
     keys: list[object] = [resolve_path(path)]
     try:
         found = path.stat()
@@ -233,13 +233,13 @@ def _identify(path: Path) -> list[object]:
 
 
 def is_parquet(path: Path | None) -> bool:
-    """Return True if the suffix of a table is that of Parquet. Any other table is a CSV."""
+    """Return True if the suffix is that of Parquet. Any other table is a CSV."""
     return path is not None and path.suffix.lower() in (".parquet", ".pq")
 
 
-# ---- Sealed files hold data from which a later run of the same user continues. The seal is
-# a digest whose key is a secret in the user's home folder. Without the secret, nobody can
-# write a file with a valid seal, and no run continues from a file without one.
+# ---- Sealed files hold data from which a later run of the same user continues. The seal
+# is a digest whose key is a secret in the user's home folder. Without the secret, nobody
+# can write a file with a valid seal, and no run continues from a file without one.
 
 SECRET_BYTES = 32
 
@@ -256,7 +256,7 @@ def write_sealed(path: Path, content: Any) -> None:
 
 
 def read_sealed(path: Path) -> Any:
-    """Return the data of a sealed file; None if the seal of this user is missing or wrong."""
+    """Return the data of a sealed file; None if its seal is missing or wrong."""
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         content = kept["content"]
@@ -283,7 +283,7 @@ def load_secret() -> bytes:
             with os.fdopen(handle, "wb") as file:
                 file.write(secrets.token_bytes(SECRET_BYTES))
             try:
-                # if several processes make the secret, one link() succeeds, with a complete file
+                # if several processes make the secret, one of the links succeeds
                 os.link(name, path)
             except FileExistsError:
                 pass
@@ -350,8 +350,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     UserError
-        The file cannot be read, is no regular file, is too large, is not valid TOML, or its
-        tables are nested too deeply.
+        The file cannot be read, is no regular file, is too large, is not valid TOML, or
+        its tables are nested too deeply.
     """
     check_regular(path, MAX_TOML_BYTES, "a TOML file")
     try:
@@ -373,7 +373,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _hint_at_table(path: Path) -> str:
-    """Return a hint if the first line of a file looks like the header of a table; otherwise ""."""
+    """Return a hint if the first line of a file looks like a table's header, else ""."""
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline(65536)
     cells = max(line.count(c) for c in ",;\t") + 1

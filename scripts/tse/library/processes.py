@@ -3,7 +3,8 @@
     for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as tasks finish
         result()  # returns the value of do(task), or raises its error
 
-`do` is a function at the top level of a module. Tasks must be of types that pickle can send."""
+`do` is a function at the top level of a module. Tasks must be of types that pickle can
+send."""
 
 from __future__ import annotations
 
@@ -69,7 +70,8 @@ def run_in_processes(
     jobs : int
         Number of processes. With 1, the tasks run in this process, in their order.
     scheduler : str, optional
-        Address of a Dask scheduler. Its workers then run the tasks, and `jobs` is not used.
+        Address of a Dask scheduler. Its workers then run the tasks, and `jobs` is not
+        used.
 
     Yields
     ------
@@ -109,8 +111,8 @@ class LocalPool(Workers):
         self._do, self._jobs = do, jobs
         self._running: dict[Future[Any], Any] = {}
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        # tasks that were running when a process died. Each runs again, alone in a new process:
-        # the task whose process dies again is the cause
+        # tasks that were running when a process died. Each runs again, alone in a new
+        # process: the task whose process dies again is the cause
         self._suspects: deque[Any] = deque()
         self._pool = self._start(jobs)
 
@@ -131,8 +133,8 @@ class LocalPool(Workers):
 
     def next(self) -> Finished:
         while not self._suspects:
-            # get() instead of futures.wait(): if Ctrl-C interrupts wait(), the locks of the
-            # futures stay held, and the pool never ends
+            # get() instead of futures.wait(): if Ctrl-C interrupts wait(), the locks of
+            # the futures stay held, and the pool never ends
             future = self._done.get()
             task = self._running.pop(future)
             if not isinstance(future.exception(), BrokenProcessPool):
@@ -177,9 +179,9 @@ def _end_with_parent() -> None:
 class DaskCluster(Workers):
     """Run the tasks on the workers of a Dask cluster.
 
-    The workers must reach files under the same paths as this process. If a worker dies, the
-    scheduler repeats its task on a different worker. Before the first task, `check` is called
-    with the client and the address of the scheduler."""
+    The workers must reach files under the same paths as this process. If a worker dies,
+    the scheduler repeats its task on a different worker. Before the first task, `check`
+    is called with the client and the address of the scheduler."""
 
     def __init__(
         self, do: Work, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None
@@ -236,7 +238,8 @@ def connect_to_dask(scheduler: str) -> Any:
 def check_workers(client: Any, scheduler: str) -> None:
     """Raise UserError if a cluster has no workers, or if a worker has a different tselab.
 
-    Without workers, the run would wait forever. With different code, results would differ."""
+    Without workers, the run would wait forever. With different code, results would
+    differ."""
 
     # Dask sends an inner function as code, so that a worker without tselab can run it
     def read_version() -> tuple[str, str]:
@@ -272,7 +275,8 @@ def check_workers(client: Any, scheduler: str) -> None:
 
 @contextlib.contextmanager
 def treat_kill_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM, the signal of the command kill, raise KeyboardInterrupt as Ctrl-C does.
+    """Let SIGTERM, the signal of the command kill, raise KeyboardInterrupt as Ctrl-C
+    does.
 
     The block then ends its worker processes."""
     if threading.current_thread() is not threading.main_thread():
@@ -293,8 +297,8 @@ def treat_kill_as_interrupt() -> Iterator[None]:
 def ignore_interrupts() -> Iterator[None]:
     """Let processes that are started in the block ignore Ctrl-C.
 
-    A terminal sends Ctrl-C to all processes of a command. Only the first process must react;
-    it ends the workers."""
+    A terminal sends Ctrl-C to all processes of a command. Only the first process must
+    react; it ends the workers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
