@@ -1,10 +1,11 @@
-# fmu/stage.cmake - write all files of an FMU except its binaries. fmu/CMakeLists.txt calls it. Lists are
-# separated by |. The GUID is a hash of modelDescription.xml: variables, ranges, start values and version.
+# fmu/stage.cmake - write all files of an FMU, except its binaries. fmu/CMakeLists.txt calls it with lists whose
+# elements are separated by |. The GUID is a hash of modelDescription.xml, and so of the variables, their
+# ranges and start values, and the version.
 foreach(list IN ITEMS sources files public_headers parts)
   string(REPLACE "|" ";" ${list} "${${list}}")
 endforeach()
 
-function(print result)                                   # output of the description program
+function(print result)                                   # set `result` to the output of the program describe
   execute_process(COMMAND "${describe}" ${ARGN} OUTPUT_VARIABLE text RESULT_VARIABLE failed)
   if(failed)
     message(FATAL_ERROR "describe ${ARGN} failed: ${failed}")
@@ -14,7 +15,7 @@ endfunction()
 
 set(listed "")
 if(fmi EQUAL 2)
-  set(listed ${sources})                                 # for FMI 3.0 in buildDescription.xml only
+  set(listed ${sources})                                 # in FMI 3.0, buildDescription.xml lists them instead
 endif()
 print(model model ${fmi} ${listed})
 string(UUID guid NAMESPACE 7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57 NAME "${model}" TYPE SHA1)
@@ -28,7 +29,8 @@ foreach(part IN LISTS parts)                             # the content of name.h
   get_filename_component(name "${part}" NAME_WE)
   string(REPLACE "@${name}@" "${text}" page "${page}")
 endforeach()
-# <!--2-->...<!--/2--> is for the page of FMI 2.0 only, <!--3--> for 3.0 only. @fmi@ is the version.
+# The text between <!--2--> and <!--/2--> is for the page of FMI 2.0 only, that between <!--3--> and <!--/3-->
+# for the page of FMI 3.0 only. @fmi@ is the version.
 math(EXPR other "5 - ${fmi}")
 set(suffix "")
 set(real Real)
@@ -65,7 +67,7 @@ endif()
 configure_file("${license}" "${stage}/documentation/licenses/license.txt" COPYONLY)
 configure_file("${notice}" "${stage}/documentation/licenses/notice.txt" COPYONLY)
 file(COPY ${public_headers} DESTINATION "${stage}/sources/tse")
-foreach(file IN LISTS files)                             # the core in the folders of src/, other files flat
+foreach(file IN LISTS files)     # files of src/ keep their folders there; other files are put into sources/
   file(RELATIVE_PATH below "${src}" "${file}")
   get_filename_component(folder "${below}" DIRECTORY)
   if(folder MATCHES "^\\.\\.")
@@ -74,7 +76,7 @@ foreach(file IN LISTS files)                             # the core in the folde
   file(COPY "${file}" DESTINATION "${stage}/sources/${folder}")
 endforeach()
 
-# A hash of all sources: a saved state is accepted only by FMUs of the same sources.
+# FMU_SOURCES is a hash of all sources. An FMU accepts a saved state only from an FMU of the same sources.
 file(GLOB_RECURSE all RELATIVE "${stage}/sources" "${stage}/sources/*.c" "${stage}/sources/*.h")
 list(SORT all)
 set(hashes "")

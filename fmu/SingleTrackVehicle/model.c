@@ -1,10 +1,10 @@
-/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model, the reference
- * in studies.
+/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model. Studies use it
+ * as the reference.
  *
- * A step simulates from t to t + h. The outputs at t + h are the row that the car logs at
- * that time and the true values. The inputs at t + h are those set at t, plus h times
- * their derivative if the importer sets one. The parameter `ramp` selects whether the
- * inputs change linearly during the step or jump at its start. */
+ * A step simulates the car from t to t + h. The outputs at t + h are the row that the car
+ * logs at t + h, and the true values. The inputs at t + h are the inputs that the
+ * importer set at t, plus h times their time derivatives, if it set any. With parameter
+ * ramp = 1, inputs change linearly during the step; with 0, they jump at its start. */
 #include <stdio.h>
 #include <string.h>
 
@@ -15,7 +15,8 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Every variable of the FMU, in the order of its value references. */
+/* Initialisers of the variables of the FMU. The tables of columns and of settings call
+ * one for each row. */
 /* clang-format off */
 #define DRIVES(name, def, lo, hi, unit, text) \
   { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), \
@@ -35,10 +36,11 @@
 #define WHOLE_SIM_PARAMETER(fmu, name, def, exact, lo, hi, unit, text) \
   { fmu, 'i', 'p', (int32_t)offsetof(model, sim_config.name), FMU_NO_RATE, def, lo, hi, "", text },
 
+/* All variables of the FMU, in the order of their value references. */
 const fmu_variable fmu_variables[] = {
   DRIVER(DRIVES)
   { "ramp", 'b', 'p', (int32_t)offsetof(model, ramp), FMU_NO_RATE, 1.0, 1.0, -1.0, "",
-    "true: inputs change linearly during a step; false: they jump to the values set at its start" },
+    "true: inputs change linearly during a step; false: they jump at its start to the values set for it" },
 
   SETTINGS_VEHICLE(EXACT, WHOLE_PARAMETER) SETTINGS_SENSORS(EXACT, WHOLE_PARAMETER)
   SETTINGS_EFFECTS(EXACT, WHOLE_PARAMETER) SETTINGS_FORMULA(EXACT, WHOLE_PARAMETER)
@@ -101,14 +103,14 @@ static void derive_outputs(model *m)
   tse_stiffness_si(&m->config, &relative, m->drawn_si, NULL, NULL);
 }
 
-/* Return the place of an input in a row. */
+/* Return the address of an input in `u`. */
 static double *find_input(tse_sim_input *u, const fmu_variable *v)
 {
   return (double *)((char *)u + v->offset - offsetof(model, u));
 }
 
-/* Return the first input outside its range; NULL if all are valid. The inputs are the
- * first variables. */
+/* Return the first input outside its range; NULL if all are in range. Inputs are the
+ * first variables in fmu_variables. */
 static const fmu_variable *find_wrong_input(tse_sim_input u)
 {
   for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
@@ -119,17 +121,16 @@ static const fmu_variable *find_wrong_input(tse_sim_input u)
 static fmu_result refuse_input(const fmu_variable *v, char text[FMU_TEXT])
 {
   char range[FMU_RANGE];
-  (void)snprintf(
-      text, FMU_TEXT, "%s is not a number, or outside its range %s", v->name, fmu_write_range(v, range));
+  (void)snprintf(text, FMU_TEXT, "%s is NaN or outside its range %s", v->name, fmu_write_range(v, range));
   return FMU_ERROR;
 }
 
-/* Report that the motion diverged although all inputs are in range. */
+/* Write the message that the motion diverged. Return FMU_ERROR. */
 static fmu_result refuse_motion(char text[FMU_TEXT])
 {
   (void)snprintf(text, FMU_TEXT,
-      "parameters and inputs lead to what is no car any more: faster than 1000 m/s, turning faster than "
-      "200 rad/s, or a sensor whose value is no number");
+      "the simulated motion diverged: speed above 1000 m/s, yaw rate above 200 rad/s, or a sensor value of "
+      "NaN; parameters and inputs belong to no real car");
   return FMU_ERROR;
 }
 
@@ -145,7 +146,7 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
     (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_find_name(wrong ? wrong : ""), tse_status_text(status));
     return FMU_ERROR;
   }
-  if (tse_sim_step(&begun, &m->u, &m->y) < 0) return refuse_motion(text); /* row at the start */
+  if (tse_sim_step(&begun, &m->u, &m->y) < 0) return refuse_motion(text); /* row at the start time */
   memcpy(&m->sim, &begun, sizeof begun);
   derive_outputs(m);
   return FMU_OK;
@@ -168,7 +169,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   }
   const tse_sim_input last = m->sim.last;
   if (!m->ramp) {
-    from.road_level = m->sim.last.road_level; /* as for the stiffness drawn for this step */
+    /* the stiffness of this step was drawn at its start, with the road of that time */
+    from.road_level = m->sim.last.road_level;
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;
   }

@@ -1,8 +1,8 @@
 /* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
  *
- * A step from t to t + h takes the inputs as the sample of time t, like a row of a log.
- * The outputs at t + h are the estimate after that sample. dt of a sample is the time
- * since the previous sample. A replayed log gives the same bits as with tse_step(). */
+ * A step from t to t + h takes the inputs as the sample at time t, like a row of a log.
+ * The outputs at t + h are the estimates after this sample. Its member dt is the time
+ * since the previous sample. Outputs for a log are those of tse_step(), bit by bit. */
 #include <stdio.h>
 #include <string.h>
 
@@ -14,14 +14,17 @@
 #define OUTPUT(name, kind, member, unit, text) \
   { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
-/* Every variable of the FMU, in the order of its value references. */
+/* Initialisers of the variables of the FMU. The tables of columns call one for each. */
 /* clang-format off */
 #define CHANNEL(name, drives, lo, hi, unit, text) \
-  INPUT(#name, name, lo, hi, unit, text "; not a number: missing")
-#define VELOCITY(name, drives, lo, hi, unit, text) INPUT("velocity." #name, name, lo, hi, unit, text COUNTS)
-#define PEDAL(name, drives, lo, hi, unit, text) INPUT("pedals." #name, name, lo, hi, unit, text COUNTS)
-#define ROAD(name, drives, lo, hi, unit, text) INPUT("road." #name, name, lo, hi, unit, text COUNTS)
-#define COUNTS "; counts where its bit of given is set"
+  INPUT(#name, name, lo, hi, unit, text "; NaN: missing")
+#define VELOCITY(name, drives, lo, hi, unit, text) \
+  INPUT("velocity." #name, name, lo, hi, unit, text USED_IF("velocity.given"))
+#define PEDAL(name, drives, lo, hi, unit, text) \
+  INPUT("pedals." #name, name, lo, hi, unit, text USED_IF("pedals.given"))
+#define ROAD(name, drives, lo, hi, unit, text) \
+  INPUT("road." #name, name, lo, hi, unit, text USED_IF("road.given"))
+#define USED_IF(given) "; used if its bit in " given " is set"
 #define INPUT(name, member, lo, hi, unit, text) \
   { name, 'r', 'i', (int32_t)offsetof(model, row.member), FMU_NO_RATE, 0.0, lo, hi, unit, text },
 #define BITS(name, member, count, text) \
@@ -37,35 +40,36 @@
   OUTPUT("estimate." #name "_valid", 'b', valid, "", what " may be used") \
   OUTPUT("estimate." #name "_reason", 'e', y.member, "Reason", REASONS)
 
+/* All variables of the FMU, in the order of their value references. */
 const fmu_variable fmu_variables[] = {
   CHANNELS(CHANNEL)
   BITS("missing", row.missing, TSE_CHANNELS,
-    "channels that are missing, for importers that cannot send NaN: "
+    "missing channels, for importers that cannot send NaN: "
     "sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, 8 accel_x, 16 accel_y, 32 yaw_rate")
   BITS("velocity.given", row.given, TSE_VELOCITIES,
-    "velocities that are measured; 0: none, then they are not read: "
-    "sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course")
+    "measured velocities: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course; "
+    "0: none, and no input velocity.* is used")
   VELOCITIES(VELOCITY)
   BITS("pedals.given", pedals_given, TSE_PEDALS,
-    "inputs of the pedals that are known; 0: none, then they are not read: "
-    "sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear")
+    "known inputs of the pedals: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear; "
+    "0: none, and no input pedals.* is used")
   PEDALS(PEDAL)
   BITS("road.given", road_given, ROADS_GIVEN,
-    "inputs of the road that are known; 0: none, then they are not read: sum of 1 bank, 2 grade")
+    "known inputs of the road: sum of 1 bank, 2 grade; 0: none, and no input road.* is used")
   ROADS(ROAD)
 
   { "vehicle.exact", 'b', 'p', (int32_t)offsetof(model, exact), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
-    "false: an ordinary car; set at least its mass; true: a car that is known exactly: parameters that are "
-    "not set are those of SingleTrackVehicle, with uncertainties of 0" },
+    "false: an ordinary car, of which at least the mass must be set. true: a car that is known exactly; "
+    "parameters that are not set are those of SingleTrackVehicle, and uncertainties are 0" },
   SETTINGS(PARAMETER, WHOLE_PARAMETER)
 
   OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)
   OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N",
-         "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
+         "nominal longitudinal stiffness, front axle: estimate.cx_front over estimate.relative.cx_front")
   OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad",
-         "nominal cornering stiffness of the front axle, of which estimate.relative.cy_front is a share")
+         "nominal cornering stiffness, front axle: estimate.cy_front over estimate.relative.cy_front")
   OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad",
-         "nominal cornering stiffness of the rear axle, of which estimate.relative.cy_rear is a share")
+         "nominal cornering stiffness, rear axle: estimate.cy_rear over estimate.relative.cy_rear")
   OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
   OUTPUTS(NO_COLUMN, NO_COLUMN, NO_COLUMN, SHARE, NO_COLUMN)
 };
@@ -78,13 +82,15 @@ const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_v
     (int32_t)(sizeof ((model *)0)->member / sizeof ((model *)0)->member[0]) }
 const fmu_array fmu_arrays[] = {
   ARRAY("estimate.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER),
-  ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER),
-  ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1", "sample-to-sample sd" ORDER),
+  ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1",
+      "sd of the mean stiffness, relative to nominal" ORDER),
+  ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1",
+      "sample-to-sample sd of the stiffness, relative to nominal" ORDER),
   ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER),
   ARRAY("estimate.stiffness_reason", 'e', y.reason, "Reason",
-      "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER),
+      "0: the stiffness is valid; else why it may not be used, coded as estimate.cx_front_reason" ORDER),
   ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1",
-      "stiffness now over that before the last change" ORDER),
+      "stiffness now over the stiffness before the last change" ORDER),
   ARRAY("estimate.probability", 'r', y.regime, "1",
       "probabilities in the order of estimate.p_steady to estimate.p_restarted"),
   ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1",
@@ -105,7 +111,7 @@ const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_t
 #if defined(TSE_REAL_DOUBLE)
 #define IN_FORMAT ""
 #else
-#define IN_FORMAT "; computes in " TSE_FORMAT_NAME ", as a controller with that build"
+#define IN_FORMAT "; computes in " TSE_FORMAT_NAME ", with the same results as on a controller"
 #endif
 
 const fmu_info fmu_about = {
@@ -120,7 +126,8 @@ const fmu_info fmu_about = {
   1e-4,
 };
 
-/* List the codes that the library describes; of status codes those of completed steps. */
+/* Call `row` for the codes of a list of the library. Leave out negative status codes:
+ * after them, a step is not complete and has no outputs. */
 static void list_described_codes(fmu_code_row *row, void *to, const char *type, tse_struct which)
 {
   int32_t count;
@@ -153,8 +160,8 @@ void model_list_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
-/* Return the index of a parameter in model.set; -1 if it is not a setting. */
-static int find_place(const fmu_variable *v)
+/* Return the index of a parameter in model.set; -1 if the variable is not in config. */
+static int find_set_index(const fmu_variable *v)
 {
   const int32_t at = v->offset - (int32_t)offsetof(model, config);
   return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t))
@@ -163,33 +170,33 @@ static int find_place(const fmu_variable *v)
 
 void model_note_set(model *m, const fmu_variable *v, double value)
 {
-  if (find_place(v) >= 0)
-    m->set[find_place(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+  if (find_set_index(v) >= 0)
+    m->set[find_set_index(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
-/* Compute the settings of the filter. With m->exact, parameters replace the settings of
- * tse_config_exact() if the importer has set them. Some importers first set every
- * parameter to its start value. If all are set, only those that differ from their start
- * values count. */
+/* Compute the settings with which the filter runs. If m->exact is 0, they are the
+ * parameters. Otherwise they are those of tse_config_exact(), replaced by the parameters
+ * that the importer has set. Some importers first set every parameter to its start value.
+ * If every parameter is set, one with its start value therefore counts as not set. */
 static void compute_settings(const model *m, tse_config *used)
 {
   int min_set = SET_TO_ANOTHER;
   for (int i = 0; i < fmu_variable_count; i++)
-    if (find_place(&fmu_variables[i]) >= 0 && m->set[find_place(&fmu_variables[i])] == NOT_SET)
+    if (find_set_index(&fmu_variables[i]) >= 0 && m->set[find_set_index(&fmu_variables[i])] == NOT_SET)
       min_set = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
   if (m->exact) tse_config_exact(used);
   for (int i = 0; m->exact && i < fmu_variable_count; i++) {
     const fmu_variable *const v = &fmu_variables[i];
     const size_t at = (size_t)v->offset - offsetof(model, config);
-    if (find_place(v) >= 0 && m->set[find_place(v)] >= min_set)
+    if (find_set_index(v) >= 0 && m->set[find_set_index(v)] >= min_set)
       memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at,
           v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
   }
   tse_config_complete(used);
 }
 
-/* Compute the outputs in SI units and the valid flags. */
+/* Compute the outputs in SI units, and the flags that say which outputs are valid. */
 static void derive_outputs(model *m)
 {
   tse_output secant = m->y;
@@ -204,8 +211,8 @@ static void derive_outputs(model *m)
   m->grip_valid = m->y.grip_reason == TSE_VALID;
 }
 
-/* Set the outputs before the first row to the prior: as after a row without
- * measurements. */
+/* Set the outputs to the prior estimates, which are valid before the first row. They are
+ * the outputs after a row without measurements; the filter is then reset. */
 static void report_prior(model *m)
 {
   static const tse_input nothing = { .missing = (1u << TSE_CHANNELS) - 1u };
@@ -221,12 +228,12 @@ static void report_prior(model *m)
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
   const char *wrong = "";
-  tse_config used; /* copied to m->used when accepted: a refused call changes nothing */
-  (void)start;     /* time begins with the first row */
+  tse_config used; /* copied to m->used if it is accepted, so that a refused call changes nothing */
+  (void)start;     /* not needed: the filter uses differences of time only */
   compute_settings(m, &used);
   const tse_status status = tse_prepare(&used, &m->params, &wrong);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s: %s (what is 0 follows from vehicle.mass, lf and lr)",
+    (void)snprintf(text, FMU_TEXT, "%s: %s (a parameter of 0 follows from vehicle.mass, lf and lr)",
         fmu_find_name(wrong), tse_status_text(status));
     return FMU_ERROR;
   }
@@ -240,9 +247,9 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   return FMU_OK;
 }
 
-/* Return the sample with channels out of range marked as missing. tse_step() refuses a
- * steering angle or wheel speed out of range, but a sensor fault must not end a
- * co-simulation.
+/* Return the inputs as a sample. Mark a channel as missing if it is NaN or out of range:
+ * tse_step() would refuse a steering angle or wheel speed out of range, and a sensor
+ * fault must not end a co-simulation.
  *   Returned:  first  first missing channel; NULL if there is none */
 static tse_input make_sample(const model *m, const fmu_variable **first)
 {
@@ -251,7 +258,7 @@ static tse_input make_sample(const model *m, const fmu_variable **first)
   u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & TSE_GIVEN_PEDALS)
       | (m->road_given << (TSE_VELOCITIES + TSE_PEDALS) & TSE_GIVEN_ROAD);
   *first = NULL;
-  for (int k = 0; k < TSE_CHANNELS; k++) { /* the channels are the first variables */
+  for (int k = 0; k < TSE_CHANNELS; k++) { /* the channels are the first variables of fmu_variables */
     const fmu_variable *const v = &fmu_variables[k];
     const size_t at = (size_t)v->offset - offsetof(model, row);
     tse_real x;
@@ -270,7 +277,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   const fmu_variable *first;
   tse_input u = make_sample(m, &first);
-  /* tse_step() would refuse the next sample. Refuse the step that is too long instead. */
+  /* This step is the dt of the next sample. Refuse it here if tse_step() would refuse the
+   * next sample because of dt. */
   if (!(time + step - time <= TSE_LONGEST_DT)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %d s", step, TSE_LONGEST_DT);
     return FMU_ERROR;
@@ -282,13 +290,15 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
         tse_double_of(u.dt));
     return FMU_ERROR;
   }
-  /* Clear the padding behind the last member: it is part of a saved state. */
+  /* Clear the padding after the last member. It is part of a saved state, whose bytes
+   * must not depend on earlier content of the memory. */
   memset(m->y.spread_seen + 3, 0, sizeof m->y - offsetof(tse_output, spread_seen) - sizeof m->y.spread_seen);
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  /* `status` is the most severe code and can hide a missing channel. Name the channel:
-   * the warning is then constant while the channel is missing, and is logged once. */
+  /* `status` is the most severe code of the row, which may be a different one than
+   * TSE_W_MISSING_CHANNEL. The warning names the channel instead. It is then the same
+   * text in every step while the channel is missing, and is logged once. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     char range[FMU_RANGE];
     if (first && status < TSE_W_GAP)

@@ -1,4 +1,4 @@
-/* fmu/TireStiffnessEstimator/model.h - all variables and the state of an estimator. */
+/* fmu/TireStiffnessEstimator/model.h - variables and state of the estimator. */
 #ifndef MODEL_H
 #define MODEL_H
 
@@ -6,30 +6,31 @@
 
 enum { SETTINGS = sizeof(tse_config) / sizeof(int32_t) }; /* max number of settings */
 
-/* Has the importer set a parameter, and to a value other than its start value? */
+/* Whether the importer has set a parameter: no, to its start value, to another value. */
 enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
 
+/* Arrays of three are in the order of TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR. */
 typedef struct model {
-  tse_config config;      /* parameters as set and read */
-  int32_t exact;          /* 1: parameters that are not set are those of tse_config_exact() */
-  uint8_t set[SETTINGS];  /* NOT_SET .. SET_TO_ANOTHER, by place in config */
-  tse_config used;        /* settings of the filter */
-  tse_setting nominal[3]; /* [N, N/rad] nominal stiffness */
-  tse_input row;          /* inputs as set */
-  uint32_t pedals_given;  /* bits of row.given for the pedals, shifted to bit 0 */
-  uint32_t road_given;    /* bits of row.given for the road, shifted to bit 0 */
-  tse_output y;
-  tse_setting mean[3];   /* [N, N/rad] mean stiffness */
-  tse_setting sd[3];     /* [N, N/rad] its sd */
-  tse_setting spread[3]; /* [N, N/rad] sample-to-sample sd */
-  tse_setting secant[3]; /* [N, N/rad] stiffness in effect */
-  int32_t valid[3];      /* 1: the stiffness is valid */
-  int32_t all_valid;     /* 1: all three are valid */
-  int32_t grip_valid;    /* 1: the grip is valid */
-  int32_t rows;          /* 0: the next row is the first; else 1 */
-  double time;           /* [s] time of the last row */
+  tse_config config;      /* values of the parameters as the importer sees them */
+  int32_t exact;          /* 1: a parameter that is not set has its value of tse_config_exact() */
+  uint8_t set[SETTINGS];  /* NOT_SET .. SET_TO_ANOTHER. Index: offset of the parameter in config / 4 */
+  tse_config used;        /* settings with which the filter runs */
+  tse_setting nominal[3]; /* [N, N/rad, N/rad] nominal stiffness */
+  tse_input row;          /* inputs that the importer has set */
+  uint32_t pedals_given;  /* bits of the pedals in row.given, shifted to bit 0 */
+  uint32_t road_given;    /* bits of the road in row.given, shifted to bit 0 */
+  tse_output y;           /* outputs of the last row */
+  tse_setting mean[3];    /* [N, N/rad, N/rad] mean stiffness */
+  tse_setting sd[3];      /* [N, N/rad, N/rad] sd of the mean stiffness */
+  tse_setting spread[3];  /* [N, N/rad, N/rad] sample-to-sample sd of the stiffness */
+  tse_setting secant[3];  /* [N, N/rad, N/rad] stiffness in effect (secant of the tyre force) */
+  int32_t valid[3];       /* 1: the stiffness is valid */
+  int32_t all_valid;      /* 1: all three stiffnesses are valid */
+  int32_t grip_valid;     /* 1: the grip is valid */
+  int32_t rows;           /* 0: the next row is the first; 1: it is not */
+  double time;            /* [s] time of the last row */
   tse_params params;
-  tse_filter_paper memory; /* large enough for both filters */
+  tse_filter_paper memory; /* the filter. This type is large enough for both filters */
 } model;
 
 #endif

@@ -1,15 +1,16 @@
-/* fmu/glue/describe.c - print the description of a model from its tables (fmu_model.h).
- * The build runs it:
+/* fmu/glue/describe.c - a program of the build. It prints the description of a model from
+ * the tables that fmu_model.h declares.
  *
- *   describe model 2 FILE.c ...   modelDescription.xml of FMI 2.0, with these source
- *                                 files and @GUID@ in place of the GUID
- *   describe model 3              the same for FMI 3.0; source files are listed in
- *                                 buildDescription.xml
- *   describe terminals            terminalsAndIcons.xml of FMI 3.0
+ *   describe model 2 FILE.c ...   print modelDescription.xml of FMI 2.0, with these
+ *                                 source files, and with @GUID@ instead of the GUID
+ *   describe model 3              print modelDescription.xml of FMI 3.0, which names no
+ *                                 source files
+ *   describe terminals            print terminalsAndIcons.xml of FMI 3.0
  *   describe build NAME=VALUE,... OPTIONS FILE.c ...
- *                                 buildDescription.xml, with these definitions, compiler
- *                                 options (gcc, clang) and source files
- *   describe variables 2|3        HTML tables of the variables for the documentation */
+ *                                 print buildDescription.xml of FMI 3.0, with these
+ *                                 definitions, compiler options (gcc, clang) and source
+ *                                 files
+ *   describe variables 2|3        print HTML tables of the variables */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,16 +18,18 @@
 #include "fmu_model.h"
 #include "tse/version.h"
 
-/* A unit of the tables in include/tse. */
+/* A unit. */
 typedef struct unit {
-  const char *name, *fmi, *type; /* name in the tables; in FMI; type of its variables */
-  int has_base;                  /* 1: integer exponents of the base units follow */
-  int kg, m, s, rad;             /* exponents of the base units */
-  const char *display;           /* display unit; NULL: the unit itself */
-  double factor;                 /* display value of 1 in this unit */
+  const char *name;    /* name in the tables of include/tse */
+  const char *fmi;     /* name in FMI */
+  const char *type;    /* FMI type of the variables with this unit */
+  int has_base;        /* 1: it is a product of integer powers of SI base units; 0: it is not */
+  int kg, m, s, rad;   /* exponents of the base units, if has_base is 1 */
+  const char *display; /* unit in which importers show values; NULL: the unit itself */
+  double factor;       /* value in display units of 1 in this unit */
 } unit;
 
-#define DEG 57.295779513082323
+#define DEG 57.295779513082323 /* degrees in a radian */
 static const unit units[] = {
   /* clang-format off */
   { "1",             "1",             "Ratio",                    1, 0, 0, 0, 0, NULL, 0 },
@@ -56,6 +59,7 @@ static const unit units[] = {
   /* clang-format on */
 };
 
+/* Return the unit of a variable. Exit with an error if it is not in the table. */
 static const unit *find_unit(const fmu_variable *v)
 {
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
@@ -65,27 +69,27 @@ static const unit *find_unit(const fmu_variable *v)
   exit(1);
 }
 
-/* Return 1 if a variable has this unit. */
+/* Return 1 if the model has a variable with this unit. */
 static int is_used(const unit *u, int fmi)
 {
-  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* unit of fmu_time */
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* of fmu_time, a variable in FMI 3.0 only */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].kind == 'r' && find_unit(&fmu_variables[i]) == u) return 1;
   return 0;
 }
 
-/* Return the shortest decimal number that reads back as the same double. */
+/* Return the shortest decimal number, of 6 to 17 digits, that is read as x again. */
 static const char *format_number(double x)
 {
   static char text[40];
   for (int digits = 6; digits <= 17; digits++) {
     (void)snprintf(text, sizeof text, "%.*g", digits, x);
-    if (strtod(text, NULL) == x) break; /* exact on purpose */
+    if (strtod(text, NULL) == x) break; /* equal in all bits */
   }
   return text;
 }
 
-/* Print a text with the special characters of XML escaped. */
+/* Print a string with the special characters of XML escaped. */
 static void print_escaped(const char *text)
 {
   for (; *text; text++) switch (*text) {
@@ -106,10 +110,10 @@ static void print_attribute(const char *name, const char *value)
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
-/* Progress of printing the enumeration types. */
+/* State of print_code() between its calls. */
 typedef struct enumerations {
   int fmi;          /* version of FMI: 2 or 3 */
-  const char *open; /* type whose element is open; NULL before the first */
+  const char *open; /* enumeration type whose XML element is not yet closed; NULL: none */
 } enumerations;
 
 static void end_type(enumerations *e)
@@ -118,6 +122,8 @@ static void end_type(enumerations *e)
   e->open = NULL;
 }
 
+/* Print a code of an enumeration type. If the type is not that of the previous code,
+ * close the element of the previous type and open that of this one. */
 static void print_code(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   enumerations *const e = to;
@@ -171,7 +177,8 @@ static void print_units(int fmi)
   (void)puts("  </TypeDefinitions>");
 }
 
-static const char *name_type(const fmu_variable *v, int fmi)
+/* Return FMI's name of the type of a variable. */
+static const char *get_type_name(const fmu_variable *v, int fmi)
 {
   switch (v->kind) {
     case 'b': return "Boolean";
@@ -181,7 +188,7 @@ static const char *name_type(const fmu_variable *v, int fmi)
   }
 }
 
-/* Print the attributes of a variable that FMI 2.0 and 3.0 share. */
+/* Print the attributes of a variable that are the same in FMI 2.0 and 3.0. */
 static void print_identity(const fmu_variable *v, int32_t reference)
 {
   (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
@@ -193,7 +200,7 @@ static void print_identity(const fmu_variable *v, int32_t reference)
   if (v->role == 'p' || v->role == 'o') print_attribute("initial", v->role == 'p' ? "exact" : "calculated");
 }
 
-/* Print the attributes of a variable's type: unit, range, start value. */
+/* Print the attributes of the type of a variable: unit, range, start value. */
 static void print_type(const fmu_variable *v)
 {
   if (v->kind == 'r') {
@@ -216,23 +223,23 @@ static void print_variable2(int32_t index)
   const fmu_variable *const v = &fmu_variables[index];
   (void)printf("    <ScalarVariable");
   print_identity(v, index);
-  (void)printf(">\n      <%s", name_type(v, 2));
+  (void)printf(">\n      <%s", get_type_name(v, 2));
   print_type(v);
   (void)puts("/>\n    </ScalarVariable>");
 }
 
-/* Print a variable for FMI 3.0. Variables of 2.0 have the same names and references here;
- * arrays and the time follow. */
+/* Print a variable for FMI 3.0. A variable that FMI 2.0 has, too, has the same name and
+ * value reference in both versions. */
 static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
 {
-  (void)printf("    <%s", name_type(v, 3));
+  (void)printf("    <%s", get_type_name(v, 3));
   print_identity(v, reference);
   print_type(v);
-  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, name_type(v, 3));
+  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, get_type_name(v, 3));
   else (void)puts("/>");
 }
 
-/* Return 1 if an input accepts time derivatives. */
+/* Return 1 if the model has an input that accepts a time derivative. */
 static int has_rates(void)
 {
   for (int32_t i = 0; i < fmu_variable_count; i++)
@@ -249,6 +256,7 @@ static void print_outputs(const char *element, const char *dependencies)
   (void)printf("    </%s>\n", element);
 }
 
+/* Print modelDescription.xml up to the root element's attributes. */
 static void print_head(int fmi)
 {
   (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
@@ -264,6 +272,7 @@ static void print_head(int fmi)
   (void)puts(" variableNamingConvention=\"structured\">");
 }
 
+/* Print the elements from UnitDefinitions to the start of ModelVariables. */
 static void print_middle(int fmi)
 {
   print_units(fmi);
@@ -278,10 +287,11 @@ static void print_middle(int fmi)
   (void)puts("  <ModelVariables>");
 }
 
-/* Dependencies of the outputs. At a communication point: none, because inputs take effect
- * at the next point. Initially: all parameters and inputs, the default of the
- * attribute. */
+/* Attribute with the inputs on which an output depends at a communication point: none,
+ * because an input takes effect at the end of the next step. */
 #define AT_STEPS " dependencies=\"\""
+/* The same in initialization mode. Without the attribute, an output depends on all
+ * parameters and inputs. */
 #define AT_START ""
 
 static void print_model2(int files, char **file)
@@ -352,7 +362,7 @@ static void print_terminals(void)
     const size_t length = strlen(t->prefix);
     (void)printf("    <Terminal");
     print_attribute("name", t->name);
-    print_attribute("matchingRule", "bus"); /* connect the members that both terminals have */
+    print_attribute("matchingRule", "bus"); /* importers connect the members that both terminals have */
     print_attribute("terminalKind", t->kind);
     print_attribute("description", t->text);
     (void)puts(">");
@@ -425,7 +435,7 @@ static void print_code_row(void *to, const char *type, int32_t code, const char 
   (void)puts("</tr>");
 }
 
-/* Return the length of the group in a structured name: the part before the last dot. */
+/* Return the length of the group in a structured name, the part before the last dot. */
 static size_t find_group_length(const char *name)
 {
   const char *const dot = strrchr(name, '.');
@@ -444,10 +454,11 @@ static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
   char size[16] = "";
   if (count > 1) (void)snprintf(size, sizeof size, "[%d]", (int)count);
   (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name,
-      group ? ".<wbr>" : "", v->name + group + (group > 0), name_type(v, fmi), size,
-      v->kind == 'r' ? find_unit(v)->fmi : ""); /* <wbr>: long names may break there */
+      group ? ".<wbr>" : "", v->name + group + (group > 0), get_type_name(v, fmi), size,
+      v->kind == 'r' ? find_unit(v)->fmi : ""); /* at <wbr>, the browser may break a long name */
   if (v->role != 'o') {
-    const int digits = v->kind == 'r' ? 6 : 10; /* all digits are in modelDescription.xml */
+    /* 6 digits are readable; modelDescription.xml has all digits */
+    const int digits = v->kind == 'r' ? 6 : 10;
     (void)fputs("<td class=\"number\">", stdout);
     if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
     else (void)printf("%.*g", digits, v->start);
@@ -459,7 +470,8 @@ static void print_variable_row(const fmu_variable *v, int fmi, int32_t count)
   (void)puts("</tr>");
 }
 
-/* Print a table for each role, with its groups in the order of their first members. */
+/* Print a table for each role. A table has the variables group by group; groups are in
+ * the order of their first variables. */
 static void print_variables(int fmi)
 {
   static const struct {
@@ -496,7 +508,7 @@ static void print_variables(int fmi)
                "<th>meaning</th></tr></thead>\n<tbody>");
     for (int32_t k = 0; k < fmu_array_count; k++)
       print_variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
-    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", name_type(&fmu_time, fmi));
+    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", get_type_name(&fmu_time, fmi));
     print_cell(fmu_time.text);
     (void)puts("</tr></tbody></table>");
   }

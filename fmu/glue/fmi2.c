@@ -1,5 +1,4 @@
-/* fmu/glue/fmi2.c - the functions of FMI 2.0 for co-simulation, as calls of glue.c with
- * the types and names of this version. */
+/* fmu/glue/fmi2.c - functions of FMI 2.0 for co-simulation. They call those of glue.c. */
 #include <stdio.h>
 
 #include "fmi2Functions.h"
@@ -7,6 +6,7 @@
 
 typedef fmi2Status fmi_status;
 
+/* Call the importer's log function. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
     const char *category, const char *text)
 {
@@ -41,12 +41,12 @@ GLUE_CALL(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initializat
 
 /* ------------------------------------------------------------------------------------------ values */
 
-#define NO_MORE
+#define NO_MORE /* no arguments follow `value` */
 GLUE_TYPE(fmi2, Real, 'r', (fmi2Real)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Integer, 'i', (fmi2Integer)number, value[i], NO_MORE, nvr)
 GLUE_TYPE(fmi2, Boolean, 'b', (fmi2Boolean)number, value[i] != fmi2False, NO_MORE, nvr)
 
-/* The type String: no variable has it. */
+/* Functions of the type String, which no variable has. */
 GLUE_REFUSE_TYPE(fmi2GetString,
     (fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[]), "String", nvr)
 GLUE_REFUSE_TYPE(fmi2SetString,
@@ -68,8 +68,8 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
   for (size_t i = 0; i < nvr; i++) {
     const fmu_variable *const v = &fmu_variables[vr[i]];
     if (order[i] == 1 && v->rate != FMU_NO_RATE && value[i] - value[i] == 0.0) continue;
-    (void)snprintf(
-        text, sizeof text, "%s takes no derivative of order %d and value %.10g", v->name, order[i], value[i]);
+    (void)snprintf(text, sizeof text, "%s takes no derivative of order %d with value %.10g", v->name,
+        order[i], value[i]);
     return (fmi2Status)glue_refuse(s, function, text);
   }
   for (size_t i = 0; i < nvr; i++) glue_set_rate(s, &fmu_variables[vr[i]], value[i]);
@@ -83,14 +83,16 @@ GLUE_CALL(fmi2GetRealOutputDerivatives,
 
 GLUE_CALL(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
     glue_step(s, function, time, step))
-GLUE_CALL(fmi2CancelStep, (fmi2Component c), glue_refuse(s, function, "no step is ever pending"))
-/* Refuse a status other than the last successful time. Steps are synchronous: a step is
- * complete when fmi2DoStep returns. */
-static fmi2Status refuse_status(fmi2Component c, const char *function)
+GLUE_CALL(fmi2CancelStep, (fmi2Component c),
+    glue_refuse(s, function, "no step is pending, because steps are synchronous"))
+
+/* Refuse a status that does not exist: log the text and return fmi2Discard. Most kinds of
+ * status describe a running step, but here a step is complete when fmi2DoStep returns. */
+static fmi2Status refuse_status(fmi2Component c, const char *text)
 {
   const instance *const s = glue_find_instance(c);
   if (!s) return fmi2Error;
-  glue_log(s, GLUE_DISCARD, GLUE_LOG_WARNING, function);
+  glue_log(s, GLUE_DISCARD, GLUE_LOG_WARNING, text);
   return fmi2Discard;
 }
 
@@ -99,33 +101,34 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
   const instance *const s = glue_find_instance(c);
   if (!s || !glue_check_pointer(s, value, "value", "fmi2GetRealStatus")) return fmi2Error;
   if (kind != fmi2LastSuccessfulTime)
-    return refuse_status(c, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is kept");
+    return refuse_status(c, "fmi2GetRealStatus: only fmi2LastSuccessfulTime is supported");
   *value = glue_get_time(s);
   return fmi2OK;
 }
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
-  return refuse_status(c, "fmi2GetStatus: no step is ever pending");
+  return refuse_status(c, "fmi2GetStatus: no step is pending, because steps are synchronous");
 }
 
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
 {
-  return refuse_status(c, "fmi2GetIntegerStatus: there is no such status");
+  return refuse_status(c, "fmi2GetIntegerStatus: there is no status of type Integer");
 }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
 {
   const instance *const s = glue_find_instance(c);
   if (!s || !glue_check_pointer(s, value, "value", "fmi2GetBooleanStatus")) return fmi2Error;
-  if (kind != fmi2Terminated) return refuse_status(c, "fmi2GetBooleanStatus: only fmi2Terminated is kept");
+  if (kind != fmi2Terminated)
+    return refuse_status(c, "fmi2GetBooleanStatus: only fmi2Terminated is supported");
   *value = fmi2False;
   return fmi2OK;
 }
 
 fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
 {
-  return refuse_status(c, "fmi2GetStringStatus: no step is ever pending");
+  return refuse_status(c, "fmi2GetStringStatus: no step is pending, because steps are synchronous");
 }
 
 GLUE_CALL(fmi2GetDirectionalDerivative,

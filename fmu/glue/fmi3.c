@@ -1,12 +1,12 @@
-/* fmu/glue/fmi3.c - the functions of FMI 3.0 for co-simulation, as calls of glue.c with
- * the types and names of this version. A step is one sample. Event mode, clocks, early
- * return and intermediate update are not supported. */
+/* fmu/glue/fmi3.c - functions of FMI 3.0 for co-simulation. They call those of glue.c.
+ * Event mode, clocks, early return and intermediate update are not supported. */
 #include "fmi3Functions.h"
 #include "glue.h"
 
 typedef fmi3Status fmi_status;
 
-/* Log a text. The importer identifies the instance by its environment. */
+/* Call the importer's log function. It has no argument for the name of the instance: the
+ * importer identifies the instance by `environment`. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status,
     const char *category, const char *text)
 {
@@ -28,7 +28,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
   const char *unsupported = NULL;
   if (events) unsupported = "eventModeUsed is true, and there is no event mode (hasEventMode is false)";
   else if (intermediates > 0)
-    unsupported = "requiredIntermediateVariables are asked for, and there are none "
+    unsupported = "requiredIntermediateVariables are given, and there is no intermediate update "
                   "(providesIntermediateUpdate is false)";
   return glue_instantiate(&api, name, token, unsupported, (glue_function *)logger, environment, logging);
 }
@@ -65,13 +65,13 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
 
 /* ------------------------------------------------------------------------------------------ values */
 
-#define COUNT , size_t count
+#define COUNT , size_t count /* argument that follows `value` */
 GLUE_TYPE(fmi3, Float64, 'r', number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Int32, 'i', (fmi3Int32)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Int64, 'e', (fmi3Int64)number, value[i], COUNT, count)
 GLUE_TYPE(fmi3, Boolean, 'b', number > 0.0, value[i], COUNT, count)
 
-/* Types that no variable has. */
+/* Functions of the types that no variable has. */
 #define REFUSE_TYPE(Type)                                                                              \
   GLUE_REFUSE_TYPE(fmi3Get##Type,                                                                       \
       (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), \
@@ -103,7 +103,7 @@ GLUE_REFUSE_TYPE(fmi3SetClock,
 
 /* ------------------------------------------------------------------------------------------- steps */
 
-/* Run a step. Pointers to results may be NULL. */
+/* Run a step. Each of the last four pointers may be NULL. */
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_earlier_state,
     fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
@@ -123,6 +123,7 @@ GLUE_STATES(fmi3, FMUState, DeserializeFMUState)
 
 /* ----------------------------------------------------------------------------- refused: not supported */
 
+/* Define a function that refuses every call for this reason. */
 #define REFUSE(name, arguments, why) GLUE_CALL(name, arguments, glue_refuse(s, function, why))
 static const char no_events[] = "there is no event mode (hasEventMode is false)";
 static const char no_exchange[] = "only co-simulation is supported";
@@ -162,7 +163,7 @@ REFUSE(fmi3UpdateDiscreteStates,
         fmi3Boolean *has_next, fmi3Float64 *next),
     no_events)
 
-/* Functions of clocks. A call without variables succeeds. */
+/* Define a function of clocks. It refuses every call, except one without variables. */
 #define REFUSE_CLOCK(name, ...)                                                                  \
   GLUE_CALL(name, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__), \
        nvr == 0 ? GLUE_OK : glue_refuse(s, function, "there are no clocks"))
@@ -176,7 +177,7 @@ REFUSE_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
 REFUSE_CLOCK(
     fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
-/* Model exchange. Some importers load these functions from every FMU. */
+/* Functions of model exchange, because some importers load them from every FMU. */
 REFUSE(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
 REFUSE(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
 REFUSE(fmi3CompletedIntegratorStep,

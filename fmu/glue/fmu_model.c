@@ -1,4 +1,4 @@
-/* fmu/glue/fmu_model.c - functions shared by all models. */
+/* fmu/glue/fmu_model.c - functions that all models share. */
 #include "fmu_model.h"
 
 #include <stdio.h>
@@ -6,8 +6,8 @@
 
 const fmu_variable fmu_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
 
-/* Return 1 if a variable's name without its group is this setting. Dots in the name match
- * underscores in the setting. */
+/* Return 1 if the name of a variable, without the part up to the first dot, is that of a
+ * setting. A dot in the name matches an underscore in the setting. */
 static int is_setting(const char *name, const char *setting)
 {
   const char *at = strchr(name, '.');
@@ -26,7 +26,7 @@ const char *fmu_find_name(const char *setting)
 
 const char *fmu_write_range(const fmu_variable *v, char text[FMU_RANGE])
 {
-  const char *const unit = strcmp(v->unit, "1") == 0 ? "" : v->unit; /* no unit for ratios */
+  const char *const unit = strcmp(v->unit, "1") == 0 ? "" : v->unit; /* the unit 1 is not written */
   (void)snprintf(text, FMU_RANGE, "%.10g .. %.10g%s%s", v->lo, v->hi, *unit ? " " : "", unit);
   return text;
 }

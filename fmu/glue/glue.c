@@ -1,16 +1,19 @@
-/* fmu/glue/glue.c - code shared by FMI 2.0 and 3.0 (glue.h), for any model that
- * implements fmu_model.h. */
+/* fmu/glue/glue.c - code shared by FMI 2.0 and 3.0, declared in glue.h. It works with
+ * every model that implements fmu_model.h. */
 #include <stdio.h>
 #include <string.h>
 
 #include "fmu_guid.h"
 #include "glue.h"
 
-#define STATE_MAGIC 0x32657374u /* "tse2" */
-#define STATE_FORMAT 1u
+#define STATE_MAGIC 0x32657374u /* first four bytes of a serialized state: "tse2" */
+#define STATE_FORMAT 1u         /* version of the format of a serialized state */
 
-#define PHASE 40 /* bytes of a phase in a message */
-static const char *name_phase(const instance *s, char text[PHASE])
+#define PHASE 40 /* [bytes] max size of the text of a phase */
+
+/* Return the phase of an instance in words, for the message that a call is not allowed.
+ * `text` is memory for them. */
+static const char *describe_phase(const instance *s, char text[PHASE])
 {
   switch (s->c.phase) {
     case GLUE_INSTANTIATED: return "before initialization";
@@ -20,27 +23,29 @@ static const char *name_phase(const instance *s, char text[PHASE])
   }
 }
 
-/* A place for a saved state. */
+/* A saved state, or a free place for one. */
 typedef struct snapshot {
-  volatile long taken;
-  const instance *owner;
+  volatile long taken;   /* 1: in use; 0: free */
+  const instance *owner; /* instance whose state it is */
   glue_content c;
 } snapshot;
 
 static instance instances[FMU_INSTANCES];
 static snapshot snapshots[FMU_STATES];
 
-/* Take a place if it is free. Atomic: several threads may look for a place. */
+/* take_place(): if a place is free, mark it as in use and return 1, otherwise return 0.
+ * free_place(): mark a place as free. Both are atomic, because several threads may search
+ * for a free place at the same time. */
 #if defined(__GNUC__)
-static int take(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
-static void give_back(volatile long *taken) { __sync_lock_release(taken); }
+static int take_place(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
+static void free_place(volatile long *taken) { __sync_lock_release(taken); }
 #elif defined(_MSC_VER)
 #include <intrin.h>
-static int take(volatile long *taken) { return _InterlockedCompareExchange(taken, 1L, 0L) == 0L; }
-static void give_back(volatile long *taken) { _InterlockedExchange(taken, 0L); }
-#else /* without atomic operations, only one thread at a time may create instances */
-static int take(volatile long *taken) { return *taken ? 0 : (*taken = 1, 1); }
-static void give_back(volatile long *taken) { *taken = 0; }
+static int take_place(volatile long *taken) { return _InterlockedCompareExchange(taken, 1L, 0L) == 0L; }
+static void free_place(volatile long *taken) { _InterlockedExchange(taken, 0L); }
+#else /* this compiler has no atomic operations: only one thread at a time may create instances */
+static int take_place(volatile long *taken) { return *taken ? 0 : (*taken = 1, 1); }
+static void free_place(volatile long *taken) { *taken = 0; }
 #endif
 
 /* ------------------------------------------------------------------------------------------- log */
@@ -51,8 +56,8 @@ static const char *const categories[] = {
 #undef X
 };
 
-/* Log a text without arguments. Replace '%' and '#', which FMI gives a meaning and which
- * importers treat differently. */
+/* Pass a text to the importer's log function. Replace '%' and '#' by '_': in FMI they
+ * begin a format and a reference to a variable, and importers treat them differently. */
 static void emit_line(const glue_api *api, glue_function *logger, void *environment, const char *name,
     glue_status status, int category, const char *text)
 {
@@ -108,7 +113,7 @@ int glue_check_phase(const instance *s, int phases, const char *function)
 {
   char text[FMU_TEXT], phase[PHASE];
   if (s->c.phase & phases) return 1;
-  (void)snprintf(text, sizeof text, "wrong call order: not allowed %s", name_phase(s, phase));
+  (void)snprintf(text, sizeof text, "wrong call order: not allowed %s", describe_phase(s, phase));
   (void)glue_refuse(s, function, text);
   return 0;
 }
@@ -136,7 +141,7 @@ int32_t glue_count_elements(const instance *s, uint32_t vr)
   return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
 }
 
-/* Check the number of values that a call passes. */
+/* Check that a call passes as many values as its variables have. */
 static int check_count(const instance *s, size_t values, size_t wanted, const char *function)
 {
   char text[FMU_TEXT];
@@ -147,7 +152,8 @@ static int check_count(const instance *s, size_t values, size_t wanted, const ch
   return 0;
 }
 
-static const char *name_kind(const instance *s, char kind)
+/* Return FMI's name of the type of a kind of variables. */
+static const char *get_type_name(const instance *s, char kind)
 {
   switch (kind) {
     case 'r': return s->api->real;
@@ -157,8 +163,8 @@ static const char *name_kind(const instance *s, char kind)
   }
 }
 
-/* Return 1 if functions of this kind access the variable. FMI 2.0 reads enumerations with
- * the functions of Integer. */
+/* Return 1 if the functions for variables of this kind may access a variable. In FMI 2.0,
+ * the functions for Integer also access enumerations. */
 static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
 {
   return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
@@ -177,7 +183,7 @@ int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, con
     if (!v) (void)snprintf(text, sizeof text, "unknown value reference %lu", (unsigned long)vr[i]);
     else if (!is_of_kind(s, v, kind))
       (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s",
-          (unsigned long)vr[i], v->name, name_kind(s, v->kind), type);
+          (unsigned long)vr[i], v->name, get_type_name(s, v->kind), type);
     else {
       wanted += (size_t)glue_count_elements(s, vr[i]);
       continue;
@@ -195,28 +201,28 @@ glue_status glue_check_empty(const instance *s, size_t count, const char *functi
 
 /* -------------------------------------------------------------------------------------- values */
 
-static void *find_place(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
+/* Return the address of a variable in the model. */
+static void *find_variable_memory(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
 
-/* Return an element as double, the type of FMI's real variables. A model stores
- * parameters as tse_setting and other real variables as tse_real, with less precision in
- * fixed point. */
+/* Return the value of an element as double, the type of real variables in FMI. The model
+ * holds a parameter as tse_setting and any other real variable as tse_real. */
 static double get_number(glue_content *c, const fmu_variable *v, int32_t element)
 {
   if (v->role == 't') return c->phase & (GLUE_STEPPING | GLUE_TERMINATED) ? c->now : c->start;
-  if (v->kind != 'r') return (double)((int32_t *)find_place(c, v->offset))[element];
-  return v->role == 'p' ? tse_double_of_setting(((tse_setting *)find_place(c, v->offset))[element])
-                        : tse_double_of(((tse_real *)find_place(c, v->offset))[element]);
+  if (v->kind != 'r') return (double)((int32_t *)find_variable_memory(c, v->offset))[element];
+  return v->role == 'p' ? tse_double_of_setting(((tse_setting *)find_variable_memory(c, v->offset))[element])
+                        : tse_double_of(((tse_real *)find_variable_memory(c, v->offset))[element]);
 }
 
 static void set_real(glue_content *c, int32_t offset, double value)
 {
-  *(tse_real *)find_place(c, offset) = tse_real_of(value);
+  *(tse_real *)find_variable_memory(c, offset) = tse_real_of(value);
 }
 
 static void set_number(glue_content *c, const fmu_variable *v, double value)
 {
-  if (v->kind != 'r') *(int32_t *)find_place(c, v->offset) = (int32_t)value;
-  else if (v->role == 'p') *(tse_setting *)find_place(c, v->offset) = tse_setting_of(value);
+  if (v->kind != 'r') *(int32_t *)find_variable_memory(c, v->offset) = (int32_t)value;
+  else if (v->role == 'p') *(tse_setting *)find_variable_memory(c, v->offset) = tse_setting_of(value);
   else set_real(c, v->offset, value);
 }
 
@@ -242,11 +248,11 @@ void glue_mark_stale(instance *s)
 int glue_check_value(const instance *s, const fmu_variable *v, double value, const char *function)
 {
   char text[FMU_TEXT], range[FMU_RANGE], phase[PHASE];
-  if (v->role == 't') (void)snprintf(text, sizeof text, "%s is set by the steps", v->name);
+  if (v->role == 't') (void)snprintf(text, sizeof text, "%s cannot be set: it is set by the steps", v->name);
   else if (v->role == 'o') (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
   else if (v->role == 'p' && !(s->c.phase & (GLUE_INSTANTIATED | GLUE_INITIALIZING)))
     (void)snprintf(
-        text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, name_phase(s, phase));
+        text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, describe_phase(s, phase));
   else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi) && value != v->start)
     (void)snprintf(
         text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_write_range(v, range));
@@ -257,8 +263,8 @@ int glue_check_value(const instance *s, const fmu_variable *v, double value, con
 
 /* -------------------------------------------------------------------------------------- life cycle */
 
-/* Reset the content to that of a new instance. */
-static void restart(glue_content *c)
+/* Set the content to that of a new instance. */
+static void reset_content(glue_content *c)
 {
   memset(c, 0, sizeof *c);
   c->phase = GLUE_INSTANTIATED;
@@ -268,7 +274,7 @@ static void restart(glue_content *c)
     if (fmu_variables[i].role != 'o') set_number(c, &fmu_variables[i], fmu_variables[i].start);
 }
 
-/* Compute the outputs again if a value was set before the first step. */
+/* If the outputs are stale, compute them again. Return 0 if the model refuses a value. */
 static int update_outputs(instance *s, const char *function)
 {
   char text[FMU_TEXT] = "";
@@ -295,20 +301,20 @@ instance *glue_instantiate(const glue_api *api, const char *name, const char *to
   else if (unsupported) wrong = unsupported;
   else if (!token || strcmp(token, FMU_GUID) != 0) {
     (void)snprintf(text, sizeof text,
-        "the %s %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
+        "the %s %.64s is not that of this binary, %s: modelDescription.xml is of a different version",
         api->token, token ? token : "NULL", FMU_GUID);
     wrong = text;
   }
   for (size_t i = 0; !wrong && i < FMU_INSTANCES; i++) {
     instance *const s = &instances[i];
-    if (!take(&s->taken)) continue;
+    if (!take_place(&s->taken)) continue;
     (void)snprintf(s->name, sizeof s->name, "%s", name);
     s->api = api;
     s->logger = logger;
     s->environment = environment;
     s->wanted = 1u << GLUE_LOG_ERROR | 1u << GLUE_LOG_WARNING | (logging ? 1u << GLUE_LOG_EVENT : 0u);
     s->warned[0] = '\0';
-    restart(&s->c);
+    reset_content(&s->c);
     glue_log(s, GLUE_OK, GLUE_LOG_EVENT, "instantiated");
     return s;
   }
@@ -326,8 +332,8 @@ void glue_free(const void *c)
   instance *const s = glue_find_instance(c);
   if (!s) return;
   for (size_t i = 0; i < FMU_STATES; i++)
-    if (snapshots[i].taken && snapshots[i].owner == s) give_back(&snapshots[i].taken);
-  give_back(&s->taken);
+    if (snapshots[i].taken && snapshots[i].owner == s) free_place(&snapshots[i].taken);
+  free_place(&s->taken);
 }
 
 glue_status glue_set_times(instance *s, const char *function, double start, int has_stop, double stop)
@@ -365,7 +371,7 @@ glue_status glue_terminate(instance *s, const char *function)
 
 glue_status glue_reset(instance *s)
 {
-  restart(&s->c);
+  reset_content(&s->c);
   s->warned[0] = '\0';
   return GLUE_OK;
 }
@@ -380,11 +386,11 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return glue_refuse(s, function, text);
   }
-  /* Importers add up steps in different ways. Tolerance: 1 % of the step, plus the
-   * rounding error of a sum of many steps in double. */
+  /* Importers compute the time of a step in different ways. The tolerance is 1 % of the
+   * step plus the rounding error of a sum of many steps in double. */
   const double error = time - s->c.now, size = time < 0.0 ? -time : time;
   const double tolerance = 0.01 * step + 1e-14 * size;
-  const int is_finite = time - time == 0.0; /* an infinite time has an infinite tolerance */
+  const int is_finite = time - time == 0.0; /* needed: the tolerance of an infinite time is infinite */
   if (!(error <= tolerance && error >= -tolerance) || !is_finite) {
     (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g",
         time, s->c.now);
@@ -393,7 +399,7 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
   const fmu_result result = model_step(&s->c.m, time, step, reason);
   if (result == FMU_ERROR) return glue_refuse(s, function, reason);
   s->c.now = time + step;
-  /* Derivatives of inputs hold for one step. */
+  /* A time derivative of an input is valid for one step. */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].rate != FMU_NO_RATE) set_real(&s->c, fmu_variables[i].rate, 0.0);
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
@@ -406,7 +412,7 @@ glue_status glue_step(instance *s, const char *function, double time, double ste
 
 /* ------------------------------------------------------------------------------------------- state */
 
-/* Return the saved state at a pointer; NULL if the pointer is invalid or was freed. */
+/* Return the saved state at a pointer; NULL if no saved state is there. */
 static snapshot *find_snapshot(const void *state)
 {
   for (size_t i = 0; i < FMU_STATES; i++)
@@ -414,12 +420,12 @@ static snapshot *find_snapshot(const void *state)
   return NULL;
 }
 
-/* Return a free place for a saved state; NULL if all are in use. */
+/* Return a free place for a saved state, or log an error and return NULL. */
 static snapshot *take_snapshot(const instance *s, const char *function)
 {
   char text[FMU_TEXT];
   for (size_t i = 0; i < FMU_STATES; i++)
-    if (take(&snapshots[i].taken)) {
+    if (take_place(&snapshots[i].taken)) {
       snapshots[i].owner = s;
       return &snapshots[i];
     }
@@ -429,6 +435,7 @@ static snapshot *take_snapshot(const instance *s, const char *function)
   return NULL;
 }
 
+/* Check that a pointer is that of a saved state. */
 static int check_state(const instance *s, const void *state, const char *function)
 {
   if (find_snapshot(state)) return 1;
@@ -459,24 +466,24 @@ glue_status glue_free_state(const instance *s, const char *function, void **stat
 {
   if (!state || !*state) return GLUE_OK;
   if (!check_state(s, *state, function)) return GLUE_ERROR;
-  give_back(&find_snapshot(*state)->taken);
+  free_place(&find_snapshot(*state)->taken);
   *state = NULL;
   return GLUE_OK;
 }
 
-/* Header of a serialized state. The content follows. Machines with the same byte order
- * and the same layout of `glue_content` can exchange serialized states. */
+/* Header of a serialized state. A glue_content follows it. Machines with the same byte
+ * order and the same layout of glue_content can exchange serialized states. */
 typedef struct frame {
-  uint32_t magic;  /* STATE_MAGIC; differs on a machine of another byte order */
+  uint32_t magic;  /* STATE_MAGIC; a machine with the opposite byte order reads a different number */
   uint32_t format; /* STATE_FORMAT */
-  uint64_t bytes;  /* size of the content */
-  uint64_t model;  /* hash of the GUID and of all sources */
-  uint64_t sum;    /* hash of the content */
+  uint64_t bytes;  /* size of glue_content */
+  uint64_t model;  /* hash of BUILD_IDENTITY */
+  uint64_t sum;    /* hash of the glue_content, as its checksum */
 } frame;
-#define STATE_BYTES (sizeof(frame) + sizeof(glue_content))
-#define MADE_OF FMU_GUID FMU_SOURCES
+#define STATE_BYTES (sizeof(frame) + sizeof(glue_content)) /* size of a serialized state */
+#define BUILD_IDENTITY FMU_GUID FMU_SOURCES                /* GUID, and hash of all sources */
 
-/* Return the FNV-1a hash. It changes with every single byte. */
+/* Return the FNV-1a hash of bytes. A change of one byte always changes it. */
 static uint64_t hash_bytes(const void *bytes, size_t count)
 {
   const unsigned char *const b = (const unsigned char *)bytes;
@@ -501,27 +508,29 @@ glue_status glue_serialize_state(
   if (!glue_check_pointer(s, bytes, "serializedState", function)
       || !glue_check_pointer(s, state, s->api->state, function) || !check_state(s, state, function))
     return GLUE_ERROR;
-  if (size < STATE_BYTES) return glue_refuse(s, function, "the buffer is smaller than a saved state");
+  if (size < STATE_BYTES)
+    return glue_refuse(s, function, "the buffer is smaller than the size of a serialized state");
   memset(&f, 0, sizeof f);
   f.magic = STATE_MAGIC;
   f.format = STATE_FORMAT;
   f.bytes = sizeof(glue_content);
-  f.model = hash_bytes(MADE_OF, sizeof MADE_OF);
+  f.model = hash_bytes(BUILD_IDENTITY, sizeof BUILD_IDENTITY);
   f.sum = hash_bytes(&find_snapshot(state)->c, sizeof(glue_content));
   memcpy(bytes, &f, sizeof f);
   memcpy(bytes + sizeof f, &find_snapshot(state)->c, sizeof(glue_content));
   return GLUE_OK;
 }
 
-/* Round a limit of a parameter as the model rounds the parameter. */
+/* Return a limit of a parameter, rounded as the model rounds the parameter. */
 static double round_limit(const fmu_variable *v, double limit)
 {
   return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(limit)) : limit;
 }
 
-/* Check that this FMU can be in a deserialized state. The bytes may be forged, with a
- * matching checksum. Outputs are not checked: no later value depends on them.
- *   Returned:  wrong  variable outside its range; unchanged for another defect */
+/* Return 1 if every value of a deserialized state is possible, otherwise 0. An attacker
+ * can compute the checksum of wrong values. Outputs are not checked, because no later
+ * value depends on them.
+ *   Returned:  wrong  the parameter outside its range; not changed by any other error */
 static int check_content(glue_content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;
@@ -553,11 +562,11 @@ glue_status glue_deserialize_state(
   if (size < sizeof f) return glue_refuse(s, function, "too short to be a saved state");
   memcpy(&f, bytes, sizeof f);
   if (f.magic != STATE_MAGIC)
-    return glue_refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
-  if (f.format != STATE_FORMAT || f.model != hash_bytes(MADE_OF, sizeof MADE_OF))
+    return glue_refuse(s, function, "not a state of this FMU, or from a machine with another byte order");
+  if (f.format != STATE_FORMAT || f.model != hash_bytes(BUILD_IDENTITY, sizeof BUILD_IDENTITY))
     return glue_refuse(s, function, "the state of another FMU, or of another version of this one");
   if (f.bytes != sizeof(glue_content) || size < STATE_BYTES)
-    return glue_refuse(s, function, "the state has another size than this build's");
+    return glue_refuse(s, function, "the state has another size than a state of this build");
   if (f.sum != hash_bytes(bytes + sizeof f, sizeof(glue_content)))
     return glue_refuse(s, function, "the state is damaged: its checksum differs");
   snapshot *const t = take_snapshot(s, function);
@@ -565,14 +574,12 @@ glue_status glue_deserialize_state(
   memcpy(&t->c, bytes + sizeof f, sizeof(glue_content));
   const fmu_variable *wrong = NULL;
   if (!check_content(&t->c, &wrong)) {
-    char text[FMU_TEXT] =
-        "the state is not one that this FMU can be in: something in it is outside its range";
+    char text[FMU_TEXT] = "the state is impossible: a value in it is outside its range";
     char range[FMU_RANGE];
     if (wrong)
-      (void)snprintf(text, sizeof text,
-          "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
-          get_number(&t->c, wrong, 0), fmu_write_range(wrong, range));
-    give_back(&t->taken);
+      (void)snprintf(text, sizeof text, "the state is impossible: %s = %.10g is outside its range %s",
+          wrong->name, get_number(&t->c, wrong, 0), fmu_write_range(wrong, range));
+    free_place(&t->taken);
     return glue_refuse(s, function, text);
   }
   *state = t;

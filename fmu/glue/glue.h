@@ -1,16 +1,17 @@
 /* fmu/glue/glue.h - code shared by FMI 2.0 and 3.0: instances and their log, values,
- * steps, saved states. fmi2.c and fmi3.c define the functions of one version each, with
- * its types and names, and call the functions declared here.
+ * steps, saved states. fmi2.c defines the functions of FMI 2.0, and fmi3.c those of
+ * FMI 3.0, with the types and names of the standard. Both call the functions declared
+ * here.
  *
- * Memory: fixed pools of instances and of saved states, without allocation. Threads may
- * use different instances at the same time. A refused call (GLUE_ERROR) logs the reason
- * and leaves the instance unchanged. */
+ * Instances and saved states are in two static arrays of fixed size; no memory is
+ * allocated. Threads may use different instances at the same time. A refused call
+ * returns GLUE_ERROR, logs the reason and leaves the instance unchanged. */
 #ifndef GLUE_H
 #define GLUE_H
 
 #include "fmu_model.h"
 
-/* The standards prescribe the arguments of a function. Some of them are unused here. */
+/* FMI prescribes the arguments of each function. The FMUs do not use all of them. */
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #endif
@@ -19,10 +20,10 @@
 #define FMU_INSTANCES 32 /* max number of instances in one process */
 #endif
 #ifndef FMU_STATES
-#define FMU_STATES 64 /* max number of saved states, all instances together */
+#define FMU_STATES 64 /* max number of saved states of all instances in one process */
 #endif
 
-/* The same numbers as fmi2Status and fmi3Status. */
+/* Result of a call. The numbers are equal to those of fmi2Status and fmi3Status. */
 typedef enum glue_status {
   GLUE_OK,
   GLUE_WARNING,
@@ -30,14 +31,16 @@ typedef enum glue_status {
   GLUE_ERROR,
 } glue_status;
 
-
-/* Phases of an instance. Bits, so that a function can accept several of them. */
+/* Phases of an instance. Each is one bit, so that a mask can hold the phases in which a
+ * function may be called. */
 enum {
   GLUE_INSTANTIATED = 1,
   GLUE_INITIALIZING = 2,
   GLUE_STEPPING = 4,
   GLUE_TERMINATED = 8,
 };
+
+/* Log categories: indices in FMU_LOG_CATEGORIES. */
 enum {
   GLUE_LOG_ERROR,
   GLUE_LOG_WARNING,
@@ -45,102 +48,114 @@ enum {
   GLUE_LOG_CATEGORIES,
 };
 
-/* Logger of any FMI version. glue_api.emit() casts it to its own type. */
+/* Log function of the importer. Its true type depends on the version of FMI, and
+ * glue_api.emit() casts it to that type. */
 typedef void glue_function(void);
 
-/* Names and features of a version of FMI. */
+/* Names and features of one version of FMI. */
 typedef struct glue_api {
-  const char *terminate;  /* function that ends a run */
-  const char *token;      /* name of the identifier of a model description */
-  const char *state;      /* argument: saved state */
-  const char *references; /* argument: value references */
-  const char *values;     /* argument: values of variables */
-  const char *real;       /* types of variables */
-  const char *integer;
-  const char *boolean;
-  int extended; /* 1: has fmu_arrays and the time, with value references behind those of
-                 * fmu_variables */
+  const char *terminate;  /* name of the function that ends a run */
+  const char *token;      /* name of the attribute that identifies a model description */
+  const char *state;      /* name of the argument with a saved state */
+  const char *references; /* name of the argument with the value references */
+  const char *values;     /* name of the argument with the values */
+  const char *real;       /* name of the type of real variables */
+  const char *integer;    /* name of the type of integer variables */
+  const char *boolean;    /* name of the type of Boolean variables */
+  int extended;           /* 1: fmu_arrays and fmu_time are variables, too, and their value
+                           * references follow those of fmu_variables. 0: they are not */
+  /* Call the importer's log function. */
   void (*emit)(glue_function *logger, void *environment, const char *name, glue_status status,
       const char *category, const char *text);
 } glue_api;
 
-/* Content of a saved state. */
+/* Part of an instance that a saved state contains. */
 typedef struct glue_content {
   int32_t phase; /* GLUE_INSTANTIATED .. GLUE_TERMINATED */
-  int32_t stale; /* 1: outputs are older than the last value set, before the first step */
+  int32_t stale; /* 1: a value was set after the outputs were computed, before the first step */
   double start;  /* [s] start time */
-  double now;    /* [s] next communication point */
+  double now;    /* [s] time at which the next step begins */
   model m;
 } glue_content;
 
 typedef struct instance {
-  volatile long taken;
-  char name[128];
-  const glue_api *api;
+  volatile long taken; /* 1: in use; 0: free */
+  char name[128];      /* name that the importer gave */
+  const glue_api *api; /* version of FMI */
   glue_function *logger;
-  void *environment;
-  unsigned wanted;       /* bit k: log category k */
-  char warned[FMU_TEXT]; /* last warning, to log a persistent one once */
+  void *environment;     /* argument of the logger */
+  unsigned wanted;       /* bit k is 1: log category k is on */
+  char warned[FMU_TEXT]; /* warning of the last step. The same warning is not logged again */
   glue_content c;
 } instance;
 
 /* ---- log */
 
+/* Log a text, if its category is on. */
 void glue_log(const instance *s, glue_status status, int category, const char *text);
 
 /* Log the error "function: text".   Returned: GLUE_ERROR */
 glue_status glue_refuse(const instance *s, const char *function, const char *text);
-/* Switch these log categories on or off. Without names: all on, or logEvents off. */
+
+/* Switch the named log categories on or off. If count is 0, switch all categories on, or
+ * switch the category logEvents off. */
 glue_status glue_set_logging(
     instance *s, const char *function, int on, size_t count, const char *const names[]);
 
-/* ---- arguments. Checks return 1, or log an error and return 0. */
+/* ---- arguments. The functions glue_check_*() return 1 if the check succeeds; otherwise
+ * they log an error and return 0. */
 
-/* Return the instance at a pointer; NULL if the pointer is invalid or was freed. */
+/* Return the instance at a pointer; NULL if no instance in use is there. */
 instance *glue_find_instance(const void *c);
 
-/* Check that the instance is in one of these phases. */
+/* Check that the instance is in one of the phases of a mask. */
 int glue_check_phase(const instance *s, int phases, const char *function);
 
 /* Check that an argument is not NULL. */
 int glue_check_pointer(const instance *s, const void *argument, const char *name, const char *function);
 
-/* Return the variable of a value reference; NULL if the reference is unknown. */
+/* Return the variable with a value reference; NULL if there is none. */
 const fmu_variable *glue_find_variable(const instance *s, uint32_t vr);
 
-/* Return the number of values of a variable: above 1 for arrays. */
+/* Return the number of values of a variable: 1 for a scalar, more for an array. */
 int32_t glue_count_elements(const instance *s, uint32_t vr);
 
-/* Check the arguments of a get or set function: all value references exist and are of
- * this kind, and `count` is the number of their values.
- *   Given:  kind  of fmu_variable; 0 matches no variable
- *           type  name of this kind in this version of FMI, for messages */
+/* Check the arguments of a get or set function: each value reference has a variable of
+ * this kind, and `count` is the number of values of all these variables.
+ *   Given:  kind  kind of the variables as in fmu_variable; 0 matches no variable
+ *           type  FMI's name of the kind, for messages */
 int glue_check_variables(const instance *s, const uint32_t vr[], size_t nvr, const void *value, size_t count,
     char kind, const char *type, const char *function);
 
-/* Check that a call without variables has no values.   Returned: GLUE_OK or GLUE_ERROR */
+/* Check that a call without variables passes no values, so that `count` is 0. */
 glue_status glue_check_empty(const instance *s, size_t count, const char *function);
 
 /* ---- life cycle */
 
-/* Return a new instance. NULL if all are in use, if the name is missing, if the token
- * differs or if `unsupported` is not NULL.
+/* Return a new instance. Log an error and return NULL if all instances are in use, if the
+ * name is missing, if the token differs from that of this binary, or if `unsupported` is
+ * not NULL.
  *   Given:  unsupported  reason to refuse the call; NULL if there is none
- *           logger       may be NULL */
+ *           logger       log function of the importer, or NULL
+ *           logging      1: log all categories; 0: log errors and warnings only */
 instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported,
     glue_function *logger, void *environment, int logging);
+
+/* Free an instance and its saved states. */
 void glue_free(const void *c);
+
+/* Functions of FMI. Each checks that the instance is in the right phase. */
 glue_status glue_set_times(instance *s, const char *function, double start, int has_stop, double stop);
 glue_status glue_enter_initialization(instance *s, const char *function);
 glue_status glue_exit_initialization(instance *s, const char *function);
 glue_status glue_terminate(instance *s, const char *function);
 glue_status glue_reset(instance *s);
 
-/* Return the time [s]: end of the last step, before the first one the start time. */
+/* Return the time [s] at the end of the last step, before the first step the start. */
 double glue_get_time(const instance *s);
 
-/* Define a function of an FMI version, with its status type fmi_status: check the
- * instance, then call a function of glue.c with it. */
+/* Define a function of FMI: find the instance `s` of the pointer `c`, then evaluate
+ * `call`, a call of a function of glue.c. fmi_status is the status type of FMI. */
 #define GLUE_CALL(name, arguments, call)                    \
   fmi_status name arguments                                 \
   {                                                         \
@@ -150,10 +165,11 @@ double glue_get_time(const instance *s);
     return s ? (fmi_status)(call) : (fmi_status)GLUE_ERROR; \
   }
 
-/* ---- values. All are checked before the first is set: a refused call sets none. */
+/* ---- values. A call checks all its values before it sets the first. A refused call
+ * therefore sets no value. */
 
-/* In initialization mode, compute the outputs again if a value was set.   Returned: 0 if
- * the model refuses a value */
+/* If a value was set in initialization mode, compute the outputs again.   Returned: 0 if
+ * the model refuses a value, otherwise 1 */
 int glue_update_outputs(instance *s, const char *function);
 
 /* Check that this variable may be set to this value in the current phase. */
@@ -162,19 +178,23 @@ int glue_check_value(const instance *s, const fmu_variable *v, double value, con
 /* Return element `element` of a variable; 0 for a scalar. */
 double glue_get(instance *s, const fmu_variable *v, int32_t element);
 
-/* Set a scalar: arrays are outputs and cannot be set. Call glue_mark_stale() after it. */
+/* Set a scalar variable. No array can be set, because all arrays are outputs. Call
+ * glue_mark_stale() after the last value. */
 void glue_set(instance *s, const fmu_variable *v, double value);
 
 /* Set the time derivative of an input. */
 void glue_set_rate(instance *s, const fmu_variable *v, double rate);
 
-/* Mark the outputs as older than the inputs, before the first step. */
+/* Note before the first step that a value was set after the outputs were computed. */
 void glue_mark_stale(instance *s);
 
-/* Define the functions of an FMI version that get and set values of a type.
- *   from_number  expression: `number`, a double, as a value of this type
- *   to_number    expression: value[i] as a double
- *   more, count  arguments after the values; expression for the number of values */
+/* Define the functions of FMI that get and set the values of variables of one type.
+ *   Type         FMI's name of the type
+ *   kind         kind of the variables as in fmu_variable
+ *   from_number  expression that converts `number`, a double, to the type
+ *   to_number    expression that converts value[i] to a number
+ *   more         arguments that follow the argument `value`
+ *   count        expression for the number of values */
 #define GLUE_TYPE(fmi, Type, kind, from_number, to_number, more, count)                                  \
   fmi_status fmi##Get##Type(void *c, const fmi##ValueReference vr[], size_t nvr, fmi##Type value[] more) \
   {                                                                                                      \
@@ -202,7 +222,7 @@ void glue_mark_stale(instance *s);
     if (nvr == 0) return (fmi_status)glue_check_empty(s, count, function);                               \
     if (!glue_check_variables(s, vr, nvr, value, count, kind, #Type, function))                          \
       return (fmi_status)GLUE_ERROR;                                                                     \
-    /* arrays are refused here, so i also counts the values */                                           \
+    /* outputs, and so all arrays, are refused here */                                                   \
     for (size_t i = 0; i < nvr; i++)                                                                     \
       if (!glue_check_value(s, glue_find_variable(s, vr[i]), (double)(to_number), function))             \
         return (fmi_status)GLUE_ERROR;                                                                   \
@@ -211,7 +231,8 @@ void glue_mark_stale(instance *s);
     return (fmi_status)GLUE_OK;                                                                          \
   }
 
-/* Define a get or set function of a type without variables. It refuses all of them. */
+/* Define the get or set function of a type that no variable has. The function refuses
+ * every value reference. */
 #define GLUE_REFUSE_TYPE(name, arguments, type, count)                           \
   fmi_status name arguments                                                      \
   {                                                                              \
@@ -223,27 +244,32 @@ void glue_mark_stale(instance *s);
 
 /* ---- steps and states */
 
-/* Run one step from `time` to `time + step` [s].   Returned: GLUE_WARNING where an input
- * is missing or out of range */
+/* Run one step from `time` to `time + step` [s].   Returned: GLUE_WARNING if an input is
+ * missing or out of range */
 glue_status glue_step(instance *s, const char *function, double time, double step);
 
-/* Save the state, in a new place if *state is NULL. */
+/* Save the state of the instance. If *state is NULL, set it to a new saved state;
+ * otherwise overwrite the saved state *state. */
 glue_status glue_save_state(const instance *s, const char *function, void **state);
 
-/* Continue from a saved state. */
+/* Set the instance to a saved state. */
 glue_status glue_restore_state(instance *s, const char *function, const void *state);
 
 /* Free a saved state and set *state to NULL. */
 glue_status glue_free_state(const instance *s, const char *function, void **state);
 
-/* Serialize a saved state: its size in bytes; to bytes; from bytes, in a new place. */
+/* Set *size to the number of bytes of a serialized state. */
 glue_status glue_get_state_size(const instance *s, const char *function, const void *state, size_t *size);
+
+/* Write a saved state to `size` bytes. */
 glue_status glue_serialize_state(
     const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
+
+/* Check the `size` bytes of a serialized state; set *state to a saved state with them. */
 glue_status glue_deserialize_state(
     const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state);
 
-/* Define the functions that both versions have: life cycle, saved states. */
+/* Define the functions of the life cycle that both versions of FMI have. */
 #define GLUE_LIFE(fmi)                                                                     \
   GLUE_CALL(fmi##SetDebugLogging,                                                          \
       (void *c, fmi##Boolean on, size_t count, const fmi##String names[]),                \
@@ -251,6 +277,9 @@ glue_status glue_deserialize_state(
   GLUE_CALL(fmi##ExitInitializationMode, (void *c), glue_exit_initialization(s, function)) \
   GLUE_CALL(fmi##Terminate, (void *c), glue_terminate(s, function))                        \
   GLUE_CALL(fmi##Reset, (void *c), glue_reset(s))
+
+/* Define the functions of saved states. State and Deserialize are parts of their names,
+ * which differ between the versions of FMI. */
 #define GLUE_STATES(fmi, State, Deserialize)                                                 \
   GLUE_CALL(fmi##Get##State, (void *c, void **state), glue_save_state(s, function, state))   \
   GLUE_CALL(fmi##Set##State, (void *c, void *state), glue_restore_state(s, function, state)) \

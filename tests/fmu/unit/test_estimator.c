@@ -283,7 +283,7 @@ static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
   OK(fmi2EnterInitializationMode(c));
   saved_bytes before = bytes_of(c);
   REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear",
-      "what is 0 follows from vehicle.mass, lf and lr");
+      "a parameter of 0 follows from vehicle.mass, lf and lr");
   expect_unchanged_and_free(c, &before, "after a refused start");
   OK(put_boolean(c, "vehicle.exact", fmi2True));
   OK(fmi2ExitInitializationMode(c));
