@@ -1,17 +1,18 @@
 #!/usr/bin/env python3
-"""Measure the cost of a row on microcontrollers: instructions, flash, RAM and stack.
+"""Measure what a row costs on microcontrollers: instructions, flash, RAM and stack.
 
     python3 scripts/dev/budgets.py
         measure all targets; write scripts/results/budgets.md; fail if a limit is exceeded
     python3 scripts/dev/budgets.py --short
         measure the targets marked `short`, as the tests do
     python3 scripts/dev/budgets.py --profile FROM TO
-        print the instructions by function over these rows of the drive, first target
+        print how many instructions each function executes in these rows of the drive, on
+        the first target
 
-tests/budgets.toml has the limits. The counts are the instructions that qemu executes:
-with -icount shift=6 each takes 64 ns of the machine's time, which SysTick counts. A loop
-of known length checks the count in every run. The counts are the same in every run and on
-every host. They are not clock cycles.
+tests/budgets.toml has the targets and their limits. A count is the number of instructions
+that qemu executes, not of clock cycles. With -icount shift=6, an instruction takes 64 ns
+of emulated time, which the timer SysTick measures. Each run checks the count with a loop
+of known length. Counts are the same in every run and on every host.
 """
 
 import argparse
@@ -44,26 +45,27 @@ OPTIONS = (
 )
 QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
-CALIBRATION = 200_000  # instructions of the loop; a few more enter and leave it
-# Bytes of stack of a function of libc or libgcc, unknown to the compiler: memcpy and sqrt
-# take less.
+CALIBRATION = 200_000  # instructions of the loop of known length, without entry and exit
+# [bytes] assumed stack of a function of libc or libgcc, for which the compiler writes no
+# stack usage. memcpy and sqrt need less
 EXTERNAL = 64
 
 
 @dataclass
 class Measured:
-    """Cost of one target, and its limits."""
+    """Cost of a row on one target, and its limits."""
 
     name: str
-    limits: dict[str, dict[str, float]]
-    skipped: str = ""
-    unfit: str = ""  # reason if the program does not fit into the machine
-    values: dict[str, float] = field(default_factory=dict)
-    tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)  # rows, mean, longest
-    stacks: dict[str, int] = field(default_factory=dict)
+    limits: dict[str, dict[str, float]]  # quantity of QUANTITIES: its `goal` and `limit`
+    skipped: str = ""  # reason if the target was not measured, otherwise ""
+    unfit: str = ""  # reason if the program does not fit into the memory, otherwise ""
+    values: dict[str, float] = field(default_factory=dict)  # quantity of QUANTITIES: its value
+    # kind of rows: number of rows, mean and maximum number of instructions
+    tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+    stacks: dict[str, int] = field(default_factory=dict)  # how it was measured: stack, bytes
 
     def list_exceeded(self) -> list[str]:
-        """Return a sentence for each limit that is exceeded."""
+        """Return a message for each limit that is exceeded."""
         if self.unfit and any("limit" in x for x in self.limits.values()):
             return [f"{self.name}: {self.unfit}"]
         over = [
@@ -77,6 +79,7 @@ class Measured:
 
 
 def format_value(x: float) -> str:
+    """Return a value with two decimals if it is below 100, otherwise as an integer."""
     return f"{x:.2f}" if x < 100 else f"{x:,.0f}"
 
 
@@ -84,7 +87,7 @@ def format_value(x: float) -> str:
 
 
 def measure(work: m.Work, target: dict[str, Any]) -> Measured:
-    """Build, run and measure the programs of a target."""
+    """Build the programs of a target, run them, and return what a row costs."""
     out = Measured(target["name"], {q: target[q] for q in QUANTITIES if q in target})
     machine = next(x for x in m.list_machines() if x.name == target["machine"])
     if why := machine.find_missing():
@@ -121,7 +124,7 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
     calibration = read_number(text, "calibration")
     if not 0 <= calibration - CALIBRATION < 10:
         raise SystemExit(
-            f"{target['name']}: a loop of {CALIBRATION} instructions is counted as {calibration}"
+            f"{target['name']}: instruction count is wrong: {calibration} for a loop of {CALIBRATION}"
         )
     for name, rows, mean, longest in re.findall(
         r"^tally (\w+) rows (\d+) mean (\d+) longest (\d+)", text, re.M
@@ -145,23 +148,26 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
 
 
 def set_level(machine: m.Machine, level: str) -> m.Machine:
+    """Return the machine with a different optimisation level of the compiler."""
     return replace(machine, flags=tuple(level if f in ("-O2", "-Os") else f for f in machine.flags))
 
 
 def read_number(text: str, name: str) -> int:
+    """Return the number in the line that begins with `name` of a program's output."""
     return int(re.search(rf"^{name} (\d+)$", text, re.M)[1])
 
 
 def measure_flash(program: Path) -> int:
+    """Return the size of a program in flash, bytes: code, constants, initial values."""
     said = m.run_command(["arm-none-eabi-size", "-A", str(program)])
     return sum(int(size) for size in re.findall(r"^\.(?:text|data|ARM\.exidx)\s+(\d+)", said, re.M))
 
 
 def find_deepest_stack(folder: Path, name: str) -> int:
-    """Return the bytes of stack on the deepest path of calls from a function.
+    """Return the largest stack, bytes, over all paths of calls that start in a function.
 
-    gcc writes frames and calls to .ci files. The library has no recursion and no calls by
-    pointer.
+    gcc writes the stack of each function and its calls to .ci files. The library has no
+    recursion and no calls by pointer, so that these paths are all.
     """
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = collections.defaultdict(set)
@@ -175,28 +181,27 @@ def find_deepest_stack(folder: Path, name: str) -> int:
             calls[source].add(to)
     depth: dict[str, int] = {}
 
-    def of(title: str) -> int:
+    def find_depth(title: str) -> int:
         if title not in depth:
-            depth[title] = frames.get(title, EXTERNAL) + max((of(x) for x in calls[title]), default=0)
+            deepest = max((find_depth(x) for x in calls[title]), default=0)
+            depth[title] = frames.get(title, EXTERNAL) + deepest
         return depth[title]
 
     start = [title for title in frames if re.fullmatch(rf"(.*:)?{name}(_\w+)?", title)]
     if len(start) != 1:
-        raise SystemExit(f"{folder}: the compiler wrote no stack usage of {name}")
-    return of(start[0])
+        raise SystemExit(f"{folder}: stack usage of {name} is missing in the compiler's .ci files")
+    return find_depth(start[0])
 
 
 @dataclass
 class Flash:
-    """Flash of the library with some options left out: bytes on a Cortex-M4F, float, -Os.
+    """Flash of the library on a Cortex-M4F, in float at -Os, with some parts left out."""
 
-    The size is 0 if the compiler is not installed.
-    """
-
-    row: dict[str, Any]
-    size: int = 0
+    row: dict[str, Any]  # row `flash` of tests/budgets.toml: name, definitions, limit
+    size: int = 0  # [bytes] 0 if the compiler is not installed
 
     def list_exceeded(self) -> list[str]:
+        """Return a message if the limit is exceeded."""
         over = self.size > self.row["limit"]
         return (
             [f"flash {self.row['name']}: {self.size:,}, the limit is {self.row['limit']:,}"] if over else []
@@ -204,7 +209,7 @@ class Flash:
 
 
 def measure_option(work: m.Work, row: dict[str, Any]) -> Flash:
-    """Return the flash of the library for a row of options."""
+    """Build the library with the definitions of a row; return its flash."""
     machine = next(x for x in m.list_machines() if x.name == "Cortex-M4F")
     if machine.find_missing():
         return Flash(row)
@@ -225,11 +230,13 @@ def measure_option(work: m.Work, row: dict[str, Any]) -> Flash:
     )
 
 
-# ---- where instructions go
+# ---- instructions by function
 
 
 def print_profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
-    """Print the functions that execute the most instructions."""
+    """Print the 30 functions that execute the most instructions.
+
+    Rows from_ to `to` - 1 of the drive are counted."""
     machine = next(x for x in m.list_machines() if x.name == target["machine"])
     flags = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
     fast = set_level(machine, target.get("level", "-O3"))
@@ -263,26 +270,28 @@ def print_profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> 
 HEAD = """\
 <!-- Written by `python3 scripts/dev/budgets.py`. -->
 
-Cost of the default filter, {compiler}: instructions of a row (-O3, as in CMakeLists.txt,
-unless a row states another level; mean over the recorded drive as an ordinary car,
-longest of that and of artificial rows), flash at -Os without effects, with and without the
-particle filter, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
+Cost of the default filter, compiled by {compiler}. Mean: instructions of a row, mean over
+the recorded drive as an ordinary car. Longest: maximum over the drive and artificial rows.
+Both are at -O3, as in CMakeLists.txt, unless the target names a different level. Flash: at
+-Os without effects; `with particles` adds the particle filter. Limits are from
+tests/budgets.toml. Bold: the goal is not met.
 
 """
 KINDS = """\
-Instructions by kind of row, mean / longest: the drive; rows of 0.1 s at 2.2 m/s and 9 m/s;
-2.2 m/s at 10 ms; channels with wrong values; pauses of 0.11 s and 100 s; channels missing
-at random; the drive with steering and accel_x logged late."""
+Instructions of a row by kind of row, mean / longest. drive: the recorded drive; long: rows
+of 0.1 s at 2.2 m/s and 9 m/s; slow: 2.2 m/s, rows of 10 ms; absurd: wrong values; breaks:
+pauses of 0.11 s and 100 s; missing: channels missing at random; late: the drive with
+delayed steering angle and accel_x."""
 FLASH = """\
-Flash of a Cortex-M4F in float at -Os by what is left out: settings, step,
-learnt state, with what they need of libc."""
+Flash of the library on a Cortex-M4F, in float at -Os: settings, step and learnt state, with
+the functions of libc that they call. The first column says which parts are left out."""
 STACKS = """\
-Stack below `tse_step`: written on these rows, and along the deepest path of calls; of
-`tse_prepare`: written."""
+Stack. written: bytes that `tse_step` overwrote in all these rows; deepest path: sum over the
+deepest path of calls from `tse_step`; `tse_prepare`: bytes that it overwrote."""
 
 
 def format_table(measured: list[Measured], flash: list[Flash]) -> str:
-    """Return the tables of all targets."""
+    """Return the tables of all targets in Markdown."""
     lines = [
         "| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |",
         f"|---|{7 * '---:|'}",
@@ -330,20 +339,23 @@ def format_table(measured: list[Measured], flash: list[Flash]) -> str:
 
 
 def main() -> int:
-    """Measure, write the table and check the limits."""
+    """Measure, write the tables and check the limits."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--short", action="store_true", help="the targets that the tests measure; no table is written"
+        "--short", action="store_true", help="measure only the targets that the tests measure; write no file"
     )
     parser.add_argument(
-        "--only", default="", metavar="TEXT", help="targets with this in their name; no table is written"
+        "--only",
+        default="",
+        metavar="TEXT",
+        help="measure only targets with TEXT in their name; write no file",
     )
     parser.add_argument(
         "--profile",
         nargs=2,
         type=int,
         metavar=("FROM", "TO"),
-        help="instructions by function over these rows",
+        help="print how many instructions each function executes in these rows",
     )
     args = parser.parse_args()
     limits = tomllib.loads(LIMITS.read_text())

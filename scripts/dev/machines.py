@@ -1,11 +1,12 @@
-"""Build and run programs of tests/embedded for each machine.
+"""Build the programs of tests/embedded for each machine, and run them.
 
-scripts/dev/platforms.py compares their bits, scripts/dev/budgets.py measures
-instructions, code and memory.
+scripts/dev/platforms.py checks that their results are equal in all bits.
+scripts/dev/budgets.py measures instructions, code and memory.
 
-A program consists of tse.c of scripts/dev/amalgamate.py, a main file, a port, and the
-recorded drive as a table. qemu-system-arm emulates microcontrollers, qemu-user other
-processors. Machines whose tools are not installed are skipped, with the reason.
+A program consists of four parts: tse.c, which scripts/dev/amalgamate.py makes of the
+library; a file with main(); a port to the machine; and the recorded drive as a table.
+qemu-system-arm emulates microcontrollers, qemu-user emulates other processors. A machine
+whose tools are not installed is skipped, and the reason is printed.
 """
 
 import csv
@@ -25,20 +26,21 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = ROOT / "tests" / "embedded"
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 
-# Flags of CMakeLists.txt for the library. Simple compilers such as tcc do not know them.
+# Flags with which CMakeLists.txt compiles the library. Simple compilers such as tcc do
+# not accept them.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-# Time of the processor, s. A program that takes longer hangs: the slowest one, double in
-# software on an M3, takes one minute.
+# [s] limit of processor time. The slowest program, which computes double in software on
+# an emulated M3, needs one minute, so that a program that exceeds the limit hangs.
 MAX_SECONDS = 600
 
 
 def read_formats() -> list[str]:
-    """Return the number formats of CMakeLists.txt."""
+    """Return the number formats that CMakeLists.txt allows."""
     row = re.search(
         r"set_property\(CACHE TSE_REAL PROPERTY STRINGS ([\w ]+)\)", (ROOT / "CMakeLists.txt").read_text()
     )
     if not row:
-        raise SystemExit("CMakeLists.txt: no list of number formats at TSE_REAL")
+        raise SystemExit("CMakeLists.txt: the list of number formats (STRINGS of TSE_REAL) is missing")
     return row[1].split()
 
 
@@ -48,7 +50,9 @@ def find_golden_file(real: str) -> Path:
 
 
 def read_golden(real: str) -> dict[str, str]:
-    """Return the hashes of tests/replay/update.py by filter and way of resampling."""
+    """Return the hashes that tests/replay/update.py has written, by run.
+
+    The name of a run has the filter and the method of resampling."""
     return {
         name: hash_
         for hash_, name in re.findall(r"^# hash (\w+) (.+)$", find_golden_file(real).read_text(), re.M)
@@ -57,47 +61,45 @@ def read_golden(real: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Board:
-    """A microcontroller that qemu emulates: its memories and the tick of SysTick."""
+    """A microcontroller that qemu emulates."""
 
-    machine: str
-    flash: int
+    machine: str  # name of the board in qemu
+    flash: int  # address of the flash
     flash_bytes: int
-    ram: int
+    ram: int  # address of the RAM
     ram_bytes: int
-    tick: int  # quarters of a nanosecond
+    tick: int  # [0.25 ns] period of SysTick
 
 
 MB = 1 << 20
 M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250)  # nRF51822 at 16 MHz
-M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz, as the next two
-M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)
-M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)
-M33 = Board("mps2-an505", 0x10000000, 4 * MB, 0x38000000, 2 * MB, 200)  # 20 MHz; secure memories
+M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
+M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
+M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz
+# 20 MHz; the addresses are those of the secure memories of TrustZone
+M33 = Board("mps2-an505", 0x10000000, 4 * MB, 0x38000000, 2 * MB, 200)
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A compiler and a machine.
-
-    `run`: command that runs a program; `only`: the number formats to run (default: all).
-    """
+    """A machine, with the compiler and the command that runs a program on it."""
 
     name: str
-    cc: tuple[str, ...]
-    flags: tuple[str, ...]
-    run: tuple[str, ...] = ()
-    board: Board | None = None
-    only: tuple[str, ...] = ()
+    cc: tuple[str, ...]  # command of the compiler
+    flags: tuple[str, ...]  # compiler flags of this machine
+    run: tuple[str, ...] = ()  # command that runs a program; (): the program itself
+    board: Board | None = None  # None: no microcontroller
+    only: tuple[str, ...] = ()  # number formats to run; (): all
     leaves: tuple[str, ...] = ()  # number formats to skip
-    port: str = "host.c"
-    link: tuple[str, ...] = ("-lm",)
-    refused: bool = False  # True if these flags must not compile
-    known: tuple[str, ...] = FLAGS
-    # Number formats of the short run: those whose byte order, width or compiler differs.
+    port: str = "host.c"  # file of tests/embedded with the functions of the machine
+    link: tuple[str, ...] = ("-lm",)  # flags of the linker
+    refused: bool = False  # True: the library must refuse to compile with these flags
+    known: tuple[str, ...] = FLAGS  # flags in FLAGS that the compiler accepts
+    # number formats of the short run: it covers each byte order, word size and compiler
     short: tuple[str, ...] = ()
 
     def find_missing(self) -> str:
-        """Return the reason why the machine is not available, or ""."""
+        """Return the reason if the machine cannot be used here, otherwise ""."""
         for program in (self.cc[0], *self.run[:1]):
             if not shutil.which(program):
                 return f"{program} is not installed"
@@ -131,6 +133,7 @@ class Machine:
 
 @cache
 def read_version(command: tuple[str, ...]) -> str:
+    """Return the version of a program, or "?" if it prints none."""
     ask = "-v" if command[0] == "tcc" else "version" if "ziglang" in command else "--version"
     said = subprocess.run(
         [*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False
@@ -142,7 +145,7 @@ def read_version(command: tuple[str, ...]) -> str:
 def make_cortex(
     name: str, board: Board, cpu: str, *fpu: str, level: str = "-O2", short: tuple[str, ...] = ()
 ) -> Machine:
-    """Return an emulated microcontroller with gcc."""
+    """Return an emulated Cortex-M microcontroller, with gcc as the compiler."""
     qemu = ("qemu-system-arm", "-M", board.machine, "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native")  # fmt: skip
     flags = (
@@ -154,7 +157,8 @@ def make_cortex(
         level,
     )
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
-    # Without a unit for double, double is computed in software, as on the M3.
+    # A processor with a unit for float only computes double in software, as the M3 does.
+    # Double is therefore run on the M3 only.
     leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()
     return Machine(
         name,
@@ -178,7 +182,7 @@ def make_qemu_user(
     refused: bool = False,
     short: tuple[str, ...] = (),
 ) -> Machine:
-    """Return a processor emulated by qemu-user with gcc."""
+    """Return a processor that qemu-user emulates, with gcc as the compiler."""
     compiler, link = (f"{triple}-gcc",), ("-lm", "-static")
     return Machine(
         name, compiler, ("-O2", *flags), (qemu,), only=only, link=link, refused=refused, short=short
@@ -186,7 +190,7 @@ def make_qemu_user(
 
 
 def make_zig(name: str, target: str, qemu: str, *flags: str) -> Machine:
-    """Return a processor emulated by qemu-user with the compiler of zig."""
+    """Return a processor that qemu-user emulates, with zig as the compiler."""
     cc = (sys.executable, "-m", "ziglang", "cc", "-target", target)
     return Machine(name, cc, ("-O2", *flags), (qemu,), link=("-lm", "-static"))
 
@@ -203,7 +207,8 @@ def list_machines() -> list[Machine]:
     return [
         *native,
         Machine("x86-64, denormals flushed", ("gcc",), ("-O2", "-DFLUSH_DENORMALS")),
-        # tcc does not fold conditions in real constants, which fixed point needs.
+        # Constants in fixed point are conditional expressions of real numbers, which tcc
+        # does not evaluate at compile time.
         Machine("x86-64", ("tcc",), (), known=(), leaves=("fixed",)),
         make_qemu_user("i686, SSE2", "i686-linux-gnu", "qemu-i386", "-msse2", "-mfpmath=sse"),
         make_qemu_user(
@@ -257,10 +262,10 @@ def list_machines() -> list[Machine]:
 
 
 def write_rows() -> str:
-    """Return the recorded drive as text of rows.h.
+    """Return the recorded drive as the text of rows.h.
 
-    Numbers are copied as written, so the compiler converts each to the nearest value of
-    its format.
+    Numbers are copied digit by digit. The compiler converts each to the nearest value of
+    its number format.
     """
     out = []
     with DRIVE.open() as file:
@@ -271,10 +276,10 @@ def write_rows() -> str:
 
 
 def write_frames() -> str:
-    """Return the recorded drive as text of frames.h: the CAN frames of each period of 10
-    ms.
+    """Return the recorded drive as the text of frames.h, with the CAN frames of each row.
 
-    scripts/dropin/can/control_loop.h has the format. A lost row has no frames.
+    A row is a period of 10 ms. scripts/dropin/can/control_loop.h has the format of the
+    frames. A row that the log lacks has no frames.
     """
     out, period, count = [], 0, 0
     scales = (
@@ -287,7 +292,7 @@ def write_frames() -> str:
         for row in csv.reader(x for x in file if x[0].isdigit()):
             period += round(100 * float(row[0]))
             if not any(row[1:]):
-                raise SystemExit(f"{DRIVE}: a row without any channel has no frame")
+                raise SystemExit(f"{DRIVE}: a row has no channel; frames need at least one")
             for id_, *numbers in scales:
                 if not any(row[at] for at, _ in numbers):
                     continue
@@ -295,7 +300,7 @@ def write_frames() -> str:
                 for k, (at, per) in enumerate(numbers):
                     raw = round(per * float(row[at] or 0))
                     if row[at] and abs(raw / per - float(row[at])) > 1e-12:
-                        raise SystemExit(f"{DRIVE}: {row[at]} is finer than the bus")
+                        raise SystemExit(f"{DRIVE}: {row[at]} is no multiple of the resolution, 1/{per}")
                     data[3 * k : 3 * k + 3] = (raw & 0xFFFFFF).to_bytes(3, "little")
                     data[6] |= (not row[at]) << k
                 count += 1
@@ -306,13 +311,13 @@ def write_frames() -> str:
 
 @dataclass
 class Work:
-    """A folder with the files that all builds share."""
+    """A folder for builds, with the sources that all of them share."""
 
     folder: Path
-    made: set[str] = field(default_factory=set)
+    made: set[str] = field(default_factory=set)  # "sources", after they are written
 
     def write_sources(self) -> Path:
-        """Write the sources once; return their folder."""
+        """Write the shared sources at the first call. Return their folder."""
         folder = self.folder / "sources"
         if "sources" not in self.made:
             folder.mkdir(parents=True, exist_ok=True)
@@ -325,36 +330,38 @@ class Work:
 
 
 class Failed(Exception):
-    """A command failed; the text is its output."""
+    """A command failed. The message is its output."""
 
 
 def explain_misfit(text: str) -> str:
-    """Return the reason if a program is larger than the memories of a board, else ""."""
+    """Return the reason if an error means that a program is too large, otherwise "".
+
+    `text`: output of the linker or the program."""
     overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
     if overflow:
-        return f"{int(overflow[2]):,} B more than its {overflow[1]}"
-    return "too little of its RAM is left for the stack" if "no room for the stack" in text else ""
+        return f"{overflow[1]} is too small by {int(overflow[2]):,} B"
+    return "RAM is too small for the stack" if "no room for the stack" in text else ""
 
 
 def limit_time() -> None:
-    """Limit the time of the processor. A busy machine makes elapsed time long."""
+    """Limit the processor time of this process. Elapsed time would depend on the load."""
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_SECONDS, MAX_SECONDS))
 
 
 def run_command(command: list[str]) -> str:
-    """Run a command within MAX_SECONDS; return its output."""
+    """Run a command, for at most MAX_SECONDS. Return its output."""
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limit_time
     )
     if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
-        raise Failed(f"stopped after {MAX_SECONDS} s of processor time, or by a signal")
+        raise Failed(f"stopped by a signal, probably after {MAX_SECONDS} s of processor time")
     if done.returncode:
-        raise Failed((done.stdout + done.stderr).strip() or f"ended with {done.returncode}")
+        raise Failed((done.stdout + done.stderr).strip() or f"ended with exit code {done.returncode}")
     return done.stdout + done.stderr
 
 
 def write_layout(board: Board, folder: Path, stack: int) -> Path:
-    """Write the linker script of a board."""
+    """Write the linker script of a board with `stack` bytes of stack; return its path."""
     text = (HERE / "cortex_m.ld").read_text()
     sizes = {
         "FLASH": board.flash,
@@ -380,9 +387,26 @@ def build_program(
     stack: int = 2048,
     beside: Iterable[Path] = (),
 ) -> Path:
-    """Compile and link a program; return its path.
+    """Compile and link a program. Return its path.
 
-    `more`: further flags, such as -DTSE_NO_EFFECTS; `beside`: further source files.
+    Parameters
+    ----------
+    work : Work
+        The folder for builds.
+    machine : Machine
+        Machine and compiler.
+    real : str
+        Number format.
+    main : str
+        File of tests/embedded with main().
+    name : str
+        Name of the folder for the program.
+    *more : str
+        Further compiler flags, such as -DTSE_NO_EFFECTS.
+    stack : int
+        Size of the stack on a microcontroller, bytes.
+    beside : iterable of Path
+        Further source files.
     """
     sources = work.write_sources()
     folder = work.folder / re.sub(r"[^\w]+", "-", f"{name}-{real}")
@@ -408,7 +432,7 @@ def build_program(
 
 
 def run_program(machine: Machine, program: Path, *options: str) -> str:
-    """Run a program on its machine; return its output."""
+    """Run a program on its machine. Return its output."""
     if machine.board:
         return run_command([*machine.run, *options, "-kernel", str(program)])
     return run_command([*machine.run, str(program)])

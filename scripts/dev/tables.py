@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Write the parts of C sources and headers that come from src/tables/*.toml.
+"""Generate the parts of C sources and headers that repeat src/tables/*.toml.
 
     scripts/dev/tables.py
-        write structs, enumerations and rows
+        write the generated parts: structs, enumerations, rows of tables
     scripts/dev/tables.py --check
-        change nothing; fail and name the files that would change
+        change nothing; fail if a part is out of date, and name its file
 
-A part stands between `// clang-format off: table NAME` and `// clang-format on: end of
-table`. REGIONS has its content by name.
+A generated part stands between `// clang-format off: table NAME` and `// clang-format on:
+end of table`. REGIONS has the function that generates the part NAME.
 """
 
 import argparse
@@ -41,16 +41,17 @@ CONFIG = (
     "formula",
     "filter",
 )
-SECTIONS = dict.fromkeys(
-    ("sensors", "latency", "velocity", "pedals", "road"), "sensors"
-)  # table: file that has it beside others
+# file of a table that shares its file with other tables. Any other table is the whole
+# file of its name
+SECTIONS = dict.fromkeys(("sensors", "latency", "velocity", "pedals", "road"), "sensors")
 SECTIONS |= dict.fromkeys(("sim", "sim_input", "sim_output"), "sim")
-NO_RANGE = "0.0, 1.0, -1.0"
-# End of the text of a setting, by its column `filter`, in tables with settings of both
-# filters.
+NO_RANGE = "0.0, 1.0, -1.0"  # default, low and high of a row of tse_describe() without range
+# In these tables, some settings are for one filter only. Their text gets the suffix in
+# ONLY; the key is the value of the setting's column `filter`.
 ONLY_IN = ("vehicle", "sensors", "filter")
 ONLY = {"default": "; default filter", "paper": "; paper's filter"}
-# Begin of the text about an effect, by its column `filter`.
+# First part of the sentence on how the filters use an effect. The key is the value of the
+# effect's column `filter`.
 USES = {
     "both": "both filters use it",
     "default": "the default filter uses it, the paper's does not",
@@ -60,22 +61,24 @@ Row = dict[str, Any]
 
 
 def read(name: str) -> Row:
-    """Return a table as it is in its file."""
+    """Return a table of src/tables, unchanged."""
     table = tomllib.loads((ROOT / "src" / "tables" / f"{find_file(name)}.toml").read_text(encoding="utf-8"))
     return table[name] if name in SECTIONS else table
 
 
 def find_file(name: str) -> str:
-    """Return the file of src/tables that has a table, less its end."""
+    """Return the name of the file of src/tables that has a table, without suffix."""
     return SECTIONS.get(name, name)
 
 
 def read_settings(name: str) -> dict[str, Row]:
-    """Return the settings of a table by their names: defaults, ranges, units, texts.
+    """Return the settings of a table by name: defaults, range, unit and text of each.
 
-    default: of tse_config_default(), an ordinary car; exact: of tse_config_exact(), a car
-    that is known exactly; filter: the filters whose estimate the setting moves, "both"
-    unless the row states another.
+    Columns added to those of the file:
+    default: value in tse_config_default(), an ordinary car;
+    exact: value in tse_config_exact(), a car that is known exactly;
+    whole: True if the setting is an integer;
+    filter: filters whose estimate the setting changes; "both" if the file has no value.
     """
     table = read(name)
     if name == "formula":
@@ -103,55 +106,65 @@ def read_settings(name: str) -> dict[str, Row]:
 
 
 def read_config() -> dict[str, Row]:
-    """Return all settings of tse_config, in its order."""
+    """Return all settings of tse_config, in the order of its members."""
     return {n: row for table in CONFIG for n, row in read_settings(table).items()}
 
 
 def format_c(x: float | int | str) -> str:
-    """Return a number, or an expression, as C has it."""
+    """Return a number as C source. A string is already a C expression."""
     return x if isinstance(x, str) else repr(x)
 
 
 def format_start(row: Row, of: str = "default") -> str:
-    """Return the default, limited to `most` if a build may lower that.
+    """Return a default as C source.
 
-    `of`: "default", or "exact" for a car that is known exactly.
+    If the upper limit is a C expression, a build option may set it below the default. The
+    result is then the smaller of both.
+
+    Parameters
+    ----------
+    row : dict
+        The setting.
+    of : str
+        "default" for tse_config_default(), "exact" for tse_config_exact().
     """
     default, most = format_c(row[of]), format_c(row["most"])
     return f"{default} < {most} ? {default} : {most}" if isinstance(row["most"], str) else default
 
 
 def format_short(x: float | int | str) -> str:
-    """Return a number for people."""
+    """Return a number in the short form of comments."""
     return x if isinstance(x, str) else f"{x:.10g}"
 
 
 def quote(x: str) -> str:
-    """Return a string of C."""
+    """Return a text as a C string literal."""
     return json.dumps(x, ensure_ascii=False)
 
 
 def pack_lines(parts: Iterable[str]) -> list[str]:
-    """Fill lines of 106 columns with parts."""
+    """Return the parts, joined by spaces, in lines of at most 106 columns.
+
+    No part is broken: a NUL stands for each of its spaces until fill_tables()."""
     return textwrap.wrap(
         " ".join(p.replace(" ", "\0") for p in parts), 106, break_long_words=False, break_on_hyphens=False
     )
 
 
 def format_member(kind: str, name: str, about: str, width: int) -> str:
-    """Return a member of a struct with its comment on the same line."""
+    """Return the line of a struct member, with a comment after column `width`."""
     return f"{f'{kind} {name};':<{width}} /* {about} */"
 
 
 def describe_setting(row: Row) -> str:
-    """Return the comment on a setting: unit, default, range, text."""
+    """Return the comment on a setting: [unit] default, range; text."""
     unit = "" if row.get("whole") else f"[{row['unit']}] "
     numbers = f"{format_short(row['default'])}, {format_short(row['least'])} .. {format_short(row['most'])}"
     return f"{unit}{numbers}; {row['text']}"
 
 
 def list_members(rows: dict[str, Row], real: str) -> list[str]:
-    """Return the members of a struct of settings."""
+    """Return the members of a struct of settings. `real`: type of the real settings."""
     return [
         format_member(
             "int32_t" if r.get("whole") else real, n, describe_setting(r), 45 if real == "tse_setting" else 28
@@ -161,7 +174,7 @@ def list_members(rows: dict[str, Row], real: str) -> list[str]:
 
 
 def format_field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
-    """Return a row of tse_describe()."""
+    """Return the row of tse_describe() for the member `place` of struct `of`."""
     return (
         f"{{ {quote(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {quote(unit)}, "
         f"{quote(says)} }},"
@@ -169,12 +182,12 @@ def format_field(of: str, name: str, kind: str, place: str, numbers: str, unit: 
 
 
 def make_fmu_name(group: str, name: str) -> str:
-    """Return the name of a setting among the parameters of an FMU."""
+    """Return the name of the FMU parameter that holds a setting."""
     return f"{ {'formula': 'effects', 'sim': 'simulation'}.get(group, group) }.{name}"
 
 
 def list_settings() -> Iterator[str]:
-    """Yield a list of settings for each table, without parameters of effects."""
+    """Yield a macro SETTINGS_<TABLE> with the settings of each table, except effects."""
     for group in (*(g for g in CONFIG if g != "effects"), "sim"):
         rows = [
             f"{'WHOLE' if r['whole'] else 'REAL'}({quote(make_fmu_name(group, n))}, {n}, "
@@ -189,18 +202,20 @@ def list_settings() -> Iterator[str]:
 
 
 def read_channels() -> list[Row]:
-    """Return the channels of a row."""
+    """Return the required channels of a log row."""
     return list(read("input")["channel"])
 
 
 def read_optional() -> list[Row]:
-    """Return the optional channels of a row."""
+    """Return the optional channels of a log row."""
     table = read("input")
     return [*table["velocity"], *table["pedal"], *table["road"]]
 
 
 def list_inputs(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
-    """Return the members of tse_input."""
+    """Return the members of tse_input for channels.
+
+    `outside`: what the filter does if the value is out of range, by kind of channel."""
     return [
         format_member(
             "tse_real",
@@ -217,7 +232,7 @@ def list_inputs(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
 
 
 def read_outputs() -> dict[str, Row]:
-    """Return the columns of the estimates by name."""
+    """Return the output columns by name."""
     return {
         n: {"member": n, "kind": "real", "unit": "", **row} for n, row in read("output")["column"].items()
     }
@@ -239,9 +254,9 @@ def list_output_members() -> list[str]:
 
 
 def list_hashed_outputs() -> list[str]:
-    """Return the outputs of the hash of a recorded drive.
+    """Return the outputs over which tests compute the hash of a recorded drive.
 
-    estimate_age is not among them: no channel is late in these drives.
+    estimate_age is left out: it is always 0 in these drives, which have no late channel.
     """
     rows = [(n, r) for n, r in read_outputs().items() if n != "estimate_age"]
     return [
@@ -252,7 +267,7 @@ def list_hashed_outputs() -> list[str]:
 
 
 def list_codes(table: str) -> list[str]:
-    """Return the codes of a table as an enumeration."""
+    """Return the codes of a table of status.toml as the constants of an enumeration."""
     return [
         f"{n + ' = ' + str(r['code']) + ',':<29} /* {r['text']} */" for n, r in read("status")[table].items()
     ]
@@ -280,7 +295,9 @@ def list_constants() -> list[str]:
 
 
 def list_config_groups() -> list[str]:
-    """Return first index and count of some tables among settings of the same type."""
+    """Return constants with the first index and the number of the settings of a table.
+
+    The index counts the settings of the same type, real or integer, in tse_config."""
     parts = []
     reals = [n for n, r in read_config().items() if not r["whole"]]
     wholes = [n for n, r in read_config().items() if r["whole"]]
@@ -294,7 +311,7 @@ def list_config_groups() -> list[str]:
 
 
 def list_copies(group: str) -> Iterator[str]:
-    """Yield the constants that equal a setting of a table."""
+    """Yield the rows that copy settings of a table to members of tse_params."""
     for name, row in read_settings(group).items():
         constant = row.get("constant", [])
         yield from (f"COPY({x}, {name})," for x in ([constant] if isinstance(constant, str) else constant))
@@ -304,7 +321,7 @@ def list_copies(group: str) -> Iterator[str]:
 
 
 def describe_use(effect: Row) -> str:
-    """Return the sentence about the use of an effect by the filters."""
+    """Return the sentence on how the filters use an effect."""
     parts = [USES[effect["filter"]]]
     if "remark" in effect:
         parts.append(effect["remark"])
@@ -340,15 +357,15 @@ def describe_settings() -> list[str]:
 
 
 def count_effect_numbers() -> list[str]:
-    """Return the count of tse_real of struct tse_effects, as a constant of C.
+    """Return the definition of TSE_EFFECT_NUMBERS, the number of reals in tse_effects.
 
-    It holds the settings of the effects and ten numbers of mass and formula.
+    They are the settings of the effects and ten numbers for mass and formula.
     """
     return [f"#define TSE_EFFECT_NUMBERS {len(read_settings('effects')) + 10}"]
 
 
 def list_effect_parameters() -> Iterator[str]:
-    """Yield the parameters of the effects as a list."""
+    """Yield a macro with the parameters of all effects."""
     roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
     rows = [
         f"ROW(REAL, {r['effect']}, {n.removeprefix(r['effect'] + '_')}, {format_c(r['default'])}, "
@@ -362,7 +379,7 @@ def list_effect_parameters() -> Iterator[str]:
 
 
 def list_hooks(*hooks: str) -> list[str]:
-    """Return a list of the effects of each hook."""
+    """Return a macro EFFECTS_<HOOK> for each hook, with its effects."""
     rows = read("effects")
     return [
         f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h)
@@ -371,7 +388,7 @@ def list_hooks(*hooks: str) -> list[str]:
 
 
 def define_formula_limits() -> list[str]:
-    """Return the limits of a formula and the count of its numbers, as constants of C."""
+    """Return the definitions of the limits of a formula and of its number of numbers."""
     table = read("formula")
     numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
     rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}
@@ -387,7 +404,7 @@ def describe_limits() -> list[str]:
 
 
 def list_operations() -> Iterator[str]:
-    """Yield the operations of a formula as a list."""
+    """Yield a macro with the operations of a formula."""
     rows = read("formula")["operation"].items()
     yield from format_macro(
         "FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY)",
@@ -402,7 +419,9 @@ def list_operations() -> Iterator[str]:
 
 
 def read_truths() -> list[tuple[str, str, str, Row]]:
-    """Return group, name, member and row of the columns that only a simulated row has."""
+    """Return group, name, member and row of each column with a true value.
+
+    Only a simulated row has such columns."""
     rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 
@@ -411,22 +430,19 @@ def read_truths() -> list[tuple[str, str, str, Row]]:
 
 
 def format_macro(name: str, rows: Iterable[str]) -> Iterator[str]:
-    """Yield a list as a macro, a row a line."""
+    """Yield the lines of a macro that lists rows, one row in a line."""
     lines = [line for row in rows for line in fold(f"  {row} \\")]
     yield f"#define {name} \\"
     yield from lines[:-1]
     yield lines[-1].removesuffix(" \\")
 
 
-ENUMERATIONS = {
-    "status": "Status",
-    "change_kind": "ChangeKind",
-    "fault_channel": "FaultChannel",
-}  # of outputs with codes
+# FMI type of each output that is a code
+ENUMERATIONS = {"status": "Status", "change_kind": "ChangeKind", "fault_channel": "FaultChannel"}
 
 
 def format_output(name: str, r: Row) -> str:
-    """Return the row of an output: its macro depends on the kind."""
+    """Return the row of an output in the macro OUTPUTS, which depends on its kind."""
     head, says = f"{name}, {r['member']}", quote(r["text"])
     of, _, index = r["member"].partition("[")
     if r["kind"] == "reason":
@@ -449,7 +465,7 @@ def format_output(name: str, r: Row) -> str:
 
 
 def format_truth(group: str, name: str, place: str, r: Row) -> str:
-    """Return the row of a column that only the simulator has."""
+    """Return the row of a true value in the macro TRUTHS."""
     of, _, index = place.partition("[")
     if r["kind"] == "stiffness":
         si = {"stiffness": "mean_si", "drawn": "drawn_si"}[of]
@@ -458,9 +474,9 @@ def format_truth(group: str, name: str, place: str, r: Row) -> str:
 
 
 def list_columns() -> Iterator[str]:
-    """Yield a list for each kind of channel and output."""
+    """Yield a macro for each kind of columns: channels, inputs, outputs, true values."""
 
-    def ends(r: Row) -> str:
+    def format_end(r: Row) -> str:
         return f"{format_c(r['least'])}, {format_c(r['most'])}, {quote(r['unit'])}, {quote(r['text'])})"
 
     table = read("input")
@@ -472,11 +488,12 @@ def list_columns() -> Iterator[str]:
     }
     for name, rows in kinds.items():
         yield from format_macro(
-            f"{name}(ROW)", (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {ends(r)}" for r in rows)
+            f"{name}(ROW)",
+            (f"ROW({r['name']}, {int(r.get('kind') == 'drives')}, {format_end(r)}" for r in rows),
         )
     driver = read_settings("sim_input").items()
     yield from format_macro(
-        "DRIVER(ROW)", (f"ROW({n}, {format_c(r['default'])}, {ends(r)}" for n, r in driver)
+        "DRIVER(ROW)", (f"ROW({n}, {format_c(r['default'])}, {format_end(r)}" for n, r in driver)
     )
     yield from format_macro(
         "OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON)",
@@ -501,19 +518,19 @@ def list_columns() -> Iterator[str]:
 
 
 def list_changes() -> list[str]:
-    """Return word and meaning of what may have changed, by their codes."""
+    """Return word and meaning of each kind of change, in the order of the codes."""
     return [f"{{ {quote(r['word'])}, {quote(r['text'])} }}," for r in read("output")["change"].values()]
 
 
-DEFINITION = re.compile(  # of a function or an array that other files may use
+DEFINITION = re.compile(  # definition in a C file of a function or array that is not static
     r"^(?!static|typedef|#|\s|TSE_INLINE)[a-z][\w *]*?\b(\w+)(?:\([^;{}]*\)\s*\{|\[[^\]]*\] = \{)", re.M
 )
 
 
 def define_internal_names() -> Iterator[str]:
-    """Yield prefixed names for functions and arrays that files of src share, by folder.
+    """Yield a macro that adds a prefix to each name that files of src share.
 
-    Names of the API are not among them.
+    The names are of functions and arrays that are neither static nor part of the API.
     """
     for folder in sorted(p for p in (ROOT / "src").iterdir() if p.is_dir() and p.name != "number"):
         texts = [path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.c"))]
@@ -524,7 +541,7 @@ def define_internal_names() -> Iterator[str]:
             yield from (f"#define {name} TSE_NAME(tse_{name})" for name in internal)
 
 
-REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # name of a region: its lines
+REGIONS: dict[str, Callable[[], Iterable[str]]] = {  # function that returns the lines of a part
     "settings_lists": list_settings,
     "output_members": list_output_members,
     "hashed_outputs": list_hashed_outputs,
@@ -624,7 +641,7 @@ REMARK = re.compile(r"(.*\S)(\s+)/\* (.*) \*/$")
 
 
 def fold_remark(code: str, gap: str, remark: str) -> list[str]:
-    """Continue a remark that is too long below itself."""
+    """Return a line with a comment at its end, which continues in the lines below."""
     column = len(code) + len(gap)
     first, *rest = textwrap.wrap(remark, MAX_COLUMNS - column - 6, break_long_words=False)
     lines = [f"{code}{gap}/* {first}", *(f"{' ' * column} * {part}" for part in rest)]
@@ -632,7 +649,9 @@ def fold_remark(code: str, gap: str, remark: str) -> list[str]:
 
 
 def split_text(word: str, room: int) -> list[str]:
-    """Split a C string that is longer than a line into neighbours, which C joins."""
+    """Split a C string literal that is longer than `room` into adjacent literals.
+
+    C joins adjacent literals."""
     if not word.startswith('"') or len(word) <= room:
         return [word]
     end = word.rindex('"')
@@ -641,7 +660,8 @@ def split_text(word: str, room: int) -> list[str]:
 
 
 def fold_row(line: str) -> list[str]:
-    """Break a row of a table between its parts; a macro continues by backslashes."""
+    """Break a row of a table between its words. In a macro, lines end with a
+    backslash."""
     is_macro = line.endswith(" \\")
     body = line.removesuffix(" \\")
     indent = " " * (len(body) - len(body.lstrip()) + 4)
@@ -658,7 +678,7 @@ def fold_row(line: str) -> list[str]:
 
 
 def fold(line: str) -> list[str]:
-    """Return a generated line in lines of at most MAX_COLUMNS."""
+    """Return a generated line as lines of at most MAX_COLUMNS."""
     if len(line) <= MAX_COLUMNS:
         return [line]
     if m := REMARK.match(line):
@@ -667,7 +687,7 @@ def fold(line: str) -> list[str]:
 
 
 def fill_tables(source: str) -> str:
-    """Return a source or header with its tables as they are now."""
+    """Return the text of a C file with its generated parts made anew."""
 
     def put(m: re.Match[str]) -> str:
         indent = m[1][: m[1].index("/")]
@@ -678,10 +698,15 @@ def fill_tables(source: str) -> str:
 
 
 def main() -> int:
+    """Write the generated parts of all files, or check that they are up to date."""
     parser = argparse.ArgumentParser(
-        description="Write what C sources and headers have of the tables in src/tables."
+        description="Generate the parts of C sources and headers that repeat src/tables/*.toml."
     )
-    parser.add_argument("--check", action="store_true", help="change nothing; fail where something would be")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="change nothing; fail if a part is out of date, and name its file",
+    )
     check = parser.parse_args().check
     status = 0
     for path in sorted(p for pattern in SOURCES for p in ROOT.glob(pattern)):
@@ -690,7 +715,7 @@ def main() -> int:
             continue
         if check:
             print(
-                f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/dev/tables.py",
+                f"tables: {path.relative_to(ROOT)} differs from src/tables: run scripts/dev/tables.py",
                 file=sys.stderr,
             )
             status = 1
