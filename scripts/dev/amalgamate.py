@@ -1,17 +1,18 @@
 #!/usr/bin/env python3
-"""Write tse as two files, tse.h and tse.c. scripts/dropin/README.md names the builds.
+"""Write the C library as two files, tse.h and tse.c, for users without CMake.
 
     python3 scripts/dev/amalgamate.py --out FOLDER
         write tse.h, tse.c, LICENSE, NOTICE
     python3 scripts/dev/amalgamate.py --out FOLDER --real float --no-effects
         write these options into both files as defaults
 
-src/CMakeLists.txt lists the files and their order. Functions that only other files of the
-library call become static: the public API alone is visible. The options of CMakeLists.txt
-are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS,
-TSE_NO_EFFECTS, TSE_NO_PARTICLES, TSE_FORMULA. TSE_NO_DESCRIBE is a macro of the two
-files: a linker cannot drop unused texts from a single object file. The same sources and
-options give the same bytes. Needs Python only.
+scripts/dropin/README.md says how to compile them. The files of src are joined in the
+order of src/CMakeLists.txt. A function or variable that is not part of the public API
+becomes static. Macros replace the options of CMakeLists.txt: TSE_REAL_FLOAT,
+TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_PARTICLES,
+TSE_FORMULA. TSE_NO_DESCRIBE exists in these two files only: it removes the tables of
+texts, which a linker cannot remove from a single object file. The same sources and
+options give the same bytes. The script needs Python only.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FORMATS = ("double", "float", "fixed")
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
-FORMATTER = re.compile(r"^ *// clang-format o(?:n|ff).*\n", re.M)  # marks of tables
+FORMATTER = re.compile(r"^ *// clang-format o(?:n|ff).*\n", re.M)  # comments to clang-format
 ALIAS = re.compile(r"^#define (\w+) +TSE_NAME\(\w+\)\n", re.M)
 TOKEN = re.compile(
     r"""(?P<space>\s+|/\*.*?\*/|//[^\n]*|\\\n)
@@ -42,7 +43,7 @@ TOKEN = re.compile(
 
 
 class Wrong(Exception):
-    """The sources have a form that this script cannot read."""
+    """This script cannot read the sources. The message names the place."""
 
 
 # ---- sources, as listed by the build
@@ -50,21 +51,22 @@ class Wrong(Exception):
 
 @dataclass
 class Sources:
-    """Files of src/CMakeLists.txt in order of dependency, and those of the effects."""
+    """The files of the library."""
 
-    files: list[str]
-    with_effects: set[str]
+    files: list[str]  # files of src, each after the files that it needs
+    with_effects: set[str]  # files that the build leaves out with TSE_EFFECTS=OFF
     version: str
 
     @staticmethod
     def read() -> Sources:
+        """Read the lists of files in src/CMakeLists.txt, and the version."""
         cmake = (ROOT / "src" / "CMakeLists.txt").read_text()
         listed = re.search(r"add_library\(tse\s([^)]*)\)", cmake)
         left_out = re.search(r"set_source_files_properties\(([^)]*) PROPERTIES HEADER_FILE_ONLY ON\)", cmake)
         version = re.search(r'TSE_VERSION "([^"]+)"', (ROOT / "include/tse/version.h").read_text())
         if not (listed and left_out and version):
             raise Wrong(
-                "src/CMakeLists.txt or include/tse/version.h: the form is not the one that this script reads"
+                "src/CMakeLists.txt or include/tse/version.h: a list of files or the version is not found"
             )
         return Sources(re.sub(r"#.*", "", listed[1]).split(), set(left_out[1].split()), version[1])
 
@@ -74,32 +76,32 @@ class Sources:
 
 @dataclass
 class Token:
-    kind: str
+    """A token of C."""
+
+    kind: str  # name of a group in TOKEN
     text: str
-    at: int
+    at: int  # index of its first character in the source
 
 
 def read_tokens(text: str) -> Iterator[Token]:
+    """Yield the tokens of a C source, with spaces, comments and directives."""
     for m in TOKEN.finditer(text):
         yield Token(str(m.lastgroup), m[0], m.start())
 
 
 @dataclass
 class Declaration:
-    """A declaration at file scope.
+    """A declaration at file scope."""
 
-    `names`: all names that it declares; `function`: its name, if it declares a function;
-    `shared`: True for a variable that is not static.
-    """
-
-    at: int
+    at: int  # index of its first character in the source
     static: bool
-    function: str = ""
-    shared: bool = False
-    names: list[str] = field(default_factory=list)
+    function: str = ""  # name of the function that it declares; "": it declares no function
+    shared: bool = False  # True: it declares a variable that is not static
+    names: list[str] = field(default_factory=list)  # all names that it declares
 
 
 def find_declarations(text: str) -> Iterator[Declaration]:
+    """Yield the declarations at file scope of a C source."""
     row: list[Token] = []
     depth = 0
     body = False
@@ -114,10 +116,11 @@ def find_declarations(text: str) -> Iterator[Declaration]:
             yield parse_declaration(row)
             row, body = [], False
     if row:
-        raise Wrong(f"no end of the declaration at '{' '.join(t.text for t in row[:8])}'")
+        raise Wrong(f"the declaration that begins with '{' '.join(t.text for t in row[:8])}' does not end")
 
 
 def parse_declaration(row: list[Token]) -> Declaration:
+    """Return the declaration that consists of these tokens."""
     words = [t.text for t in row if t.text != "__extension__"]
     static = words[0] in ("static", "TSE_INLINE")
     d = Declaration(row[0].at, static)
@@ -140,9 +143,9 @@ def parse_declaration(row: list[Token]) -> Declaration:
 
 
 def find_macros(text: str) -> list[str]:
-    """Return the names that are macros at the end of a text, in order of definition.
+    """Return the macros that are defined at the end of a source, in order of definition.
 
-    Conditions of the preprocessor are not evaluated.
+    Conditions of the preprocessor are not evaluated: both branches count.
     """
     left: dict[str, None] = {}
     for what, name in re.findall(r"^[ \t]*#[ \t]*(define|undef)[ \t]+(\w+)", text, re.M):
@@ -154,7 +157,9 @@ def find_macros(text: str) -> list[str]:
 
 
 def rename_words(text: str, names: dict[str, str]) -> str:
-    """Replace some identifiers of a text; members of structs keep their names."""
+    """Rename identifiers of a source. Members of structs keep their names.
+
+    `names`: new name of each identifier."""
     out: list[str] = []
     before = ""
     for t in read_tokens(text):
@@ -168,10 +173,10 @@ def rename_words(text: str, names: dict[str, str]) -> str:
 
 
 def make_static(text: str, public: set[str]) -> str:
-    """Make variables and functions that are not public static.
+    """Make static each variable, and each function that is not in `public`.
 
-    The file that defines a variable precedes those that use it, so its `extern`
-    declaration is removed. C++ would read it as a second definition.
+    An `extern` declaration of a variable is removed. It is not needed, because the file
+    that defines the variable comes first, and C++ would refuse it as a second definition.
     """
     found = list(find_declarations(text))
     places = [d.at for d in found if d.shared or (d.function and not d.static and d.function not in public)]
@@ -187,6 +192,8 @@ def make_static(text: str, public: set[str]) -> str:
 
 
 class Amalgamation:
+    """The texts of tse.h and tse.c. `defaults`: options that they have as defaults."""
+
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
         self.defaults = defaults
@@ -195,9 +202,10 @@ class Amalgamation:
     # -- tse.h
 
     def copy_public_header(self, name: str) -> str:
-        """Return a header of include/tse with the headers that it includes, each once.
+        """Return a header of include/tse, with the headers that it includes inserted.
 
-        The headers keep their guards, for programs that include tse/tse.h as well.
+        A header that is already part of tse.h is not inserted again. Headers keep their
+        include guards, for programs that include tse/tse.h, too.
         """
         if name in self.header_done:
             return ""
@@ -205,13 +213,14 @@ class Amalgamation:
         text = FORMATTER.sub("", (ROOT / "include" / name).read_text())
 
         def put(m: re.Match[str]) -> str:
-            if not m[1].startswith("tse/"):  # number type of a test, in place of tse_real
+            if not m[1].startswith("tse/"):  # a header of the tests that replaces tse_real
                 return '#error "TSE_REAL_STRONG is for the tests of the library\'s own sources"\n'
             return self.copy_public_header(m[1])
 
         return f"\n{INCLUDE.sub(put, text)}"
 
     def make_header(self) -> str:
+        """Return the text of tse.h."""
         only_with_effects = {f"tse/{Path(x).stem}.h" for x in self.sources.with_effects}
         there = sorted(f"tse/{p.name}" for p in (ROOT / "include/tse").glob("*.h"))
         text = self.copy_public_header("tse/tse.h")
@@ -224,7 +233,9 @@ class Amalgamation:
         return self.format_head("tse.h", HOW_TO_USE) + self.define_defaults() + text
 
     def define_defaults(self) -> str:
-        """Return the defaults of --real and similar options. Macros of the user win."""
+        """Return C code that defines the options of this script as macros.
+
+        An option is defined only if the user has not defined it."""
         lines = []
         if "real" in self.defaults:
             formats = " && ".join(f"!defined(TSE_REAL_{x.upper()})" for x in FORMATS)
@@ -233,12 +244,14 @@ class Amalgamation:
             if name.startswith("TSE_"):
                 lines += [f"#if !defined({name})", f"#define {name} {value}", "#endif"]
         return "".join(
-            f"{x}\n" for x in (["", "/* How amalgamate.py was called. */", *lines] if lines else [])
+            f"{x}\n"
+            for x in (["", "/* Options with which amalgamate.py was called. */", *lines] if lines else [])
         )
 
     # -- tse.c
 
     def make_source(self) -> str:
+        """Return the text of tse.c."""
         headers = [remove_c_plus_plus(p) for p in (ROOT / "include/tse").glob("*.h")]
         public = {d.function for text in headers for d in find_declarations(text) if d.function}
         parts = self.read_parts()
@@ -253,17 +266,17 @@ class Amalgamation:
                 whole = f"\n#if !defined(TSE_NO_EFFECTS)\n{whole}\n#endif /* TSE_NO_EFFECTS */\n"
             if re.fullmatch(r"paper/.*\.c", name):
                 whole = f"\n#if !defined(TSE_NO_PARTICLES)\n{whole}\n#endif /* TSE_NO_PARTICLES */\n"
-            if name == "host/describe.c":  # a linker cannot drop its texts from a single file
+            if name == "host/describe.c":  # a linker cannot remove its texts from a single object file
                 whole = f"\n#if !defined(TSE_NO_DESCRIBE)\n{whole}\n#endif /* TSE_NO_DESCRIBE */\n"
             text += whole
         return self.format_head("tse.c", "") + PROLOGUE + text
 
     def read_parts(self) -> dict[str, str]:
-        """Return the files of src in their order.
+        """Return the text of each file of src, in the order of the build.
 
-        A header without a guard becomes part of the file that includes it, because its
-        prerequisites stand above that place only. Static functions need neither extern
-        "C" nor a name with the number format.
+        A header without an include guard is inserted into the file that includes it,
+        because it uses names that this file has defined above. Aliases that add the
+        number format to a name are removed, because the functions become static.
         """
         texts = {name: remove_c_plus_plus(ROOT / "src" / name) for name in self.sources.files}
         fragments = {
@@ -280,22 +293,24 @@ class Amalgamation:
         }
 
     def format_part(self, name: str, text: str) -> str:
-        """Return a file without its includes: the headers stand above it."""
+        """Return a file without its #include lines: the headers stand above it."""
 
         def put(m: re.Match[str]) -> str:
-            return m[0] if m[1] == "tse_formula.h" else ""  # written by tselab for the user
+            # tse_formula.h is not in tse.c: 'tselab formula' writes it for the user
+            return m[0] if m[1] == "tse_formula.h" else ""
 
         return f"\n/* ======== {name} */\n\n{INCLUDE.sub(put, text)}"
 
     def format_head(self, name: str, more: str) -> str:
+        """Return the comment at the top of a file; `more` is its end."""
         return ABOUT.format(name=name, version=self.sources.version) + more + " */\n"
 
 
 def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Find names that two files use for different things; return new names by file.
+    """Return new names for the names that several files define, for each file.
 
-    For example, `factor` of host/simulate.c becomes `simulate_factor`. A file refers to
-    the names of the headers that it includes, directly or indirectly.
+    For example, `factor` of host/simulate.c becomes `simulate_factor`. In a file, a name
+    means that of the file itself or of a header that it includes, directly or not.
     """
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
@@ -316,7 +331,7 @@ def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
         for name in parts if len(of) > 1 else ():
             meant = sorted(of & seen[name])
             if len(meant) > 1:
-                raise Wrong(f"{name}: {x} is defined in {' and '.join(meant)}")
+                raise Wrong(f"{name}: the name {x} is ambiguous: it is defined in {' and '.join(meant)}")
             for path in map(Path, meant):
                 folders = {Path(n).parent for n in parts if Path(n).stem == path.stem}
                 new[name][x] = (
@@ -326,13 +341,15 @@ def resolve_clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
 
 
 def remove_c_plus_plus(path: Path) -> str:
-    """Return a file without extern "C", which tse.h has for the public functions."""
+    """Return a file without its extern "C" blocks.
+
+    The declarations of the public functions in tse.h have extern "C"."""
     return FORMATTER.sub("", C_PLUS_PLUS.sub("", path.read_text()))
 
 
 ABOUT = """\
 /* {name} - tse {version}, a tyre-stiffness estimator, in two files: tse.h and tse.c.
- * Written by scripts/dev/amalgamate.py, not by hand.
+ * Generated by scripts/dev/amalgamate.py: do not edit.
  *
  * Copyright the tse authors. Licensed under the Apache License, Version 2.0: see LICENSE
  * and NOTICE, which belong to these files.
@@ -344,14 +361,15 @@ HOW_TO_USE = """\
  * Compile tse.c as C99 along with your program, with optimisation, and link sqrt (-lm).
  * Options are macros. Define the same ones for tse.c and for each file that includes
  * tse.h, because they change the layout of the structs:
- *   TSE_REAL_DOUBLE     number format (default)
- *   TSE_REAL_FLOAT      number format; names of another format do not link
- *   TSE_REAL_FIXED      number format, without floating point
- *   TSE_MAX_PARTICLES   capacity, default 512; RAM grows with it
- *   TSE_LATENCY_ROWS    capacity, default 32; RAM grows with it
+ *   TSE_REAL_DOUBLE     numbers are double (default)
+ *   TSE_REAL_FLOAT      numbers are float; a program that uses another format does not link
+ *   TSE_REAL_FIXED      numbers are 64-bit fixed point; no floating point is used
+ *   TSE_MAX_PARTICLES   max number of particles, default 512; RAM grows with it
+ *   TSE_LATENCY_ROWS    max number of rows kept for late channels, default 32; RAM grows
+ *                       with it
  *   TSE_NO_EFFECTS      no effects beyond the plain model, no simulator, no replay
  *   TSE_NO_VELOCITY     no measured velocities: saves 1.9 kB of RAM in float
- *   TSE_NO_PARTICLES    no filter of the paper: saves 12 kB of flash
+ *   TSE_NO_PARTICLES    no particle filter of the paper: saves 12 kB of flash
  *   TSE_SMALL           lateral motion alone, 14 states instead of 23; without velocities
  *                       and particles
  *   TSE_NO_DESCRIBE     no tse_describe() (names, units, texts): saves 36 kB of flash
@@ -361,7 +379,7 @@ HOW_TO_USE = """\
 
 PROLOGUE = """
 #if defined(TSE_STATE_H)
-#error "tse.c is compiled by itself: nothing includes tse.h before it"
+#error "compile tse.c by itself, without tse.h or a header of the library before it"
 #endif
 #define TSE_INTERNALS
 #include "tse.h"
@@ -370,16 +388,16 @@ PROLOGUE = """
 #error "compile tse.c without -ffast-math and -ffinite-math-only: a missing channel is NaN"
 #endif
 
-/* a*b + c rounds twice on every machine, whatever the flags: the same bits with and without
- * a fused multiply-add. gcc fuses unless it is given a standard (-std=c99), clang where both
- * stand in one expression. */
+/* Compute a*b + c with two roundings on every machine, so that results are equal in all bits
+ * with and without a fused multiply-add instruction. By default, gcc uses this instruction
+ * unless a standard is selected (-std=c99), and clang uses it within an expression. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__) && !defined(__STRICT_ANSI__)
 #pragma GCC optimize("fp-contract=off")
 #endif
 
-/* Which of the small functions are called depends on the number format. */
+/* Some inline functions are not called in every number format. */
 #if defined(__GNUC__)
 #pragma GCC diagnostic ignored "-Wunused-function"
 #endif
@@ -390,7 +408,7 @@ PROLOGUE = """
 
 
 def write_files(out: Path, defaults: dict[str, str]) -> None:
-    """Write tse.h and tse.c into the folder `out`; other files in it stay."""
+    """Write tse.h, tse.c, LICENSE and NOTICE into the folder `out`. Keep other files."""
     amalgamation = Amalgamation(defaults)
     texts = {"tse.h": amalgamation.make_header(), "tse.c": amalgamation.make_source()}
     texts |= {name: (ROOT / name).read_text(encoding="utf-8") for name in ("LICENSE", "NOTICE")}
@@ -400,14 +418,18 @@ def write_files(out: Path, defaults: dict[str, str]) -> None:
 
 
 def main() -> int:
-    """Read the options and write the files."""
+    """Parse the options and write the files."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
-    parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
-    parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
-    parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32), or 0: no channel is late")
+    parser.add_argument("--real", choices=FORMATS, help="number format if the user defines no macro (double)")
+    parser.add_argument("--max-particles", type=int, help="max number of particles, 16 .. 65535 (512)")
+    parser.add_argument(
+        "--latency-rows",
+        type=int,
+        help="rows kept for late channels, 8 .. 1024 (32), or 0: no channel is late",
+    )
     parser.add_argument(
         "--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay"
     )
@@ -415,7 +437,7 @@ def main() -> int:
     for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024)):
         value = getattr(a, name)
         if value is not None and not lo <= value <= hi and not (name == "latency_rows" and value == 0):
-            parser.error(f"--{name.replace('_', '-')} must lie in {lo} .. {hi}")
+            parser.error(f"--{name.replace('_', '-')} = {value} is outside its range {lo} .. {hi}")
     capacities = {"TSE_MAX_PARTICLES": a.max_particles, "TSE_LATENCY_ROWS": a.latency_rows}
     defaults = {"real": a.real, **capacities}
     defaults = {name: str(value) for name, value in defaults.items() if value is not None}

@@ -1,12 +1,12 @@
-"""Write the typed names of the Python API, scripts/tse/_tables.py, from tables of the C
-library.
+"""Generate scripts/tse/_tables.py, the typed names of the Python API.
 
     .venv/bin/python scripts/dev/api_tables.py
         write the file
     .venv/bin/python scripts/dev/api_tables.py --check
-        fail if the file differs from the tables; a test runs this
+        fail if the file is out of date; a test runs this
 
-A file instead of names made at run time: type checkers and editors read it, too.
+The names come from the tables of the C library. They are written to a file, and not made
+at run time, so that type checkers and editors can read them.
 """
 
 import argparse
@@ -17,13 +17,11 @@ from pathlib import Path
 from tse.library.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parents[1] / "tse" / "_tables.py"
-UNITS = {
-    "cx_front": "N",
-    "cy_front": "N/rad",
-    "cy_rear": "N/rad",
-}  # units of the API; the library has these values relative to nominal
+# units of the stiffnesses in the Python API. In the library, stiffnesses are relative to
+# their nominal values
+UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}
 HEAD = '''\
-"""Names, units and ranges of the library's tables, by scripts/dev/api_tables.py."""
+"""Names, units and ranges of the C library. scripts/dev/api_tables.py generates this."""
 
 from __future__ import annotations
 
@@ -35,18 +33,18 @@ from tse._base import EstimateBase
 '''
 
 
-WIDTH = 90  # columns; the indent and quotes of a docstring take ten
+WIDTH = 90  # max columns of a docstring, of which indent and quotes take ten
 
 
 def format_docstring(text: str, unit: str = "") -> str:
-    """Return the docstring of an attribute, at most WIDTH wide."""
+    """Return the docstring of an attribute, in lines of at most WIDTH columns."""
     text = text[:1].upper() + text[1:] + (f" [{unit}]" if unit not in ("", "1") else "")
     lines = textwrap.wrap(text.replace('"', "'") + ("" if text.endswith(".") else "."), WIDTH - 10)
     return textwrap.indent('"""' + "\n".join(lines) + '"""', "    ")
 
 
 def write_row() -> list[str]:
-    """Return the lines of the typed row."""
+    """Return the members of class Row."""
     lines = []
     for f in library().fields(INPUT):
         if f.name in ("missing", "given"):
@@ -55,13 +53,15 @@ def write_row() -> list[str]:
             lines += [
                 "    dt: float",
                 format_docstring(
-                    "time since the row before; not needed in the first row. Or give `time`",
+                    "time since the previous row; not needed in the first row, or if `time` is given",
                     "s, above 0 .. 3600",
                 ),
             ]
             lines += [
                 "    time: float",
-                format_docstring("on any clock; `dt` is what it has gone on since the row before", "s"),
+                format_docstring(
+                    "time of the row on any clock; `dt` is then its difference to the previous row", "s"
+                ),
             ]
             continue
         lines += [f"    {f.name}: float", format_docstring(f.text, f.range_text)]
@@ -69,15 +69,15 @@ def write_row() -> list[str]:
 
 
 def find_stiffness(f: Field) -> str | None:
-    """Return the stiffness that a field belongs to, or None."""
+    """Return the stiffness to which a field belongs, or None."""
     return next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
 
 
 def write_estimate() -> list[str]:
-    """Return the lines of the class of estimates."""
+    """Return the members of class Estimate."""
     lines = [
         "    time: float",
-        format_docstring("of the row, on the clock of `time`; else the sum of `dt`", "s"),
+        format_docstring("time of the row: its `time` or, if rows have none, the sum of `dt`", "s"),
     ]
     for f in library().fields(OUTPUT):
         stiffness = find_stiffness(f)
@@ -85,25 +85,28 @@ def write_estimate() -> list[str]:
             judged = f.name.removesuffix("_valid")
             lines += [
                 f"    {f.name}: bool",
-                format_docstring(f"whether {judged} may be used; {judged}_reason is the reason if not"),
+                format_docstring(f"whether {judged} may be used; if not, {judged}_reason is the reason"),
             ]
             lines += [
                 f"    {judged}_reason: Reason",
-                format_docstring(f"'valid', or the reason why {judged} is not"),
+                format_docstring(f"'valid', or the reason why {judged} may not be used"),
             ]
         elif f.name.endswith("_spread_seen"):
             lines += [
                 f"    {f.name}: bool",
                 format_docstring(
-                    "whether the spread is estimated; else it is below what sensors and excitation show"
+                    "whether the spread is estimated; if not, it is the setting, or too small to observe"
                 ),
             ]
         elif f.name == "status":
-            lines += ["    status: Status", format_docstring("use of the row; `status_text` is a sentence")]
+            lines += [
+                "    status: Status",
+                format_docstring("use of the row; `status_text` describes it in words"),
+            ]
         elif f.name == "fault_channel":
             lines += [
                 "    fault_channel: str | None",
-                format_docstring("the channel that is likeliest at fault; None: none"),
+                format_docstring("the channel that is most probably faulty; None: there is none"),
             ]
         elif f.is_integer:
             lines += [f"    {f.name}: int", format_docstring(f.text)]
@@ -131,8 +134,8 @@ def write_module() -> str:
             "",
             "",
             "class Status(IntEnum):",
-            '    """Use of a row. Below 0: refused, nothing has changed; 0: used; above: used, with',
-            '    this caution."""',
+            '    """Use of a row. Below 0: the row was refused, and the estimates are unchanged; 0: the',
+            '    row was used; above 0: it was used, with this warning."""',
             "",
             *status,
             "",
@@ -146,8 +149,8 @@ def write_module() -> str:
             "",
             "@dataclass(frozen=True, slots=True)",
             "class Estimate(EstimateBase):",
-            '    """Estimates after a row. SI units, stiffness per axle; `_sd`: standard deviation of',
-            '    the mean."""',
+            '    """Estimates after a row. SI units; a stiffness is that of an axle; `_sd` is the',
+            '    standard deviation of an estimate."""',
             "",
             *write_estimate(),
             "",
@@ -156,17 +159,18 @@ def write_module() -> str:
 
 
 def main() -> int:
-    """Write the file, or check it."""
+    """Write the file, or check that it is up to date."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="change nothing, fail when it differs")
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; fail if the file is out of date"
+    )
     check = parser.parse_args().check
     there = FILE.read_text(encoding="utf-8") if FILE.exists() else ""
     if there == (new := write_module()):
         return 0
     if check:
         print(
-            f"{FILE.name} is not what the library's tables say: run scripts/dev/api_tables.py",
-            file=sys.stderr,
+            f"{FILE.name} differs from the library's tables: run scripts/dev/api_tables.py", file=sys.stderr
         )
         return 1
     FILE.write_text(new, encoding="utf-8")

@@ -2,13 +2,13 @@
 """Measure the numbers that README and the pages state; write tables to scripts/results.
 
     .venv/bin/python scripts/dev/facts.py
-        all but the studies: about 90 s
+        measure everything except the studies: about 90 s
     .venv/bin/python scripts/dev/facts.py --fmu
-        only outputs and variables of the FMUs: a few seconds
+        write only the tables of outputs and variables of the FMUs: a few seconds
     .venv/bin/python scripts/dev/facts.py --study NAME ...
-        Monte-Carlo studies, all if none is named; an interrupted study is resumed
+        run Monte-Carlo studies, all if no name is given; resume an interrupted study
 
-tests/fmu/importers.py records the verdicts of validators and other importers on the FMUs.
+tests/fmu/importers.py records what validators and other importers report on the FMUs.
 tests/test_readme.py compares README with scripts/results. `python -m docsite.fill` copies
 the tables into the pages.
 """
@@ -25,7 +25,9 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "scripts" / "results"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
-STUDIES = {  # table: runs of each case, study, cases (default: all)
+# name of a table in scripts/results: number of runs of each case, study of `tselab
+# montecarlo`, and cases (all, if none are named)
+STUDIES = {
     "accuracy": (24, "accuracy"),
     "stress": (24, "stress"),
     "peers": (20, "peers"),
@@ -34,10 +36,10 @@ STUDIES = {  # table: runs of each case, study, cases (default: all)
     "paper": (200, "paper"),
     "robust": (16, "robust"),
 }
-PICTURES = ("paper",)
+PICTURES = ("paper",)  # tables of STUDIES that have a picture
 
-# Variables of each FMU that the table for readers lists one by one. The others are listed
-# by group.
+# Names of the variables of each FMU that have a row each in the table. All other
+# variables are listed by group.
 MAIN = {
     "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
     r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",
@@ -46,14 +48,16 @@ MAIN = {
 
 
 def run_command(*command: str | Path) -> str:
-    """Run a command in the repository; return its output."""
+    """Run a command in the folder of the repository. Return its output."""
     return subprocess.run(
         [str(c) for c in command], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout
 
 
 def measure_sizes() -> str:
-    """Return the bytes that a caller provides, by format and capacity (tests/sizes.c)."""
+    """Return a table of the sizes of a filter, by number format and number of particles.
+
+    tests/sizes.c prints the sizes."""
     found: dict[int, dict[str, int]] = {}
     for preset, real in zip(("release", "float", "fixed"), FORMATS, strict=True):
         run_command(
@@ -73,9 +77,10 @@ def measure_sizes() -> str:
 
 
 def list_fmu_variables(model: str, folder: Path) -> str:
-    """Return the main variables of an FMU as modelDescription.xml has them.
+    """Return a table of the variables of an FMU, as modelDescription.xml describes them.
 
-    Variables with the same text, such as those of the three stiffnesses, share a row.
+    Variables with the same description, such as those of the three stiffnesses, share a
+    row.
     """
     rows: dict[tuple[str, str, str], list[ET.Element]] = {}
     others: dict[tuple[str, str], list[str]] = {}
@@ -102,7 +107,7 @@ def list_fmu_variables(model: str, folder: Path) -> str:
 
 
 def describe_fmus() -> None:
-    """Build the FMUs; write the tables of their outputs and variables."""
+    """Build the FMUs, and write the tables of their outputs and variables."""
     print("FMUs ...", flush=True)
     run_command("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
     run_command("cmake", "--build", "--preset", "fmu")
@@ -113,7 +118,9 @@ def describe_fmus() -> None:
 
 
 def run_study(name: str) -> None:
-    """Run the missing runs of a study in build/studies; copy its table and picture."""
+    """Run a study in build/studies, and copy its table and picture to scripts/results.
+
+    Runs that an earlier, interrupted call has done are not repeated."""
     runs, base, *cases = STUDIES[name]
     print(f"{name}: {runs} runs of each case", flush=True)
     out = ROOT / "build" / "studies" / name
@@ -126,7 +133,7 @@ def run_study(name: str) -> None:
 
 
 def measure() -> None:
-    """Write all results but those of studies."""
+    """Measure and write all results, except those of studies."""
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
     print("sizes, time ...", flush=True)
@@ -141,7 +148,7 @@ def measure() -> None:
 
 
 def main() -> int:
-    """Run the requested part."""
+    """Run the part that the options select."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

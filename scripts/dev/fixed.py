@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""Compare the fixed-point build with double on the same drives; write
-scripts/results/fixed.md.
+"""Compare estimates in fixed point with estimates in double on the same drives.
 
     .venv/bin/python scripts/dev/fixed.py [--runs R]
 
-Each drive is simulated once, in double, and both builds read the same log. The libraries
-are built in build/fixed (cmake, a C compiler). 20 runs take six minutes on one free core,
-mostly for the particle filter. Scores and the criterion of divergence are those of tselab
-montecarlo.
+Writes scripts/results/fixed.md. Each drive is simulated once, in double, and both builds
+of the library read the same log. The script builds them in build/fixed with cmake and a C
+compiler. 20 runs take six minutes on one free core, most of it for the particle filter.
+Scores and the criterion of divergence are those of tselab montecarlo.
 """
 
 import argparse
@@ -28,19 +27,28 @@ from tselab.montecarlo.case import START, Case, CaseDrive, simulate_case  # noqa
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
-# Seeds of the filter for each drive. Estimates of a particle filter scatter with its
-# seed: in double, the RMS over the same 20 drives is 3.35 .. 4.10 % of cx_front and 0.76
-# .. 0.92 % of cy_rear for seeds 11, 12, 13 and the seed of the drive. Another way of
-# rounding products scatters them as another seed does.
+# Seeds of the filter. Each filter runs on each drive with each of its seeds. The RMS
+# error of a particle filter depends on the seed: in double, over the same 20 drives, it
+# is 3.35 .. 4.10 % for cx_front and 0.76 .. 0.92 % for cy_rear with seeds 11, 12, 13 and
+# the seed of the drive. Different rounding changes it as much as a different seed.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
-LIMIT = {"rms": 5.0, "valid": 3.0}  # allowed loss: % of the RMS in double, percentage points
-
-
+# limits of the change from double to fixed point. rms: increase of the RMS error, % of
+# that in double; valid: change of the share of valid rows, percentage points
+LIMIT = {"rms": 5.0, "valid": 3.0}
+# CMake options of the smallest build: lateral motion alone, without particles
 SMALL = ("-DTSE_SMALL=ON", "-DTSE_PARTICLES=OFF", "-DTSE_VELOCITY=OFF")
 
 
 def build_library(real: str, small: bool = False) -> Library:
-    """Build a shared library of this tree, unless it is up to date; return it."""
+    """Build a shared library of these sources, and load it.
+
+    Parameters
+    ----------
+    real : str
+        Number format: double or fixed.
+    small : bool
+        True: build with the options in SMALL.
+    """
     folder = ROOT / "build" / ("fixed-small" if small else "fixed") / real
     options = [
         "-DCMAKE_BUILD_TYPE=Release",
@@ -60,7 +68,9 @@ def build_library(real: str, small: bool = False) -> Library:
 
 
 def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
-    """Return the settings of a filter for a simulated car."""
+    """Return the settings of a filter for a simulated car.
+
+    `form`: default or paper; `about`: settings of the car."""
     config = Config.exact({**START, **about}, lib=lib)
     if form != "default":
         config.fill(f"tse_config_{form}")
@@ -70,12 +80,14 @@ def make_config(lib: Library, form: str, about: dict[str, float]) -> Config:
 
 
 def simulate_drive(case: Case, seed: int) -> CaseDrive:
-    """Simulate a drive of a case."""
+    """Simulate a drive of a case with this seed."""
     return simulate_case(case, seed, lambda about: Config.exact({**START, **about}), {})
 
 
 def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
-    """Return a row for each case, form, build and seed. `runs`: number for each form."""
+    """Return the scores, one row for each case, filter, build and seed.
+
+    `runs`: number of drives of each case, by filter."""
     rows = []
     for form, cases in FORMS.items():
         for case in cases:
@@ -97,13 +109,13 @@ def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
 
 
 def compute_validity(d: CaseDrive, estimate: np.ndarray) -> dict[str, float]:
-    """Return the share of valid rows after 5 s for each stiffness, %."""
+    """Return the share [%] of valid rows after 5 s, for each stiffness."""
     later = d.time >= scores.VALID_AFTER - 1e-9
     return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}
 
 
 def compare_builds(runs: pd.DataFrame) -> list[str]:
-    """Return the rows of the table: fixed against double."""
+    """Return the rows of the table that compares fixed point with double."""
     lines = []
     for (case, form), part in runs.groupby(["case", "form"], sort=False):
         a, b = (part[part.build == name] for name in ("double", "fixed"))
@@ -128,13 +140,16 @@ def compare_builds(runs: pd.DataFrame) -> list[str]:
 
 
 def main() -> int:
-    """Run the study and write the page."""
+    """Run the comparison and write the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--runs", type=int, default=20, help="of each case, one seed each")
+    parser.add_argument("--runs", type=int, default=20, help="drives of each case, each with a seed (20)")
     parser.add_argument(
-        "--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long"
+        "--paper-runs",
+        type=int,
+        default=3,
+        help="drives of each case for the particle filter, which takes ten times as long (3)",
     )
     options = parser.parse_args()
     builds = {"double": build_library("double"), "fixed": build_library("fixed")}
@@ -146,7 +161,9 @@ def main() -> int:
 
 
 def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
-    """Return the page with its table."""
+    """Return the page with its table.
+
+    `many`, `few`: options --runs and --paper-runs."""
     columns = [
         "case",
         "form",
@@ -163,18 +180,17 @@ def format_page(runs: pd.DataFrame, fixed: Library, many: int, few: int) -> str:
     ]
     head = ["| " + " | ".join(columns) + " |", "|---|---|---:|---|---|---:|---|---|---:|---|---:|---|"]
     text = [
-        "# Fixed point beside double",
+        "# Fixed point compared with double",
         "",
         f"Written by `.venv/bin/python scripts/dev/fixed.py --runs {many} --paper-runs {few}`: "
-        "seeds 1, 2, ... of each case, every simulate_case simulated once (in double) and read by both "
-        "builds; by the form with particles with four seeds of its own each. "
-        "RMS of the relative errors of cx_front, cy_front, cy_rear over "
-        "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest "
-        "difference of these shares. Limits: RMS at "
-        f"most {LIMIT['rms']:g} % above double's, validity within {LIMIT['valid']:g} points, "
-        "no more divergences.",
+        "each case is simulated with seeds 1, 2, ..., in double, and both builds read the same log. The "
+        "particle filter runs on each log with four seeds of its own. RMS: of the relative errors of "
+        "cx_front, cy_front, cy_rear over 15 .. 30 s, as in every study. Valid: share of valid rows after "
+        "5 s. Points: largest difference of these shares, in percentage points. Limits: RMS at most "
+        f"{LIMIT['rms']:g} % above that in double, share of valid rows within {LIMIT['valid']:g} points, "
+        "no more divergences than in double.",
         "",
-        f"## fixed: {fixed.fraction_bits} bits behind the point",
+        f"## fixed: {fixed.fraction_bits} fraction bits",
         "",
         *head,
         *compare_builds(runs),

@@ -3,10 +3,10 @@
 
     [chrt -r 10] .venv/bin/python scripts/dev/live.py [--seconds 60]
 
-Write scripts/results/live.md. One process sends the frames of a simulated drive over UDP
-multicast in real time: three messages each 10 ms, for wheels, steering wheel and inertial
-sensor. `tselab live` reads them in a process of its own. Then `tselab estimate` reads its
-record, and the file of the drive."""
+Writes scripts/results/live.md. One process sends the CAN frames of a simulated drive over
+UDP multicast in real time: every 10 ms three messages, for wheels, steering wheel and
+inertial sensor. A second process, `tselab live`, reads them, estimates, and records them.
+Then `tselab estimate` reads the record and, for comparison, the file of the drive."""
 
 import argparse
 import os
@@ -21,14 +21,14 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "live.md"
 GROUP, PORT = "239.74.163.2", 43113
-PRIORITY = {0: "usual", 1: "real-time", 2: "real-time"}  # of the schedulers of Linux
+PRIORITY = {0: "usual", 1: "real-time", 2: "real-time"}  # by number of the Linux scheduling policy
 NAMES = {"cy_front": "front, in bends", "cy_rear": "rear, in bends", "cx_front": "front, along"}
 
 import can  # noqa: E402
 import pandas as pd  # noqa: E402
 from measured import ENV, TSELAB  # noqa: E402
 
-import log_formats as formats  # noqa: E402  (writers of short logs, from the tests)
+import log_formats as formats  # noqa: E402  (functions of tests/lab that write logs)
 import trade_files as trade  # noqa: E402
 
 SIGNALS = """
@@ -49,7 +49,7 @@ name = "LateralAcceleration"
 
 
 def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
-    """Return time (s), identifier and bytes of each frame of a drive."""
+    """Simulate a drive. Return time [s], identifier and bytes of each of its frames."""
     clean = formats.make_drive(car, seconds)
     table = clean[["time", "steer_angle", "accel_x", "accel_y", "yaw_rate"]].copy()
     for axle, letter in (("front", "f"), ("rear", "r")):
@@ -60,7 +60,7 @@ def make_frames(car: Path, seconds: float) -> list[tuple[float, int, bytes]]:
 
 
 def send(path: Path, delay: float) -> None:
-    """Send the frames of a log of candump at its times, beginning in `delay` s."""
+    """Send the frames of a candump log at the times in the log, from `delay` [s] on."""
     lines = [line.split() for line in path.read_text().splitlines()]
     frames = [(float(t[1:-1]) - trade.EPOCH, *f.split("#")) for t, _, f in lines]
     with can.Bus(interface="udp_multicast", channel=GROUP, port=PORT) as bus:
@@ -72,7 +72,7 @@ def send(path: Path, delay: float) -> None:
 
 
 def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
-    """Return the estimates of `tselab estimate` with more options."""
+    """Run `tselab estimate` on a log, with further options. Return the estimates."""
     out = log.with_suffix(".again.csv")
     words = [*TSELAB, "estimate", log, "--vehicle", car, "--no-calibrate", "--out", out, *more]
     subprocess.run(
@@ -82,10 +82,10 @@ def estimate_by_command(log: Path, car: Path, *more: object) -> pd.DataFrame:
 
 
 def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str]:
-    """Run `tselab live` on the frames of a log; return the summary that it prints.
+    """Run `tselab live` while a second process sends the frames of a log.
 
-    The groups are frames, rows, rows a second, and median, 99 % and maximum delay in
-    ms."""
+    Return the summary that the command prints, as a match with these groups: number of
+    frames, number of rows, rows a second, delay [ms]: median, 99 %, maximum."""
     sender = subprocess.Popen([sys.executable, __file__, "--send", str(log)], env=ENV)
     words = [*TSELAB, "live", "--interface", "udp_multicast", "--channel", GROUP, "--bus", f"port={PORT}"]
     words += ["--database", str(folder / "car.dbc"), "--vehicle", str(car)]
@@ -103,12 +103,12 @@ def run_live(folder: Path, car: Path, log: Path, seconds: float) -> re.Match[str
 
 
 def describe_priority() -> str:
-    """Return the priority of this process in words."""
+    """Return the priority of this process, usual or real-time."""
     return PRIORITY[os.sched_getscheduler(0)] if hasattr(os, "sched_getscheduler") else "usual"
 
 
 def main() -> None:
-    """Run drive and command, and write the result."""
+    """Measure, compare and write the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -137,18 +137,19 @@ def main() -> None:
     lines = [
         f"<!-- Written by `scripts/dev/live.py --seconds {asked.seconds:g}`. -->\n",
         f"A simulated drive of {asked.seconds:g} s, {found[1]} frames in three messages each 10 ms, "
-        "sent by another process over UDP multicast in real time; `tselab live` in a process of its own; "
-        f"{describe_priority()} priority; the machine has {os.cpu_count()} cores and {load:.0f} processes "
-        "wanted to run besides.\n",
+        "sent by one process over UDP multicast in real time and read by a second one, `tselab live`; "
+        f"{describe_priority()} priority; the machine has {os.cpu_count()} cores, and its load before was "
+        f"{load:.0f} processes.\n",
         "| | |\n|---|---:|",
         f"| rows a second | {found[3]} |",
-        f"| from a frame to the estimate with it, median | {found[4]} ms |",
-        f"| 99 % of the rows | {found[5]} ms |",
-        f"| longest | {found[6]} ms |",
-        f"| rows of the record through `tselab estimate` | {agree} |\n",
-        "Stiffness at the end with its standard deviation, kN/rad or kN. The frames of the record have the "
-        "stamps of the machine, the file those of the drive.\n",
-        "| stiffness | live | its frames, through `tselab estimate` | the file of the drive |\n"
+        f"| delay from a frame to its estimate, median | {found[4]} ms |",
+        f"| delay, 99 % of the rows at most | {found[5]} ms |",
+        f"| delay, longest | {found[6]} ms |",
+        f"| estimates of `tselab estimate` from the recorded rows | {agree} |\n",
+        "Stiffness at the end with its standard deviation, kN/rad or kN. Time stamps of the recorded frames "
+        "are from this machine, those of the file from the simulation.\n",
+        "| stiffness | `tselab live` | `tselab estimate`, recorded frames | `tselab estimate`, file of the "
+        "drive |\n"
         "|---|---:|---:|---:|",
     ]
     for s, name in NAMES.items():

@@ -3,10 +3,10 @@
 
     .venv/bin/python scripts/dev/long_logs.py [--hours 1] [--formats MF4 "MAT 7.3" ...]
 
-Write scripts/results/long_logs.md; rows of other formats stay as they are. A log repeats
-ten minutes of a drive: four wheels at 50 Hz, the steering wheel at 20 Hz, the inertial
-sensor at 100 Hz, each with a latency. The writers of short logs in tests/lab write it,
-one format at a time, in a temporary folder. The command also writes a report."""
+Writes scripts/results/long_logs.md; rows of formats that are not measured stay unchanged.
+A log repeats ten minutes of a drive: four wheels at 50 Hz, the steering wheel at 20 Hz,
+the inertial sensor at 100 Hz, each with a latency. Functions of tests/lab write it to a
+temporary folder, one format at a time. The measured command also writes a report."""
 
 import argparse
 import re
@@ -19,15 +19,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts"), str(ROOT / "tests" / "lab")]
 RESULT = ROOT / "scripts" / "results" / "long_logs.md"
-PART = 600.0  # s of the drive, which are repeated
+PART = 600.0  # [s] length of the drive that a log repeats
 
 from measured import ENV, TSELAB, measure_command  # noqa: E402
 
-import log_formats as formats  # noqa: E402  (writers of short logs, from the tests)
+import log_formats as formats  # noqa: E402  (functions of tests/lab that write logs)
 
 
 def write_own_csv(folder: Path, parts: list[formats.Message]) -> Path:
-    """Write the same drive as a CSV with the names of tse."""
+    """Write the drive as a CSV with the column names and units of tse. Return its path.
+
+    The CSV is as long as `parts`, the messages of the log in other formats."""
     path = folder / "log.csv"
     table = formats.make_drive(folder.parent / "car.toml", PART).iloc[: round(100 * PART)]
     for k in range(round(len(parts[-1].time) / len(table))):
@@ -41,12 +43,15 @@ FORMATS["CSV of tse"] = write_own_csv
 
 
 def measure_size(path: Path) -> float:
-    """Return the size of a file or folder, MB."""
+    """Return the size [MB] of a file, or of all files in a folder."""
     return sum(p.stat().st_size for p in ([path] if path.is_file() else path.rglob("*"))) / 1e6
 
 
 def measure_estimate(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
-    """Return peak memory (MB of 2**20 bytes), processor time (s), rows of estimates."""
+    """Run `tselab estimate` on a log of a car.
+
+    Return its maximum memory [2**20 bytes], its processor time [s] and the number of
+    rows of estimates."""
     words = [*TSELAB, "estimate", log, "--vehicle", car]
     words += ["--out", folder / "e.parquet", "--report", folder / "r.html"]
     _, _, busy, memory = measure_command(*words)
@@ -56,7 +61,7 @@ def measure_estimate(folder: Path, log: Path, car: Path) -> tuple[float, float, 
 
 
 def main() -> None:
-    """Write and measure a log in each format."""
+    """Write a log in each format, measure the command on it, and write the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -93,9 +98,9 @@ def write_result(rows: dict[str, str], command: str, hours: float) -> None:
     lines = [
         f"<!-- Written by `{command}`. -->",
         "",
-        f"One log of {hours:g} h in each format, four wheels at 50 Hz, the steering wheel at 20 Hz, the "
-        "inertial sensor at 100 Hz, through `tselab estimate LOG --vehicle CAR --out EST.parquet --report "
-        "REPORT.html`: the greatest memory of that process (`ru_maxrss`, MB of 2^20 bytes), one run each.",
+        f"One log of {hours:g} h in each format: four wheels at 50 Hz, steering wheel at 20 Hz, inertial "
+        "sensor at 100 Hz. Command: `tselab estimate LOG --vehicle CAR --out EST.parquet --report "
+        "REPORT.html`. Memory: maximum of the process (`ru_maxrss`, MB of 2^20 bytes) in one run.",
         "",
         "| Format | file | rows | memory | processor |",
         "|---|---:|---:|---:|---:|",

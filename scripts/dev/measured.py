@@ -1,4 +1,4 @@
-"""Measure time and memory of a command, for long_logs.py and tests/gap/scale.py."""
+"""Measure time and memory of a command. long_logs.py and tests/gap/scale.py use it."""
 
 import os
 import subprocess
@@ -12,8 +12,9 @@ ROOT = Path(__file__).resolve().parents[2]
 TSELAB = [sys.executable, "-m", "tselab"]
 PATHS = os.pathsep.join([str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")])
 ENV = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PATHS}
-# The peak memory of a process includes that of its parent at the start. This parent is
-# small.
+# Program that runs a command and prints its exit status, processor time and maximum
+# memory. The maximum memory of a process includes that of its parent when it starts. This
+# parent is therefore a small program, not the script that measures.
 LAUNCH = """
 import os, sys
 quiet = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
@@ -23,16 +24,25 @@ print(status, usage.ru_utime + usage.ru_stime, usage.ru_maxrss)
 
 
 class Taken(NamedTuple):
-    """Time and memory of a process with its children."""
+    """Time and memory of a process and its children."""
 
-    code: int
-    clock: float  # s, elapsed time
-    busy: float  # s, time of the processors
-    memory: float  # bytes, maximum of a single process
+    code: int  # exit code
+    clock: float  # [s] elapsed time
+    busy: float  # [s] processor time of all processes
+    memory: float  # [bytes] maximum memory of a single process
 
 
 def measure_command(*command: object, codes: Collection[int] = (0, 3), env: Mapping[str, str] = ENV) -> Taken:
-    """Run a command and return its time and memory.
+    """Run a command. Return its time and memory.
+
+    Parameters
+    ----------
+    *command
+        Program and arguments.
+    codes : collection of int
+        Exit codes that are no error.
+    env : mapping
+        Environment of the process.
 
     Raises
     ------

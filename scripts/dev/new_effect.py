@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Write the skeleton of an effect: its row, function, test and line of equations.
+"""Write the skeleton of a new effect: table row, function, test and line of equations.
 
     python3 scripts/dev/new_effect.py brake_pull --hook BODY --parameter arm --unit m \\
         --low -0.5 --high 0.5 --typical 0.01 0.05
 
-Afterwards everything builds. Two tests fail: the new one until the formula is written,
-and that of the look-alikes until the row states one. CONTRIBUTING.md, "Add an effect",
-explains each part. The row states what the skeleton does: simulator and replay call the
-function. The filters do not, but they read the settings that a CONSTANT effect changes.
-If the name is taken or a value makes no sense, nothing is written: exit code 2 and a
-sentence that says why. Needs Python only.
+Then everything builds, and two tests fail: the new test until you write the formula, and
+the test of look-alikes until the table row names at least one. CONTRIBUTING.md, "Add an
+effect", explains each part. Simulator and replay call the new function. The filters do
+not call it. They use a CONSTANT effect nevertheless, because they read the settings that
+it changes. If the name exists or a value is not allowed, the script writes nothing,
+prints the reason and ends with exit code 2. It needs Python only.
 """
 
 import argparse
@@ -19,7 +19,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-# hook -> (where the effect acts; signature of its function; its first body)
+# by hook: where the effect acts (column `entry`), signature of its function, and body of
+# its function, which does nothing yet
 HOOKS = {
     "CONSTANT": (
         "parameters",
@@ -72,7 +73,7 @@ static void drive(tse_config *c, double strength)
   replay(c, ROWS_OF_LOG);
 }}
 
-/* The model is continuous at 0: a millionth of a typical size is on, and next to nothing. */
+/* The model is continuous at strength 0: a millionth of a typical size changes almost nothing. */
 static void test_{id}_vanishes_with_its_strength(void)
 {{
   tse_config c = default_car();
@@ -90,8 +91,9 @@ static void test_{id}_does_what_its_equation_says(void)
 {{
   tse_config c = default_car();
   drive(&c, {large:g});
-  /* Replace: got_r, got_x, got_y (yaw rate, accel_x, accel_y of every row), computed by another formula. */
-  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/{laws}, and another one for its effect here");
+  /* Replace this line: compare got_r, got_x, got_y (yaw rate, accel_x, accel_y of every row) with the
+   * results of a different formula for the effect. */
+  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/{laws}, and a different one for its effect here");
 }}
 """
 
@@ -102,31 +104,39 @@ def find_laws(hook: str) -> str:
 
 
 class Refused(Exception):
-    """A skeleton that is not written; the text says why."""
+    """The skeleton cannot be written. The message is the reason."""
 
 
 def check_asked(asked: argparse.Namespace, rows: str) -> None:
-    """Raise Refused if a name is taken or a value makes no sense.
+    """Raise Refused if a name is wrong or exists, or a value is not allowed.
 
-    `rows`: text of effects.toml.
+    Parameters
+    ----------
+    asked : argparse.Namespace
+        Options of the script.
+    rows : str
+        Text of effects.toml.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]{2,39}", asked.name):
-        raise Refused(f"{asked.name}: a name has 3 .. 40 small letters, digits and _, a letter first")
+        raise Refused(f"{asked.name}: a name begins with a letter and has 3 .. 40 small letters, digits or _")
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,29}", asked.parameter):
-        raise Refused(f"--parameter {asked.parameter}: 1 .. 30 small letters, digits and _")
+        raise Refused(
+            f"--parameter {asked.parameter}: a name begins with a letter and has 1 .. 30 small letters, "
+            "digits or _"
+        )
     if f"\n[{asked.name}]\n" in rows:
-        raise Refused(f"{asked.name}: there is such an effect in src/tables/effects.toml")
+        raise Refused(f"{asked.name}: there is such an effect in src/tables/effects.toml; use another name")
     small, large = asked.typical
     in_range = asked.low <= 0 <= asked.high and asked.low < asked.high
     if not in_range or not 0 < small <= large <= max(asked.high, -asked.low):
         raise Refused(
             f"--low {asked.low:g} --high {asked.high:g} --typical {small:g} {large:g}: 0, which is off, "
-            "must be in the range, and the typical sizes, the smaller first, above 0 and in it"
+            "must be in the range; the typical sizes must be above 0, in ascending order, and in the range"
         )
 
 
 def write_row(asked: argparse.Namespace, entry: str) -> str:
-    """Return the section of effects.toml."""
+    """Return the section of effects.toml for the effect."""
     small, large = asked.typical
     sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
     return f"""
@@ -146,20 +156,28 @@ text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positi
 
 
 def find_filter(hook: str) -> str:
-    """Return the column `filter` of an effect without an equation in src/model/car.c.
+    """Return the column `filter` of a new effect: which filters use it.
 
-    A CONSTANT effect changes the settings, which both filters read.
+    A CONSTANT effect changes settings, which both filters read. Any other effect is used
+    by a filter only if src/model/car.c has its equation, which a skeleton does not write.
     """
     return "both" if hook == "CONSTANT" else "none"
 
 
 def write_skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
-    """Return the text of every file that is new or changes, by its path.
+    """Return the text of each new or changed file, with the path as key.
+
+    Parameters
+    ----------
+    asked : argparse.Namespace
+        Options of the script.
+    root : Path
+        Folder of the repository.
 
     Raises
     ------
     Refused
-        The name is taken, or a value makes no sense.
+        The name is wrong or exists, or a value is not allowed.
     """
     table, equations = root / "src" / "tables" / "effects.toml", root / "src" / "EQUATIONS.md"
     rows = table.read_text(encoding="utf-8")
@@ -193,17 +211,21 @@ def write_skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, s
 
 
 def main(arguments: list[str] | None = None) -> int:
+    """Write the skeleton, and print the next steps."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("name", help="the effect's id, for instance brake_pull")
+    parser.add_argument("name", help="id of the effect, for example brake_pull")
     parser.add_argument(
-        "--hook", choices=HOOKS, required=True, help="where the model calls it: see src/tables/effects.toml"
+        "--hook",
+        choices=HOOKS,
+        required=True,
+        help="where the model calls the function; see src/tables/effects.toml",
     )
-    parser.add_argument("--parameter", default="strength", help="its strength; 0 is off")
-    parser.add_argument("--unit", default="1")
-    parser.add_argument("--low", type=float, default=-1.0, help="lower end of the range")
-    parser.add_argument("--high", type=float, default=1.0, help="upper end of the range")
+    parser.add_argument("--parameter", default="strength", help="name of its strength; 0 is off (strength)")
+    parser.add_argument("--unit", default="1", help="unit of the parameter (1)")
+    parser.add_argument("--low", type=float, default=-1.0, help="lower end of the range of the parameter")
+    parser.add_argument("--high", type=float, default=1.0, help="upper end of the range of the parameter")
     sizes = {"nargs": 2, "default": (0.05, 0.2), "metavar": ("LOW", "HIGH")}
     parser.add_argument("--typical", type=float, help="typical sizes on cars", **sizes)
     asked = parser.parse_args(arguments)
@@ -211,7 +233,7 @@ def main(arguments: list[str] | None = None) -> int:
         files = write_skeleton(asked)
         for path in files:
             if path.exists() and path.name.startswith("test_"):
-                raise Refused(f"{path.relative_to(ROOT)} is there already")
+                raise Refused(f"{path.relative_to(ROOT)} exists already; use another name")
     except Refused as error:
         print(f"new_effect: {error}", file=sys.stderr)
         return 2
@@ -219,13 +241,13 @@ def main(arguments: list[str] | None = None) -> int:
         path.write_text(text, encoding="utf-8")
     subprocess.run([sys.executable, ROOT / "scripts" / "dev" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
-    print(f"""  1. the equation and the formula, in src/model/{find_laws(asked.hook)}
-  2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
-     (each of them names it, too), how often cars have it
-  3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
+    print(f"""  1. write the equation and the formula in src/model/{find_laws(asked.hook)}
+  2. complete the row in src/tables/effects.toml: title, channels that show the effect, look-alikes
+     (add this effect to the row of each look-alike, too), how often cars have it
+  3. write the test, tests/unit/model/test_effect_{asked.name}.c, and run it:
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}
-  4. the line in src/EQUATIONS.md, .venv/bin/python scripts/dev/facts.py --fmu,
-     cd scripts && ../.venv/bin/python -m docsite.fill""")
+  4. complete the line in src/EQUATIONS.md; then run .venv/bin/python scripts/dev/facts.py --fmu
+     and cd scripts && ../.venv/bin/python -m docsite.fill""")
     return 0
 
 

@@ -1,23 +1,23 @@
 #!/usr/bin/env python3
-"""Build the page that estimates and drives in a browser: a single file,
-build/site/try.html.
+"""Build the web page that simulates drives and estimates from logs in the browser.
 
     .venv/bin/python scripts/dev/page.py
-        build it
+        write the page to one file, build/site/try.html
     .venv/bin/python scripts/dev/page.py --out FILE
-        build it into another file
+        write the page to a different file
     .venv/bin/python scripts/dev/page.py --without-npm
-        build it as on a machine without npm: it reads CSV only, and the page states it
+        build the page as on a machine without npm: it reads CSV only, and says that
     .venv/bin/python scripts/dev/page.py --ship
-        build the page that git holds, docs/try.html, for users without a compiler
+        write docs/try.html, which is in git, for users without a compiler
     .venv/bin/python scripts/dev/page.py --check
-        fail if docs/try.html was built from other sources
+        fail if docs/try.html was built from different sources
 
-clang and wasm-ld compile the library to WebAssembly, or zig if they are missing
-(scripts/setup.sh platforms). Names, units and rules come from tselab; settings, ranges
-and structs come from the library when the page opens. `npm ci` fetches a reader of
-Parquet and one of TOML by hash (docs/page/package.json); the page contains their
-licences. The same sources and compiler give the same bytes.
+clang and wasm-ld compile the library to WebAssembly. If they are missing, zig does
+(scripts/setup.sh platforms). Names, units and rules in the page are those of tselab.
+Settings, ranges and structs are read from the library when the page opens. `npm ci`
+fetches a reader of Parquet and a reader of TOML, whose hashes are in
+docs/page/package-lock.json; the page contains their licences. The same sources and
+compiler give the same bytes.
 """
 
 import argparse
@@ -38,17 +38,8 @@ SHARED = ROOT / "scripts" / "tse" / "report" / "templates"  # files of the page 
 BUILD = ROOT / "build" / "page"
 PAGE = ROOT / "build" / "site" / "try.html"
 SHIPPED = ROOT / "docs" / "try.html"
-SCRIPTS = (
-    "core.js",
-    "text.js",
-    "map.js",
-    "check.js",
-    "run.js",
-    "draw.js",
-    "log.js",
-    "drive.js",
-    "start.js",
-)  # in the order of the page
+# scripts of the page, in the order in which they run
+SCRIPTS = ("core.js", "text.js", "map.js", "check.js", "run.js", "draw.js", "log.js", "drive.js", "start.js")
 FLAGS = (
     "-std=c99",
     "-O2",
@@ -61,25 +52,26 @@ FLAGS = (
     "-DTSE_REAL_DOUBLE",
     "-DTSE_NO_PARTICLES",
 )
-LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")  # bytes; the filter needs 5 kB
-# The built-in example: half of it on a wetter road.
+# the stack has 262144 bytes, of which the filter needs 5 kB
+LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")
+# Built-in example: double lane changes. From 30 s on, the stiffness is 70 % of nominal.
 DRIVE = "double-lane-change"
 SECONDS = 60.0
 ROAD = (30.0, 0.7)
 SEED = 1
 
 
-# Rows of the check for contradicting channels, 22 minutes at 100 Hz. The page does not
-# respond during the check.
+# Max number of rows that the page checks for contradicting channels: 22 minutes at 100
+# Hz. There is a limit because the page does not respond during the check.
 MAX_CHECKED_ROWS = 1 << 17
 
 
 class Failed(Exception):
-    """The page cannot be built; the text is the reason."""
+    """The page cannot be built. The message is the reason."""
 
 
 def run_command(command: list[str], **more: Any) -> str:
-    """Run a command; return its output.
+    """Run a command. Return its output. `more`: arguments of subprocess.run().
 
     Raises
     ------
@@ -93,7 +85,13 @@ def run_command(command: list[str], **more: Any) -> str:
 
 
 def find_compilers() -> list[list[str]]:
-    """Return the commands that compile C to WebAssembly, with options of the linker."""
+    """Return the installed compilers from C to WebAssembly: commands with options.
+
+    Raises
+    ------
+    Failed
+        There is none.
+    """
     found = []
     if shutil.which("clang") and shutil.which("wasm-ld"):
         found.append(["clang", "--target=wasm32"])
@@ -104,7 +102,8 @@ def find_compilers() -> list[list[str]]:
     if found:
         return found
     raise Failed(
-        "nothing here compiles to WebAssembly: install clang and lld, or run scripts/setup.sh platforms (zig)"
+        "no compiler for WebAssembly is installed: install clang and lld, or run "
+        "scripts/setup.sh platforms (zig)"
     )
 
 
@@ -118,7 +117,9 @@ def write_library() -> Path:
 
 
 def compute_digest() -> str:
-    """Return a hash of the sources of the page, without compiler and packages of npm."""
+    """Return a hash of the sources of the page.
+
+    Compiler and npm packages are not part of it."""
     files = [
         *sorted(write_library().iterdir()),
         *(SOURCES / name for name in ("page.c", "page.html", "vendor.js", "package-lock.json")),
@@ -131,7 +132,7 @@ def compute_digest() -> str:
 
 
 def read_shipped_digest() -> str:
-    """Return the hash stated in the page that git holds, or "" without such a page."""
+    """Return the hash of the sources that docs/try.html states; "" if there is none."""
     found = (
         re.search(r'<meta name="sources" content="(\w+)">', SHIPPED.read_text(encoding="utf-8"))
         if SHIPPED.is_file()
@@ -141,7 +142,9 @@ def read_shipped_digest() -> str:
 
 
 def compile_wasm(cc: list[str] | None = None) -> bytes:
-    """Return the library as WebAssembly."""
+    """Compile the library to WebAssembly, unless it is up to date. Return the binary.
+
+    `cc`: compiler and its options; None: the first of find_compilers()."""
     write_library()
     out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
     cc = cc or find_compilers()[0]
@@ -165,7 +168,7 @@ def compile_wasm(cc: list[str] | None = None) -> bytes:
 
 
 def bundle_npm() -> tuple[str, str]:
-    """Return the packages of npm as a script, and their licences.
+    """Return the npm packages as one script, and the text of their licences.
 
     Raises
     ------
@@ -201,7 +204,7 @@ def bundle_npm() -> tuple[str, str]:
 
 
 def install_modules() -> Path:
-    """Install node_modules by docs/page/package-lock.json."""
+    """Install the npm packages of docs/page/package-lock.json. Return node_modules."""
     folder, files = BUILD / "npm", [SOURCES / "package.json", SOURCES / "package-lock.json"]
     wanted = hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
     mark = folder / "installed"
@@ -215,24 +218,24 @@ def install_modules() -> Path:
 
 
 def read_licence(package: Path) -> str:
-    """Return name, version and text of the licence of a package.
+    """Return name and version of an npm package, and the text of its licence.
 
     Raises
     ------
     Failed
-        The package has no licence, so the page must not contain it.
+        The package has no text of a licence. The page must not contain such a package.
     """
     about = json.loads((package / "package.json").read_text())
     text = next(
         (f.read_text() for f in sorted(package.iterdir()) if f.name.lower().startswith("licen")), None
     )
     if text is None:
-        raise Failed(f"{package.name}: its package holds no text of a licence")
+        raise Failed(f"{package.name}: the package has no text of a licence, so the page must not contain it")
     return f"{about['name']} {about['version']} ({about['license']})\n\n{text.strip()}\n"
 
 
 def make_example() -> dict[str, Any]:
-    """Return the driver's inputs of the built-in example; the page simulates the log."""
+    """Return the driver's inputs of the built-in example. The page simulates its log."""
     import numpy as np
 
     from tse.library.core import Config
@@ -242,9 +245,9 @@ def make_example() -> dict[str, Any]:
     plan = maneuvers.build(DRIVE, config, sample_time=config.sample_time, duration=SECONDS, road=[ROAD])
     rows, step = len(plan.time), config.sample_time
     if not np.array_equal(plan.time, np.rint(np.arange(rows) * step * 1e9) / 1e9):
-        raise Failed("the manoeuvre's times are not those that docs/page/run.js makes")
+        raise Failed(f"{DRIVE}: its times differ from those that docs/page/run.js computes")
     if plan.target_speed is not None or plan.wheel_torque_rear.any() or plan.brake_torque_front is not None:
-        raise Failed(f"{DRIVE}: docs/page/run.js takes steering and front torque only")
+        raise Failed(f"{DRIVE}: has inputs that docs/page/run.js lacks; allowed: steering and front torque")
     changes = [0, *(np.flatnonzero(np.diff(plan.road_level)) + 1)]
     inputs = {
         name: getattr(plan, name).astype("<f8").tobytes() for name in ("steer_angle", "wheel_torque_front")
@@ -257,7 +260,7 @@ def make_example() -> dict[str, Any]:
 
 
 def collect_names() -> dict[str, Any]:
-    """Return names, units and rules of tselab."""
+    """Return the names, units and rules of tselab that the page uses, too."""
     from tse.car import config, vehicle
     from tse.channels import agree, physics, scales, vocabulary
     from tse.estimation import estimate, verdict
@@ -326,16 +329,18 @@ def collect_names() -> dict[str, Any]:
 
 
 def build(out: Path, npm: bool = True) -> list[str]:
-    """Write the page; return messages for the user."""
+    """Write the page to the file `out`. Return messages for the user.
+
+    `npm`: False builds the page without npm packages; it then reads CSV only."""
     said, bundle, notices = [], "const vendor = { parquet: null, tomlReader: null };\n", ""
     if npm:
         try:
             bundle, notices = bundle_npm()
         except Failed as error:
             npm = False
-            said.append(f"without Parquet and vehicle files: {error}")
+            said.append(f"the page is built without Parquet and vehicle files: {error}")
     else:
-        said.append("without Parquet and vehicle files, as asked")
+        said.append("the page is built without Parquet and vehicle files, because of --without-npm")
     facts = {
         "parquet": npm,
         "toml": npm,
@@ -351,7 +356,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
     )
     script = f'{bundle}"use strict";\n(() => {{\n{head}{scripts}}})();\n'
     if "</script" in script or "<!--" in script or "-->" in notices:
-        raise Failed("a script contains a text that ends it in HTML")
+        raise Failed("a script contains </script, <!-- or -->, which would end it in HTML")
     text = (SOURCES / "page.html").read_text()
     own = (
         f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n"
@@ -365,7 +370,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
         ("/* @script@ */", script),
     ):
         if text.count(mark) != 1:
-            raise Failed(f"docs/page/page.html has {mark} {text.count(mark)} times")
+            raise Failed(f"docs/page/page.html contains {mark} {text.count(mark)} times; needed: once")
         text = text.replace(mark, value)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(text, encoding="utf-8")
@@ -374,7 +379,7 @@ def build(out: Path, npm: bool = True) -> list[str]:
 
 
 def main() -> int:
-    """Build, ship or check the page."""
+    """Build the page, or check docs/try.html."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -388,17 +393,18 @@ def main() -> int:
             if read_shipped_digest() == compute_digest():
                 return 0
             raise Failed(
-                f"{SHIPPED.relative_to(ROOT)} was built from other sources: scripts/dev/page.py --ship"
+                f"{SHIPPED.relative_to(ROOT)} was built from different sources: run "
+                "scripts/dev/page.py --ship"
             )
         if options.ship:
             if options.without_npm or not shutil.which("npm"):
-                raise Failed("the page that git holds reads Parquet and vehicle files: npm is needed")
+                raise Failed("--ship needs npm: docs/try.html reads Parquet and vehicle files")
             options.out = SHIPPED
         said = build(options.out, not options.without_npm)
         for line in said:
             print(f"page: {line}")
         if options.ship and len(said) > 1:
-            raise Failed("not to be shipped")
+            raise Failed(f"{SHIPPED.relative_to(ROOT)} must not be committed: npm packages are missing in it")
     except (Failed, ImportError) as error:
         hint = (
             ": run it with .venv/bin/python, after scripts/setup.sh" if isinstance(error, ImportError) else ""

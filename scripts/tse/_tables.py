@@ -1,4 +1,4 @@
-"""Names, units and ranges of the library's tables, by scripts/dev/api_tables.py."""
+"""Names, units and ranges of the C library. scripts/dev/api_tables.py generates this."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ Reason = Literal[
 
 
 class Status(IntEnum):
-    """Use of a row. Below 0: refused, nothing has changed; 0: used; above: used, with
-    this caution."""
+    """Use of a row. Below 0: the row was refused, and the estimates are unchanged; 0: the
+    row was used; above 0: it was used, with this warning."""
 
     E_BUILD = -12
     """This build rounds differently from the tested ones: compile without -ffast-math,
@@ -91,10 +91,11 @@ class Row(TypedDict, total=False):
     to the left). A field that is left out, None or NaN is missing."""
 
     dt: float
-    """Time since the row before; not needed in the first row. Or give `time` [s, above
-    0 .. 3600]."""
+    """Time since the previous row; not needed in the first row, or if `time` is given
+    [s, above 0 .. 3600]."""
     time: float
-    """On any clock; `dt` is what it has gone on since the row before [s]."""
+    """Time of the row on any clock; `dt` is then its difference to the previous row
+    [s]."""
     steer_angle: float
     """Mean road-wheel angle of the front axle, positive left [-1.2 .. 1.2 rad]."""
     wheel_speed_front: float
@@ -133,11 +134,11 @@ class Row(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Estimate(EstimateBase):
-    """Estimates after a row. SI units, stiffness per axle; `_sd`: standard deviation of
-    the mean."""
+    """Estimates after a row. SI units; a stiffness is that of an axle; `_sd` is the
+    standard deviation of an estimate."""
 
     time: float
-    """Of the row, on the clock of `time`; else the sum of `dt` [s]."""
+    """Time of the row: its `time` or, if rows have none, the sum of `dt` [s]."""
     vel_x: float
     """Longitudinal velocity of the centre of gravity [m/s]."""
     vel_x_sd: float
@@ -162,9 +163,9 @@ class Estimate(EstimateBase):
     grip_sd: float
     """Its standard deviation."""
     grip_valid: bool
-    """Whether grip may be used; grip_reason is the reason if not."""
+    """Whether grip may be used; if not, grip_reason is the reason."""
     grip_reason: Reason
-    """'valid', or the reason why grip is not."""
+    """'valid', or the reason why grip may not be used."""
     cx_front: float
     """Longitudinal stiffness, front axle, mean [N]."""
     cx_front_sd: float
@@ -173,12 +174,12 @@ class Estimate(EstimateBase):
     """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
     process sd, sqrt(Sigma) [N]."""
     cx_front_spread_seen: bool
-    """Whether the spread is estimated; else it is below what sensors and excitation
-    show."""
+    """Whether the spread is estimated; if not, it is the setting, or too small to
+    observe."""
     cx_front_valid: bool
-    """Whether cx_front may be used; cx_front_reason is the reason if not."""
+    """Whether cx_front may be used; if not, cx_front_reason is the reason."""
     cx_front_reason: Reason
-    """'valid', or the reason why cx_front is not."""
+    """'valid', or the reason why cx_front may not be used."""
     cy_front: float
     """Cornering stiffness, front axle, mean [N/rad]."""
     cy_front_sd: float
@@ -187,12 +188,12 @@ class Estimate(EstimateBase):
     """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
     process sd, sqrt(Sigma) [N/rad]."""
     cy_front_spread_seen: bool
-    """Whether the spread is estimated; else it is below what sensors and excitation
-    show."""
+    """Whether the spread is estimated; if not, it is the setting, or too small to
+    observe."""
     cy_front_valid: bool
-    """Whether cy_front may be used; cy_front_reason is the reason if not."""
+    """Whether cy_front may be used; if not, cy_front_reason is the reason."""
     cy_front_reason: Reason
-    """'valid', or the reason why cy_front is not."""
+    """'valid', or the reason why cy_front may not be used."""
     cy_rear: float
     """Cornering stiffness, rear axle, mean [N/rad]."""
     cy_rear_sd: float
@@ -201,12 +202,12 @@ class Estimate(EstimateBase):
     """Default filter: model discrepancy, model_sd times the stiffness; paper's filter:
     process sd, sqrt(Sigma) [N/rad]."""
     cy_rear_spread_seen: bool
-    """Whether the spread is estimated; else it is below what sensors and excitation
-    show."""
+    """Whether the spread is estimated; if not, it is the setting, or too small to
+    observe."""
     cy_rear_valid: bool
-    """Whether cy_rear may be used; cy_rear_reason is the reason if not."""
+    """Whether cy_rear may be used; if not, cy_rear_reason is the reason."""
     cy_rear_reason: Reason
-    """'valid', or the reason why cy_rear is not."""
+    """'valid', or the reason why cy_rear may not be used."""
     bias_accel_x: float
     """Bias of accel_x: measured minus true value [m/s2]."""
     bias_accel_x_sd: float
@@ -254,7 +255,7 @@ class Estimate(EstimateBase):
     change_cy_rear: float
     """Rear cornering stiffness now over that before the change."""
     fault_channel: str | None
-    """The channel that is likeliest at fault; None: none."""
+    """The channel that is most probably faulty; None: there is none."""
     discrepancy_accel_x: float
     """Model discrepancy of accel_x: sd of the part that the model does not explain
     [m/s2]."""
@@ -298,7 +299,7 @@ class Estimate(EstimateBase):
     """Log density of this row's measurements given the rows before; 0 where none was
     used [nat]."""
     status: Status
-    """Use of the row; `status_text` is a sentence."""
+    """Use of the row; `status_text` describes it in words."""
     cx_front_secant: float
     """Longitudinal stiffness in effect, front axle: force over slip at this row's slip
     and load [N]."""
