@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
-"""Compare the bits of the recorded drive on every installed machine and compiler.
+"""Check on every installed machine and compiler that estimates are equal in all bits.
 
     python3 scripts/dev/platforms.py
-        run all; write scripts/results/platforms.md
+        run all machines; write scripts/results/platforms.md
     python3 scripts/dev/platforms.py --short
-        run the machines that differ most, half a minute, as the tests do
+        run the machines that differ most, as the tests do: half a minute
     python3 scripts/dev/platforms.py --only TEXT
-        run machines with this text in their name; write no file
+        run machines with TEXT in their name; write no file
 
-A machine passes if the hash of every bit of every output of every row equals that of
-tests/replay/golden_<format>.csv. The default filter runs everywhere. The particle filter
-runs with each way of resampling where nothing is emulated. The command fails if a hash
-differs, or if a build compiles that would lose bits. `scripts/setup.sh machines` lists
-missing tools. build/platforms.json keeps the results: an interrupted run is resumed, and
-nothing runs twice with the same sources, compiler and flags.
+The filter runs on a recorded drive. A machine passes if the hash of all bits of all
+outputs of all rows equals that in tests/replay/golden_<format>.csv. The default filter
+runs on all machines, the particle filter with each method of resampling only on machines
+that are not emulated. The script fails if a hash differs, or if the library compiles with
+flags with which it would give different bits. `scripts/setup.sh machines` lists missing
+tools. build/platforms.json keeps the results: an interrupted run is resumed, and nothing
+runs twice with the same sources, compiler and flags.
 """
 
 import argparse
@@ -31,18 +32,19 @@ import machines as m
 
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
-# Bytes of stack below main(): tse_step() takes 4 476 in float at -O2, settings and
-# outputs the rest. Double takes more.
+# [bytes] stack of main() and the functions that it calls, in float at -O2: 4 476 for
+# tse_step(), the rest for settings and outputs. Double needs more.
 STACK = 5_500
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\
 <!-- Written by `python3 scripts/dev/platforms.py`. -->
 
-Does the recorded drive (tests/replay, {rows} rows) have the same bits? Hash of every bit of
-every output of every row against the golden one, by machine, compiler and number format.
-All with `-std=c99 {flags}`, of the two
-files of `scripts/dev/amalgamate.py` without effects. Not emulated: default, robust and
-paper's filter with all ways of resampling; emulated: the default filter. -: not run.
+Are the estimates of the recorded drive (tests/replay, {rows} rows) equal in all bits? By
+machine, compiler and number format: `yes` if the hash of all bits of all outputs of all rows
+equals the golden hash. All are compiled with `-std=c99 {flags}`
+from the two files of `scripts/dev/amalgamate.py`, without effects. Emulated machines run the
+default filter, other machines also the robust and the paper's filter with all methods of
+resampling. -: not run.
 
 """
 
@@ -53,17 +55,18 @@ class Result:
 
     machine: m.Machine
     real: str
-    says: str = ""
+    says: str = ""  # verdict: SAME, REFUSED, or a text; "": not run
 
     @property
     def is_fine(self) -> bool:
+        """True if the machine passed or was skipped."""
         return self.says in (SAME, REFUSED) or self.says.startswith("skipped")
 
 
 def list_options(machine: m.Machine) -> list[str]:
-    """Return the options of the library.
+    """Return the options with which the library is compiled for a machine.
 
-    A microcontroller has the default filter only, with the smallest buffer for late
+    A microcontroller gets the default filter only, with the smallest buffer for late
     channels.
     """
     if machine.board:
@@ -73,7 +76,7 @@ def list_options(machine: m.Machine) -> list[str]:
 
 
 def find_reason(text: str) -> str:
-    """Return the line of an output that states the error."""
+    """Return the line of an output that states the error, or why it was skipped."""
     if why := m.explain_misfit(text):
         return f"skipped: {why} ({STACK:,} B)" if "stack" in why else f"skipped: {why}"
     lines = [
@@ -83,7 +86,7 @@ def find_reason(text: str) -> str:
 
 
 def replay(work: m.Work, machine: m.Machine, real: str) -> str:
-    """Build and run the drive; return the verdict."""
+    """Build and run the program that replays the drive. Return the verdict."""
     name = "-".join((machine.name, machine.name_compiler(), *machine.flags))
     try:
         program = m.build_program(work, machine, real, "replay.c", name, *list_options(machine), stack=STACK)
@@ -92,7 +95,7 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
             return REFUSED
         return find_reason(str(error))
     if machine.refused:
-        return "it compiles, and loses bits"
+        return "no: it compiles with flags that it must refuse, because they change bits"
     try:
         text = m.run_program(machine, program)
     except m.Failed as error:
@@ -102,11 +105,13 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
     if "default, scheme 0" not in found:
         return f"no: {find_reason(text)}"
     wrong = [form for form, hash_ in found.items() if expected.get(form) != hash_]
-    return f"no: other bits of {', '.join(wrong)}" if wrong else SAME
+    return f"no: the bits differ: {', '.join(wrong)}" if wrong else SAME
 
 
 def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
-    """Return a hash of sources, drive, golden hashes, compiler and flags."""
+    """Return a hash of all on which a result depends.
+
+    These are sources, drive, golden hashes, compiler, emulator and flags."""
     files = [work.write_sources() / name for name in ("tse.c", "tse.h", "rows.h")]
     files += [m.HERE / "replay.c", m.HERE / machine.port]
     files += [
@@ -122,7 +127,9 @@ def make_key(work: m.Work, machine: m.Machine, real: str) -> str:
 
 
 def list_results(only: str, short: bool) -> list[Result]:
-    """Return the results to find. Emulated machines, which no preset runs, come first."""
+    """Return an empty result for each machine and format to run.
+
+    Emulated machines come first, because no preset of CMake runs them."""
     out = []
     for machine in sorted(m.list_machines(), key=lambda x: not x.run):
         for real in m.read_formats():
@@ -137,7 +144,9 @@ def list_results(only: str, short: bool) -> list[Result]:
 
 
 def run_missing(work: m.Work, results: list[Result], again: bool) -> Iterator[Result]:
-    """Run what build/platforms.json does not have; yield each result."""
+    """Run each machine without a result in build/platforms.json. Yield all results.
+
+    `again`: True runs all machines."""
     kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for r in results:
         if why := r.machine.find_missing():
@@ -148,7 +157,7 @@ def run_missing(work: m.Work, results: list[Result], again: bool) -> Iterator[Re
         start, machine, real = time.monotonic(), r.machine, r.real
         if not r.says:
             r.says = replay(work, machine, real)
-            if r.is_fine:  # failures run again next time
+            if r.is_fine:  # a failure is not kept, so that it runs again next time
                 kept[make_key(work, machine, real)] = r.says
                 KEPT.parent.mkdir(exist_ok=True)
                 KEPT.write_text(json.dumps(kept))
@@ -162,7 +171,7 @@ def run_missing(work: m.Work, results: list[Result], again: bool) -> Iterator[Re
 
 
 def list_flags(machine: m.Machine) -> list[str]:
-    """Return the flags that matter to a reader."""
+    """Return the compiler flags that the table shows."""
     return [
         f
         for f in machine.flags
@@ -197,11 +206,11 @@ def format_table(results: list[Result]) -> str:
     refused, left = sum(r.says == REFUSED for r in ran), sum(not r.says for r in results)
     lines += [
         "",
-        f"{same} of {all_} builds that ran have the same bits; "
-        f"{refused} that would lose some do not compile.",
+        f"{same} of {all_} builds that ran give the same bits; "
+        f"{refused} that would give different bits are refused by the compiler.",
     ]
     if left:
-        lines += [f"The run was interrupted: {left} are left."]
+        lines += [f"The run was interrupted: {left} builds have not run."]
     return "\n".join(lines) + "\n"
 
 
@@ -209,10 +218,10 @@ def main() -> int:
     """Run the machines and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--short", action="store_true", help="the machines that differ most, in the format that each is for"
+        "--short", action="store_true", help="run only the machines that differ most, each in some formats"
     )
     parser.add_argument(
-        "--only", default="", metavar="TEXT", help="machines with this in their name; no table is written"
+        "--only", default="", metavar="TEXT", help="run only machines with TEXT in their name; write no file"
     )
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:

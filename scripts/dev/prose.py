@@ -1,12 +1,12 @@
-"""Wrap the prose of Markdown files at 90 columns: paragraphs and list items.
+"""Wrap the paragraphs and list items of Markdown files at 90 columns.
 
     .venv/bin/python scripts/dev/prose.py
         change the files
     .venv/bin/python scripts/dev/prose.py --check
-        change nothing; fail and name the files that would change
+        change nothing; fail if a file would change, and name it
 
-Tables, headings, code, HTML, front matter and text written by scripts/docsite/fill.py
-stay.
+Tables, headings, code, HTML, front matter and the blocks that scripts/docsite/fill.py
+writes are not changed.
 """
 
 import re
@@ -17,15 +17,16 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 90
-LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # written by studies
-ITEM = re.compile(r"(\s*)([-*+]|\d+[.)])(\s+)(?=\S)")
-ATOM = re.compile(r"`[^`]*`|!?\[[^\]]*\]\([^)\s]*\)|\$[^$]+\$|\S")
-MARKUP = re.compile(r"(?:[-+*]|#{1,6}|\d+[.)]|=+|!!!|\?{3}|:::)$|[>|]|~~~|```")  # not at the head of a line
-WHOLE = re.compile(r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)")  # lines without prose
+LEFT_ALONE = ("scripts/results/", "docs/pages/results/")  # folders whose files studies write
+ITEM = re.compile(r"(\s*)([-*+]|\d+[.)])(\s+)(?=\S)")  # start of a list item
+ATOM = re.compile(r"`[^`]*`|!?\[[^\]]*\]\([^)\s]*\)|\$[^$]+\$|\S")  # code, link or formula, or a character
+# words that Markdown would read as markup at the start of a line
+MARKUP = re.compile(r"(?:[-+*]|#{1,6}|\d+[.)]|=+|!!!|\?{3}|:::)$|[>|]|~~~|```")
+WHOLE = re.compile(r"\s*(\||#|<|>|!!!|\?\?\?|:::|\[[^\]]+\]:|---|===|\$\$)")  # start of a line without prose
 
 
 def split_words(text: str) -> list[str]:
-    """Split at spaces, but not within code, links and formulas."""
+    """Split a text at spaces, but not within code, links and formulas."""
     words, last = [], 0
     for atom in ATOM.finditer(text):
         if words and atom.start() == last:
@@ -37,7 +38,9 @@ def split_words(text: str) -> list[str]:
 
 
 def wrap(text: str, first: str, rest: str) -> list[str]:
-    """Fill lines of at most WIDTH columns; `first` and `rest` are the indents."""
+    """Return a text in lines of at most WIDTH columns.
+
+    `first`: indent of the first line; `rest`: indent of the following lines."""
     lines, line = [], first
     for word in split_words(text):
         begins = line in (first, rest)
@@ -52,7 +55,7 @@ def wrap(text: str, first: str, rest: str) -> list[str]:
 
 
 def find_end(line: str, is_first: bool) -> str:
-    """Return the last line of a part that stays and starts here, or ""."""
+    """Return the mark that ends a part without prose which this line starts, or ""."""
     stripped = line.strip()
     if stripped.startswith(("```", "~~~")):
         return stripped[:3]
@@ -64,7 +67,9 @@ def find_end(line: str, is_first: bool) -> str:
 
 
 def read_blocks(lines: list[str]) -> Iterator[tuple[bool, list[str]]]:
-    """Yield (is_prose, lines) of a paragraph, a list item, or a line that stays."""
+    """Yield the parts of a page as pairs (is_prose, lines).
+
+    A part is a paragraph, a list item, or a line without prose."""
     end = ""
     block: list[str] = []
     for i, line in enumerate(lines):
@@ -88,7 +93,7 @@ def read_blocks(lines: list[str]) -> Iterator[tuple[bool, list[str]]]:
 
 
 def wrap_prose(text: str) -> str:
-    """Return a Markdown text whose paragraphs and list items are filled to WIDTH."""
+    """Return a Markdown text with its paragraphs and list items wrapped at WIDTH."""
     made: list[str] = []
     for prose, block in read_blocks(text.split("\n")):
         if not prose or any(line.endswith(("  ", "\\")) for line in block):
@@ -105,13 +110,13 @@ def wrap_prose(text: str) -> str:
 
 
 def find_pages() -> list[Path]:
-    """Return the Markdown files of the repository that people write."""
+    """Return the Markdown files in git, except those that studies write."""
     names = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
     return [ROOT / n for n in names.stdout.split() if not n.startswith(LEFT_ALONE)]
 
 
 def main() -> int:
-    """Wrap the pages, or check them."""
+    """Wrap all pages, or check that they are wrapped."""
     wrong = []
     for page in find_pages():
         before = page.read_text(encoding="utf-8")
@@ -121,7 +126,7 @@ def main() -> int:
             if "--check" not in sys.argv:
                 page.write_text(after, encoding="utf-8")
     if wrong and "--check" in sys.argv:
-        print("prose that is not wrapped (scripts/dev/format.sh):", *wrong, sep="\n  ", file=sys.stderr)
+        print("not wrapped at 90 columns; run scripts/dev/format.sh:", *wrong, sep="\n  ", file=sys.stderr)
         return 1
     return 0
 

@@ -2,9 +2,9 @@
 
     .venv/bin/python scripts/dev/read_once.py [--count N] [--seed N] [--skip SEED ...]
 
-Prints N places, each with the lines around it. The reader says for each in a sentence
-what it means, and whether it had to be read twice. --skip leaves out what earlier seeds
-drew with the same count.
+Prints N places of the sources, each with the lines of code around it. The reader says in
+one sentence what each text means, and whether it had to be read twice. --skip leaves out
+the places that earlier seeds with the same N have drawn.
 """
 
 import argparse
@@ -18,30 +18,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("include", "src", "fmu", "scripts")
-SHORTEST = 40  # characters of a text that says something
-AROUND = 6  # lines of code shown after it
-ERRORS = re.compile(r"(Error|note|warn|print|say)$")
+ROOMS = ("include", "src", "fmu", "scripts")  # folders from which texts are drawn
+SHORTEST = 40  # min number of characters of a text; shorter texts say too little
+AROUND = 6  # number of lines of code that are shown after a text
+ERRORS = re.compile(r"(Error|note|warn|print|say)$")  # functions that make a message
 
 
 @dataclass(frozen=True)
 class Place:
-    """A text and where it stands."""
+    """The place of a text in the sources."""
 
     file: str
-    line: int
-    last: int
-    kind: str
+    line: int  # first line
+    last: int  # last line
+    kind: str  # comment, docstring or message
 
 
 def list_files(*suffixes: str) -> list[Path]:
-    """Return the files under version control with one of these suffixes."""
+    """Return the files in git with one of these suffixes."""
     done = subprocess.run(["git", "ls-files", *ROOMS], cwd=ROOT, check=True, capture_output=True, text=True)
     return [ROOT / name for name in done.stdout.split() if name.endswith(suffixes)]
 
 
 def find_c_comments(path: Path, text: str) -> Iterator[Place]:
-    """Yield the block comments of a C file. Those of neighbouring members are one."""
+    """Yield the block comments of a C file."""
     name = str(path.relative_to(ROOT))
     for found in re.finditer(r"/\*.*?\*/", text, flags=re.S):
         if len(found[0]) >= SHORTEST:
@@ -50,7 +50,7 @@ def find_c_comments(path: Path, text: str) -> Iterator[Place]:
 
 
 def find_hash_comments(path: Path, text: str) -> Iterator[Place]:
-    """Yield the blocks of comments of a Python file."""
+    """Yield the comments of a Python file. Adjacent lines of comment are one comment."""
     name = str(path.relative_to(ROOT))
     lines = text.splitlines()
     starts: list[tuple[int, int, int]] = []
@@ -69,7 +69,7 @@ def find_hash_comments(path: Path, text: str) -> Iterator[Place]:
 
 
 def find_docstrings_and_messages(path: Path, text: str) -> Iterator[Place]:
-    """Yield the docstrings, and the calls that make an error or a note."""
+    """Yield the docstrings of a Python file, and the calls that make a message."""
     name = str(path.relative_to(ROOT))
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
@@ -100,7 +100,7 @@ def draw_places(places: list[Place], count: int, seed: int) -> list[Place]:
 
 
 def format_place(number: int, place: Place) -> str:
-    """Return a place with its lines and those after it."""
+    """Return the text at a place, with some lines before and after it, in Markdown."""
     lines = (ROOT / place.file).read_text(encoding="utf-8").splitlines()
     before = 3 if place.kind == "docstring" else 1
     shown = lines[max(place.line - 1 - before, 0) : place.last + AROUND]
@@ -109,11 +109,13 @@ def format_place(number: int, place: Place) -> str:
 
 
 def main() -> None:
-    """Print the places."""
+    """Draw and print the places."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--count", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--skip", type=int, nargs="*", default=[], metavar="SEED")
+    parser.add_argument("--count", type=int, default=40, help="number of places (40)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random numbers (1)")
+    parser.add_argument(
+        "--skip", type=int, nargs="*", default=[], metavar="SEED", help="leave out the places of these seeds"
+    )
     args = parser.parse_args()
     places = find_places()
     known = {p for seed in args.skip for p in draw_places(places, args.count, seed)}

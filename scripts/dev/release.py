@@ -1,16 +1,16 @@
-"""Make all files of a release of the last commit in a folder.
+"""Make the files of a release from the last commit.
 
 scripts/dev/release.sh calls this script after it has installed the tools.
 
     scripts/dev/release.sh 0.2.0
-        all parts, in release/0.2.0
+        make all parts in release/0.2.0
     scripts/dev/release.sh 0.2.0 --only wheels --platforms win_amd64
-        some parts
+        make some parts
     scripts/dev/release.sh 0.2.0 --twice
-        two releases in two folders, compared byte by byte
+        make the release twice in two folders, and compare them byte by byte
 
-The same commit and the same tools (scripts/lock-release.txt) give the same bytes: the
-sources are an export of the commit in a folder of its own, archives carry the time of the
+The same commit and the same tools (scripts/lock-release.txt) give the same bytes. For
+this, the commit is exported to a new folder, the files in archives have the time of the
 commit and no owner, and zig compiles every library.
 """
 
@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-WHEELS = {  # tag of the wheel -> target of zig
+WHEELS = {  # platform tag of a wheel: target of zig
     "manylinux_2_17_x86_64.manylinux2014_x86_64": "x86_64-linux-gnu.2.17",
     "manylinux_2_17_aarch64.manylinux2014_aarch64": "aarch64-linux-gnu.2.17",
     "win_amd64": "x86_64-windows-gnu",
@@ -41,23 +41,33 @@ SUMS = "SHA256SUMS"
 
 
 class Failed(Exception):
-    """The release cannot be made; the text is the reason."""
+    """The release cannot be made. The message is the reason."""
 
 
 @dataclass
 class Release:
-    """A release in progress."""
+    """A release that is being made."""
 
     version: str
-    commit: str
-    epoch: int
-    source: Path  # export of the commit
-    out: Path
-    tags: Sequence[str]
+    commit: str  # hash of the commit
+    epoch: int  # [s] time of the commit, since 1970
+    source: Path  # folder with the exported commit
+    out: Path  # folder for the files of the release
+    tags: Sequence[str]  # platform tags of the wheels to build
 
     def run(self, *command: str | Path, cwd: Path | None = None, **environment: str) -> str:
-        """Run a command in the export with the time of the commit; return its output."""
-        cache = str(ROOT / "build" / "zig-cache")  # C libraries of other systems take a minute each
+        """Run a command in the folder of the exported commit. Return its output.
+
+        Tools write the time of the commit into files (SOURCE_DATE_EPOCH). Variables of
+        the caller that change a build are removed.
+
+        Raises
+        ------
+        Failed
+            The exit code is not 0.
+        """
+        # kept between releases: zig compiles the C library of each system for a minute
+        cache = str(ROOT / "build" / "zig-cache")
         env = {
             k: v
             for k, v in os.environ.items()
@@ -79,12 +89,14 @@ class Release:
         )
         if done.returncode:
             raise Failed(
-                f"{' '.join(str(c) for c in command[:6])} says\n{(done.stdout + done.stderr)[-3000:]}"
+                f"{' '.join(str(c) for c in command[:6])} failed:\n{(done.stdout + done.stderr)[-3000:]}"
             )
         return done.stdout
 
     def pack_folder(self, name: str, folder: Path, top: str) -> None:
-        """Write a .tar.gz with the same bytes for the same content."""
+        """Write the archive `name`, a .tar.gz of the files of a folder, below `top`.
+
+        The same files give the same bytes."""
         packed = io.BytesIO()
         with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar:
             for path in sorted(p for p in folder.rglob("*") if p.is_file()):
@@ -101,17 +113,17 @@ class Release:
 
 
 def pack_source(r: Release) -> None:
-    """Pack the whole commit: the C package with CMake, the FMUs, and the tests."""
+    """Pack all files of the commit: the C library with CMake, the FMUs and the tests."""
     r.pack_folder(f"tse-{r.version}-source.tar.gz", r.source, f"tse-{r.version}-source")
 
 
 def build_sdist(r: Release) -> None:
-    """Build the source package of Python, which pip compiles where no wheel fits."""
+    """Build the Python source package. pip compiles it if no wheel fits the system."""
     r.run(sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", r.out, r.source)
 
 
 def build_wheels(r: Release) -> None:
-    """Build the wheels: a library for each system, compiled by zig."""
+    """Build a wheel for each platform. zig compiles the library in it."""
     import ziglang
 
     zig = Path(ziglang.__file__).parent / "zig"
@@ -132,14 +144,16 @@ def build_wheels(r: Release) -> None:
 
 
 def build_fmus(r: Release) -> None:
-    """Build the FMUs with binaries of all platforms, and the SSP that connects them."""
+    """Build the FMUs with binaries for all platforms, and the SSP that connects them."""
     link_headers(r)
     r.run(sys.executable, "-m", "tselab", "fmu", "build", "--all-platforms", "--out", r.out,
           PYTHONPATH=str(r.source / "scripts"))  # fmt: skip
 
 
 def link_headers(r: Release) -> None:
-    """Link the files that scripts/setup.sh has fetched into the export."""
+    """Link .venv and the cache of zig into the folder of the exported commit.
+
+    .venv has the headers of FMI, which scripts/setup.sh has fetched."""
     (r.source / "build").mkdir(exist_ok=True)
     for name in (".venv", "build/zig-cache"):
         (ROOT / name).mkdir(parents=True, exist_ok=True)
@@ -148,7 +162,7 @@ def link_headers(r: Release) -> None:
 
 
 def pack_amalgamation(r: Release) -> None:
-    """Pack the library as tse.h and tse.c."""
+    """Pack the C library as two files, tse.h and tse.c."""
     script = r.source / "scripts" / "dev" / "amalgamate.py"
     folder = r.source.parent / "amalgamation"
     r.run(sys.executable, script, "--out", folder / "tse")
@@ -156,7 +170,7 @@ def pack_amalgamation(r: Release) -> None:
 
 
 def build_site(r: Release) -> None:
-    """Build the site for reading offline, with the page that runs in a browser."""
+    """Build the documentation site for reading offline, with the page for browsers."""
     link_headers(r)
     r.run("cmake", "--preset", "lab")
     r.run("cmake", "--build", "--preset", "lab")
@@ -169,7 +183,7 @@ def build_site(r: Release) -> None:
 
 
 def write_sbom(r: Release) -> None:
-    """Write the bill of materials: files and required packages (CycloneDX)."""
+    """Write the software bill of materials: files and required packages (CycloneDX)."""
     from sbom import format_json, make_bom
 
     files = {p.name: hash_file(p) for p in sorted(r.out.iterdir())}
@@ -188,7 +202,7 @@ PARTS: dict[str, Callable[[Release], None]] = {
 }
 
 
-# ---- all of it
+# ---- the whole release
 
 
 def hash_file(path: Path) -> str:
@@ -197,18 +211,24 @@ def hash_file(path: Path) -> str:
 
 
 def run_git(*arguments: str) -> str:
-    """Run git in the repository; return its output."""
+    """Run git in the repository. Return its output.
+
+    Raises
+    ------
+    Failed
+        git is not installed, or its exit code is not 0.
+    """
     try:
         done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
     except FileNotFoundError:
-        raise Failed("git is not installed: a release is made of a commit") from None
+        raise Failed("git is not installed; a release needs it to export the commit") from None
     if done.returncode:
-        raise Failed(f"git {' '.join(arguments)} says\n{done.stderr.strip()}")
+        raise Failed(f"git {' '.join(arguments)} failed:\n{done.stderr.strip()}")
     return done.stdout.strip()
 
 
 def check_version(folder: Path, version: str) -> None:
-    """Raise Failed if a source states another version."""
+    """Raise Failed if a file of the exported commit states a different version."""
     there = {
         "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
         "scripts/tse/library/__init__.py": r'__version__ = "(.+?)"',
@@ -224,12 +244,25 @@ def check_version(folder: Path, version: str) -> None:
 def make_release(
     version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]
 ) -> Release:
-    """Make a release of the last commit in a new folder."""
+    """Make a release from the last commit.
+
+    Parameters
+    ----------
+    version : str
+        Version that the sources must state.
+    out : Path
+        Folder for the files. An earlier release in it is deleted.
+    parts : sequence of str
+        Keys of PARTS.
+    tags : sequence of str
+        Keys of WHEELS.
+    say : callable
+        Called with the name of each part before it is made.
+    """
     commit = run_git("rev-parse", "HEAD")
     (ROOT / "build").mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory(
-        prefix="release-", dir=ROOT / "build"
-    ) as work:  # a new path each time: the bytes must not depend on it
+    # the path differs in each call; --twice therefore shows that no byte depends on it
+    with tempfile.TemporaryDirectory(prefix="release-", dir=ROOT / "build") as work:
         export = Path(work) / "tse"
         export.mkdir()
         subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
@@ -247,7 +280,13 @@ def make_release(
 
 
 def empty_folder(out: Path) -> None:
-    """Create a folder, or empty one that holds a release."""
+    """Make an empty folder. Delete its files if they are a release.
+
+    Raises
+    ------
+    Failed
+        The folder has files that are no release.
+    """
     if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
         raise Failed(
             f"{out} holds files, but no release ({SUMS} is missing): remove it, or name another folder"
@@ -257,21 +296,23 @@ def empty_folder(out: Path) -> None:
 
 
 def find_differing(first: Path, second: Path) -> list[str]:
-    """Return the names of the files that differ between two folders."""
+    """Return the names of the files that differ, or are in one of two folders only."""
     names = {p.name for p in first.iterdir()} | {p.name for p in second.iterdir()}
     missing = {n for n in names if not ((first / n).is_file() and (second / n).is_file())}
     return sorted(missing | {n for n in names - missing if hash_file(first / n) != hash_file(second / n)})
 
 
 def main() -> int:
-    """Make the release."""
+    """Make the release that the options describe."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("version", nargs="?")
-    parser.add_argument("--out", type=Path, help="folder, made anew; default: release/VERSION")
-    parser.add_argument("--only", default=",".join(PARTS), help="parts, by commas")
-    parser.add_argument("--platforms", default=",".join(WHEELS), help="of the wheels, by commas")
-    parser.add_argument("--twice", action="store_true", help="make it two times and compare")
-    parser.add_argument("--list", action="store_true", help="name parts and platforms")
+    parser.add_argument("--out", type=Path, help="folder; a release in it is deleted (release/VERSION)")
+    parser.add_argument("--only", default=",".join(PARTS), help="parts to make, separated by commas (all)")
+    parser.add_argument(
+        "--platforms", default=",".join(WHEELS), help="platform tags of the wheels, separated by commas (all)"
+    )
+    parser.add_argument("--twice", action="store_true", help="make the release twice and compare the files")
+    parser.add_argument("--list", action="store_true", help="print the parts and the platforms")
     args = parser.parse_args()
     if args.list:
         print("\n".join([*(f"{name:<13} {part.__doc__}" for name, part in PARTS.items()), "", *WHEELS]))
@@ -280,7 +321,7 @@ def main() -> int:
     unknown = [x for x in parts if x not in PARTS] + [x for x in tags if x not in WHEELS]
     if not args.version or unknown:
         parser.error(
-            f"not known: {', '.join(unknown)}; --list names the known ones"
+            f"unknown: {', '.join(unknown)}; --list prints all parts and platforms"
             if unknown
             else "VERSION is missing"
         )
@@ -295,13 +336,13 @@ def main() -> int:
             other = out.with_name(f"{out.name}-again")
             make_release(args.version, other, parts, tags, say)
             if differs := find_differing(out, other):
-                raise Failed(f"made twice, not the same bytes: {', '.join(differs)}")
-            say("made twice, the same bytes")
+                raise Failed(f"two releases differ: {', '.join(differs)}")
+            say("two releases are equal in all bytes")
     except Failed as error:
         print(f"release: {error}", file=sys.stderr)
         return 1
     if run_git("status", "--porcelain"):
-        say("left out: changes that are not committed")
+        say("note: changes that are not committed are not in the release")
     print((out / SUMS).read_text(), end="")
     say(f"{out}, of commit {release.commit[:12]}")
     return 0

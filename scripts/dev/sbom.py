@@ -1,9 +1,9 @@
 """Make the software bill of materials of a release: CycloneDX 1.6, as JSON.
 
 scripts/dev/release.py calls this module. The bill lists the files of the release with
-their hashes, sources of third parties in them, and the Python packages that tse requires
-at run time: the versions of scripts/lock.txt with their dependencies. The C library
-requires the C standard library only.
+their hashes, the sources of third parties in these files, and the Python packages that
+tse requires at run time, with their versions in scripts/lock.txt and their dependencies.
+The C library requires the C standard library only.
 """
 
 import re
@@ -27,13 +27,15 @@ else:
     import tomli as tomllib
 
 SPACE = uuid.UUID("5f1c3a52-6e7b-4a43-8f3d-6b8f5ad0e3b1")  # name space of the serial numbers
-IN_FMUS = ("FMI 2.0.1 headers", "2.0.1", "BSD-2-Clause")  # in sources/ of every FMU
+# name, version and licence of the third-party sources in the folder sources/ of an FMU
+IN_FMUS = ("FMI 2.0.1 headers", "2.0.1", "BSD-2-Clause")
 
 
 def read_pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
-    """Return version and dependents of each package.
+    """Return, for each package of a lock file, its version and the packages that need it.
 
-    The version is the newest where Pythons differ.
+    If the file has different versions for different Pythons, the version is the last one,
+    which is the newest.
     """
     found: dict[str, tuple[str, set[str]]] = {}
     name = ""
@@ -47,7 +49,7 @@ def read_pins(lock: Path) -> dict[str, tuple[str, set[str]]]:
 
 
 def find_required(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str]]]:
-    """Return the pins of the packages in `direct` and of all their dependencies."""
+    """Return the rows of read_pins() for the packages `direct` and their dependencies."""
     all_of_them = read_pins(lock)
     names, before = set(direct) & set(all_of_them), set()
     while names != before:
@@ -57,9 +59,18 @@ def find_required(lock: Path, direct: list[str]) -> dict[str, tuple[str, set[str
 
 
 def make_bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
-    """Return the bill of the checkout in `folder`.
+    """Return the bill of materials of a release.
 
-    `files`: SHA-256 of the files of the release, by name.
+    Parameters
+    ----------
+    folder : Path
+        Folder with the sources.
+    version : str
+        Version of the release.
+    epoch : int
+        Time of the commit, s since 1970.
+    files : dict of str to str
+        SHA-256 of each file of the release, by name.
     """
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     names = [*project["dependencies"], *project["optional-dependencies"]["lab"]]
@@ -112,14 +123,14 @@ def make_bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> B
 
 
 def format_json(made: Bom) -> str:
-    """Return the bill as JSON.
+    """Return a bill of materials as JSON.
 
     Raises
     ------
     ValueError
-        The text does not fulfil the schema of CycloneDX.
+        The text does not conform to the schema of CycloneDX.
     """
     text = JsonV1Dot6(made).output_as_string(indent=1) + "\n"
     if error := JsonStrictValidator(SchemaVersion.V1_6).validate_str(text):
-        raise ValueError(f"the bill of materials does not fulfil its schema: {error}")
+        raise ValueError(f"the bill of materials does not conform to the schema of CycloneDX: {error}")
     return text

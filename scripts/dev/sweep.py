@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Measure how much results of a study change if a constant of the filter is halved or
-doubled.
+"""Measure how results change if a constant of the filter is halved or doubled.
 
-    .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N] [NAME ...]
-        by default all constants of src/tables/constants.toml;
-        table: scripts/results/constants.md
+    .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N]
+        change all constants of src/tables/constants.toml, one at a time; write
+        scripts/results/constants.md
+    .venv/bin/python scripts/dev/sweep.py --cars DIR [--runs N] NAME ...
+        change these constants only; print the table
 
-Each value is compiled into a library of its own with a changed copy of
-tables/constants.h. This library and the one in use run on the same drives. A result
-counts as changed if the 95 % interval of the ratio of the RMS errors, run by run, does
-not contain 1. DIR: output of `tests.cars.study --keep DIR` and `tests.cars.events
---calibrated DIR`.
+For each value, a library is built with a changed copy of tables/constants.h. This library
+and the unchanged one run on the same drives. A change is marked by `*` if it is
+significant: the 95 % interval of the ratio of the RMS errors does not contain 1. DIR is
+the output of `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR`.
 """
 
 import argparse
@@ -42,8 +42,9 @@ CASES = (
     ("stress", "stuck-accel_y"),
     ("regimes", "slow-20"),
 )
+# results on calibrated cars: columns of the table
 ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
-FACTORS = (0.5, 2.0)
+FACTORS = (0.5, 2.0)  # by which a constant is multiplied
 
 
 def read_constants() -> list[tuple[str, float, str, str, str]]:
@@ -55,14 +56,16 @@ def read_constants() -> list[tuple[str, float, str, str, str]]:
 
 
 def build_library(name: str, factor: float) -> Library:
-    """Return the library with one constant scaled."""
+    """Build and load the library with one constant multiplied by a factor."""
     folder = ROOT / "build" / "sweep"
     folder.mkdir(parents=True, exist_ok=True)
     value = next(r[1] for r in read_constants() if r[0] == name)
     header = (ROOT / "src" / "tables" / "constants.h").read_text(encoding="utf-8")
     changed = header.replace(f" {name} TSE_R({value!r})", f" {name} TSE_R({value * factor!r})")
     assert changed != header, name
-    first = folder / "constants.h"  # its guard hides the file of src/tables
+    # included first. Its include guard is that of src/tables/constants.h, so that the
+    # compiler skips the latter
+    first = folder / "constants.h"
     first.write_text(changed, encoding="utf-8")
     flags = f"-include {first}"
     options = [
@@ -85,9 +88,12 @@ def build_library(name: str, factor: float) -> Library:
 
 
 def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return RMS error and coverage of the three stiffnesses in the windows of a case.
+    """Run the filter on a drive. Return RMS error [%] and coverage [%] of the
+    stiffnesses.
 
-    The error is in %; coverage is the share of rows within the 95 % interval, %.
+    Rows are those in the score windows of the case. Coverage is the share of rows in
+    which the 95 % interval contains the true stiffness. `lib` None: the unchanged
+    library.
     """
     settings = {**START, **d.about}
     config = Config.exact(settings, lib=lib)
@@ -99,9 +105,10 @@ def compute_rms(case: Case, d: CaseDrive, lib: Library | None) -> tuple[np.ndarr
 
 
 def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
-    """Return the ratio of the pooled RMS errors, with a mark if it differs from 1.
+    """Return the ratio of the RMS errors `now` to `base`, with `*` if it is significant.
 
-    The interval of the ratio is a bootstrap over the runs.
+    Errors of all runs and stiffnesses are pooled. The ratio is significant if its 95 %
+    interval, a bootstrap over the runs, does not contain 1.
     """
     a, b = np.sqrt((base**2).mean(1)), np.sqrt((now**2).mean(1))
     rng = np.random.default_rng(1)
@@ -113,7 +120,7 @@ def compare_rms(base: np.ndarray, now: np.ndarray) -> str:
 
 
 class Cars:
-    """Calibrated cars of an earlier study, on drives without and with an event."""
+    """Drives of the calibrated cars of an earlier study, without and with an event."""
 
     def __init__(self, folder: Path):
         self.calm, self.events = [], []
@@ -127,7 +134,7 @@ class Cars:
             self.events.append(job)
 
     def format_scores(self, lib: Library | None) -> str:
-        """Return ON_CARS as cells of a table."""
+        """Run the filter of a library on all drives. Return ON_CARS as table cells."""
         runs = [
             study.score(*study.estimate_log(path, log, lib=lib), log, truth) for path, log, truth in self.calm
         ]
@@ -142,11 +149,13 @@ class Cars:
 
 
 def main() -> int:
-    """Sweep and write the table."""
+    """Measure the effect of each constant, and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("names", nargs="*", help="constants (default: all that name a test)")
-    parser.add_argument("--runs", type=int, default=4)
-    parser.add_argument("--cars", type=Path, required=True, help="kept cars, calibrated")
+    parser.add_argument("names", nargs="*", help="constants to change (all that name a test)")
+    parser.add_argument("--runs", type=int, default=4, help="drives of each simulated case (4)")
+    parser.add_argument(
+        "--cars", type=Path, required=True, help="folder with the calibrated cars of tests.cars.study --keep"
+    )
     args = parser.parse_args()
     table = {r[0]: r for r in read_constants()}
     if unknown := [n for n in args.names if n not in table]:
@@ -167,14 +176,14 @@ def main() -> int:
     base = [np.array([compute_rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
     cars = Cars(args.cars)
     columns = [*(c.name for c in cases), *ON_CARS]
-    head = f"""# What halving and doubling a constant does
+    head = f"""# Effect of halving and doubling a constant
 
-Simulated cases: ratio of the RMS error (three stiffnesses pooled) to that with the value
-as it is, {args.runs} runs of each on the same drives; `*`: the 95 % interval of the ratio
-(bootstrap over runs) does not contain 1. Calibrated cars with 14 degrees of freedom,
+Simulated cases: RMS error (three stiffnesses pooled) over the RMS error with the unchanged
+constant, {args.runs} runs of each case on the same drives; `*`: the 95 % interval of the
+ratio (bootstrap over runs) does not contain 1. Calibrated cars with 14 degrees of freedom,
 {len(cars.calm)} drives without and {len(cars.events)} with an event: share of the valid rows
-that are more than 10 % off; false changes; mean time in the minute after an event for which
-a cornering stiffness is valid and more than 20 % off, s.
+with an error above 10 %; false changes an hour; time in the minute after an event for which
+a cornering stiffness is valid and has an error above 20 %, mean, s.
 Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`."""
     lines = [
         head,
@@ -182,7 +191,7 @@ Command: `.venv/bin/python scripts/dev/sweep.py --cars DIR --runs {args.runs}`."
         "| constant | value | unit | by | " + " | ".join(columns) + " |",
         "|---|---:|---|---:|" + "---:|" * len(columns),
     ]
-    lines.append("| as it is | | | 1 | " + "1 | " * len(cases) + cars.format_scores(None) + " |")
+    lines.append("| unchanged | | | 1 | " + "1 | " * len(cases) + cars.format_scores(None) + " |")
     for name in tqdm(names, desc="sweep", file=sys.stderr, leave=False):
         for factor in FACTORS:
             lib = build_library(name, factor)
