@@ -1,12 +1,12 @@
-"""Write tables and code into the Markdown pages that git holds.
+"""Write the generated blocks of the Markdown pages: tables and code.
 
     .venv/bin/python -m docsite.fill             write
     .venv/bin/python -m docsite.fill --check     write nothing; fail if a block is stale
 
-A block begins with `<!-- table: X -->` or `<!-- code: X -->` and ends with
-`<!-- end -->`. X is a file of the repository, a function make_X() of docsite.tables or of
-this module, or symptom/CASE of docsite.symptoms. The text between both comments is
-replaced.
+A block begins with the comment `<!-- table: X -->` or `<!-- code: X -->` and ends with
+the comment `<!-- end -->`. The text between both comments is replaced by the content of
+X. X is a file of the repository, the name of a function make_X() of docsite.tables or of
+this module, or symptom/CASE with a case of docsite.symptoms.
 """
 
 import enum
@@ -25,11 +25,11 @@ import prose  # noqa: E402
 from docsite import links, symptoms, tables  # noqa: E402
 
 PAGE_BLOCK = re.compile(r"^<!-- (table|code): (\S+) -->\n(.*?)^<!-- end -->$", flags=re.M | re.S)
-LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}
+LANGUAGES = {".c": "c", ".py": "python", ".toml": "toml"}  # language of a code block, by suffix
 
 
 def make_effects() -> str:
-    """Return the table of all effects and a section for each."""
+    """Return a table of all effects, and a section on each effect."""
     known = tables.library().effects
     anchors = {e.id: links.make_slug(f"{e.id}: {e.title}") for e in known.values()}
     rows = [
@@ -78,7 +78,9 @@ def make_effects() -> str:
 
 
 def format_signature(name: str, thing: Any) -> str:
-    """Return the call of a function or class, one parameter a line."""
+    """Return the signature of a function or class.
+
+    With three or more parameters, each has a line of its own."""
     if inspect.isclass(thing) and issubclass(thing, (enum.Enum, Exception, dict)):
         return name
     found = inspect.signature(thing)
@@ -92,13 +94,14 @@ def format_signature(name: str, thing: Any) -> str:
 
 
 def make_python_api() -> str:
-    """Return signature and docstring of the public names of tse and their members."""
+    """Return signature and docstring of each public name of tse and of its members."""
     import tse
 
     text = []
 
     def add(name: str, thing: Any, level: str) -> None:
-        inner = getattr(thing, "fget", None) or getattr(thing, "func", None)  # of a property, a cached one
+        # function of a property (fget) or of a cached property (func)
+        inner = getattr(thing, "fget", None) or getattr(thing, "func", None)
         head = name if inner else format_signature(name, thing)
         text.append(f"{level} {name}\n\n```text\n{head}\n\n{inspect.getdoc(inner or thing) or ''}\n```\n")
 
@@ -119,15 +122,15 @@ def make_python_api() -> str:
 
 
 def strip_title(text: str) -> str:
-    """Remove comments and the title at the start of a page."""
+    """Return a page without the comments and the title at its start."""
     return re.sub(r"\A(?:<!--[\s\S]*?-->\s*)*(?:# .*\n)?\s*", "", text)
 
 
 def make_block(kind: str, what: str) -> str:
-    """Return the text of a block."""
+    """Return the content of the block `<!-- kind: what -->`."""
     if kind == "code":
         text = (ROOT / what).read_text(encoding="utf-8").rstrip()
-        note = f"<!-- not run: the file {what}, which a test of its own runs -->"
+        note = f"<!-- not run: a test of its own runs the file {what} -->"
         return f"{note}\n```{LANGUAGES[Path(what).suffix]}\n{text}\n```\n"
     if what.endswith(".md"):
         return "\n" + strip_title((ROOT / "scripts" / what).read_text(encoding="utf-8")).rstrip() + "\n\n"
@@ -142,12 +145,12 @@ def make_block(kind: str, what: str) -> str:
 
 
 def fill_page(text: str) -> str:
-    """Return a page with current blocks."""
+    """Return a page with the content of all its blocks made anew."""
     return PAGE_BLOCK.sub(lambda m: f"<!-- {m[1]}: {m[2]} -->\n{make_block(m[1], m[2])}<!-- end -->", text)
 
 
 def main() -> int:
-    """Write the stale pages, or only list them with --check; return the exit code."""
+    """Write the stale pages, or only print their names with --check."""
     stale = []
     for path in links.list_files("*.md"):
         text = path.read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Hooks of MkDocs (docs/mkdocs.yml).
+"""Hooks that MkDocs calls when it builds the site (docs/mkdocs.yml).
 
-The site consists of README, docs/pages and the files that they link to, at the same
-paths as in git. So links need no change.
+The site consists of README, docs/pages and the files to which they link. Files have the
+same paths as in git, so that links work in both.
 """
 
 import html
@@ -23,7 +23,7 @@ IN_LIST = re.compile(r"\s*(?:[-*] |\d+\. )|  ")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Take README, the pages, and all files that they link to, directly or not."""
+    """Add README, the pages, and all files to which they link, directly or not."""
     found, waiting = set(), [ROOT / "README.md", *(ROOT / "docs" / "pages").rglob("*.md")]
     while waiting:
         path = waiting.pop()
@@ -39,8 +39,9 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Insert an empty line before lists and tables: Python's Markdown needs it, a
-    forge does not."""
+    """Insert an empty line before each list, table and code block that has none.
+
+    The Markdown of MkDocs needs it, that of code hosting sites does not."""
     lines: list[str] = []
     inside = False
     for line in markdown.splitlines():
@@ -60,7 +61,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Convert equations to MathML, without scripts and network."""
+    """Convert equations to MathML, which browsers show without scripts and network."""
     from latex2mathml.converter import convert
 
     def convert_equation(match: re.Match[str]) -> str:
@@ -69,5 +70,5 @@ def on_page_content(content: str, **_: Any) -> str:
 
     content = MATH.sub(convert_equation, content)
     if "arithmatex" in content:
-        raise ValueError("an equation was not made into MathML")
+        raise ValueError("an equation could not be converted to MathML")
     return content

@@ -1,4 +1,4 @@
-"""Find links and anchors of Markdown pages, as a forge shows them."""
+"""Find the links and anchors of Markdown pages, by the rules of code hosting sites."""
 
 import re
 import subprocess
@@ -11,7 +11,7 @@ CODE_BLOCK = re.compile(r"^ *```.*?^ *```\s*$|``.+?``|`[^`\n]+`", flags=re.M | r
 
 
 def list_files(pattern: str = "*") -> list[Path]:
-    """Return the files that git holds."""
+    """Return the files in git whose names match a pattern."""
     listed = subprocess.run(
         ["git", "ls-files", pattern], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
@@ -19,13 +19,15 @@ def list_files(pattern: str = "*") -> list[Path]:
 
 
 def make_slug(heading: str) -> str:
-    """Return the anchor of a heading."""
+    """Return the anchor that code hosting sites make of a heading."""
     words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "").replace("*", "").strip().lower()
     return re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
 
 
 def list_anchors(text: str) -> set[str]:
-    """Return the anchors of a page: headings, with numbers for equal ones, and ids."""
+    """Return the anchors of a page: those of its headings, and ids in HTML.
+
+    Equal headings have anchors with a number at the end."""
     prose = re.sub(r"^ *```.*?^ *```\s*$", "", text, flags=re.M | re.S)
     found: set[str] = set()
     for heading in re.findall(r"^#+ (.*)$", prose, flags=re.M):
@@ -39,7 +41,8 @@ def list_anchors(text: str) -> set[str]:
 
 
 def list_local_links(path: Path) -> list[tuple[Path, str]]:
-    """Return file and anchor of each link of a page that stays in the repository."""
+    """Return target file and anchor of each link of a page to a file of the
+    repository."""
     found = []
     for target in LINK.findall(CODE_BLOCK.sub("", path.read_text(encoding="utf-8"))):
         parts = urllib.parse.urlsplit(target)

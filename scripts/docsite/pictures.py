@@ -2,8 +2,8 @@
 
     .venv/bin/python -m docsite.pictures
 
-All curves are logs and estimates of this checkout's simulator and filter, seed 1. The
-sketch of the car is drawn by hand.
+The curves are logs of the simulator, seed 1, and estimates of the filter, both of these
+sources. The sketch of the car is drawn by hand.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,8 +22,8 @@ import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES_FOLDER = ROOT / "docs" / "pages" / "pictures"
-MAX_PICTURE_BYTES = 100_000  # bytes of a picture that git holds
-COLOURS = 64  # of a picture that git holds
+MAX_PICTURE_BYTES = 100_000  # [bytes] max size of a picture in git
+COLOURS = 64  # max number of colours of a picture in git
 INKS = {"ink": "#1f2933", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"}
 PICTURE_STYLE = {
     "axes.spines.top": False,
@@ -32,7 +32,8 @@ PICTURE_STYLE = {
     "figure.autolayout": True,
     "axes.titlesize": 10,
 }
-EXACT_CAR = dict.fromkeys(library().uncertainties, 0.0)
+EXACT_CAR = dict.fromkeys(library().uncertainties, 0.0)  # all parameters are known exactly
+# the car of the simulator
 CAR: dict[str, Any] = {
     "mass": 1900,
     "yaw_inertia": 3000,
@@ -50,7 +51,7 @@ Inks = dict[str, str]
 
 
 def run_drive(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
-    """Simulate square waves, and estimate them with a known car."""
+    """Simulate square waves; estimate with the parameters of the simulated car."""
     drive = tse.simulate("square-waves", **options)
     return drive, tse.estimate(drive.log, CAR).table
 
@@ -58,7 +59,7 @@ def run_drive(**options: Any) -> tuple[tse.Simulated, pd.DataFrame]:
 def draw_interval(
     axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colour: str = "a"
 ) -> None:
-    """Draw an estimate in kN/rad with its 95 % interval."""
+    """Draw the estimate `key` in kN/rad, with its 95 % interval."""
     mean, sd = table[key].to_numpy() / 1e3, table[f"{key}_sd"].to_numpy() / 1e3
     axis.fill_between(
         t, mean - 1.96 * sd, mean + 1.96 * sd, color=c[colour], alpha=0.25, lw=0, label="95 % interval"
@@ -67,9 +68,9 @@ def draw_interval(
 
 
 def draw_slope(c: Inks) -> Any:
-    """Draw side force over slip angle of the front axle, before and after a road change.
+    """Draw the side force of the front axle over its slip angle.
 
-    The slope is the stiffness.
+    Points are before and after a road change. The slope of the lines is the stiffness.
     """
     drive, _ = run_drive(duration=40, road_changes=[(20.0, 0.5)])
     log, truth = drive
@@ -102,7 +103,7 @@ def draw_slope(c: Inks) -> Any:
 
 
 def draw_change(c: Inks) -> Any:
-    """Draw a road change: the estimate, and when the filter detects the change."""
+    """Draw the estimate and the probability of a change around a road change."""
     drive, est = run_drive(duration=30, road_changes=[(20.0, 0.7)])
     t = est["time"].to_numpy()
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 4.4), sharex=True, height_ratios=[3, 2])
@@ -118,7 +119,9 @@ def draw_change(c: Inks) -> Any:
 
 
 def draw_quiet(c: Inks) -> Any:
-    """Draw a straight drive: no cornering stiffness shows, the interval stays wide."""
+    """Draw the estimates of a straight drive and of a drive with steering.
+
+    On the straight drive, no cornering stiffness is observable: its interval is wide."""
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
@@ -147,7 +150,9 @@ def draw_quiet(c: Inks) -> Any:
 
 
 def draw_fault(c: Inks) -> Any:
-    """Draw a gyro that freezes for five seconds: a sensor fault, no road change."""
+    """Draw the estimate and the probabilities while the gyro is frozen for five seconds.
+
+    The filter detects a sensor fault, and no road change."""
     drive = tse.simulate("square-waves", duration=30)
     log = drive.log.copy()
     frozen = log["time"].between(15, 20)
@@ -178,9 +183,10 @@ PICTURES: dict[str, Callable[[Inks], Any]] = {
 
 
 def shrink_picture(path: Path) -> None:
-    """Reduce a PNG to its most frequent colours, and in size until it is small.
+    """Reduce the colours of a PNG, then its size until it has MAX_PICTURE_BYTES.
 
-    A palette of averages would draw a large faint area in the colour of a line.
+    The palette consists of the most frequent colours. A palette of mean colours would
+    give a large pale area the colour of a line.
     """
     from PIL import Image
 
@@ -200,7 +206,7 @@ def shrink_picture(path: Path) -> None:
 
 
 def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[Path]:
-    """Draw pictures to out/NAME.png, and return their paths."""
+    """Draw the pictures `names` to out/NAME.png. Return their paths."""
     made = []
     with plt.rc_context(PICTURE_STYLE):
         for name in names:
@@ -215,7 +221,7 @@ def draw(names: Iterable[str] = PICTURES, out: Path = PICTURES_FOLDER) -> list[P
 if __name__ == "__main__":
     for path in draw():
         print(path.relative_to(ROOT))
-    # pictures of the studies, which their commands write in full size
+    # the commands of the studies write their pictures in full size
     for path in (ROOT / "scripts" / "results").glob("*.png"):
         if path.stat().st_size > MAX_PICTURE_BYTES:
             shrink_picture(path)

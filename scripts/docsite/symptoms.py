@@ -1,4 +1,4 @@
-"""Run the tools on a log and a car with one mistake, for the page of symptoms."""
+"""Run commands on a log or a car with a mistake. The troubleshooting page shows them."""
 
 import os
 import tempfile
@@ -13,21 +13,23 @@ from tse.library.errors import UserError
 from tse.report.tables import simulated_vehicle
 from tselab.cli import cli
 
-DRIVE_DURATION = 6.0  # s of simulated drive: enough for a verdict, short enough for every build
+DRIVE_DURATION = 6.0  # [s] of the simulated drive: long enough for a verdict, and quick to run
 ESTIMATE = "estimate log.csv --vehicle car.toml"
 ERROR_PREFIX = "tselab: error"
 
 
 def edit_car(old: str, new: str) -> Callable[[pd.DataFrame, Path], object]:
-    """Return a function that writes the car with one text replaced."""
+    """Return a function that writes car.toml with the text `old` replaced by `new`."""
     return lambda log, folder: (folder / "car.toml").write_text(
         simulated_vehicle().replace(old, new), encoding="utf-8"
     )
 
 
 CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
-    # name: function that makes the mistake (returns the log, or writes into the folder);
-    # command; start of the line that is shown, "": the verdict
+    # name of the case:
+    # 1. function that makes the mistake: it returns a wrong log or writes a wrong file
+    # 2. arguments of tselab
+    # 3. start of the line of output to show; "": show the verdict
     "column": (lambda log, _: log.drop(columns="steer_angle"), ESTIMATE, ERROR_PREFIX),
     "neither": (lambda log, _: log.drop(columns=["accel_y", "yaw_rate"]), ESTIMATE, ERROR_PREFIX),
     "degrees": (
@@ -65,7 +67,7 @@ CASES: dict[str, tuple[Callable[[pd.DataFrame, Path], object], str, str]] = {
 
 
 def run_case(name: str) -> tuple[int, str]:
-    """Run the command of a case in a folder of its own; return exit code and output."""
+    """Run the command of a case in a new folder. Return exit code and output."""
     make, arguments, _ = CASES[name]
     log, before = tse.simulate("square-waves", duration=DRIVE_DURATION).log, Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
@@ -77,7 +79,7 @@ def run_case(name: str) -> tuple[int, str]:
             done = CliRunner().invoke(cli, [*arguments.split(), "--no-progress"], standalone_mode=False)
         finally:
             os.chdir(before)
-    if isinstance(done.exception, UserError):  # as tselab.cli.main() ends
+    if isinstance(done.exception, UserError):  # tselab.cli.main() prints it and ends with code 2
         return 2, f"{done.output}{ERROR_PREFIX}: {done.exception}"
     if done.exception is not None:
         raise done.exception
@@ -85,7 +87,7 @@ def run_case(name: str) -> tuple[int, str]:
 
 
 def show_case(name: str) -> str:
-    """Return the command and the lines of its output that matter, as a block."""
+    """Return the command of a case and the relevant lines of its output, in Markdown."""
     code, said = run_case(name)
     _, arguments, begins = CASES[name]
     lines = [line for line in said.splitlines() if line.strip()]

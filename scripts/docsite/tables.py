@@ -1,6 +1,6 @@
-"""Make the pages and tables of the site from the tables of the library (src/tables).
+"""Make tables and pages of the documentation, most of them from src/tables.
 
-make_X() makes the block X of a page (docsite.fill).
+A function make_X() makes the block X of a page. docsite.fill calls it.
 """
 
 import math
@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
 TABLES_FOLDER = ROOT / "src" / "tables"
 C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
-SETTING_GROUPS = {  # tables of the settings in the order of tse_config, and their headings
+SETTING_GROUPS = {  # heading of each table of settings, in the order of tse_config
     "vehicle": "Vehicle",
     "uncertainty": "How uncertain the parameters of the car are",
     "sensors": "Sensors",
@@ -46,20 +46,20 @@ SETTING_GROUPS = {  # tables of the settings in the order of tse_config, and the
     "formula": "A formula of the user",
     "effects": "Effects",
 }
-HOOKS = {  # hooks of src/tables/effects.toml, in words
+HOOKS = {  # what an effect acts on, by its hook in src/tables/effects.toml
     "CONSTANT": "the settings, once",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
-    "LAG": "slip on its way to the force, by a state of its own",
+    "LAG": "the delay from slip to force, which is a state",
     "STIFFNESS": "the stiffness of an axle",
     "GRIP": "the largest force of an axle",
-    "BODY": "forces and yaw moment besides the tyres', gravity",
-    "SENSOR": "what accelerometers and gyro read",
+    "BODY": "forces and yaw moment on the body other than those of the tyres, and gravity",
+    "SENSOR": "the signals of accelerometers and gyro",
 }
 
 
 def escape_cell(text: object) -> str:
-    """Escape a text for a cell of a Markdown table."""
+    """Return a text with the special characters of a Markdown table cell escaped."""
     return (
         str(text)
         .replace("|", "\\|")
@@ -71,12 +71,22 @@ def escape_cell(text: object) -> str:
 
 
 def format_code(text: object) -> str:
-    """Format a text as code."""
+    """Return a text as inline code of Markdown."""
     return f"`{text}`"
 
 
 def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
-    """Format a Markdown table from escaped cells. `right`: right-aligned columns."""
+    """Return a Markdown table.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Titles of the columns.
+    rows : iterable of sequences of str
+        Cells, already escaped.
+    right : tuple of int
+        Indices of right-aligned columns.
+    """
     lines = [
         "| " + " | ".join(head) + " |",
         "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
@@ -86,22 +96,22 @@ def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tupl
 
 
 def format_number(x: float) -> str:
-    """Format a number; "-" for NaN."""
+    """Return a number as text, "-" for NaN."""
     return "-" if math.isnan(x) else f"{x:.10g}"
 
 
 def _format_range(f: Field) -> str:
-    """Format the range of a setting."""
+    """Return the range of a field as text, "any" if it has none."""
     return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
 
 
 def find_group(setting: str) -> str:
-    """Return the table of src/tables that has a setting."""
+    """Return the table of src/tables that defines a setting."""
     return library().settings[setting].table
 
 
 def format_settings(fields: Iterable[Field]) -> str:
-    """Format a table of settings."""
+    """Return a Markdown table of settings: type, default, range, unit, meaning."""
     rows = [
         [
             f'<span id="{f.name}"></span>{format_code(f.name)}',
@@ -125,20 +135,23 @@ def make_config_page() -> str:
         file = f"src/tables/{sources.find_file(name)}.toml"
         text.append(f"## {title}\n\n`{file}`, {len(own)} settings.\n\n{format_settings(own)}")
     return (
-        f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units; "
-        "`tse_config_default()` fills in the defaults, `tse_prepare()` refuses what is outside its range and "
-        "names it. The same names are keys of a vehicle file (`[uncertainty]`, `[sensors]`, `[latency]`, "
-        "`[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, and parameters of "
-        "the FMUs.\n\n"
-        "The defaults are an ordinary car that nobody has calibrated. Where a default lies below its range "
-        "it is 0: not set. `filter`: the filters whose estimate a setting moves, `default`, `paper` or "
-        "both; none: simulator and replay alone. These have other values in `tse_config_exact()`, "
-        "a car that is known exactly:\n\n" + make_uncalibrated() + "\n" + "\n".join(text)
+        f"# tse_config: settings\n\n`tse_config` has {len(fields)} members, in SI units. "
+        "`tse_config_default()` sets them to their defaults. `tse_prepare()` refuses a setting outside its "
+        "range, and names it. The same names are keys of a vehicle file (`[uncertainty]`, `[sensors]`, "
+        "`[latency]`, `[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, and "
+        "parameters of the FMUs.\n\n"
+        "The defaults are those of an ordinary car that is not calibrated. A default of 0 below the range "
+        "means: not set. Column `filter`: the filters whose estimate the setting changes: `default`, `paper` "
+        "or both; none: only simulator and replay use it. The following settings have different values in "
+        "`tse_config_exact()`, a car that is known exactly:\n\n"
+        + make_uncalibrated()
+        + "\n"
+        + "\n".join(text)
     )
 
 
 def make_uncalibrated() -> str:
-    """Return the settings in which an ordinary car differs from an exact one."""
+    """Return a table of the settings that differ for an ordinary and an exact car."""
     rows = read_toml(TABLES_FOLDER / "uncalibrated.toml")["setting"].items()
     exact = Config.exact()
     return format_table(
@@ -165,17 +178,17 @@ def make_input_fields() -> str:
         if f.name == "dt":
             unit, allowed = "s", "above 0 .. 3600"
             text = (
-                "time since the previous row; ignored after tse_reset() up to the first row with all inputs"
+                "time since the previous row; after tse_reset(), ignored up to the first row with all inputs"
             )
         for name, those, what in (
-            ("missing", library().channels, "channels that are missing, besides those that are NaN"),
-            ("given", library().optional, "what is measured of those below; 0: none is read"),
+            ("missing", library().channels, "channels that are missing, in addition to those that are NaN"),
+            ("given", library().optional, "optional channels below that this row has; 0: none is read"),
         ):
             if f.name == name:
                 unit, allowed = "bits", "any"
                 text = f"{what}: " + ", ".join(f"{1 << i} {c.name}" for i, c in enumerate(those))
         if f.name in optional:
-            policy = "not there"
+            policy = "not used"
         rows.append(
             [
                 format_code(f.name),
@@ -190,7 +203,7 @@ def make_input_fields() -> str:
 
 
 def list_output_members() -> dict[str, str]:
-    """Return the member of tse_output of each output."""
+    """Return the member of tse_output that holds each output, by name of the output."""
     return {
         name: row.get("member", name)
         for name, row in read_toml(TABLES_FOLDER / "output.toml")["column"].items()
@@ -216,7 +229,7 @@ def make_output_fields() -> str:
 
 
 def _format_codes(which: int) -> str:
-    """Format the table of an enumeration."""
+    """Return a table of the codes in list `which`."""
     rows = [
         [str(c), format_code(f.name), escape_cell(f.text)] for c, f in sorted(library().codes(which).items())
     ]
@@ -224,17 +237,17 @@ def _format_codes(which: int) -> str:
 
 
 def make_status_codes() -> str:
-    """Return the table of status codes."""
+    """Return the table of the status codes."""
     return _format_codes(STATUS)
 
 
 def make_reason_codes() -> str:
-    """Return the table of reasons."""
+    """Return the table of the reasons why an estimate may not be used."""
     return _format_codes(REASON)
 
 
 def make_regimes() -> str:
-    """Return the table of regime probabilities."""
+    """Return the table of the regimes and their probabilities."""
     return format_table(
         ["output", "in C", "meaning"],
         [
@@ -290,7 +303,7 @@ def make_estimate_columns() -> str:
 
 
 def make_result_columns() -> str:
-    """Return the table of the columns of results."""
+    """Return the table of the columns of a table of results."""
     from tse.report.results import COLUMNS
 
     return format_table(["column", "type in pandas"], [[format_code(n), t] for n, t in COLUMNS.items()])
@@ -302,7 +315,7 @@ def make_vehicle_example() -> str:
 
 
 def make_formula_places() -> str:
-    """Return the table of places of a formula."""
+    """Return the table of the places at which a formula can act."""
     lib = library()
     return format_table(
         ["place", "unit", "where"],
@@ -314,7 +327,7 @@ def make_formula_places() -> str:
 
 
 def make_formula_operations() -> str:
-    """Return the table of operations of a formula."""
+    """Return the table of the operations of a formula."""
     kinds = {
         "NUMBER": "number",
         "SIGNAL": "signal of the model",
@@ -335,7 +348,7 @@ def make_formula_operations() -> str:
 
 
 def make_constants() -> str:
-    """Return the tables of src/tables/constants.toml by section."""
+    """Return a table for each section of src/tables/constants.toml."""
     text = []
     for section, own in read_toml(TABLES_FOLDER / "constants.toml").items():
         rows = [
@@ -347,7 +360,7 @@ def make_constants() -> str:
             for n, r in own.items()
         ]
         text.append(f"\n## {section[:1].upper()}{section[1:]}\n")
-        text.append(format_table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
+        text.append(format_table(["constant", "value", "unit", "why", "tested by"], rows, right=(1,)))
     return "\n".join(text)
 
 
@@ -366,7 +379,7 @@ def make_gap_exit_codes() -> str:
 
 
 def find_equation(effect: str) -> str:
-    """Return the comment of an effect in the sources."""
+    """Return the comment on the function of an effect, which has its equation."""
     text = "".join(
         (ROOT / "src" / "model" / f).read_text(encoding="utf-8")
         for f in ("effects_constant.h", "catalogue.h")
@@ -379,7 +392,7 @@ def find_equation(effect: str) -> str:
 
 
 def list_functions(header: str) -> list[tuple[str, str, str]]:
-    """Return name, declaration and comment of every function of a header."""
+    """Return name, declaration and comment of each function of a header."""
     text = (TSE / header).read_text(encoding="utf-8")
     found = []
     for match in re.finditer(r"^(?:const )?\w+ \*?(tse_\w+)\([^;{]*?\);", text, flags=re.M | re.S):
@@ -393,21 +406,21 @@ def list_functions(header: str) -> list[tuple[str, str, str]]:
 
 
 def make_c_page() -> str:
-    """Return the page of the C functions."""
+    """Return the page of all C functions."""
     text = ["# C reference", ""]
     about = {
         "tse.h": "The estimator",
-        "learnt.h": "What a drive taught, kept for the next",
-        "simulate.h": "The simulator with truth",
-        "replay.h": "The model driven by a log, for fits",
-        "describe.h": "The tables at run time, for hosts that bind to them",
-        "convert.h": "Numbers of a fixed-point build",
+        "learnt.h": "The learnt state, from one drive to the next",
+        "simulate.h": "The simulator, with true values",
+        "replay.h": "The model with a log as input, for fits",
+        "describe.h": "The tables of the library at run time, for bindings",
+        "convert.h": "Conversion of numbers, for fixed-point builds",
     }
     text += [
-        "Structs member by member: [tse_config](config.md), [rows, status and reasons](rows.md), "
-        "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; "
-        "`-DTSE_REAL=float` and `fixed` make them float and 64-bit integers. In Python the same functions "
-        "are called by [the API](python.md).",
+        "Members of the structs: [tse_config](config.md), [rows, status and reasons](rows.md), "
+        "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build, "
+        "`float` with `-DTSE_REAL=float`, and 64-bit integers with `-DTSE_REAL=fixed`. "
+        "[The Python API](python.md) calls the same functions.",
         "",
     ]
     for header, title in about.items():
@@ -417,7 +430,7 @@ def make_c_page() -> str:
         text += [f"## {title}: `tse/{header}`", ""]
         previous = ""
         for name, declaration, comment in own:
-            comment = comment or previous  # functions that share a comment stand below it
+            comment = comment or previous  # a function without a comment shares that of the one above
             text += [
                 f"### {name}",
                 "",
@@ -437,14 +450,14 @@ def make_c_page() -> str:
 
 
 def make_cli_page() -> str:
-    """Return the page of all commands: the text of --help."""
+    """Return the page of all commands, with the text of --help of each."""
     import click
 
     from tselab.cli import cli
 
-    text = ["# Command line", "", "What `tselab COMMAND --help` says.", ""]
+    text = ["# Command line", "", "The output of `tselab COMMAND --help` for each command.", ""]
 
-    def walk(command: click.Command, path: list[str], parent: click.Context | None) -> None:
+    def add_command(command: click.Command, path: list[str], parent: click.Context | None) -> None:
         ctx = click.Context(
             command,
             info_name=path[-1],
@@ -458,14 +471,15 @@ def make_cli_page() -> str:
         if isinstance(command, click.Group):
             for name in command.list_commands(ctx):
                 if (sub := command.get_command(ctx, name)) is not None and not sub.hidden:
-                    walk(sub, [*path, name], ctx)
+                    add_command(sub, [*path, name], ctx)
 
-    walk(cli, ["tselab"], None)
+    add_command(cli, ["tselab"], None)
     return "\n".join(text)
 
 
 def make_learnt_layout() -> str:
-    """Return the file layout in tse/learnt.h."""
+    """Return the layout of a file with a learnt state, from the comment in
+    tse/learnt.h."""
     text = (TSE / "learnt.h").read_text(encoding="utf-8")
     layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
     return (
@@ -473,15 +487,17 @@ def make_learnt_layout() -> str:
     )
 
 
-# ---- measured tables: runs of the filter, and scripts/results in other units
+# ---- tables of measured numbers: from runs of the filter, and from scripts/results
 
-CYCLES = 1.5  # assumed clock cycles an instruction: loads and taken branches need two
-PERIOD = 0.01  # s between rows
-CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # MHz, usual clocks
+CYCLES = 1.5  # assumed mean number of clock cycles of an instruction; loads and taken branches need two
+PERIOD = 0.01  # [s] time between rows
+CLOCKS = {"Cortex-M4F": 168, "Cortex-M7": 400, "Cortex-M3": 72, "Cortex-M0": 48}  # [MHz] usual clock rates
 
 
 def make_controller() -> str:
-    """Return time, load and memory of a row on microcontrollers, by budgets.md."""
+    """Return a table of time, clock rate and memory of a row on microcontrollers.
+
+    The numbers are computed from scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = []
     for line in text.splitlines():
@@ -493,7 +509,7 @@ def make_controller() -> str:
             int(re.match(r"\**([\d,]+)", c)[1].replace(",", "")) if "," in c.split(" ")[0] else 0
             for c in cells[1:8]
         )
-        each = CYCLES / clock / 1e3  # ms an instruction
+        each = CYCLES / clock / 1e3  # [ms] time of an instruction
         least = longest * CYCLES / PERIOD / 1e6
         rows.append(
             [cells[0], str(clock), f"{mean * each:.2f}", f"{longest * each:.2f}", f"{least:.0f}",
@@ -513,7 +529,9 @@ def make_controller() -> str:
 
 
 def make_flash() -> str:
-    """Return the flash of the library without some options, by budgets.md."""
+    """Return a table of the flash that the library needs without some of its parts.
+
+    The numbers are those of scripts/results/budgets.md."""
     text = (ROOT / "scripts" / "results" / "budgets.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| \**([\d,]+)\** \([^|]*limit[^|]*\) \|$", text, re.M)
     return format_table(
@@ -531,9 +549,9 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
     name
         File name without suffix.
     rows
-        First cells; for each, the first row that begins with it.
+        Beginnings of rows. The first row with each beginning is selected.
     keep
-        Indices of the columns.
+        Indices of the columns to select.
     """
     lines = (ROOT / "scripts" / "results" / f"{name}.md").read_text(encoding="utf-8").splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("|---")) - 1
@@ -547,7 +565,7 @@ def select_results(name: str, rows: Sequence[str], keep: Sequence[int]) -> str:
 
 
 def make_measured_cars() -> str:
-    """Return the errors of estimates of calibrated cars, with their bounds."""
+    """Return a table of the errors on calibrated cars, with bounds for comparison."""
     names = (
         "calibrated",
         "calibrated, beside the secant without relaxation",
@@ -560,14 +578,16 @@ def make_measured_cars() -> str:
 
 
 def make_measured_events() -> str:
-    """Return the durations of wrong estimates after events, and until samples show it."""
+    """Return a table of how long estimates are wrong after events.
+
+    It also has the time until samples show that they are wrong."""
     return select_results(
         "cars-events", ("ice", "split", "aquaplaning", "low_limit", "pressure"), (0, 2, 4, 5, 6, 7)
     )
 
 
 def make_measured_logs() -> str:
-    """Return the stiffness that logs of real cars show."""
+    """Return a table of the stiffness estimated from logs of real cars."""
     logs = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs", "rav4_comma2k19", "subaru_sti")
     return select_results(
         "real", [f"{name} | the log itself" for name in logs], (0, 3, 4, 5, 6, 7, 8, 10, 11)
@@ -575,7 +595,9 @@ def make_measured_logs() -> str:
 
 
 def make_tuning() -> str:
-    """Return NIS, whiteness, validity and error for right and wrong settings."""
+    """Return a table of innovations, validity and errors for right and wrong settings.
+
+    NIS is the normalised innovation squared."""
     import tse
     from tse.library.core import library
 
