@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include "tse/tse.h"
 
-/* Read log.csv from standard input and print the front cornering stiffness at its end.
- * Columns: time, then the channels in the order below; SI units, ISO 8855. */
+/* Read a log as CSV from standard input. Print the front cornering stiffness at its end.
+ * Columns: time, then the channels in the order of `channel`. SI units, ISO 8855. */
 int main(void)
 {
   static tse_filter f;
@@ -15,14 +15,14 @@ int main(void)
   const char *wrong;
   char line[512];
   double before = NAN;
-  tse_config_default(&c); /* an ordinary car; all settings: include/tse/config.h */
-  c.mass = 1900;          /* set your car; without a mass no stiffness is valid */
+  tse_config_default(&c); /* an ordinary car; include/tse/config.h lists all settings */
+  c.mass = 1900;          /* set the data of your car; without a mass no stiffness is valid */
   c.lf = 1.25;
   c.lr = 1.5;
   c.wheel_radius_front = c.wheel_radius_rear = 0.33;
   c.driven_axle = 0; /* 1 front, 2 rear, 0 both or unknown */
   if (tse_prepare(&c, &p, &wrong) < 0) return fprintf(stderr, "%s is outside its range\n", wrong), 2;
-  tse_reset(&p, &f, sizeof f); /* the caller owns all memory */
+  tse_reset(&p, &f, sizeof f); /* the caller provides all memory */
   tse_input_default(&u);
   double *const channel[] = { &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear, &u.accel_x,
     &u.accel_y, &u.yaw_rate };
@@ -33,7 +33,7 @@ int main(void)
     for (int i = 0; i < 6; i++) {
       cell = end + (*end == ',');
       *channel[i] = strtod(cell, &end);
-      if (end == cell) *channel[i] = NAN; /* empty cell: missing */
+      if (end == cell) *channel[i] = NAN; /* an empty cell is a missing value */
     }
     u.dt = isnan(before) ? c.sample_time : time - before;
     if (tse_step(&p, &f, &u, &y) >= 0) before = time;

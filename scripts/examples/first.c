@@ -1,10 +1,10 @@
 #include <stdio.h>
 #include "tse/tse.h"
 
-/* Estimate from a log on standard input: header, a row each 10 ms, SI units, ISO 8855. */
+/* Estimate from a log on standard input: header, rows of 10 ms, SI units, ISO 8855. */
 int main(void)
 {
-  static tse_filter f; /* the caller owns all memory */
+  static tse_filter f; /* the caller provides all memory */
   tse_config c;
   tse_params p;
   tse_input u;
@@ -13,7 +13,7 @@ int main(void)
   double time;
   int cells;
   int row = 2; /* row 1 is the header */
-  /* Ordinary car: 132 +- 25 kN/rad. Python calibrates it on the log: 114 +- 14; true: 120 */
+  /* Ordinary car: 132 +- 25 kN/rad, true 120. Calibrated, as in Python: 114 +- 14 */
   tse_config_default(&c);
   c.mass = 1900;
   c.lf = 1.25;
@@ -25,7 +25,7 @@ int main(void)
   while ((cells = scanf("%lf,%lf,%lf,%lf,%lf,%lf,%lf%*[^\n]", &time, &u.steer_angle, &u.wheel_speed_front,
               &u.wheel_speed_rear, &u.accel_x, &u.accel_y, &u.yaw_rate))
       == 7) {
-    /* < 0: row refused. > 0: warning; check y.reason before use */
+    /* < 0: row refused; > 0: warning. Check y.reason before you use an estimate */
     if (tse_step(&p, &f, &u, &y) < 0)
       return fprintf(stderr, "row %d: %s\n", row, tse_status_text(y.status)), 1;
     row++;

@@ -1,26 +1,26 @@
-"""An estimator of your own beside tse, on the same drives, in the same tables.
+"""Example of an estimator of your own that a study compares with tse.
 
     PYTHONPATH=scripts/examples tselab montecarlo \\
         --study peers+own_filter.random_walk --cases nominal,noise-3x --runs 20
 
-A study runs every estimator on the same simulated drives: tse, Kalman filters with the
-true covariances, and yours, by its name in Python. It receives the log and the settings
-of car and sensors, as tse does, and returns columns in N and N/rad.
+The study `peers` runs all estimators on the same simulated drives: tse, Kalman filters
+with the true covariances, and the function that is named after `+`. This function
+receives the log and the settings of car and sensors, as tse does, and returns columns in
+N and N/rad.
 
-This example is a Kalman filter with a random walk of the two cornering stiffnesses. It
-cannot measure sideslip, so it uses differences. Yaw acceleration and lateral acceleration
-give the side forces of both axles,
+This example is a Kalman filter whose states are the compliances 1/C of both axles, as
+random walks. Side forces of the axles follow from yaw and lateral acceleration,
 
     Fy_front = (lr m ay + Iz dr/dt)/(lf + lr),
     Fy_rear  = (lf m ay - Iz dr/dt)/(lf + lr),
 
-and from dvy/dt = ay - vx r, with the slip angles a_f = delta - (vy + lf r)/vx and a_r =
-(lr r - vy)/vx, the difference contains no vy:
+The slip angles are a_f = delta - (vy + lf r)/vx and a_r = (lr r - vy)/vx. The lateral
+speed vy is not measured, but it cancels in their difference:
 
     a_f - a_r = delta - (lf + lr) r/vx  =  Fy_front/C_front - Fy_rear/C_rear.
 
-This is linear in the compliances 1/C: measurement delta - (lf + lr) r/vx, regressor
-(Fy_front, -Fy_rear).
+The filter uses this equation, which is linear in the compliances, for its update. The
+measurement is delta - (lf + lr) r/vx, and the regressor is (Fy_front, -Fy_rear).
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ import numpy.typing as npt
 import pandas as pd
 
 Array = npt.NDArray[np.float64]
-WALK = 0.002  # 1/sqrt(s): random walk of the compliances, relative to nominal
-START = 0.3  # sd of the compliances at the start, relative
-SMOOTH = 0.1  # s, time constant: the side forces are differences of noisy channels
-MIN_SPEED = 3.0  # m/s, no update below
+WALK = 0.002  # [1/sqrt(s)] random walk of the compliances, relative to nominal
+START = 0.3  # sd of the compliances at the start, relative to their start values
+SMOOTH = 0.1  # [s] time constant of the low-pass filter of noisy channels
+MIN_SPEED = 3.0  # [m/s] below this speed, there is no update
 
 
 def random_walk(log: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, Array]:
-    """Return cx_front, cy_front, cy_rear and their _sd, one value per row.
+    """Return cx_front, cy_front, cy_rear and the sd of each (suffix _sd), row by row.
 
-    The filter does not estimate cx_front: its columns keep the initial value.
+    The filter does not estimate cx_front. Its columns have the initial value in all rows.
     """
     s = settings
     nominal = np.array([s["cornering_stiffness_front"], s["cornering_stiffness_rear"]])
     base, dt = s["lf"] + s["lr"], s["sample_time"]
     blend = dt / (SMOOTH + dt)
 
-    c = 1 / (np.array([s["initial_cy_front"], s["initial_cy_rear"]]) * nominal)  # compliances, rad/N
+    c = 1 / (np.array([s["initial_cy_front"], s["initial_cy_rear"]]) * nominal)  # [rad/N] compliances
     p = np.diag((START * c) ** 2)
     q = np.diag((WALK / nominal) ** 2 * dt)
     r_sd = np.hypot(np.sqrt(blend) * s["yaw_rate_sd"] * base / 10.0, 1e-3)
@@ -71,7 +71,7 @@ def random_walk(log: pd.DataFrame, settings: Mapping[str, float]) -> dict[str, A
             c, p = c + gain * innovation, p - np.outer(gain, h @ p)
             c = np.clip(c, 0.1 / nominal, 10 / nominal)
         means.append(1 / c)
-        variances.append(np.diag(p) / c**4)  # of 1/c, to first order
+        variances.append(np.diag(p) / c**4)  # variance of the stiffness 1/c, to first order
     stiffness, sd = np.array(means), np.sqrt(np.array(variances))
     unknown = np.full(len(log), s["initial_cx_front"] * s["longitudinal_stiffness_front"])
     return {
@@ -91,6 +91,6 @@ if __name__ == "__main__":
     for name in ("cy_front", "cy_rear"):
         true = truth[f"true_{name}"].iloc[-1]
         print(
-            f"{name}: mine {100 * (mine[name][-1] / true - 1):+.1f} %, "
-            f"tse {100 * (getattr(e, name) / true - 1):+.1f} % off"
+            f"{name}: error of random_walk {100 * (mine[name][-1] / true - 1):+.1f} %, "
+            f"of tse {100 * (getattr(e, name) / true - 1):+.1f} %"
         )

@@ -1,7 +1,6 @@
-"""Estimate row by row in the car, continue after a refused row, and keep the learnt
-state.
+"""Estimate row by row, as in a car: continue after a refused row, keep the learnt state.
 
-    python scripts/examples/stream.py
+python scripts/examples/stream.py
 """
 
 from __future__ import annotations
@@ -14,29 +13,30 @@ CAR = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_r
 
 
 def read_rows() -> Iterator[dict[str, float]]:
-    """Yield the rows of a bus, here of a simulated drive, in SI units.
+    """Yield rows in SI units. In a car they come from a bus, here from a simulated drive.
 
-    A missing value may be left out, None or NaN.
+    In a row, a missing value may be left out, None or NaN.
     """
     for i, row in enumerate(tse.simulate("double-lane-change", duration=20).log.to_dict("records")):
         if i == 500:
-            row["steer_angle"] = 7.0  # a broken message
+            row["steer_angle"] = 7.0  # a wrong value, as in a broken message
         if i % 50:
             yield {str(name): value for name, value in row.items()}
         else:
-            # a slower channel
+            # accel_x is missing in some rows, as if it were sent less often
             yield {str(name): value for name, value in row.items() if name != "accel_x"}
 
 
 def main() -> tuple[tse.Estimate, bytes]:
-    """Run the filter on the rows; return its last estimate and the learnt state."""
-    car = tse.Filter(CAR, sample_time=0.01, settings={"steer_angle_latency": 0.02})  # s
+    """Run the filter on the rows. Return its last estimate and the learnt state."""
+    # the steering angle is logged 0.02 s late
+    car = tse.Filter(CAR, sample_time=0.01, settings={"steer_angle_latency": 0.02})
     print(f"late channels: { {c: s for c, s in car.latencies.items() if s} } s")
     e, refused = None, 0
     for row in read_rows():
         try:
             e = car.step(row)
-        except tse.InputError as error:  # the filter has not changed: continue with the next row
+        except tse.InputError as error:  # the filter is unchanged: continue with the next row
             refused += 1
             print(f"row refused: {error}")
             continue
@@ -50,7 +50,7 @@ def main() -> tuple[tse.Estimate, bytes]:
     )
     print("valid" if e.cy_front_valid else f"not valid: {e.cy_front_reason}", f"({refused} row refused)")
 
-    learnt = car.save_learnt()  # 268 bytes, for a file or an ECU
+    learnt = car.save_learnt()  # 268 bytes, to be stored in a file or an ECU
     assert learnt is not None
     tomorrow = tse.Filter(CAR, sample_time=0.01)
     tomorrow.load_learnt(learnt, age=86400.0)

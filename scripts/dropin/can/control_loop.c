@@ -1,9 +1,9 @@
-/* control_loop.c - see control_loop.h. */
+/* control_loop.c - functions of the example that control_loop.h describes. */
 #include "control_loop.h"
 
 #include <string.h>
 
-/* All channels missing. */
+/* Mask of a row in which all channels are missing. */
 #define NOTHING (TSE_MISSING_steer_angle | TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear | \
                  TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate)
 
@@ -11,14 +11,14 @@ tse_status loop_start(control_loop *loop, const tse_config *c, const char **wron
 {
   memset(loop, 0, sizeof *loop);
   loop->coming.missing = NOTHING;
-  tse_status status = tse_self_test(wrong); /* checks the rounding of this build */
+  tse_status status = tse_self_test(wrong); /* check that this build rounds as it must */
   if (status >= 0) status = tse_prepare(c, &loop->params, wrong);
   if (status >= 0) status = tse_reset(&loop->params, &loop->filter, sizeof loop->filter);
   return status;
 }
 
-/* Return raw / per, rounded to nearest. Division: raw * 1e-5 is not always the nearest
- * number. */
+/* Return raw / per, rounded to the nearest number. A product such as raw * 1e-5 would not
+ * always be the nearest number. */
 static tse_real divide(int32_t raw, int32_t per)
 {
 #if defined(TSE_REAL_FIXED)
@@ -30,13 +30,14 @@ static tse_real divide(int32_t raw, int32_t per)
 #endif
 }
 
-/* Read number k of a frame, in 1/per units, into a channel. */
+/* Read number k of a frame, whose unit is 1/per, into the channel *to. Clear its bit in
+ * u->missing. If the frame marks the number as not valid, change nothing. */
 static void decode(tse_input *u, const can_frame *f, int k, int32_t per, uint32_t bit, tse_real *to)
 {
   const uint8_t *const b = &f->data[3 * k];
   const int32_t raw = (int32_t)((uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16);
   if (f->data[6] >> k & 1u) return;
-  *to = divide(raw >= 1 << 23 ? raw - (1 << 24) : raw, per); /* two's complement of 24 bits */
+  *to = divide(raw >= 1 << 23 ? raw - (1 << 24) : raw, per); /* raw is two's complement in 24 bits */
   u->missing &= ~bit;
 }
 
@@ -58,13 +59,15 @@ void loop_received(control_loop *loop, const can_frame *f)
   }
 }
 
-/* Complete a row. A period without frames makes no row: dt of the next row spans it. */
+/* Complete a row. A period without frames gives no row, but is part of the next dt. */
 void loop_period(control_loop *loop)
 {
   loop->periods++;
   if (loop->coming.missing == NOTHING) return;
   if (loop->is_ready) {
-    loop->overruns++; /* keep the readings; the next row has a longer step */
+    /* the filter has not yet read the last row. Keep these readings for the next row,
+     * whose dt is then longer */
+    loop->overruns++;
     return;
   }
   loop->coming.dt = divide((int32_t)(loop->periods * LOOP_MS), 1000);
@@ -80,7 +83,7 @@ int loop_work(control_loop *loop)
   loop->row.dt += loop->lost;
   const tse_status status = tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate);
   if (status < 0) loop->refused++; /* the estimate is unchanged */
-  /* The next row's step includes the time of a refused row. */
+  /* The time of a refused row is added to dt of the next row. */
   loop->lost = status == TSE_E_INPUT ? loop->row.dt : TSE_R(0);
   loop->rows++;
   loop->is_ready = 0;
