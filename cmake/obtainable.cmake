@@ -1,12 +1,13 @@
-# Sources of third parties that tests and FMUs need, and whether they are present or can
-# be fetched. The library needs none of them: a plain configure works without a network
-# and Python. Without a C++ compiler, the tests that need one are left out.
+# Find out whether tests and FMUs can be built: whether the third-party sources that they
+# need are present or can be fetched. The library needs no such sources, so that it can be
+# configured without network and Python. Without a C++ compiler, tests that need one are
+# left out.
 set(tse_unity_repository https://github.com/ThrowTheSwitch/Unity.git)
 set(tse_fmi2_repository https://github.com/modelica/fmi-standard.git)
 set(tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, which scripts/setup.sh puts into .venv/share/unity")
-set(tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, which scripts/setup.sh puts into .venv/share/fmi2, and those of 3.0 beside it")
+set(tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, which scripts/setup.sh puts into .venv/share/fmi2, and those of 3.0 into .venv/share/fmi3")
 
-# Returned: in `result` whether FetchContent will find `name` (unity, fmi2)
+# Set `result` to ON if FetchContent can get the sources `name` (unity or fmi2), else OFF.
 function(tse_obtainable name result)
   string(TOUPPER "${name}" upper)
   set(base "${FETCHCONTENT_BASE_DIR}")
@@ -18,7 +19,7 @@ function(tse_obtainable name result)
     set(${result} ON PARENT_SCOPE)
     return()
   endif()
-  if(name STREQUAL "unity" AND NOT CMAKE_VERSION VERSION_LESS 3.24)     # tests/CMakeLists.txt takes an installed one then
+  if(name STREQUAL "unity" AND NOT CMAKE_VERSION VERSION_LESS 3.24)     # tests/CMakeLists.txt then uses an installed Unity
     find_package(unity QUIET CONFIG)
     if(unity_FOUND)
       set(${result} ON PARENT_SCOPE)
@@ -38,8 +39,8 @@ function(tse_obtainable name result)
   endif()
 endfunction()
 
-# Can tests be built here? Evaluated once, if the user has not set the option.   Returned:
-# in `result`
+# Set `result` to ON if the tests can be built, else OFF, and print what is missing. It is
+# the default of TSE_BUILD_TESTS.
 function(tse_tests_can_be_built result)
   find_package(Python3 3.10 QUIET COMPONENTS Interpreter)
   tse_obtainable(unity unity)
@@ -52,18 +53,18 @@ function(tse_tests_can_be_built result)
   endif()
   if(missing)
     list(JOIN missing ", " missing)
-    message(STATUS "tse: the tests are not built, they need ${missing}; then -DTSE_BUILD_TESTS=ON")
+    message(STATUS "tse: the tests are not built, because they need ${missing}; install it, then add -DTSE_BUILD_TESTS=ON")
     set(${result} OFF PARENT_SCOPE)
   else()
     set(${result} ON PARENT_SCOPE)
   endif()
 endfunction()
 
-# The same for the FMUs.
+# Set `result`, the default of TSE_BUILD_FMU, to ON if the FMUs can be built, else OFF.
 function(tse_fmus_can_be_built result)
   tse_obtainable(fmi2 fmi2)
   if(NOT fmi2)
-    message(STATUS "tse: the FMUs are not built, they need the FMI 2.0 headers (${tse_fmi2_hint}); then -DTSE_BUILD_FMU=ON")
+    message(STATUS "tse: the FMUs are not built, because they need the FMI 2.0 headers (${tse_fmi2_hint}); install them, then add -DTSE_BUILD_FMU=ON")
   endif()
   set(${result} ${fmi2} PARENT_SCOPE)
 endfunction()

@@ -1,26 +1,27 @@
-# CMake toolchain: the C compiler of the Python package ziglang, which contains the C
-# libraries of many systems.
+# Toolchain file of CMake for the C compiler of zig. The Python package ziglang has it,
+# with the C libraries of many systems.
 #
-#   cmake -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake -DTSE_ZIG=<the program zig>
+#   cmake -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake -DTSE_ZIG=<path of the program zig>
 #         -DTSE_ZIG_TARGET=x86_64-windows-gnu ...
 #
-# Targets of zig: <processor>-<linux|windows|macos>[.version]-<abi>[.version].
-# scripts/dev/release.py has a list.
+# Form of a target: <processor>-<linux|windows|macos>[.version]-<abi>[.version].
+# scripts/dev/release.py has a list of targets.
 if(NOT TSE_ZIG OR NOT TSE_ZIG_TARGET)
-  message(FATAL_ERROR "cmake/zig.cmake needs TSE_ZIG, the program, and TSE_ZIG_TARGET, as zig names its targets")
+  message(FATAL_ERROR "cmake/zig.cmake needs -DTSE_ZIG=<path of the program zig> and -DTSE_ZIG_TARGET=<target, as x86_64-windows-gnu>")
 endif()
 set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES TSE_ZIG TSE_ZIG_TARGET)
 string(REGEX MATCH "^[^-]+" CMAKE_SYSTEM_PROCESSOR "${TSE_ZIG_TARGET}")
 if(TSE_ZIG_TARGET MATCHES "-windows")
   set(CMAKE_SYSTEM_NAME Windows)
-  set(CMAKE_RC_COMPILER "${TSE_ZIG}" CACHE FILEPATH "")         # asked for on Windows; there are no resources
+  set(CMAKE_RC_COMPILER "${TSE_ZIG}" CACHE FILEPATH "")         # CMake requires one on Windows, but there are no resources to compile
 elseif(TSE_ZIG_TARGET MATCHES "-macos")
   set(CMAKE_SYSTEM_NAME Darwin)
 else()
   set(CMAKE_SYSTEM_NAME Linux)
 endif()
 set(CMAKE_C_COMPILER "${TSE_ZIG}" cc -target "${TSE_ZIG_TARGET}")
-# "zig ar" and "zig ranlib" are two words, and CMake wants programs of one
+# CMake expects a program for ar and for ranlib. Here each is zig with a first argument,
+# which the rules below add.
 set(CMAKE_AR "${TSE_ZIG}" CACHE FILEPATH "")
 set(CMAKE_RANLIB "${TSE_ZIG}" CACHE FILEPATH "")
 set(CMAKE_C_ARCHIVE_CREATE "<CMAKE_AR> ar qcD <TARGET> <LINK_FLAGS> <OBJECTS>")

@@ -1,6 +1,7 @@
-# fmu/stage.cmake - write all files of an FMU, except its binaries. fmu/CMakeLists.txt calls it with lists whose
-# elements are separated by |. The GUID is a hash of modelDescription.xml, and so of the variables, their
-# ranges and start values, and the version.
+# fmu/stage.cmake - write all files of an FMU, except its binaries. fmu/CMakeLists.txt
+# calls it with lists whose elements are separated by |. The GUID is a hash of
+# modelDescription.xml, and so of the variables, their ranges and start values, and the
+# version.
 foreach(list IN ITEMS sources files public_headers parts)
   string(REPLACE "|" ";" ${list} "${${list}}")
 endforeach()
@@ -29,8 +30,8 @@ foreach(part IN LISTS parts)                             # the content of name.h
   get_filename_component(name "${part}" NAME_WE)
   string(REPLACE "@${name}@" "${text}" page "${page}")
 endforeach()
-# The text between <!--2--> and <!--/2--> is for the page of FMI 2.0 only, that between <!--3--> and <!--/3-->
-# for the page of FMI 3.0 only. @fmi@ is the version.
+# The text between <!--2--> and <!--/2--> is for the page of FMI 2.0 only, that between
+# <!--3--> and <!--/3--> for the page of FMI 3.0 only. @fmi@ is the version.
 math(EXPR other "5 - ${fmi}")
 set(suffix "")
 set(real Real)
@@ -76,7 +77,8 @@ foreach(file IN LISTS files)     # files of src/ keep their folders there; other
   file(COPY "${file}" DESTINATION "${stage}/sources/${folder}")
 endforeach()
 
-# FMU_SOURCES is a hash of all sources. An FMU accepts a saved state only from an FMU of the same sources.
+# FMU_SOURCES is a hash of all sources. An FMU accepts a saved state only from an FMU of
+# the same sources.
 file(GLOB_RECURSE all RELATIVE "${stage}/sources" "${stage}/sources/*.c" "${stage}/sources/*.h")
 list(SORT all)
 set(hashes "")

@@ -1,38 +1,40 @@
 #!/usr/bin/env bash
-# Install what the other scripts need, inside this checkout: the Python environment .venv
-# with the command `tselab`, Unity for the C tests, the FMI headers, and the shared
-# library that tselab calls. Fast if nothing has changed; needs no root.
+# Install in this checkout what the other scripts need: the Python environment .venv with
+# the command `tselab`, Unity for the C tests, the FMI headers, and the shared library
+# that tselab calls. Needs no root. A second call is fast if nothing has changed.
 #
 #   scripts/setup.sh [EXTRA ...]
-#     clients     more programs that import FMUs, for the tests
-#     platforms   a compiler for FMUs of all platforms
-#     logs        MF4, buses, ROS, MAT 7.3
-#     openpilot   the logs of openpilot
-#     docs        tools of the site (scripts/dev/docs.sh), also for its tests
+#     clients     further programs that import FMUs, for the tests
+#     platforms   a compiler that builds FMUs for all platforms
+#     logs        readers of MF4, bus logs, ROS, MAT 7.3
+#     openpilot   reader of the logs of openpilot
+#     docs        tools that build the site (scripts/dev/docs.sh), and its tests need
 #     release     tools of scripts/dev/release.sh
 #     machines    compilers and emulators of other machines (scripts/dev/platforms.py,
 #                 scripts/dev/budgets.py)
 #     proof       tools of scripts/dev/proof.sh
 #
-# Extras of pyproject.toml that cannot be installed are skipped. machines and proof are
-# packages of the system: they are installed with apt-get as root, else named.
+# An extra of pyproject.toml that cannot be installed is skipped. The tools of machines
+# and proof are packages of the operating system. They are installed if the script runs as
+# root and apt-get exists; otherwise their names are printed.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$@" >&2; exit 1; }
-# Install the package of this checkout by its path, without a library. The library is
-# built below, and again if sources change.
+# Install the Python package as a link to this checkout, without the library, which is
+# built at the end of this script. Arguments: extras as in pip install.
 install_checkout() {
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation \
     --config-settings wheel.cmake=false --editable "$@" || return 1
-  # Keep the plain path and remove the finder. It would take precedence over PYTHONPATH,
-  # and so over a package installed by a test and over another checkout.
+  # The .pth file has the path of the package and an import hook. Remove the hook: it
+  # would take precedence over PYTHONPATH, with which tests use a different copy of the
+  # package.
   sed -i.bak '/^import /d' .venv/lib/python*/site-packages/_editable*_tse.pth \
     && rm -f .venv/lib/python*/site-packages/_editable*_tse.pth.bak
 }
-hash_file() {
+hash_file() {                                     # print the SHA-256 of a file
   "$python" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' "$1"
 }
 
@@ -43,7 +45,7 @@ for c in ${CC:+"$CC"} cc gcc clang; do
   if command -v "${c%% *}" >/dev/null; then compiler=$c; break; fi
 done
 [ -n "$compiler" ] || fail "no C compiler found (looked for cc, gcc, clang)." \
-  "Install one, for example the package gcc, or name yours in CC."
+  "Install one, for example the package gcc, or set the variable CC to its name."
 
 command -v cmake >/dev/null \
   || fail "cmake not found: version 3.21 or later is needed, for example from the package cmake."
@@ -58,12 +60,12 @@ for p in ${PYTHON:+"$PYTHON"} python3 python3.14 python3.13 python3.12 python3.1
 done
 [ -n "$python" ] \
   || fail "no Python 3.10 or later found ($(python3 --version 2>/dev/null || echo "there is no python3"))." \
-  "Install one, or name yours in PYTHON."
+  "Install one, or set the variable PYTHON to its name."
 
 # ---- .venv with tselab
 
-# Inputs of the environment. The path is one of them: a copied or moved environment still
-# points to the old place.
+# The environment is made again if one of these inputs changes. The path of the checkout
+# is an input, because a moved environment still refers to the old path.
 wanted="$root $("$python" -c 'import sys; print(sys.version)')"
 wanted+=" $(hash_file pyproject.toml) $(hash_file scripts/lock.txt)"
 if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tselab ]; then
@@ -76,15 +78,16 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
   else
     fail "$("$python" --version) cannot make virtual environments: its module ensurepip is missing." \
       "Install it (Debian and Ubuntu: the package python3-venv) or the Python package virtualenv," \
-      "or name another Python in PYTHON."
+      "or set the variable PYTHON to a different Python."
   fi
   say "Python packages (about a minute)"
-  # Packages of scripts/lock.txt by hash. The newest versions only if this Python or
-  # machine has no such files, and never in CI.
+  # Install the versions of scripts/lock.txt, and check their hashes. If the registry has
+  # no files of these versions for this Python or machine, install the newest versions,
+  # except in continuous integration.
   locked=0
   scripts/dev/locked.sh .venv/bin/python scripts/lock.txt 2>.venv/tse-lock.log || locked=$?
   if [ $locked -eq 3 ] && [ -z "${CI:-}" ]; then
-    say "not as in scripts/lock.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
+    say "installing the newest versions, not those of scripts/lock.txt: $(tail -n 1 .venv/tse-lock.log)"
     .venv/bin/python -m pip install --quiet --disable-pip-version-check "scikit-build-core>=0.11" \
       || fail "pip could not install scikit-build-core."
   elif [ $locked -ne 0 ]; then
@@ -95,7 +98,7 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
   printf '%s' "$wanted" >.venv/tse-setup
 fi
 
-# ---- Unity 2.7.0 of the source package pytest-unity, pinned by sha256
+# ---- Unity 2.7.0, which is in the source package pytest-unity; its SHA-256 is checked
 
 unity=.venv/share/unity
 if ! [ -f $unity/src/unity.c ]; then
@@ -114,9 +117,11 @@ if ! [ -f $unity/src/unity.c ]; then
   rm -rf "$scratch"
 fi
 
-# ---- FMI 2.0.1 and 3.0.2 headers of fmu-manipulation-toolbox, pinned by sha256
+# ---- headers of FMI 2.0.1 and 3.0.2, which are in the Python package
+# fmu-manipulation-toolbox; their SHA-256 is checked
 
-# copy_fmi_headers VERSION NAME:SHA256 ...   to .venv/share/fmiVERSION/headers
+# copy_fmi_headers VERSION NAME:SHA256 ...
+# Copy the headers NAME to .venv/share/fmiVERSION/headers.
 copy_fmi_headers() {
   local folder=.venv/share/fmi$1/headers package pinned header
   shift
@@ -129,7 +134,7 @@ print(u.find_spec("fmu_manipulation_toolbox").submodule_search_locations[0])')
   for pinned in "$@"; do
     header=$package/resources/fmi/${pinned%%:*}
     [ -f "$header" ] && [ "$(hash_file "$header")" = "${pinned##*:}" ] \
-      || fail "${pinned%%:*} is not in the Python package fmu-manipulation-toolbox, or its sha256 differs."
+      || fail "${pinned%%:*} is missing in the package fmu-manipulation-toolbox, or its sha256 differs."
     cp "$header" "$scratch/"
   done
   mkdir -p "${folder%/*}"
@@ -146,7 +151,8 @@ copy_fmi_headers 3 fmi3FunctionTypes.h:d247d1c5fbf58e32379f1d38e7f73990709e0501f
 
 # ---- extras
 
-install_proof_tools() {                                   # clang 19 (MC/DC), cppcheck (MISRA), frama-c
+# Install clang 19 or later (MC/DC), cppcheck (MISRA) and frama-c.
+install_proof_tools() {
   local packages=() version clang=
   for version in 19 20 21 22; do
     if command -v "clang-$version" >/dev/null && command -v "llvm-profdata-$version" >/dev/null; then
@@ -159,16 +165,17 @@ install_proof_tools() {                                   # clang 19 (MC/DC), cp
   [ ${#packages[@]} -gt 0 ] || return 0
   if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
     say "packages of the system: ${packages[*]}"
-    for package in "${packages[@]}"; do           # one by one: a system may have some of them only
+    for package in "${packages[@]}"; do           # one by one, because a system may lack some of them
       apt-get install -y --no-install-recommends "$package" >.venv/tse-extra.log 2>&1 \
-        || say "left out: $package (apt-get update first?)"
+        || say "not installed: $package (does apt-get update help?)"
     done
   else
-    say "not installed, their tests are skipped: ${packages[*]}"
+    say "not installed, so their tests are skipped: ${packages[*]}"
   fi
 }
 
-# command:package of Debian and Ubuntu; tests without their command are skipped
+# Install compilers and emulators. The list has pairs command:package of Debian and
+# Ubuntu. A test whose command is missing is skipped.
 install_machines() {
   local missing=() packages=() pair
   for pair in clang:clang wasm-ld:lld tcc:tcc node:nodejs qemu-aarch64:qemu-user \
@@ -180,7 +187,7 @@ install_machines() {
       sparc64-linux-gnu-gcc:gcc-sparc64-linux-gnu; do
     command -v "${pair%%:*}" >/dev/null || { missing+=("${pair%%:*}"); packages+=("${pair#*:}"); }
   done
-  # The C library is a recommended package of the compiler: name it.
+  # The C library is only recommended by the package of the compiler, so it must be named.
   case " ${packages[*]} " in *" gcc-arm-none-eabi "*) packages+=(libnewlib-arm-none-eabi) ;; esac
   [ "${#missing[@]}" -gt 0 ] || return 0
   if command -v apt-get >/dev/null && [ "$(id -u)" -eq 0 ]; then
@@ -189,7 +196,7 @@ install_machines() {
       && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${packages[@]}"; } \
       >"$root/.venv/tse-extra.log" 2>&1 && return 0
   fi
-  say "left out, their tests are skipped: ${missing[*]}; packages of Debian and Ubuntu: ${packages[*]}"
+  say "not installed, so their tests are skipped: ${missing[*]}; Debian and Ubuntu packages: ${packages[*]}"
 }
 
 for extra in "$@"; do
@@ -197,14 +204,14 @@ for extra in "$@"; do
   if [ "$extra" = machines ]; then install_machines; continue; fi
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
-  if [ "$extra" = release ]; then                 # locked, so that others can repeat a release
+  if [ "$extra" = release ]; then                 # fixed versions, so that a release can be repeated
     scripts/dev/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
       || fail "$(cat .venv/tse-lock.log)" "A release needs the packages of scripts/lock-release.txt by hash."
   fi
   if install_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"
   else
-    say "left out, pip could not install them: $(tail -n 1 .venv/tse-extra.log)"
+    say "$extra is not installed: pip failed: $(tail -n 1 .venv/tse-extra.log)"
   fi
 done
 
@@ -212,7 +219,7 @@ done
 
 made_in=$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' build/lab/CMakeCache.txt 2>/dev/null || true)
 if [ "$made_in" != "$root" ]; then
-  rm -rf build/lab                                # none yet, or of another checkout
+  rm -rf build/lab                                # it does not exist, or is of a different checkout
 fi
 if ! [ -f build/lab/CMakeCache.txt ] && [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then
   export CMAKE_GENERATOR=Ninja
@@ -228,7 +235,7 @@ mkdir -p scripts/tse/library/lib
 for suffix in so dylib; do
   built=build/lab/src/libtse.$suffix
   if [ -e $built ] && ! cmp -s $built scripts/tse/library/lib/libtse.$suffix; then
-    # replaced at once: a running tselab keeps the old one
+    # replace the file by mv, so that a running tselab keeps the old file
     cp -L $built scripts/tse/library/lib/libtse.$suffix.new
     mv -f scripts/tse/library/lib/libtse.$suffix.new scripts/tse/library/lib/libtse.$suffix
   fi

@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Run lint, format check, the C library in its presets, and the Python package. Ends with
-# a table; fails if a step fails. A test whose tool is missing is skipped, with the tool's
-# name.
+# Run linters, format check, the tests of the C library in several CMake presets, and the
+# Python tests. Print a table at the end. Fail if a step fails. A step or test whose tool
+# is missing is skipped, and the tool is named.
 #
-#   scripts/test.sh              all but long tests, under 15 minutes on two cores
-#   scripts/test.sh --all        as in CI: every preset, and HEAVY of tests/conftest.py
-#   scripts/test.sh PRESET ...   only these CMake presets, then the Python tests
+#   scripts/test.sh              run all tests except long ones: 15 minutes on two cores
+#   scripts/test.sh --all        run all presets and also the tests in HEAVY of
+#                                tests/conftest.py, as continuous integration does
+#   scripts/test.sh PRESET ...   test only these CMake presets, then run the Python tests
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 heavy=()
@@ -13,7 +14,7 @@ presets=()
 for word in "$@"; do
   case $word in
     --all) heavy=(--all) ;;
-    -*) echo "test: $word is not an option; allowed: --all, names of CMake presets" >&2; exit 2 ;;
+    -*) echo "test: unknown option $word; allowed: --all, names of CMake presets" >&2; exit 2 ;;
     *) presets+=("$word") ;;
   esac
 done
@@ -48,7 +49,7 @@ preset() {                           # configure, build and test one preset
   if [ -f "$cache" ] && { ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$PWD" "$cache" \
       || { [ -n "${CMAKE_GENERATOR:-}" ] \
         && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
-    rm -rf "build/$1"                # of another checkout or generator
+    rm -rf "build/$1"                # made in a different checkout or by a different generator
   fi
   cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" \
     "-DFETCHCONTENT_SOURCE_DIR_FMI2=$PWD/.venv/share/fmi2" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
@@ -59,9 +60,9 @@ preset() {                           # configure, build and test one preset
 
 ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
 mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
-python_tests() {                     # in several processes, grouped by tests/conftest.py
-  # do not restart a process that crashes: pytest-xdist would repeat the crashing test for
-  # ever
+python_tests() {                     # run in several processes; tests/conftest.py makes the groups
+  # A process that crashes is not restarted: pytest-xdist would repeat the crashing test
+  # forever.
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
     ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder \
     --max-worker-restart 0 --durations 25 -r sfE tests
@@ -85,7 +86,7 @@ done
 command -v pkg-config >/dev/null || command -v pkgconf >/dev/null \
   || skip "pkg-config" "not installed; the other consumer builds ran"
 step pytest python_tests
-[ "${#heavy[@]}" -gt 0 ] || skip "long tests" "scripts/test.sh --all runs it, as CI does"
+[ "${#heavy[@]}" -gt 0 ] || skip "long tests" "scripts/test.sh --all runs them, as CI does"
 
 printf '\n=== summary\n'
 printf '%s\n' "${table[@]}"

@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
-# Run both commands of README as a new user does: on a bare Debian 12 with a C compiler,
-# CMake and Python only. A step that installs too little fails here, but passes on a
-# developer's machine.
+# Run the two commands of README, scripts/demo.sh and scripts/test.sh, as a new user does:
+# on a Debian 12 that has a C compiler, CMake and Python, and nothing else. If a script
+# forgets to install a tool, it fails here, but not on a developer's machine.
 #
 #   scripts/dev/bare.sh [COMMAND ...]
-#       run these commands instead of scripts/demo.sh and scripts/test.sh
+#       run these commands instead
 #
-# mmdebstrap makes the system in a folder, and chroot enters it, so root is needed. The
-# last commit is tested.
+# Tests the last commit. Needs root: mmdebstrap installs the system in a folder, and
+# chroot enters it.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 release=bookworm
 packages=ca-certificates,gcc,libc6-dev,make,cmake,python3,python3-venv
 
 fail() { printf 'bare: %s\n' "$@" >&2; exit 1; }
-[ "$(id -u)" -eq 0 ] || fail "root is needed: chroot is entered"
+[ "$(id -u)" -eq 0 ] || fail "this script must run as root, because it calls chroot"
 for tool in mmdebstrap unshare chroot git; do
   command -v "$tool" >/dev/null \
     || fail "$tool is missing (Debian and Ubuntu: packages mmdebstrap, util-linux, coreutils, git)"
@@ -25,12 +25,12 @@ trap 'rm -rf --one-file-system "$root"' EXIT
 chmod 755 "$root"
 echo "bare: Debian $release with ${packages//,/, }"
 mmdebstrap --quiet --variant=minbase --include="$packages" "$release" "$root" \
-  || fail "mmdebstrap could not make the system"
+  || fail "mmdebstrap could not install the system"
 mkdir "$root/tse"
-# as a new user who has unpacked an archive: the system has no git
+# export the files of the commit: the new system has no git
 git archive HEAD | tar -x -C "$root/tse"
 
-# Copy the access to package registries, and nothing else of this machine.
+# Copy the settings for network and package registries, and nothing else of this machine.
 for file in /etc/resolv.conf /etc/hosts /etc/pip.conf /etc/ssl/certs/ca-certificates.crt; do
   if [ -f "$file" ]; then cp -L "$file" "$root$file"; fi
 done

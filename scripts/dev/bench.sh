@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Measure the time per particle and step: double and float, baseline and AVX2, 64 .. 4096
-# particles. Measure the time of a row with the default settings, and of a plain extended
-# Kalman filter (tests/bench/ekf.c). This is a benchmark, not a test: compare figures
-# within one run only. Prints two Markdown tables.
+# Measure computing time, in double and float, with and without AVX2. Print two Markdown
+# tables: the time per particle and step for 64 .. 4096 particles, and the time of a row
+# of the default filter and of a plain extended Kalman filter (tests/bench/ekf.c). This is
+# a benchmark, not a test: only numbers of the same run can be compared.
 #
-#   scripts/dev/bench.sh rows    only the second
+#   scripts/dev/bench.sh rows    print only the second table
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 

@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
-# Test the lower bounds of pyproject.toml. Install the lowest versions that it allows into
-# build/bounds; run the tests of the API, of `tselab estimate` and of the examples. Needs
-# the program uv and scripts/setup.sh. Takes a few minutes.
+# Test the lower bounds of the package versions in pyproject.toml. Install the lowest
+# versions that it allows into build/bounds. Run the tests of the API, of `tselab
+# estimate` and of the examples with them. Needs the program uv, and scripts/setup.sh
+# before. Takes a few minutes.
 #
 #   scripts/dev/bounds.sh [PYTHON]       default: the Python of .venv
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-command -v uv >/dev/null || { echo "bounds: the program uv is needed (Python package uv)" >&2; exit 1; }
+command -v uv >/dev/null || { echo "bounds: uv is not installed: pip install uv" >&2; exit 1; }
 python=${1:-$(.venv/bin/python -c 'import sys; print(sys.executable)')}
 rm -rf build/bounds
 uv venv --quiet --python "$python" build/bounds

@@ -1,20 +1,21 @@
 #!/usr/bin/env bash
-# Format the sources: Python by ruff, C by clang-format, prose by scripts/dev/prose.py.
-# .clang-format-ignore lists C files that are laid out by hand.
+# Format the sources: Python with ruff, C with clang-format, Markdown with
+# scripts/dev/prose.py. .clang-format-ignore lists C files that are not formatted.
 #
 #   scripts/dev/format.sh            change the files
-#   scripts/dev/format.sh --check    change nothing; fail and name the wrong files
+#   scripts/dev/format.sh --check    change nothing; fail and name files that would change
 #
-# scripts/lock.txt has the versions: another clang-format formats differently.
+# Use the versions in scripts/lock.txt: other versions of clang-format format differently.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 check=
 case ${1:-} in
   "") ;;
   --check) check=1 ;;
-  *) echo "format: $1 is not an option; allowed: --check" >&2; exit 2 ;;
+  *) echo "format: unknown option $1; allowed: --check" >&2; exit 2 ;;
 esac
-[ -x .venv/bin/clang-format ] || { echo "format: clang-format is missing: scripts/setup.sh" >&2; exit 1; }
+[ -x .venv/bin/clang-format ] \
+  || { echo "format: clang-format is not installed: run scripts/setup.sh" >&2; exit 1; }
 status=0
 .venv/bin/ruff format --quiet ${check:+--check} --config scripts/pyproject.toml scripts tests || {
   status=1

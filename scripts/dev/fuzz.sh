@@ -1,28 +1,29 @@
 #!/usr/bin/env bash
-# Search for inputs that break the C targets of tests/fuzz or the readers of files.
+# Search for inputs with which the C library or a reader of files fails.
 #
-# libFuzzer runs the C targets with address and undefined-behaviour sanitizers in double,
-# float and fixed point; tests/fuzz/readers.py runs the readers. Prints a table. Fails if
-# an input is found; build/fuzz/found/TARGET keeps it.
+# libFuzzer runs the C targets of tests/fuzz with address and undefined-behaviour
+# sanitizers, in double, float and fixed point. tests/fuzz/readers.py runs the readers.
+# Prints a table. If an input is found, fails and writes it to build/fuzz/found/TARGET.
 #
 #   scripts/dev/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise]
 #                       [--table FILE]
 #     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...;
-#                   float_step, fixed_step ...; reader_log, reader_vehicle ...; default: all
-#     --runs N      inputs of each target, for instance 1000000; with --seconds whichever
-#                   ends first; default: --seconds 3, a minute in all
-#     --seed N      seed of libFuzzer, which makes --runs repeatable; default: random
-#     --minimise    keep in tests/fuzz/inputs.hex only inputs that reach code which smaller
-#                   ones do not, at most 40 of a target
-#     --table FILE  write the table to a file, in Markdown: scripts/results/fuzz.md
+#                   float_step, fixed_step ...; reader_log, reader_vehicle ... (all)
+#     --runs N      number of inputs of each target. Example: 1000000
+#     --seconds S   time of each target, s. With --runs, the search ends at the first
+#                   limit; default without either: 3 s, a minute for all targets
+#     --seed N      seed of the random numbers; it makes --runs repeatable (random)
+#     --minimise    write to tests/fuzz/inputs.hex the inputs that reach code that no
+#                   smaller input reaches, at most 40 of a target
+#     --table FILE  write the table in Markdown to a file, such as scripts/results/fuzz.md
 #
-# Without clang and its libFuzzer the C targets are skipped. Exit code 77: no target ran.
+# Without clang and libFuzzer, the C targets are skipped. Exit code 77: no target ran.
 set -uo pipefail
 asked="$*"
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
-max_bytes=600                                 # of an input: about 160 rows
-kept=40                                       # inputs of a corpus: 100 kB for all targets
+max_bytes=600                                 # max size of an input: about 160 rows
+kept=40                                       # max number of kept inputs of a target: 100 kB for all
 readers=(log vehicle filter formula learnt runs)
 core_targets=(step settings learnt replay state)
 c_targets=("${core_targets[@]}" fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle
@@ -39,7 +40,7 @@ while [ $# -gt 0 ]; do
       [ -n "${2:-}" ] || { echo "fuzz: --table needs a file" >&2; exit 2; }
       page=$2
       shift ;;
-    -*) echo "fuzz: no option $1" >&2; exit 2 ;;
+    -*) echo "fuzz: unknown option $1" >&2; exit 2 ;;
     *) chosen+=("$1") ;;
   esac
   shift
@@ -48,7 +49,7 @@ done
 [ ${#chosen[@]} -gt 0 ] || chosen=("${c_targets[@]}" "${readers[@]/#/reader_}")
 for name in "${chosen[@]}"; do
   [[ " ${c_targets[*]} ${readers[*]/#/reader_} " == *" $name "* ]] \
-    || { echo "fuzz: no target $name" >&2; exit 2; }
+    || { echo "fuzz: unknown target $name" >&2; exit 2; }
 done
 
 table=() lines=() failed=0 ran=0
@@ -58,7 +59,7 @@ row() {                                       # row TARGET INPUTS RATE REACHED C
 }
 declare -A built=()
 
-build() {                                     # once of each preset, when its first target is asked for
+build() {                                     # build PRESET; called before the first target of a preset
   local head='int LLVMFuzzerTestOneInput(const char *d, long n)'
   if ! echo "$head; $head { return n > 0 && !d; }" \
       | clang -fsanitize=fuzzer,address,undefined -x c - -o /dev/null 2>/dev/null; then
@@ -77,7 +78,7 @@ build() {                                     # once of each preset, when its fi
   fi
 }
 
-fuzz() {                                      # fuzz NAME PRESET TARGET: one C target
+fuzz() {                                      # fuzz NAME PRESET TARGET: run one C target
   local name=$1 preset=$2 target=$3 limits=()
   local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name
   local given=build/fuzz/given/$target log=build/fuzz/$name.log
@@ -85,8 +86,9 @@ fuzz() {                                      # fuzz NAME PRESET TARGET: one C t
   mkdir -p "$found" "$grown"
   [ -n "$runs" ] && limits+=("-runs=$runs")
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
-  # Values of comparisons contain addresses, and libFuzzer chooses inputs by time: switch
-  # off both, because neither repeats.
+  # With a seed, a run must be repeatable. Switch off two methods of libFuzzer that are
+  # not: use_cmp uses values that contain addresses, and entropic chooses inputs by their
+  # time.
   [ -n "$seed" ] && limits+=("-seed=$seed" -use_cmp=0 -entropic=0)
   rm -rf "$given"
   python3 tests/fuzz/inputs.py unpack "$target" "$given"
@@ -106,7 +108,7 @@ fuzz() {                                      # fuzz NAME PRESET TARGET: one C t
     rm -rf "$small" "$chosen"
     mkdir -p "$small" "$chosen"
     "$program" -merge=1 -max_len=200 "$small" "$grown" "$given" >/dev/null 2>&1
-    # inputs that libFuzzer took first reach the most
+    # keep inputs of all sizes: choose them evenly from the list sorted by size
     ls -S -r "$small" | awk -v kept=$kept '
         { name[NR] = $0 }
         END {
@@ -118,7 +120,7 @@ fuzz() {                                      # fuzz NAME PRESET TARGET: one C t
   fi
 }
 
-read_files() {                                # one reader
+read_files() {                                # read_files NAME: run one reader
   local name=$1 limits=() log=build/fuzz/$1.log done_ took
   [ -n "$runs" ] && limits+=(--runs "$runs")
   [ -n "$seconds" ] && limits+=(--seconds "$seconds")
@@ -155,11 +157,13 @@ printf '%-22s %10s %10s %10s %8s\n' target inputs inputs/s edges corpus
 printf '%s\n' "${table[@]}"
 if [ -n "$page" ]; then
   {
-    printf '`scripts/dev/fuzz.sh %s`: each target until its inputs or its seconds end.\n' "$asked"
-    printf 'An input has up to %d bytes: a drive of up to 160 rows, a sequence of calls, or a\n' "$max_bytes"
-    printf 'file. C targets run with the sanitizers for addresses and undefined behaviour. Inputs a\n'
-    printf 'second: on a shared machine. Edges: places of the program that libFuzzer reached; corpus:\n'
-    printf 'inputs that each reach new ones. Neither is counted for the readers, which are in Python.\n\n'
+    printf '`scripts/dev/fuzz.sh %s`: each target runs until the limit of inputs or seconds.\n' "$asked"
+    printf 'An input has at most %d bytes: a drive of up to 160 rows, a sequence of calls or a file.\n' \
+      "$max_bytes"
+    printf 'C targets run with the sanitizers for addresses and undefined behaviour. Inputs/s:\n'
+    printf 'measured on a shared machine. Edges: branches of the program that libFuzzer reached.\n'
+    printf 'Corpus: number of inputs that each reached new edges. Edges and corpus are not counted for\n'
+    printf 'the readers, which are in Python.\n\n'
     printf '| target | inputs | inputs/s | edges | corpus | found |\n|---|---:|---:|---:|---:|---|\n'
     printf '%s\n' "${lines[@]}"
   } >"$page"

@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
-# Write the lock files: scripts/lock.txt for scripts/setup.sh and the site,
-# scripts/lock-release.txt for releases. Keep their versions if possible;
-# scripts/dev/lock.sh --upgrade takes the newest. Needs the program uv.
+# Write the lock files, which fix versions and hashes of the Python packages:
+# scripts/lock.txt for scripts/setup.sh and the site, scripts/lock-release.txt for
+# releases. Versions change only if pyproject.toml needs it; scripts/dev/lock.sh --upgrade
+# selects the newest versions. Needs the program uv.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
-command -v uv >/dev/null || { echo "lock: the program uv is needed (Python package uv)" >&2; exit 1; }
+command -v uv >/dev/null || { echo "lock: uv is not installed: pip install uv" >&2; exit 1; }
 for extra in dev release; do
   file=scripts/lock.txt
   same=() extras=(--extra lab --extra dev --extra docs)

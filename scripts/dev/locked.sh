@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Install the packages of a lock file by hash.
+# Install the packages of a lock file with pip, which checks their hashes.
 #
 #   scripts/dev/locked.sh PYTHON LOCK.txt
 #
-# Exit code 3: no files for this Python or machine exist, and the caller may install
-# others. Any other failure must stop the caller: a wrong hash, a broken download, a
-# missing registry. Nothing may then be installed without its hash.
+# Exit code 3: the registry has no files of these versions for this Python or machine. The
+# caller may then install other versions. Any other exit code except 0 is an error, such
+# as a wrong hash, a failed download or an unreachable registry: the caller must stop, and
+# must not install packages without checking their hashes.
 set -uo pipefail
 python=$1 lock=$2
 log=$(mktemp)

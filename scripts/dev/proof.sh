@@ -1,23 +1,25 @@
 #!/usr/bin/env bash
-# Measure coverage, mutation score and MISRA deviations, and prove absence of run-time
-# errors.
+# Measure test coverage and mutation score, check MISRA rules, and prove that run-time
+# errors cannot occur.
 #
-#   scripts/dev/proof.sh WHAT [--write] [...]      --write: update the table
-#     coverage    lines, branches and MC/DC of src/; fails on code that is neither covered
-#                 nor listed; five minutes; needs clang 19 or later
+#   scripts/dev/proof.sh WHAT [--write] [...]      --write: update the table of results
+#     coverage    measure lines, branches and MC/DC of src/ that tests cover. Fails if
+#                 code is not covered and not listed as an exception. Takes five minutes;
+#                 needs clang 19 or later
 #     python [ARGUMENTS]
-#                 statements and branches of the Python packages, by all tests or by
-#                 pytest ARGUMENTS; half an hour; there is no limit. Tests of a full disk
-#                 fail, because the measurement cannot be written either
+#                 measure statements and branches of the Python packages that tests cover:
+#                 all tests, or those of pytest ARGUMENTS. There is no limit. Takes half
+#                 an hour. Tests of a full disk fail, because the coverage data cannot be
+#                 written to the full disk either
 #     mutation [--count N] [--seed S] [--all] [--only PART]
-#                 share of small faults of the core that unit tests and golden replay
-#                 find; 300 faults take half an hour, all a day
+#                 insert small faults into the core, and measure the share that unit tests
+#                 and golden replay find. 300 faults take half an hour, all faults a day
 #     misra [FILE ...]
-#                 MISRA C:2012 by the addon of cppcheck; fails on hits of required rules
-#                 without a deviation; 90 s
+#                 check MISRA C:2012 with the addon of cppcheck. Fails if a required rule
+#                 is violated without a documented deviation. Takes 90 s
 #     eva [--format F] [TARGET ...]
-#                 EVA of Frama-C on tse_prepare, tse_learnt_load, tse_step; fails on
-#                 alarms without an explanation
+#                 analyse tse_prepare, tse_learnt_load and tse_step with EVA of Frama-C.
+#                 Fails on an alarm without an explanation
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 case ${1:-} in
@@ -33,7 +35,7 @@ case ${1:-} in
     .venv/bin/coverage combine --quiet
     .venv/bin/coverage report --skip-covered
     exit $status ;;
-  *) echo "proof: which of coverage, python, mutation, misra, eva?" >&2; exit 2 ;;
+  *) echo "proof: the first argument must be coverage, python, mutation, misra or eva" >&2; exit 2 ;;
 esac
 shift
 exec .venv/bin/python "tests/proof/$program.py" "$@"

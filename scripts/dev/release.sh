@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Make all files of a release of the last commit in a folder.
+# Make the files of a release from the last commit.
 #
 #   scripts/dev/release.sh VERSION [--out FOLDER] [--only PART,PART] [--platforms TAG,TAG]
 #
-# The same commit gives the same bytes; --twice makes the release two times and compares.
-# --list names parts and platforms.
+# The same commit gives the same bytes: --twice makes the release twice and compares the
+# files. --list prints the parts and the platforms.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 scripts/setup.sh release docs

@@ -1,16 +1,18 @@
 #!/usr/bin/env bash
-# Run millions of rows of simulated drives with events through the default filter
-# (tests/fuzz/soak.c). Fail on estimates that are not finite, refused states, recoveries
-# without a cause, and mean errors above the interval in drives without an event or with
-# late rows.
+# Run the filter on millions of rows of simulated drives, and check its estimates.
 #
 #   scripts/dev/soak.sh [ROWS]
-#       default 10,000,000: two minutes of one core; writes scripts/results/soak.md
+#       Run the default filter on drives with events (tests/fuzz/soak.c). Fail if an
+#       estimate is not finite, if tse_filter_check() refuses a state, if the filter
+#       recovers without a cause, or if, in drives without an event or with late rows, the
+#       mean error exceeds the interval. Default: 10,000,000 rows, two minutes on one
+#       core. Writes scripts/results/soak.md.
 #   scripts/dev/soak.sh --drives [ROWS [FIRST_DRIVE]]
-#       long random drives with any settings (tests/fuzz/drives.c) in double, float, fixed
-#       point and the small build: numbers out of range, refused states, ages that do not
-#       grow, estimates that depend on the output. Default 10,000,000 rows of each: 15
-#       minutes of one core; writes scripts/results/drives.md
+#       Run all filters on long random drives with random settings (tests/fuzz/drives.c),
+#       in double, float, fixed point and the small build. Fail if a number is out of
+#       range, if a state is refused, if an age does not grow, or if an estimate depends
+#       on whether outputs were computed. Default: 10,000,000 rows in each build, 15
+#       minutes on one core. Writes scripts/results/drives.md.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
@@ -37,9 +39,10 @@ if [ "${1:-}" = --drives ]; then
     printf '# Long random drives\n\n'
     printf '`scripts/dev/soak.sh --drives %s %s`, commit %s: random settings, faults, pauses,\n' "${2:-10000000}" \
       "${3:-1}" "$(git rev-parse --short=8 HEAD 2>/dev/null || echo unknown)"
-    printf 'optional channels and learnt states (tests/fuzz/drives.c). Found: rows in which a number is\n'
-    printf 'out of range, the own state is refused, a refused row changes something, an age does not\n'
-    printf 'grow, or an estimate depends on whether the row before had an output.\n\n'
+    printf 'optional channels and learnt states (tests/fuzz/drives.c). Found: number of rows in which a\n'
+    printf 'number is out of range, tse_filter_check() refuses the state, a refused row changes the\n'
+    printf 'state, an age does not grow, or an estimate depends on whether the previous row had an\n'
+    printf 'output.\n\n'
     printf '| build | rows | found |\n|---|---|---:|\n'
     cat "$table"
   } >scripts/results/drives.md
@@ -57,10 +60,10 @@ code=0
 $dir/tests/fuzz/soak "$rows" >"$table" || code=$?
 cat "$table"
 {
-  printf '`scripts/dev/soak.sh %s`: drives of a minute each, one event in each, default settings\n' "$rows"
-  printf 'in double; cars with 0.6 .. 1.2 of the nominal stiffness, 8 .. 40 m/s. False: a recovery\n'
-  printf '(status 7) more than 5 s after the start and not within 15 s of the event. Errors are those\n'
-  printf 'of valid cornering stiffness against the constant true one, from the start of the event on.\n\n'
+  printf '`scripts/dev/soak.sh %s`: drives of a minute, one event each, default settings, double;\n' "$rows"
+  printf 'cars with 0.6 .. 1.2 of the nominal stiffness, 8 .. 40 m/s. False: recoveries (status 7)\n'
+  printf 'more than 5 s after the start and not within 15 s of the event. Errors: of valid cornering\n'
+  printf 'stiffness, relative to its constant true value, from the start of the event on.\n\n'
   cat "$table"
 } >scripts/results/soak.md
 exit $code

