@@ -290,8 +290,8 @@ static void print_middle(int fmi)
 /* Attribute with the inputs on which an output depends at a communication point: none,
  * because an input takes effect at the end of the next step. */
 #define AT_STEPS " dependencies=\"\""
-/* The same in initialization mode. Without the attribute, an output depends on all
- * parameters and inputs. */
+/* The same in initialization mode. Without the attribute, FMI assumes that an output
+ * depends on all parameters and inputs. */
 #define AT_START ""
 
 static void print_model2(int files, char **file)

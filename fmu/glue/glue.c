@@ -435,7 +435,7 @@ static snapshot *take_snapshot(const instance *s, const char *function)
   return NULL;
 }
 
-/* Check that a pointer is that of a saved state. */
+/* Check that a pointer points to a saved state. */
 static int check_state(const instance *s, const void *state, const char *function)
 {
   if (find_snapshot(state)) return 1;

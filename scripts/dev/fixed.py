@@ -104,7 +104,7 @@ def run_study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                         rows.append(
                             row | scores.score_run(d, case, known, estimate) | compute_validity(d, estimate)
                         )
-                print(f"{form} {case.name} {seed}", file=sys.stderr, flush=True)
+                print(f"done: {form} filter, case {case.name}, seed {seed}", file=sys.stderr, flush=True)
     return pd.DataFrame(rows)
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Build the web page that simulates drives and estimates from logs in the browser.
+"""Build the web page that runs the simulator and the filter in the browser.
 
     .venv/bin/python scripts/dev/page.py
         write the page to one file, build/site/try.html

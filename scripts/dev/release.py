@@ -344,7 +344,7 @@ def main() -> int:
     if run_git("status", "--porcelain"):
         say("note: changes that are not committed are not in the release")
     print((out / SUMS).read_text(), end="")
-    say(f"{out}, of commit {release.commit[:12]}")
+    say(f"made {out} from commit {release.commit[:12]}")
     return 0
 
 

@@ -388,7 +388,7 @@ def list_hooks(*hooks: str) -> list[str]:
 
 
 def define_formula_limits() -> list[str]:
-    """Return the definitions of the limits of a formula and of its number of numbers."""
+    """Return the definitions of the limits of a formula, as C constants."""
     table = read("formula")
     numbers = sum(r["kind"] == "NUMBER" for r in table["operation"].values())
     rows = {n: (r["value"], r["text"]) for n, r in table["limit"].items()}

@@ -44,7 +44,7 @@ def main() -> tuple[tse.Estimate, bytes]:
             print(f"{e.time:.2f} s: {e.status_text}")
     assert e is not None
     print(
-        f"{e.time:.2f} s, of {e.estimate_age:.3f} s before: "
+        f"{e.time:.2f} s: estimate for {e.estimate_age:.3f} s earlier: "
         f"cy_front {e.cy_front:.0f} +- {1.96 * e.cy_front_sd:.0f} N/rad, ",
         end="",
     )

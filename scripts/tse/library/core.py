@@ -597,8 +597,7 @@ class Config(Settings):
     def exact(cls, values: Mapping[str, float] | None = None, lib: Library | None = None) -> Config:
         """Return the settings of tse_config_exact(), changed by `values`.
 
-        In them, the car is known exactly, as it is in simulations: no setting is
-        uncertain."""
+        In them no setting is uncertain: the car is known exactly, as in simulations."""
         config = cls(lib=lib)
         config.fill("tse_config_exact")
         for name, value in (values or {}).items():
@@ -614,8 +613,8 @@ class Config(Settings):
 
     @classmethod
     def settings_of(cls, name: str) -> dict[str, float | int]:
-        """Return the settings that the function tse_config_<name>() sets to other values
-        than the defaults."""
+        """Return the settings whose values in tse_config_<name>() are not the
+        defaults."""
         config = cls()
         config.fill(f"tse_config_{name}")
         return config.changed()
@@ -713,8 +712,7 @@ class NativeFilter:
     def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
         """Step the filter with rows[0], write outputs[0], and return the status.
 
-        If the status is negative, the filter has refused the row, and the output is
-        unchanged."""
+        A negative status means that the row is refused; the output is then unchanged."""
         return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
 
     def estimate_rows(self, rows: np.ndarray) -> np.ndarray:
@@ -889,7 +887,9 @@ class Replay:
             return
         array = self.lib.native(np.ascontiguousarray(values, self.lib.real))
         if array.shape != (self.rows,):
-            raise ValueError(f"{name} has shape {array.shape}; allowed: ({self.rows},)")
+            raise ValueError(
+                f"{name} has shape {array.shape}; needed: ({self.rows},), one value for each row"
+            )
         self._arrays[name] = array
         self._log[name] = array.ctypes.data
 

@@ -26,8 +26,7 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-# errors that the user can resolve: disk full, quota or size limit reached, device failed
-# or read-only
+# errors that the user can resolve: full or failed disk, quota, size limit, read-only disk
 WRITE_ERRORS = {
     getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)
 }
@@ -59,7 +58,7 @@ def make_directory(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"{out}: cannot be made: {error.strerror}") from None
+        raise UserError(f"{out}: cannot be created: {error.strerror}") from None
 
 
 @contextmanager

@@ -3,8 +3,7 @@
     for task, result in run_in_processes(do, tasks, jobs, scheduler):  # as tasks finish
         result()  # returns the value of do(task), or raises its error
 
-`do` is a function at the top level of a module. Tasks must be of types that pickle can
-send."""
+`do` is a function at the top level of a module. pickle must be able to send the tasks."""
 
 from __future__ import annotations
 
@@ -70,8 +69,7 @@ def run_in_processes(
     jobs : int
         Number of processes. With 1, the tasks run in this process, in their order.
     scheduler : str, optional
-        Address of a Dask scheduler. Its workers then run the tasks, and `jobs` is not
-        used.
+        Address of a Dask scheduler. If given, its workers run the tasks.
 
     Yields
     ------
@@ -238,8 +236,8 @@ def connect_to_dask(scheduler: str) -> Any:
 def check_workers(client: Any, scheduler: str) -> None:
     """Raise UserError if a cluster has no workers, or if a worker has a different tselab.
 
-    Without workers, the run would wait forever. With different code, results would
-    differ."""
+    Without workers, the run would wait forever. Different code gives different
+    results."""
 
     # Dask sends an inner function as code, so that a worker without tselab can run it
     def read_version() -> tuple[str, str]:
@@ -275,8 +273,7 @@ def check_workers(client: Any, scheduler: str) -> None:
 
 @contextlib.contextmanager
 def treat_kill_as_interrupt() -> Iterator[None]:
-    """Let SIGTERM, the signal of the command kill, raise KeyboardInterrupt as Ctrl-C
-    does.
+    """Let SIGTERM, which the command kill sends, act as Ctrl-C: raise KeyboardInterrupt.
 
     The block then ends its worker processes."""
     if threading.current_thread() is not threading.main_thread():
