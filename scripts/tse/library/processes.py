@@ -236,8 +236,7 @@ def connect_to_dask(scheduler: str) -> Any:
 def check_workers(client: Any, scheduler: str) -> None:
     """Raise UserError if a cluster has no workers, or if a worker has a different tselab.
 
-    Without workers, the run would wait forever. Different code gives different
-    results."""
+    Without workers, the run would wait forever; different code changes results."""
 
     # Dask sends an inner function as code, so that a worker without tselab can run it
     def read_version() -> tuple[str, str]:
