@@ -3,9 +3,10 @@
 # Python tests. Print a table at the end. Fail if a step fails. A step or test whose tool
 # is missing is skipped, and the tool is named.
 #
-#   scripts/test.sh              run all tests except long ones: 15 minutes on two cores
-#   scripts/test.sh --all        run all presets and also the tests in HEAVY of
-#                                tests/conftest.py, as continuous integration does
+#   scripts/test.sh              run all tests except slow ones, in double with sanitizers
+#                                and in fixed point: 8 minutes on two cores
+#   scripts/test.sh --all        run all presets and also the tests that are marked slow, as
+#                                continuous integration does
 #   scripts/test.sh PRESET ...   test only these CMake presets, then run the Python tests
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -20,7 +21,7 @@ for word in "$@"; do
 done
 every=(dev release avx2 float fixed small clang-dev clang-release clang-float clang-fixed)
 if [ "${#presets[@]}" -eq 0 ]; then
-  presets=(dev float fixed small clang-release)
+  presets=(dev fixed)
   if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); fi
 fi
 scripts/setup.sh clients logs || exit 1

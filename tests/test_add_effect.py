@@ -244,6 +244,7 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hook", ACTS)
 def test_its_row_says_which_filters_use_it(copy, hook):
     name = f"try_{hook.lower()}"
@@ -277,6 +278,7 @@ def run_its_test(copy: Path) -> str:
     return subprocess.run([copy / "run"], capture_output=True, text=True).stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not UNITY.is_dir(), reason="Unity is not there: scripts/setup.sh")
 def test_its_test_fails_in_one_place_which_says_what_to_write_and_finds_a_jump_at_0(copy):
     done = run_new_effect(

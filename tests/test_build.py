@@ -201,6 +201,7 @@ def test_only_files_that_do_not_exist_for_this_python_are_replaced(
     assert run_locked(python, lock) == wanted
 
 
+@pytest.mark.slow
 def test_pip_itself_and_a_hash_that_differs(tmp_path: Path) -> None:
     """A package made here, without a registry."""
     wheel = tmp_path / "empty_of_tse-1-py3-none-any.whl"

@@ -85,8 +85,13 @@ def test_its_numbers_are_those_of_scripts_results():
     )
 
 
+PROGRAMS: dict[str, Path] = {}  # source, and its program; compiled once in a run of the tests
+
+
 def compile_program(source: str, folder: Path) -> Path:
     """Compile a program of scripts/examples with the options of README."""
+    if source in PROGRAMS:
+        return PROGRAMS[source]
     cc = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     assert cc, "a C compiler is needed"
     how = re.search(
@@ -105,7 +110,8 @@ def compile_program(source: str, folder: Path) -> Path:
         *how[2].split(),
     ]
     subprocess.run([cc, *options, "-o", "program"], cwd=folder, check=True)
-    return folder / "program"
+    PROGRAMS[source] = folder / "program"
+    return PROGRAMS[source]
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +225,12 @@ def test_its_python_program_prints_what_stands_below_it(log, monkeypatch, capsys
 
 
 @pytest.mark.parametrize(
-    "flags", [[], ["-DTSE_REAL_FLOAT"], ["-DTSE_REAL_FIXED"]], ids=["double", "float", "fixed"]
+    "flags",
+    [
+        pytest.param([], id="double"),
+        pytest.param(["-DTSE_REAL_FLOAT"], id="float", marks=pytest.mark.slow),
+        pytest.param(["-DTSE_REAL_FIXED"], id="fixed", marks=pytest.mark.slow),
+    ],
 )
 def test_the_settings_of_a_vehicle_file_give_in_c_what_they_give_in_python(log, tmp_path, flags):
     """The bits are equal in double; float and fixed point come near without a warning."""

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from scripts.dev.fixed import build_library
-from tests.cars import make_logs
+from tests.cars.cache import make_logs_once
 from tse.car.config import make_config
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
 from tse.library.core import STIFFNESS, Config, NativeFilter
+
+pytestmark = pytest.mark.slow
 
 CORNERING = STIFFNESS[1:]
 
@@ -18,7 +20,7 @@ def estimates(tmp_path_factory):
     """Estimate a minute in the mountains by both builds in double and the small one in
     fixed point."""
     folder = tmp_path_factory.mktemp("drive")
-    make_logs("mountain", minutes=1, cars=1, seed=5, hills=False)[0].write(folder, "mountain")
+    make_logs_once("mountain", minutes=1, cars=1, seed=5, hills=False)[0].write(folder, "mountain")
     log = read_log(folder / "log_mountain.csv")
     config, _ = make_config(read_vehicle(folder / "car.toml"), log)
     builds = {

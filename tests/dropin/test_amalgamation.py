@@ -13,6 +13,8 @@ from test_can import ROOT, find_tool, run_command
 
 from tse.car.formula import Number, format_c_header, parse
 
+pytestmark = pytest.mark.slow
+
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 FORMATS = ("double", "float", "fixed")
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")

@@ -79,7 +79,12 @@ def find_tool(name: str) -> Path:
     return Path(found)
 
 
-@pytest.mark.parametrize("real", ["DOUBLE", "FLOAT", "FIXED"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "real", ["DOUBLE", pytest.param("FLOAT", marks=SLOW), pytest.param("FIXED", marks=SLOW)]
+)
 def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> None:
     (tmp_path / "main.c").write_text(PROGRAM)
     (tmp_path / "tse.h").write_text('#include "tse/tse.h"\n')
@@ -121,6 +126,7 @@ def read_cache(build: Path) -> dict[str, str]:
     return {name.partition(":")[0]: value for name, value in (x.split("=", 1) for x in rows)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [[], ["-DFETCHCONTENT_FULLY_DISCONNECTED=ON"]])
 def test_a_plain_configure_builds_the_library(option: list[str], tmp_path: Path) -> None:
     said = run_command(

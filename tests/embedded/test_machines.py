@@ -15,6 +15,8 @@ sys.path.insert(0, str(ROOT / "scripts" / "dev"))
 import budgets  # noqa: E402
 import machines as m  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 
 def find_machine(name: str) -> m.Machine:
     """Return a machine by its name; skip the test if it is not installed."""

@@ -154,6 +154,7 @@ def test_input_derivatives_of_the_vehicle(vehicle: Unit) -> None:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("make"), reason="make, which FMPy's CMake build takes, is not installed")
 @pytest.mark.skipif(
     not shutil.which("c++"), reason="a C++ compiler, which FMPy's CMake build takes, is not installed"
@@ -323,6 +324,7 @@ sys.stdout.buffer.write(pickle.dumps([compute_expected_outputs(row, config) for 
 
 # An ordinary car is computed in the numbers of the format. Python hands the settings of a
 # fixed-point library over in single precision.
+@pytest.mark.slow
 @pytest.mark.parametrize(("real", "exact"), [("fixed", True), ("float", True), ("float", False)])
 def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exact: bool) -> None:
     unit, settings = load_estimator(real), {"mass": 1650.0, "lf": 1.2, "driven_axle": 1}
@@ -342,6 +344,7 @@ def test_the_recorded_drive_as_the_library_of_that_format_has_it(real: str, exac
         expect_same_rows(log.through_fmu(instance), pickle.loads(done.stdout))
 
 
+@pytest.mark.slow
 def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
     """Both ends of a range are accepted, also where the format cannot hold them.
 
@@ -356,6 +359,7 @@ def test_parameters_are_kept_to_the_edges_of_their_ranges() -> None:
                 assert instance.get([name])[name] == pytest.approx(edge, rel=2**-24, abs=2**-32)
 
 
+@pytest.mark.slow
 def test_the_capacity_that_was_asked_for_is_that_of_the_binary() -> None:
     unit = load_estimator("fixed")
     assert int(unit.variables["filter.particles"].max) == PARTICLES
@@ -363,6 +367,7 @@ def test_the_capacity_that_was_asked_for_is_that_of_the_binary() -> None:
         instance.set({"filter.particles": PARTICLES + 1})
 
 
+@pytest.mark.slow
 def test_the_vehicle_beside_it_is_the_one_of_the_double_build(vehicle: Unit) -> None:
     beside = Unit(build_format("fixed") / f"{VEHICLE}.fmu", make_scratch_folder() / "vehicle-beside-fixed")
     assert beside.guid == vehicle.guid

@@ -26,6 +26,8 @@ from fmu_support import (
     run,
 )
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 FLAGS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
 

@@ -23,6 +23,8 @@ from fmu_support import (
     write_client_input,
 )
 
+pytestmark = pytest.mark.slow
+
 ROWS, MIDDLE, SETTINGS = 260, 150, {ESTIMATOR: {"filter.particles": 100}, VEHICLE: {"simulation.seed": 4}}
 
 

@@ -37,6 +37,7 @@ def run_fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess
     )
 
 
+@pytest.mark.slow
 def test_nothing_is_found_in_a_few_inputs():
     names = [*TARGETS, "float_step", "fixed_step"]
     done = run_fuzz(*names, "--runs", RUNS, "--seed", "1")

@@ -204,6 +204,7 @@ def plain(runs):
 # ---- the car with nothing hidden
 
 
+@pytest.mark.slow
 def test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(plain):
     s, c = plain["step"].slow, make_baseline()
     v, wheelbase = s["vx"][-1], c["lf"] + c["lr"]

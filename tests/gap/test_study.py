@@ -47,6 +47,7 @@ def run_on_logs(
     return result.as_json(), case.truth, result.exit_code
 
 
+@pytest.mark.slow
 def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
     verdict, _, code = run_on_logs(tmp_path, {}, 101, MANOEUVRES)
     assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
@@ -56,6 +57,7 @@ def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
 
 
 # 15 %: the forms of the generator differ from the catalogue's
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")]
 )
@@ -70,6 +72,7 @@ def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key
     assert max(verdict["gap"]["held_out"]["after"].values()) < 1.2
 
 
+@pytest.mark.slow
 def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
     verdict, _, code = run_on_logs(tmp_path, {"low_grip_patch": 2.0}, 1, FEW, ())
     assert verdict["verdict"] != "named" or verdict["closed"] < 0.5, verdict["words"]
@@ -106,6 +109,7 @@ def test_an_interval_holds_a_size_or_does_not() -> None:
 # ---- long logs
 
 
+@pytest.mark.slow
 def test_logs_are_as_many_and_as_long_as_the_table_says(tmp_path: Path) -> None:
     scale.write_long_logs(tmp_path / "long", 12.0)
     assert len(list((tmp_path / "long").glob("log_*.csv"))) == 6

@@ -281,6 +281,7 @@ def run_notebook(name, folder, monkeypatch):
     return names
 
 
+@pytest.mark.slow
 def test_the_notebook_from_a_log_to_an_answer(tmp_path, monkeypatch):
     n = run_notebook("log_to_answer", tmp_path, monkeypatch)
     used = n["found"].to_frame().set_index("name")["used"]
@@ -307,6 +308,7 @@ def test_the_notebook_that_tunes_a_filter(tmp_path, monkeypatch):
     assert wide["valid"] >= fits["valid"] and wide["error"] == fits["error"]
 
 
+@pytest.mark.slow
 def test_the_notebook_of_a_missing_effect(tmp_path, monkeypatch):
     n = run_notebook("missing_effect", tmp_path, monkeypatch)
     gap = n["gap"]

@@ -80,6 +80,7 @@ def test_a_terminal_without_the_letters_of_a_name_gets_their_numbers(tmp_path, m
     assert done.code == 0 and done.out.startswith(r"car.toml: \u4e1c\u98ce"), done.err
 
 
+@pytest.mark.slow
 def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     done = tselab("demo", "--out", "demo", cwd=tmp_path)
     assert done.code == 0, done.err

@@ -119,7 +119,12 @@ def test_a_damaged_file_of_the_trade_is_read_or_refused(name, car, clean, tmp_pa
     try_all(path, path, name, car)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+SLOW = ("MDF 3", "MF4, frames and DBC")  # 1 s a file that is opened
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(f, marks=[pytest.mark.slow] if f in SLOW else []) for f in FORMATS]
+)
 def test_a_damaged_file_of_a_library_is_read_or_refused(name, car, clean, tmp_path):
     path = write_or_skip(name, tmp_path, split_messages(clean[:300]))
     (tmp_path / "signals.toml").unlink(missing_ok=True)
@@ -163,6 +168,7 @@ def test_blocks_that_point_to_themselves_do_not_keep_a_reader(block, where, tmp_
     assert time.process_time() - begin < 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["main", "thread"])
 def test_a_reader_that_does_not_end_is_stopped(where, monkeypatch, tmp_path):
     monkeypatch.setattr("tse.readers.recording.BASE_READ_TIME", 0.3)

@@ -339,6 +339,7 @@ def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
         run_drives(found, FleetPlan(Reading(), reports=False), Store(tmp_path, False), 1)
 
 
+@pytest.mark.slow
 def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path):
     distributed = pytest.importorskip(
         "distributed", reason="dask.distributed is missing: there is no cluster to test with"

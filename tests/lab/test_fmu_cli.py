@@ -14,6 +14,8 @@ from tse.library.errors import UserError
 from tselab import fmu_build as build
 from tselab import fmu_build as platforms
 
+pytestmark = pytest.mark.slow
+
 if shutil.which("cmake") is None:
     pytest.skip("cmake is not installed", allow_module_level=True)
 lief = pytest.importorskip("lief")

@@ -17,6 +17,8 @@ from tse.car.vehicle import read_vehicle
 from tse.gaps.run import workflow
 from tse.identify.data import prepare, remove_latencies
 
+pytestmark = pytest.mark.slow
+
 LATE = {
     "steer_angle": 0.03,
     "wheel_speed_front": 0.02,

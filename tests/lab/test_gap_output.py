@@ -184,6 +184,7 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(
     assert theirs.as_dict() == mine.as_dict()
 
 
+@pytest.mark.slow
 def test_header_and_vehicle_are_the_same_bytes_again(case):
     before = {f: (case.out / f).read_bytes() for f in ("effects.h", "vehicle_improved.toml", "verdict.json")}
     again = tselab(
@@ -279,6 +280,7 @@ def test_help_tells_of_the_workflow_and_its_commands():
     assert "  run " not in done.out
 
 
+@pytest.mark.slow
 def test_what_held_out_logs_leave_is_in_the_words_and_in_the_report(case, tmp_path):
     """A held-out log with another steering has a residual; the fitted logs have noise."""
     held = write_log(

@@ -490,6 +490,7 @@ def test_the_page_has_the_rows_and_nothing_for_other_hosts(folder, trip):
         live.close()
 
 
+@pytest.mark.slow
 def test_the_page_in_a_browser(folder, trip):
     """Answers and plots appear at two widths, light and dark, without a network."""
     sys.path.append(str(ROOT / "scripts" / "dev"))

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab_here
-from tests.cars.logs import make_logs
+from tests.cars.cache import make_logs_once
 from tse.car.vehicle import read_vehicle
 from tse.channels.log import read_log
 from tse.channels.proposal import Proposal, propose
@@ -250,9 +250,10 @@ RADIUS, TRACK, RATIO = 0.31, 1.52, 14.8
 @pytest.fixture(scope="module")
 def clean():
     """Return three minutes of a mountain road, not simulated by tse's model."""
-    return pd.DataFrame(make_logs("mountain", minutes=3, cars=1, seed=11)[0].log)
+    return pd.DataFrame(make_logs_once("mountain", minutes=3, cars=1, seed=11)[0].log)
 
 
+@pytest.mark.slow
 def test_the_right_mapping_in_19_of_20_fresh_schemes(clean):
     found = {}
     for seed in FRESH:
@@ -278,7 +279,7 @@ def drive() -> pd.DataFrame:
     """Return two minutes of a mountain road, wheels by the track of the car.
 
     tse's model did not simulate the car."""
-    log = pd.DataFrame(make_logs("mountain", minutes=2, cars=1, seed=21)[0].log)
+    log = pd.DataFrame(make_logs_once("mountain", minutes=2, cars=1, seed=21)[0].log)
     for axle in ("front", "rear"):
         for side, way in (("left", -1), ("right", 1)):
             name = f"wheel_speed_{axle}_{side}"

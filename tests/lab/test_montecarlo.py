@@ -641,6 +641,7 @@ def test_there_is_a_small_part_of_each_study():
     assert set(SMALL) == set(STUDIES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_a_small_part_of_each_study(name, tmp_path):
     cases, runs = SMALL[name]

@@ -13,7 +13,7 @@ import pytest
 
 import tse
 from conftest import simulated
-from tests.cars import make_logs
+from tests.cars.cache import make_logs_once
 from tests.cars.logs import PEDALS
 from tse.car.config import make_config
 from tse.car.vehicle import Vehicle, make_vehicle, read_vehicle
@@ -196,7 +196,7 @@ def test_on_a_raster_each_entry_is_in_one_row() -> None:
 
 @pytest.fixture(scope="module")
 def made():
-    return make_logs("mountain", 1.2, 1, seed=5, pedals=True)[0]
+    return make_logs_once("mountain", 1.2, 1, seed=5, pedals=True)[0]
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,8 @@ import pytest
 
 import tse
 from conftest import Result, tselab, tselab_here
-from tests.cars import make_cars, make_logs
+from tests.cars import make_cars
+from tests.cars.cache import make_logs_once
 from tests.cars.study import TRUTH, compute_truth
 from tests.gap.runs import change_constant
 from tse.calibration import own, workflow
@@ -41,7 +42,7 @@ class Case:
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
     folder = tmp_path_factory.mktemp("own")
-    make_logs("mountain", MINUTES, cars=make_cars(1, 3301), seed=4)[0].write(folder, "mountain")
+    make_logs_once("mountain", MINUTES, cars=make_cars(1, 3301), seed=4)[0].write(folder, "mountain")
     log, car = folder / "log_mountain.csv", folder / "car.toml"
     first = tselab("estimate", "--verbose", log, "--vehicle", car, "--report", "r.html", "--json", cwd=folder)
     est = pd.read_csv(folder / "log_mountain.est.csv")
@@ -138,6 +139,7 @@ def test_python_says_and_estimates_the_same(case):
     assert after.calibration is None and after.valid[:, 1].mean() > found.valid[:, 1].mean() - 0.05
 
 
+@pytest.mark.slow
 def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
     entry = find_kept(case, cache)
     entry.unlink()  # the command's has the bits of one thread of the BLAS
@@ -277,6 +279,7 @@ def test_channels_that_contradict_each_other_calibrate_nothing(case):
     assert found.calibration == {"used": False, "why": "its channels contradict each other"}
 
 
+@pytest.mark.slow
 def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     """Both drives are of one car: the second starts from the first's results."""
     rows = case.log.read_text().splitlines()
@@ -316,9 +319,12 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     assert own.NOT_ASKED in notes and not any("minutes of it" in n for n in notes)
 
 
+@pytest.mark.slow
 def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
     """Ice in the middle: one stiffness for both would be that of neither."""
-    made = make_logs("mountain", 2.0, cars=make_cars(1, 3301), seed=4, scenario="ice", event_time=60.0)[0]
+    made = make_logs_once("mountain", 2.0, cars=make_cars(1, 3301), seed=4, scenario="ice", event_time=60.0)[
+        0
+    ]
     made.write(tmp_path, "mountain")
     found = own.calibrate_once(read_vehicle(tmp_path / "car.toml"), [read_log(tmp_path / "log_mountain.csv")])
     assert not found.text and not found.found["used"]

@@ -292,6 +292,7 @@ def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
     assert turned[0] < 5e-4 and turned[1] > 0.002, turned
 
 
+@pytest.mark.slow
 def test_errors_are_half_of_what_the_filter_believes_of_them():
     """Forgetting makes the filter's variance 1 + lambda times that of its error.
 

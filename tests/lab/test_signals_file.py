@@ -9,7 +9,7 @@ import pytest
 
 import tse
 from conftest import RAN, tselab, tselab_here
-from tests.cars.logs import make_logs
+from tests.cars.cache import make_logs_once
 from tests.cars.real import DATA
 from tse.car.vehicle import make_default_vehicle, read_vehicle
 from tse.channels import look, physics
@@ -513,7 +513,7 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
 def cars(tmp_path_factory):
     """Cars of another model, on roads with bank, grade and bends: logs and vehicles by
     road."""
-    return {road: make_logs(road, minutes=1.5, cars=2, seed=5) for road in ("highway", "mountain")}
+    return {road: make_logs_once(road, minutes=1.5, cars=2, seed=5) for road in ("highway", "mountain")}
 
 
 def list_notes(car, folder, **columns) -> list[str]:

@@ -519,6 +519,7 @@ def test_channels_that_contradict_each_other_leave_the_reason_and_refused_rows_n
     )  # particles forget
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("known", "before", "after"), [(False, 1.0, 0.7), (True, 0.9, 0.6)], ids=["uncalibrated", "exact"]
 )

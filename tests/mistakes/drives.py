@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.cars.logs import make_logs
+from tests.cars.cache import make_logs_once
 from tse.library.core import Config, SimConfig
 from tse.report.tables import simulated_vehicle
 from tse.simulation import maneuvers
@@ -51,7 +51,7 @@ def make_drives() -> list[Drive]:
     plan = maneuvers.build("double-lane-change", config, sample_time=STEP, duration=SECONDS, seed=1)
     made = simulate(plan, config, SimConfig({"seed": 1})).log
     single = {c: made[c].to_numpy(float) for c in ("time", *CHANNELS)}
-    real = make_logs("mountain", minutes=SECONDS / 60, cars=5, seed=41)[3]
+    real = make_logs_once("mountain", minutes=SECONDS / 60, cars=5, seed=41)[3]
     facts = {k: float(real.vehicle[k]) for k in CAR}
     of_car = {c: np.asarray(real.log[c], float) for c in ("time", *CHANNELS)}
     return [

@@ -10,7 +10,7 @@ import pytest
 from tests.mistakes.drives import CHANNELS, MISTAKES, OF_LOGS, STEP, Drive, make_drives
 from tests.mistakes.front_ends import FRONT_ENDS, page_maker
 
-# by rows, and by a whole log; the others are slow (HEAVY, tests/conftest.py)
+# by rows, and by a whole log; the others are marked slow
 ROWS = ("C", "Python")
 
 
@@ -61,6 +61,7 @@ def test_what_only_a_whole_log_shows_is_said(mistake: str, both: list[Drive]) ->
             assert abs(int(degrees[1]) - 30) <= 2, drive.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("front_end", [f for f in FRONT_ENDS if f not in ROWS])
 @pytest.mark.parametrize("mistake", [None, *MISTAKES])
 def test_the_other_front_ends_say_what_the_library_says(

@@ -89,6 +89,7 @@ def installed(wheel, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_wheel_is_for_every_python_and_this_system(wheel):
     platform = re.sub(r"[^A-Za-z0-9]", "_", sysconfig.get_platform())
     assert wheel.name == f"tse-{VERSION}-py3-none-{platform}.whl"
@@ -216,6 +217,7 @@ def made_twice(checkout, tmp_path_factory):
     return made
 
 
+@pytest.mark.slow
 def test_the_same_commit_gives_the_same_bytes_wherever_it_lies(made_twice):
     one, other = (
         {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in folder.iterdir()}

@@ -278,6 +278,7 @@ def run_command(folder, log, car):
     return out.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_page_asks_no_network_and_reports_no_error(seen):
     assert seen["fatal"] == "" and seen["errors"] == []
     assert {url.split(":")[0] for url in seen["requests"]} <= {"file", "blob", "data"}

@@ -17,6 +17,7 @@ import mutation
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("cppcheck"), reason="cppcheck is not installed (scripts/setup.sh proof)")
 def test_no_required_misra_rule_is_broken_outside_the_deviations():
     """Check a file of each folder; scripts/dev/proof.sh misra checks all."""
@@ -71,6 +72,7 @@ def test_the_table_names_every_fault():
     assert all(f"| {what} |" in text for what, _ in faults.read_faults())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not shutil.which("gcc") or not (mutation.UNITY / "unity.c").exists(),
     reason="no gcc, or no Unity (scripts/setup.sh)",
@@ -89,6 +91,7 @@ def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
     assert [bench.judge(f) for f in (wrong, same, stillborn)] == ["found", "same", "stillborn"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("frama-c"), reason="frama-c is not installed (scripts/setup.sh proof)")
 @pytest.mark.parametrize("target", eva.SHORT)
 def test_no_alarm_without_an_explanation(target):
