@@ -141,7 +141,7 @@ void model_list_codes(fmu_code_row *row, void *to)
   static const char *const changes[][2] = {
     // clang-format off: table changes
     { "none", "none yet" },
-    { "road", "all tyres: another road" },
+    { "road", "all tyres: a different road" },
     { "front axle", "the tyres of the front axle" },
     { "rear axle", "the tyres of the rear axle" },
     { "started over", "the filter started over" },

@@ -1,6 +1,8 @@
 /* tse/config.h - settings, from the tables in src/tables.
- * Comments read: [unit] default, min .. max; meaning.
- * Defaults are an ordinary car, and the particle filter of Sec. IV of the paper. */
+ *
+ * The comment of a setting gives: [unit] default, min .. max; meaning. The defaults
+ * describe an ordinary car. Those of the paper's filter are the values in section IV of
+ * the paper. */
 #ifndef TSE_CONFIG_H
 #define TSE_CONFIG_H
 
@@ -8,224 +10,263 @@
 
 #include "tse/real.h"
 
-/* Filters of this build: 0 the default Kalman filter, 1 the paper's particle filter. */
+/* Values of the setting form: 0 is the default Kalman filter, 1 the
+ * paper's particle filter. */
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build without particles is at least 12 kB smaller on a Cortex-M. It refuses the
- * paper's filter. */
+/* A build with TSE_NO_PARTICLES saves at least 12 kB of flash on a Cortex-M. It has no
+ * paper's filter and refuses form 1. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
 #else
 #define TSE_LAST_FORM 1
 #endif
 
-/* Settings, in SI units. Fill with tse_config_default(), then set the values of your car,
- * at least the mass. Where 0 is outside the range (mass, yaw inertia, stiffness), it
- * means "not set". Effects of an ordinary car are on (body_roll_gain, relaxation_length
- * ...), the others are 0, off. Column `estimator` of src/tables/effects.toml lists the
- * effects of the default filter's model. */
+/* Settings, in SI units. Fill the struct with tse_config_default(), then set the values
+ * of your car, at least the mass. For mass, yaw inertia and stiffness, whose range does
+ * not include 0, the value 0 means "not set". By default the effects that all cars have
+ * are on (body_roll_gain, relaxation_length ...), and the strengths of all other effects
+ * are 0, which switches them off. Column `filter` of src/tables/effects.toml states which
+ * filter uses an effect. */
 typedef struct tse_config {
   // clang-format off: table config_members
-  tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: not known, then no
-                                                 * stiffness is valid */
+  tse_setting mass;                             /* [kg] 0, 50 .. 50000; vehicle mass; 0: unknown, and no
+                                                 * stiffness becomes valid */
   tse_setting yaw_inertia;                      /* [kg m2] 0, 10 .. 1000000; yaw moment of inertia about
-                                                 * the centre of gravity; 0: mass lf lr */
-  tse_setting lf;                               /* [m] 1.25, 0.1 .. 10; centre of gravity to front axle */
-  tse_setting lr;                               /* [m] 1.5, 0.1 .. 10; centre of gravity to rear axle */
-  tse_setting wheel_radius_front;               /* [m] 0.33, 0.05 .. 2; effective rolling radius, front */
-  tse_setting wheel_radius_rear;                /* [m] 0.33, 0.05 .. 2; effective rolling radius, rear */
+                                                 * the centre of gravity; 0: mass times lf times lr */
+  tse_setting lf;                               /* [m] 1.25, 0.1 .. 10; distance from the centre of gravity
+                                                 * to the front axle */
+  tse_setting lr;                               /* [m] 1.5, 0.1 .. 10; distance from the centre of gravity
+                                                 * to the rear axle */
+  tse_setting wheel_radius_front;               /* [m] 0.33, 0.05 .. 2; effective rolling radius of the
+                                                 * front wheels */
+  tse_setting wheel_radius_rear;                /* [m] 0.33, 0.05 .. 2; effective rolling radius of the
+                                                 * rear wheels */
   tse_setting longitudinal_stiffness_front;     /* [N] 0, 1000 .. 10000000; nominal longitudinal (slip)
-                                                 * stiffness of the front axle; 0: of its class, by its
-                                                 * load */
+                                                 * stiffness of the front axle; 0: value of an ordinary car
+                                                 * with this axle load */
   tse_setting longitudinal_stiffness_rear;      /* [N] 0, 1000 .. 10000000; nominal longitudinal (slip)
-                                                 * stiffness of the rear axle; 0: of its class, by its load */
+                                                 * stiffness of the rear axle; 0: value of an ordinary car
+                                                 * with this axle load */
   tse_setting cornering_stiffness_front;        /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
-                                                 * of the front axle; 0: of its class, by its load */
+                                                 * of the front axle; 0: value of an ordinary car with this
+                                                 * axle load */
   tse_setting cornering_stiffness_rear;         /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
-                                                 * of the rear axle; 0: of its class, by its load */
-  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; share of the front's relative deviation
-                                                 * that the rear longitudinal stiffness takes; paper's
-                                                 * filter */
-  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; sd of mass, relative, yaw_inertia
-                                                 * with it */
-  tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; sd of yaw_inertia, relative */
-  tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of where the centre of gravity lies
-                                                 * between the axles */
-  tse_setting steer_ratio_sd;                   /* [1] 0.03, 0 .. 0.5; sd of the scale of steer_angle:
-                                                 * steering ratio, compliance */
+                                                 * of the rear axle; 0: value of an ordinary car with this
+                                                 * axle load */
+  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; ratio of the relative deviations from
+                                                 * nominal of the rear and the front longitudinal
+                                                 * stiffness; paper's filter */
+  tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; yaw_inertia
+                                                 * deviates from its setting in proportion */
+  tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of yaw_inertia if the
+                                                 * mass is exact */
+  tse_setting cg_sd;                            /* [m] 0.03, 0 .. 1; sd of the position of the centre of
+                                                 * gravity between the axles */
+  tse_setting steer_ratio_sd;                   /* [1] 0.03, 0 .. 0.5; relative sd of the scale of
+                                                 * steer_angle: steering ratio and compliance */
   tse_setting steer_offset_sd;                  /* [rad] 0.006, 0 .. 0.1; sd of a constant offset of
                                                  * steer_angle */
-  tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; sd of the scale of accel_y: body
-                                                 * roll adds to it */
-  tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of how late the wheel speeds are
-                                                 * behind the IMU */
-  tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of how late the accelerometers
-                                                 * are behind the gyro */
+  tse_setting accel_y_scale_sd;                 /* [1] 0.03, 0 .. 0.5; relative sd of the scale of accel_y;
+                                                 * gravity by body roll contributes to it */
+  tse_setting wheel_delay_sd;                   /* [s] 0.02, 0 .. 0.2; sd of the delay of the wheel speeds
+                                                 * relative to the IMU */
+  tse_setting accel_delay_sd;                   /* [s] 0.003, 0 .. 0.2; sd of the delay of the
+                                                 * accelerometers relative to the gyro */
   tse_setting relaxation_sd;                    /* [m] 0.2, 0 .. 2; sd of the relaxation length of each
                                                  * axle */
-  tse_setting lean_sd;                          /* [1] 0.1, 0 .. 0.5; sd of the share of speed times yaw
-                                                 * rate by which roads lean into their curves */
-  tse_setting gyro_scale_sd;                    /* [1] 0.01, 0 .. 0.2; sd of the scale of yaw_rate */
-  tse_setting trail_sd;                         /* [m] 0.03, 0 .. 0.2; sd of how far the lateral forces act
-                                                 * behind the axles */
-  tse_setting roll_steer_sd;                    /* [1] 0.04, 0 .. 0.5; sd of the rear axle's roll steer */
-  tse_setting wheel_radius_sd;                  /* [1] 0.005, 0 .. 0.2; sd of the wheel radius rear over
-                                                 * front, relative */
-  tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; model discrepancy: sd of what the
-                                                 * model does not explain of a channel, as a share of what
-                                                 * happens, lasting about a second */
-  tse_setting grade_sd;                         /* [rad] 0.03, 0 .. 0.3; sd of road grade, a state: v_x' =
-                                                 * a_x - g grade, accel_x reads a_x */
-  tse_setting accel_x_sd;                       /* [m/s2] 0.1, 0.001 .. 10; noise of accel_x, one sample */
-  tse_setting accel_y_sd;                       /* [m/s2] 0.1, 0.001 .. 10; noise of accel_y, one sample */
-  tse_setting yaw_rate_sd;                      /* [rad/s] 0.0025, 1e-05 .. 1; noise of yaw_rate, one
-                                                 * sample */
-  tse_setting wheel_noise_sd;                   /* [rad/s] 0.04, 0 .. 5; noise of the wheel speeds (mean of
-                                                 * an axle's two wheels), one sample; default filter */
-  tse_setting steer_lag_sd;                     /* [s] 0.025, 0 .. 0.2; how late the steering acts behind
-                                                 * the IMU (bus, steering, tyres), or how early: sd of what
-                                                 * is not known; 0: not at all; default filter */
-  tse_setting accel_x_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; bias of accel_x at the start */
-  tse_setting accel_y_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; bias of accel_y at the start */
-  tse_setting yaw_rate_bias_sd;                 /* [rad/s] 0.01, 0 .. 0.5; bias of yaw_rate at the start */
-  tse_setting accel_x_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; random walk of the accel_x
-                                                 * bias (8), (18) */
-  tse_setting accel_y_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; random walk of the accel_y
-                                                 * bias (8), (18) */
-  tse_setting yaw_rate_bias_walk;               /* [rad/s/sqrt(s)] 0.0001, 0 .. 0.1; random walk of the
-                                                 * yaw_rate bias (8), (18) */
-  tse_setting steer_angle_latency;              /* [s] 0, -0.2 .. 0.2; how much later than yaw_rate
-                                                 * steer_angle is logged; below 0: earlier */
-  tse_setting wheel_speed_front_latency;        /* [s] 0, -0.2 .. 0.2; how much later than yaw_rate
-                                                 * wheel_speed_front is logged */
-  tse_setting wheel_speed_rear_latency;         /* [s] 0, -0.2 .. 0.2; how much later than yaw_rate
-                                                 * wheel_speed_rear is logged */
-  tse_setting accel_x_latency;                  /* [s] 0, -0.2 .. 0.2; how much later than yaw_rate accel_x
-                                                 * is logged */
-  tse_setting accel_y_latency;                  /* [s] 0, -0.2 .. 0.2; how much later than yaw_rate accel_y
-                                                 * is logged */
-  tse_setting ins_velocity_sd;                  /* [m/s] 0.1, 0.001 .. 10; error of ins_vel_x and
-                                                 * ins_vel_y, one value; the noise is found while driving */
-  tse_setting gnss_speed_sd;                    /* [m/s] 0.1, 0.001 .. 10; error of gnss_speed, one value */
-  tse_setting gnss_course_sd;                   /* [rad] 0.01, 0.0001 .. 1; error of gnss_course, one
-                                                 * value, above 10 m/s; below in inverse proportion to the
-                                                 * speed */
+  tse_setting lean_sd;                          /* [1] 0.1, 0 .. 0.5; sd of bank_superelevation: roads
+                                                 * differ in the bank of their curves */
+  tse_setting gyro_scale_sd;                    /* [1] 0.01, 0 .. 0.2; relative sd of the scale of yaw_rate */
+  tse_setting trail_sd;                         /* [m] 0.03, 0 .. 0.2; sd of aligning_moment_trail, the
+                                                 * distance of the lateral forces behind the axles */
+  tse_setting roll_steer_sd;                    /* [1] 0.04, 0 .. 0.5; sd of rear_roll_steer_gain, the roll
+                                                 * steer of the rear axle */
+  tse_setting wheel_radius_sd;                  /* [1] 0.005, 0 .. 0.2; relative sd of the ratio of the
+                                                 * rear to the front wheel radius */
+  tse_setting model_sd;                         /* [1] 0.12, 0 .. 0.5; model discrepancy: sd of the part of
+                                                 * an IMU channel that the model does not explain, over the
+                                                 * recent rms of the channel; it lasts about a second */
+  tse_setting grade_sd;                         /* [rad] 0.03, 0 .. 0.3; sd of the road grade, which is a
+                                                 * state: gravity along the road accelerates the car, but
+                                                 * accel_x does not measure it */
+  tse_setting accel_x_sd;                       /* [m/s2] 0.1, 0.001 .. 10; noise sd of one sample of
+                                                 * accel_x */
+  tse_setting accel_y_sd;                       /* [m/s2] 0.1, 0.001 .. 10; noise sd of one sample of
+                                                 * accel_y */
+  tse_setting yaw_rate_sd;                      /* [rad/s] 0.0025, 1e-05 .. 1; noise sd of one sample of
+                                                 * yaw_rate */
+  tse_setting wheel_noise_sd;                   /* [rad/s] 0.04, 0 .. 5; noise sd of one sample of a wheel
+                                                 * speed (mean of the two wheels of an axle); default
+                                                 * filter */
+  tse_setting steer_lag_sd;                     /* [s] 0.025, 0 .. 0.2; sd of the delay of the steering
+                                                 * angle relative to the IMU, by bus, steering and tyres;
+                                                 * 0: the delay is known exactly; default filter */
+  tse_setting accel_x_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; sd of the bias of accel_x at the
+                                                 * start */
+  tse_setting accel_y_bias_sd;                  /* [m/s2] 0.2, 0 .. 5; sd of the bias of accel_y at the
+                                                 * start */
+  tse_setting yaw_rate_bias_sd;                 /* [rad/s] 0.01, 0 .. 0.5; sd of the bias of yaw_rate at
+                                                 * the start */
+  tse_setting accel_x_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the random walk of
+                                                 * the accel_x bias in 1 s, equations (8), (18) */
+  tse_setting accel_y_bias_walk;                /* [m/s2/sqrt(s)] 0.002, 0 .. 1; sd of the random walk of
+                                                 * the accel_y bias in 1 s, equations (8), (18) */
+  tse_setting yaw_rate_bias_walk;               /* [rad/s/sqrt(s)] 0.0001, 0 .. 0.1; sd of the random walk
+                                                 * of the yaw_rate bias in 1 s, equations (8), (18) */
+  tse_setting steer_angle_latency;              /* [s] 0, -0.2 .. 0.2; latency of steer_angle in the log
+                                                 * relative to yaw_rate; negative: logged earlier */
+  tse_setting wheel_speed_front_latency;        /* [s] 0, -0.2 .. 0.2; latency of wheel_speed_front in the
+                                                 * log relative to yaw_rate */
+  tse_setting wheel_speed_rear_latency;         /* [s] 0, -0.2 .. 0.2; latency of wheel_speed_rear in the
+                                                 * log relative to yaw_rate */
+  tse_setting accel_x_latency;                  /* [s] 0, -0.2 .. 0.2; latency of accel_x in the log
+                                                 * relative to yaw_rate */
+  tse_setting accel_y_latency;                  /* [s] 0, -0.2 .. 0.2; latency of accel_y in the log
+                                                 * relative to yaw_rate */
+  tse_setting ins_velocity_sd;                  /* [m/s] 0.1, 0.001 .. 10; noise sd of one value of
+                                                 * ins_vel_x or ins_vel_y; the filter then estimates the
+                                                 * actual noise */
+  tse_setting gnss_speed_sd;                    /* [m/s] 0.1, 0.001 .. 10; noise sd of one value of
+                                                 * gnss_speed */
+  tse_setting gnss_course_sd;                   /* [rad] 0.01, 0.0001 .. 1; noise sd of one value of
+                                                 * gnss_course above 10 m/s; below 10 m/s it is inversely
+                                                 * proportional to the speed */
   tse_setting velocity_latency;                 /* [s] 0, -0.2 .. 0.2; latency of measured velocities
-                                                 * behind yaw_rate */
-  tse_setting velocity_latency_sd;              /* [s] 0.03, 0 .. 0.2; its sd */
-  tse_setting velocity_lever_x;                 /* [m] 0, -20 .. 20; where the antenna, or the place that
-                                                 * the INS speaks of, is before the centre of gravity */
-  tse_setting velocity_lever_y;                 /* [m] 0, -20 .. 20; the same, to the left of it */
-  tse_setting velocity_lever_sd;                /* [m] 0.1, 0 .. 5; sd of both */
-  tse_setting velocity_heading;                 /* [rad] 0, -0.5 .. 0.5; how far the axes of the INS are
-                                                 * turned to the left of the car's */
-  tse_setting velocity_heading_sd;              /* [rad] 0.02, 0 .. 0.5; its sd */
-  tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; sd of the scale of a measured speed
-                                                 * over that of the wheels: both wheel radii */
-  tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with less torque than this
-                                                 * rolls freely: two sd of its offset and noise */
-  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of a given bank and grade:
-                                                 * laps of one road agree that well */
-  tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass over the setting's, less one */
-  tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia over the setting's,
-                                                 * less one */
-  tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; added to lf, taken from lr; at most
-                                                 * 9/10 of either */
-  tse_setting wheel_radius_change;              /* [1] 0, -0.1 .. 0.1; true rolling radius over the
-                                                 * setting's, less one; both axles */
+                                                 * relative to yaw_rate */
+  tse_setting velocity_latency_sd;              /* [s] 0.03, 0 .. 0.2; sd of velocity_latency */
+  tse_setting velocity_lever_x;                 /* [m] 0, -20 .. 20; position of the antenna, or of the
+                                                 * reference point of the INS, in front of the centre of
+                                                 * gravity */
+  tse_setting velocity_lever_y;                 /* [m] 0, -20 .. 20; position of the antenna, or of the
+                                                 * reference point of the INS, to the left of the centre of
+                                                 * gravity */
+  tse_setting velocity_lever_sd;                /* [m] 0.1, 0 .. 5; sd of velocity_lever_x and of
+                                                 * velocity_lever_y */
+  tse_setting velocity_heading;                 /* [rad] 0, -0.5 .. 0.5; angle from the axes of the car to
+                                                 * those of the INS, positive left */
+  tse_setting velocity_heading_sd;              /* [rad] 0.02, 0 .. 0.5; sd of velocity_heading */
+  tse_setting velocity_scale_sd;                /* [1] 0.02, 0 .. 0.2; relative sd of the ratio of a
+                                                 * measured speed to the wheel speeds, which depends on the
+                                                 * wheel radii */
+  tse_setting wheel_torque_least;               /* [Nm] 60, 1 .. 2000; an axle with a smaller torque counts
+                                                 * as rolling freely: two sd of offset and noise of the
+                                                 * torque */
+  tse_setting road_sd;                          /* [rad] 0.005, 0 .. 0.3; sd of a given bank or grade:
+                                                 * estimates from different laps of a road agree within
+                                                 * this */
+  tse_setting mass_change;                      /* [1] 0, -0.5 .. 1; true mass over its setting, minus 1 */
+  tse_setting yaw_inertia_change;               /* [1] 0, -0.5 .. 1; true yaw inertia over its setting,
+                                                 * minus 1 */
+  tse_setting cg_shift_distance;                /* [m] 0, -0.6 .. 0.6; distance that is added to lf and
+                                                 * subtracted from lr; at most 9/10 of either */
+  tse_setting wheel_radius_change;              /* [1] 0, -0.1 .. 0.1; true rolling radius over its
+                                                 * setting, minus 1; both axles */
   tse_setting steering_ratio_change;            /* [1] 0, -0.3 .. 0.3; true road-wheel angle over the
-                                                 * logged one, less one */
-  tse_setting steering_offset_angle;            /* [rad] 0, -0.05 .. 0.05; true road-wheel angle less the
+                                                 * logged one, minus 1 */
+  tse_setting steering_offset_angle;            /* [rad] 0, -0.05 .. 0.05; true road-wheel angle minus the
                                                  * logged one */
-  tse_setting steering_delay_time;              /* [s] 0, 0 .. 0.2; the wheels turn this much later than
-                                                 * logged */
-  tse_setting steering_lag_time;                /* [s] 0.02, 0 .. 0.5; time constant from the logged angle
-                                                 * to the wheels, of both lags together */
-  tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; second lag over the first; 0: one lag
-                                                 * only */
-  tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: (1)-(4) with small angles, 1: exact,
-                                                 * between: a mixture */
+  tse_setting steering_delay_time;              /* [s] 0, 0 .. 0.2; delay from the logged angle to the
+                                                 * wheels */
+  tse_setting steering_lag_time;                /* [s] 0.02, 0 .. 0.5; sum of the time constants of both
+                                                 * lags from the logged angle to the wheels */
+  tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; time constant of the second lag over that
+                                                 * of the first; 0: one lag only */
+  tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: equations (1) to (4) with small
+                                                 * angles, 1: exact, in between: linear interpolation */
   tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; steering angle lost per
                                                      * moment about the steering axis */
-  tse_setting steering_compliance_trail;        /* [m] 0.03, 0.001 .. 0.2; lever of the lateral force about
-                                                 * the steering axis */
-  tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; rear steering angle per roll angle,
-                                                 * into the turn */
+  tse_setting steering_compliance_trail;        /* [m] 0.03, 0.001 .. 0.2; lever arm of the lateral force
+                                                 * about the steering axis */
+  tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; steering angle of the rear wheels,
+                                                 * into the turn, per roll angle */
   tse_setting rear_roll_steer_roll;             /* [rad s2/m] 0.0075, 0.0005 .. 0.03; roll angle per
                                                  * lateral acceleration */
   tse_setting rear_roll_steer_frequency;        /* [Hz] 1.5, 0.3 .. 6; natural frequency of the roll */
   tse_setting rear_roll_steer_damping;          /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
-  tse_setting relaxation_length;                /* [m] 0.4, 0 .. 3; way that the slip angle takes to build
-                                                 * up */
-  tse_setting longitudinal_relaxation_length;   /* [m] 0, 0 .. 2; way that the slip takes to build up */
-  tse_setting stiffness_drift_change;           /* [1] 0, -0.6 .. 1; of all stiffnesses, when the drift has
-                                                 * ended */
-  tse_setting stiffness_drift_time;             /* [s] 600, 0.001 .. 36000; how long it drifts; short: a
-                                                 * step */
-  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; when it begins, from the start */
-  tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k of 1/sqrt(1 + k slip^2) */
-  tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: axle load over the most
+  tse_setting relaxation_length;                /* [m] 0.4, 0 .. 3; distance over which the slip angle
+                                                 * builds up */
+  tse_setting longitudinal_relaxation_length;   /* [m] 0, 0 .. 2; distance over which the slip builds up */
+  tse_setting stiffness_drift_change;           /* [1] 0, -0.6 .. 1; relative change of all stiffnesses at
+                                                 * the end of the drift */
+  tse_setting stiffness_drift_time;             /* [s] 600, 0.001 .. 36000; duration of the drift; a short
+                                                 * one makes a step */
+  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time from the start to the begin of
+                                                 * the drift */
+  tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k in the factor 1/sqrt(1 + k slip^2)
+                                                 * of the lateral force */
+  tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: load of an axle over its max
                                                  * lateral force */
-  tse_setting tyre_saturation_shape;            /* [1] 1, 0 .. 1; 0: brush model with parabolic pressure,
-                                                 * 1: as magic-formula tyres, which saturate later and
-                                                 * harder */
-  tse_setting tyre_saturation_balance;          /* [1] 0, -0.5 .. 0.5; front 1/friction (1 + balance), rear
-                                                 * 1/friction (1 - balance): which axle ends first */
-  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0.02, -0.08 .. 0.08; k: cornering stiffness per
-                                                 * accel_x, less in front, more in the rear */
-  tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; front k (1 + balance), rear k (1 -
-                                                   * balance): tyres of the axle that carries more gain
-                                                   * less by a load */
-  tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0.002, -0.003 .. 0.03; k of C (1 - k accel_y^2) */
-  tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; front k (1 + balance), rear k (1 -
-                                                 * balance): which axle carries the roll */
-  tse_setting aero_drag_coefficient;            /* [kg/m] 0.4, 0 .. 5; force per speed squared: 1/2 rho cd
-                                                 * A */
-  tse_setting rolling_resistance_coefficient;   /* [1] 0.01, 0 .. 0.2; force per weight, against the motion */
-  tse_setting grade_angle;                      /* [rad] 0, -0.35 .. 0.35; slope of the road, uphill > 0;
-                                                 * replay adds a profile */
-  tse_setting bank_angle;                       /* [rad] 0, -0.35 .. 0.35; left side of the road high > 0;
-                                                 * replay adds a profile */
-  tse_setting bank_superelevation;              /* [1] 0.1, -0.5 .. 0.5; share of speed times yaw rate that
-                                                 * the road's lean into its curves takes over */
-  tse_setting crosswind_speed;                  /* [m/s] 0, -30 .. 30; steady wind, pushing to the left at
-                                                 * the heading of the start > 0 */
-  tse_setting crosswind_heading;                /* [rad] 0, -3.2 .. 3.2; heading at the start from where
-                                                 * the wind is a side wind */
-  tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; side force per wind times air
-                                                 * speed */
-  tse_setting crosswind_arm;                    /* [m] 0.45, -3 .. 3; centre of pressure before the centre
-                                                 * of gravity */
-  tse_setting conicity_front;                   /* [N] 0, -2000 .. 2000; side force of the front axle
-                                                 * without slip */
-  tse_setting conicity_rear;                    /* [N] 0, -2000 .. 2000; side force of the rear axle
-                                                 * without slip */
-  tse_setting aligning_moment_trail;            /* [m] 0.03, -0.2 .. 0.2; lateral forces act this far
-                                                 * behind the axles */
-  tse_setting imu_lever_arm_x;                  /* [m] 0, -4 .. 4; IMU before the centre of gravity */
-  tse_setting imu_lever_arm_y;                  /* [m] 0, -2 .. 2; IMU left of the centre of gravity */
+  tse_setting tyre_saturation_shape;            /* [1] 1, 0 .. 1; 0: brush model with parabolic pressure
+                                                 * distribution, 1: magic-formula tyre, which saturates
+                                                 * later and more abruptly */
+  tse_setting tyre_saturation_balance;          /* [1] 0, -0.5 .. 0.5; 1/friction is multiplied by 1 +
+                                                 * balance in front and by 1 - balance in the rear;
+                                                 * positive: the front axle saturates first */
+  tse_setting longitudinal_load_transfer_gain;  /* [s2/m] 0.02, -0.08 .. 0.08; k: relative cornering
+                                                 * stiffness per accel_x that the front axle loses and the
+                                                 * rear axle gains */
+  tse_setting longitudinal_load_transfer_balance; /* [1] 0, -1 .. 1; k (1 + balance) in front, k (1 -
+                                                   * balance) in the rear: tyres with more load gain less
+                                                   * stiffness by additional load */
+  tse_setting lateral_load_transfer_gain;       /* [s4/m2] 0.002, -0.003 .. 0.03; k in the cornering
+                                                 * stiffness C (1 - k accel_y^2) */
+  tse_setting lateral_load_transfer_balance;    /* [1] 0, -1 .. 1; k (1 + balance) in front, k (1 -
+                                                 * balance) in the rear: distribution of the roll moment */
+  tse_setting aero_drag_coefficient;            /* [kg/m] 0.4, 0 .. 5; force over the square of the speed:
+                                                 * 1/2 rho cd A */
+  tse_setting rolling_resistance_coefficient;   /* [1] 0.01, 0 .. 0.2; force over weight, against the
+                                                 * motion */
+  tse_setting grade_angle;                      /* [rad] 0, -0.35 .. 0.35; grade of the road, positive
+                                                 * uphill; a replay adds a profile */
+  tse_setting bank_angle;                       /* [rad] 0, -0.35 .. 0.35; bank of the road, positive if
+                                                 * the left side is higher; a replay adds a profile */
+  tse_setting bank_superelevation;              /* [1] 0.1, -0.5 .. 0.5; share of the lateral acceleration
+                                                 * in a curve (speed times yaw rate) that the bank of the
+                                                 * road provides */
+  tse_setting crosswind_speed;                  /* [m/s] 0, -30 .. 30; speed of a steady wind, positive if
+                                                 * it pushes to the left at the initial heading with
+                                                 * crosswind_heading = 0 */
+  tse_setting crosswind_heading;                /* [rad] 0, -3.2 .. 3.2; initial heading, relative to the
+                                                 * heading at which the wind is a pure side wind */
+  tse_setting crosswind_coefficient;            /* [kg/m] 2.8, 0.1 .. 30; side force over the product of
+                                                 * wind speed and air speed */
+  tse_setting crosswind_arm;                    /* [m] 0.45, -3 .. 3; distance of the centre of pressure in
+                                                 * front of the centre of gravity */
+  tse_setting conicity_front;                   /* [N] 0, -2000 .. 2000; lateral force of the front axle at
+                                                 * zero slip angle */
+  tse_setting conicity_rear;                    /* [N] 0, -2000 .. 2000; lateral force of the rear axle at
+                                                 * zero slip angle */
+  tse_setting aligning_moment_trail;            /* [m] 0.03, -0.2 .. 0.2; distance at which the lateral
+                                                 * forces act behind the axles */
+  tse_setting imu_lever_arm_x;                  /* [m] 0, -4 .. 4; position of the IMU in front of the
+                                                 * centre of gravity */
+  tse_setting imu_lever_arm_y;                  /* [m] 0, -2 .. 2; position of the IMU to the left of the
+                                                 * centre of gravity */
   tse_setting body_roll_gain;                   /* [rad s2/m] 0.006, -0.02 .. 0.04; roll angle per lateral
                                                  * acceleration */
-  tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency */
-  tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio */
-  tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; IMU above the roll axis, less
-                                                 * coupling: above the centre of gravity */
-  tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass over mass times height
-                                                 * of its centre of gravity above the roll axis: it pushes
-                                                 * the car */
+  tse_setting body_roll_frequency;              /* [Hz] 1.6, 0.3 .. 6; natural frequency of the roll */
+  tse_setting body_roll_damping;                /* [1] 0.3, 0.05 .. 2; damping ratio of the roll */
+  tse_setting body_roll_height;                 /* [m] 0, -1 .. 1.5; height of the IMU above the roll axis,
+                                                 * minus coupling: height above the centre of gravity */
+  tse_setting body_roll_coupling;               /* [m] 0.4, -0.5 .. 1; sprung mass over mass, times the
+                                                 * height of its centre of gravity above the roll axis; by
+                                                 * it roll acceleration pushes the car sideways */
   tse_setting pitch_leak_gain;                  /* [rad s2/m] 0, -0.01 .. 0.03; pitch angle per
-                                                 * longitudinal acceleration, nose up > 0 */
-  tse_setting pitch_leak_frequency;             /* [Hz] 1.8, 0.3 .. 6; natural frequency */
-  tse_setting pitch_leak_damping;               /* [1] 0.4, 0.05 .. 2; damping ratio */
-  tse_setting pitch_leak_height;                /* [m] 0, -1 .. 1.5; IMU above the pitch axis */
-  tse_setting imu_misalignment_angle;           /* [rad] 0, -0.2 .. 0.2; IMU turned to the left > 0 */
-  tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading over true, less one */
-  tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading over true, less one */
-  tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading over true, less one */
-  tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; readings are this much older than
-                                                 * inputs */
-  tse_setting formula_gain;                     /* [1] 0, -10 .. 10; times a formula of the user; 0: none */
+                                                 * longitudinal acceleration, positive nose up */
+  tse_setting pitch_leak_frequency;             /* [Hz] 1.8, 0.3 .. 6; natural frequency of the pitch */
+  tse_setting pitch_leak_damping;               /* [1] 0.4, 0.05 .. 2; damping ratio of the pitch */
+  tse_setting pitch_leak_height;                /* [m] 0, -1 .. 1.5; height of the IMU above the pitch axis */
+  tse_setting imu_misalignment_angle;           /* [rad] 0, -0.2 .. 0.2; angle from the axes of the car to
+                                                 * those of the IMU, positive left */
+  tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading over true value, minus 1 */
+  tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading over true value, minus 1 */
+  tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading over true value, minus 1 */
+  tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; delay of the readings relative to
+                                                 * steering angle and wheel speeds */
+  tse_setting formula_gain;                     /* [1] 0, -10 .. 10; factor of the user's formula; 0: no
+                                                 * formula */
   tse_setting formula_a;                        /* [1] 0, -1000000 .. 1000000; number a of the formula, in
                                                  * its own unit */
   tse_setting formula_b;                        /* [1] 0, -1000000 .. 1000000; number b of the formula, in
@@ -242,128 +283,134 @@ typedef struct tse_config {
                                                  * its own unit */
   tse_setting formula_h;                        /* [1] 0, -1000000 .. 1000000; number h of the formula, in
                                                  * its own unit */
-  int32_t formula_place;                        /* 0, 0 .. 9; where it is added: code of a place */
-  int32_t formula_code_1;                       /* 0, 0 .. 16777215; operations 1 .. 3 of the formula, a
-                                                 * byte each, the lowest first */
-  int32_t formula_code_2;                       /* 0, 0 .. 16777215; operations 4 .. 6 */
-  int32_t formula_code_3;                       /* 0, 0 .. 16777215; operations 7 .. 9 */
-  int32_t formula_code_4;                       /* 0, 0 .. 16777215; operations 10 .. 12 */
-  int32_t formula_code_5;                       /* 0, 0 .. 16777215; operations 13 .. 15 */
-  int32_t formula_code_6;                       /* 0, 0 .. 16777215; operations 16 .. 18 */
-  int32_t formula_code_7;                       /* 0, 0 .. 16777215; operations 19 .. 21 */
-  int32_t formula_code_8;                       /* 0, 0 .. 16777215; operations 22 .. 24 */
-  int32_t formula_code_9;                       /* 0, 0 .. 16777215; operations 25 .. 27 */
-  int32_t formula_code_10;                      /* 0, 0 .. 16777215; operations 28 .. 30 */
-  int32_t formula_code_11;                      /* 0, 0 .. 16777215; operations 31 .. 33 */
+  int32_t formula_place;                        /* 0, 0 .. 9; code of the place at which the value of the
+                                                 * formula is added */
+  int32_t formula_code_1;                       /* 0, 0 .. 16777215; operations 1 .. 3 of the formula, one
+                                                 * byte each, the first in the lowest byte */
+  int32_t formula_code_2;                       /* 0, 0 .. 16777215; operations 4 .. 6 of the formula */
+  int32_t formula_code_3;                       /* 0, 0 .. 16777215; operations 7 .. 9 of the formula */
+  int32_t formula_code_4;                       /* 0, 0 .. 16777215; operations 10 .. 12 of the formula */
+  int32_t formula_code_5;                       /* 0, 0 .. 16777215; operations 13 .. 15 of the formula */
+  int32_t formula_code_6;                       /* 0, 0 .. 16777215; operations 16 .. 18 of the formula */
+  int32_t formula_code_7;                       /* 0, 0 .. 16777215; operations 19 .. 21 of the formula */
+  int32_t formula_code_8;                       /* 0, 0 .. 16777215; operations 22 .. 24 of the formula */
+  int32_t formula_code_9;                       /* 0, 0 .. 16777215; operations 25 .. 27 of the formula */
+  int32_t formula_code_10;                      /* 0, 0 .. 16777215; operations 28 .. 30 of the formula */
+  int32_t formula_code_11;                      /* 0, 0 .. 16777215; operations 31 .. 33 of the formula */
   tse_setting sample_time;                      /* [s] 0.01, 0.001 .. 0.1; nominal time between rows */
-  tse_setting forgetting;                       /* [1] 0.99, 0.9 .. 0.9999; lambda of (17) per nominal
-                                                 * sample; memory 1/(1 - lambda) samples; paper's filter */
-  tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; lambda of the mean, of gamma in
-                                                 * (17), per nominal sample; 0: forgetting (the paper);
-                                                 * paper's filter */
-  tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; what lambda of the mean falls to where
-                                                 * innovations last, as after a change of road; 1: it does
-                                                 * not (the paper); paper's filter */
-  tse_setting resample_threshold;               /* [1] 0.5, 0 .. 1; resample when N_eff falls to this share
-                                                 * of the particles; paper's filter */
-  tse_setting initial_cx_front;                 /* [1] 1, 0.2 .. 4; start of the front longitudinal
-                                                 * stiffness, share of nominal */
-  tse_setting initial_cy_front;                 /* [1] 1, 0.2 .. 4; start of the front cornering stiffness,
-                                                 * share of nominal */
-  tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; start of the rear cornering stiffness,
-                                                 * share of nominal */
-  tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; how uncertain the start of the mean is:
-                                                 * sqrt(gamma Sigma), relative to nominal; paper's filter */
-  tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; sd of the start of the longitudinal
-                                                 * stiffness, relative; default filter */
-  tse_setting initial_cy_front_sd;              /* [1] 0.25, 0 .. 2; sd of the start of the front cornering
-                                                 * stiffness, relative; default filter */
-  tse_setting initial_cy_rear_sd;               /* [1] 0.25, 0 .. 2; sd of the start of the rear cornering
-                                                 * stiffness, relative; default filter */
-  tse_setting grip;                             /* [1] 1, 0 .. 50; friction of the tyres at the start; 0:
-                                                 * 1/tyre_saturation_inverse_friction, or tyres without an
-                                                 * end where that is 0; of each axle by
-                                                 * tyre_saturation_balance; default filter */
-  tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; its sd, relative; default filter */
-  tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; sample-to-sample sd assumed at the
-                                                 * start: sqrt(Sigma), relative to nominal; paper's filter */
-  tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; the learnt spread is kept at or below
-                                                 * this, relative to nominal: what exceeds it is sensor
-                                                 * noise, not tyre; 2: no limit (the paper); paper's filter */
-  tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; Lambda of a particle that was resampled
-                                                 * is scaled by a random factor of this relative sd and
-                                                 * mean one, so that copies differ; 0: it is not (the
-                                                 * paper); paper's filter */
-  tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; degrees of freedom nu at the start:
-                                                 * samples' worth of trust in initial_spread; paper's
+  tse_setting forgetting;                       /* [1] 0.99, 0.9 .. 0.9999; forgetting factor lambda of
+                                                 * equation (17) for a nominal sample; the memory is 1/(1 -
+                                                 * lambda) samples; paper's filter */
+  tse_setting forgetting_mean;                  /* [1] 0, 0 .. 0.9999; forgetting factor of gamma in
+                                                 * equation (17), that is of the mean, for a nominal
+                                                 * sample; 0: equal to forgetting (the paper); paper's
                                                  * filter */
-  tse_setting learnt_floor;                     /* [1] 0.1, 0 .. 2; no mean stiffness learnt in an earlier
-                                                 * drive is trusted more than this (sd, relative to
-                                                 * nominal): the road may be another */
-  tse_setting learnt_walk_day;                  /* [1/sqrt(day)] 0.02, 0 .. 1; random walk of a mean
-                                                 * stiffness between drives, relative to nominal: wear,
-                                                 * pressure, temperature, other tyres */
-  tse_setting initial_vel_x;                    /* [m/s] 0, -70 .. 70; start of vel_x, used when
-                                                 * initial_vel_x_from_wheels is 0; paper's filter */
-  tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; how uncertain the start of vel_x is;
+  tse_setting forgetting_change;                /* [1] 1, 0.5 .. 1; min forgetting factor of the mean, used
+                                                 * while innovations are correlated, as after a change of
+                                                 * road; 1: no reduction (the paper); paper's filter */
+  tse_setting resample_threshold;               /* [1] 0.5, 0 .. 1; resample when the effective number of
+                                                 * particles N_eff falls to this share of all particles;
                                                  * paper's filter */
-  tse_setting initial_vel_y_sd;                 /* [m/s] 0.1, 0 .. 10; how uncertain the start of vel_y is
-                                                 * (mean 0); paper's filter */
-  tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; how uncertain the start of
-                                                 * yaw_rate is (mean: first sample, else 0); paper's filter */
-  tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; no stiffness falls below this
-                                                 * share of nominal; paper's filter without reflect_draws:
-                                                 * only at its start */
-  tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; no stiffness rises above this share of
+  tse_setting initial_cx_front;                 /* [1] 1, 0.2 .. 4; initial front longitudinal stiffness
+                                                 * over nominal */
+  tse_setting initial_cy_front;                 /* [1] 1, 0.2 .. 4; initial front cornering stiffness over
                                                  * nominal */
-  tse_setting hold_speed;                       /* [m/s] 3, 0.5 .. 20; below this wheel speed, and in
-                                                 * reverse, statistics are held */
-  tse_setting max_steer;                        /* [rad] 0.7, 0.05 .. 1.2; beyond this steering angle
-                                                 * nothing is learnt */
-  tse_setting max_slip;                         /* [1] 0.05, 0.01 .. 1; beyond this slip of an axle its
-                                                 * wheels lock or spin; default filter */
-  tse_setting noise_max;                        /* [1] 30, 1 .. 1000; what the sensors' sd as found may be
-                                                 * over the setting's; 1: the settings are believed;
-                                                 * default filter */
-  tse_setting max_gap;                          /* [s] 0.25, 0.01 .. 1; longer gaps between rows restart
-                                                 * the states */
-  tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; a stiffness is valid up to this sd
-                                                 * of the mean, relative to the mean (paper's filter: to
-                                                 * nominal) */
-  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; random walk of a stiffness
-                                                 * that nothing changes, relative: wear, warmth; default
+  tse_setting initial_cy_rear;                  /* [1] 1, 0.2 .. 4; initial rear cornering stiffness over
+                                                 * nominal */
+  tse_setting initial_mean_sd;                  /* [1] 0.3, 0 .. 2; sd of the initial mean of a stiffness
+                                                 * over nominal, sqrt(gamma Sigma); paper's filter */
+  tse_setting initial_cx_sd;                    /* [1] 0.3, 0 .. 2; relative sd of the initial longitudinal
+                                                 * stiffness; default filter */
+  tse_setting initial_cy_front_sd;              /* [1] 0.25, 0 .. 2; relative sd of the initial front
+                                                 * cornering stiffness; default filter */
+  tse_setting initial_cy_rear_sd;               /* [1] 0.25, 0 .. 2; relative sd of the initial rear
+                                                 * cornering stiffness; default filter */
+  tse_setting grip;                             /* [1] 1, 0 .. 50; initial friction coefficient of the
+                                                 * tyres, split between the axles by
+                                                 * tyre_saturation_balance; 0:
+                                                 * 1/tyre_saturation_inverse_friction, or no saturation if
+                                                 * that setting is 0, too; default filter */
+  tse_setting grip_sd;                          /* [1] 0.25, 0 .. 1; relative sd of grip; default filter */
+  tse_setting initial_spread;                   /* [1] 0.07, 0.01 .. 2; initial sample-to-sample sd of a
+                                                 * stiffness over nominal, sqrt(Sigma); paper's filter */
+  tse_setting spread_max;                       /* [1] 2, 0.01 .. 2; max learnt sample-to-sample sd of a
+                                                 * stiffness over nominal, because a larger one is sensor
+                                                 * noise; 2: no limit (the paper); paper's filter */
+  tse_setting spread_kernel;                    /* [1] 0, 0 .. 0.5; relative sd of the random factor of
+                                                 * mean 1 by which Lambda of a resampled particle is
+                                                 * multiplied, so that copies differ; 0: no factor (the
+                                                 * paper); paper's filter */
+  tse_setting initial_dof;                      /* [1] 7, 6 .. 1000; initial degrees of freedom nu: number
+                                                 * of samples that initial_spread counts as; paper's filter */
+  tse_setting learnt_floor;                     /* [1] 0.1, 0 .. 2; min sd of a mean stiffness that was
+                                                 * learnt in an earlier drive, relative to nominal, because
+                                                 * the road may be different */
+  tse_setting learnt_walk_day;                  /* [1/sqrt(day)] 0.02, 0 .. 1; sd of the random walk of a
+                                                 * mean stiffness between drives in one day, relative to
+                                                 * nominal: wear, pressure, temperature, other tyres */
+  tse_setting initial_vel_x;                    /* [m/s] 0, -70 .. 70; initial vel_x if
+                                                 * initial_vel_x_from_wheels is 0; paper's filter */
+  tse_setting initial_vel_x_sd;                 /* [m/s] 0.1, 0 .. 20; sd of the initial vel_x; paper's
                                                  * filter */
-  int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM; 0:
-                                                 * the car's Kalman filter; 1: the paper's particle filter.
-                                                 * 2, the same with a watchdog, is gone: see
+  tse_setting initial_vel_y_sd;                 /* [m/s] 0.1, 0 .. 10; sd of the initial vel_y, whose mean
+                                                 * is 0; paper's filter */
+  tse_setting initial_yaw_rate_sd;              /* [rad/s] 0.01, 0 .. 2; sd of the initial yaw rate, whose
+                                                 * mean is the first sample, or 0 if it is missing; paper's
+                                                 * filter */
+  tse_setting stiffness_min;                    /* [1] 0.1, 0.02 .. 0.9; min stiffness over nominal;
+                                                 * paper's filter with reflect_draws = 0: only of the
+                                                 * initial value */
+  tse_setting stiffness_max;                    /* [1] 5, 1.1 .. 20; max stiffness over nominal */
+  tse_setting hold_speed;                       /* [m/s] 3, 0.5 .. 20; min wheel speed for learning; below
+                                                 * it, and in reverse, stiffness is not updated */
+  tse_setting max_steer;                        /* [rad] 0.7, 0.05 .. 1.2; max steering angle for learning;
+                                                 * beyond it, stiffness is not updated */
+  tse_setting max_slip;                         /* [1] 0.05, 0.01 .. 1; max slip of an axle whose wheels
+                                                 * neither lock nor spin; default filter */
+  tse_setting noise_max;                        /* [1] 30, 1 .. 1000; max ratio of the estimated noise sd
+                                                 * of a sensor to its setting; default filter */
+  tse_setting max_gap;                          /* [s] 0.25, 0.01 .. 1; max time between rows; after a
+                                                 * longer gap the motion is set from the sensors */
+  tse_setting valid_sd;                         /* [1] 0.1, 0.01 .. 1; max sd of a valid stiffness,
+                                                 * relative to its mean (paper's filter: to nominal) */
+  tse_setting steady_walk;                      /* [1/sqrt(s)] 0.0005, 0 .. 0.1; sd of the random walk of a
+                                                 * stiffness in 1 s between events, relative: wear,
+                                                 * temperature; default filter */
+  int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM;
+                                                 * filter: 0 the default Kalman filter, 1 the paper's
+                                                 * particle filter; form 2 of older versions is now
                                                  * tse_config_robust() */
-  tse_setting cg_height;                        /* [m] 0.55, 0 .. 3; height of the centre of gravity: load
-                                                 * goes from axle to axle with the acceleration; default
-                                                 * filter */
+  tse_setting cg_height;                        /* [m] 0.55, 0 .. 3; height of the centre of gravity, for
+                                                 * the load transfer between the axles; default filter */
   int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speeds are one signal, the
-                                                 * speed of the vehicle, which does not show slip; default
+                                                 * speed of the vehicle, from which no slip can be
+                                                 * estimated; 2: two signals, unless they are found to be
+                                                 * one; default filter */
+  int32_t driven_axle;                          /* 0, 0 .. 2; driven axle: 0 both or unknown, 1 front, 2
+                                                 * rear; the other axle rolls freely while the car does not
+                                                 * brake; default filter */
+  int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; number of particles;
+                                                 * paper's filter */
+  int32_t resampling;                           /* 0, 0 .. 3; method of resampling: 0 systematic, 1
+                                                 * stratified, 2 residual, 3 multinomial; paper's filter */
+  int32_t integration;                          /* 0, 0 .. 2; integration of equation (7) between rows: 0
+                                                 * Euler with held inputs (the paper), 1 second order with
+                                                 * linear inputs, 2 second order with a held steering
+                                                 * angle; paper's filter */
+  int32_t reflect_draws;                        /* 0, 0 .. 1; 1: a stiffness that is drawn below
+                                                 * stiffness_min in equation (25) is reflected at this
+                                                 * limit; 0: it is used as drawn (the paper); paper's
                                                  * filter */
-  int32_t driven_axle;                          /* 0, 0 .. 2; 0 both or unknown, 1 front, 2 rear: the other
-                                                 * rolls freely while the car does not brake; default
+  int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: the initial vel_x is the mean of the wheel
+                                                 * speeds; 0: it is the setting initial_vel_x; paper's
                                                  * filter */
-  int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; particles in use; paper's
-                                                 * filter */
-  int32_t resampling;                           /* 0, 0 .. 3; 0 systematic, 1 stratified, 2 residual, 3
-                                                 * multinomial; paper's filter */
-  int32_t integration;                          /* 0, 0 .. 2; of (7) between rows: 0 Euler, inputs held
-                                                 * (the paper); 1 second order, inputs linear; 2 second
-                                                 * order, the steering angle held; paper's filter */
-  int32_t reflect_draws;                        /* 0, 0 .. 1; 1: a draw of (25) below stiffness_min is
-                                                 * reflected at it; 0: it is not (the paper); paper's
-                                                 * filter */
-  int32_t initial_vel_x_from_wheels;            /* 1, 0 .. 1; 1: vel_x starts at the mean of the wheel
-                                                 * speeds; paper's filter */
   int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers; paper's
                                                  * filter */
   // clang-format on: end of table
 } tse_config;
 
-/* Uncertain parameters of car and model: k of tse_uncertainty_sd(). */
+/* Uncertain parameters of the car and of its model: argument k of
+ * tse_uncertainty_sd(). */
 enum {
   // clang-format off: table considered
   TSE_CONSIDER_MASS,

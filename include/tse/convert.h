@@ -1,7 +1,9 @@
-/* tse/convert.h - convert double to the number format of the library and back. For
- * programs around the library, which does not include it. NaN stays NaN. A value beyond
- * the fixed-point range becomes the largest number, which tse_prepare() refuses and
- * tse_step() refuses or takes as missing. */
+/* tse/convert.h - convert between double and the number format of the library.
+ *
+ * This header is for programs that use the library; the library itself does not include
+ * it. NaN stays NaN. A value beyond the fixed-point range becomes the largest number. As
+ * this number is out of every range, tse_prepare() refuses it, and tse_step() refuses the
+ * row or takes the channel as missing. */
 #ifndef TSE_CONVERT_H
 #define TSE_CONVERT_H
 
@@ -14,11 +16,11 @@
 static inline tse_real tse_real_of(double x)
 {
   const double one = (double)((int64_t)1 << TSE_FRACTION_BITS);
-  const double most = 1152921504606846976.0; /* 2^60, beyond every result */
+  const double max_scaled = 1152921504606846976.0; /* 2^60, larger than any valid number */
   const double scaled = x * one;
   if (x != x) return INT64_MIN;
-  if (scaled >= most) return (tse_real)1 << 60;
-  if (scaled <= -most) return -((tse_real)1 << 60);
+  if (scaled >= max_scaled) return (tse_real)1 << 60;
+  if (scaled <= -max_scaled) return -((tse_real)1 << 60);
   const tse_real whole = (tse_real)scaled;
   const double rest = scaled - (double)whole;
   return whole + (rest >= 0.5 ? 1 : (rest <= -0.5 ? -1 : 0));
@@ -30,7 +32,7 @@ static inline double tse_double_of(tse_real x)
   return (double)x / (double)((int64_t)1 << TSE_FRACTION_BITS);
 }
 
-/* Convert a setting, in single precision as TSE_S(). */
+/* Convert a setting. It is rounded to single precision first, as by TSE_S(). */
 static inline tse_setting tse_setting_of(double x) { return tse_real_of((double)(float)x); }
 static inline double tse_double_of_setting(tse_setting x) { return tse_double_of(x); }
 

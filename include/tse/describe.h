@@ -1,5 +1,7 @@
-/* tse/describe.h - the tables of tse.h and simulate.h at run time, for bindings (Python,
- * FMU). The linker leaves them out of a program that does not call these functions. */
+/* tse/describe.h - functions that return the names, units, ranges and meanings of
+ * all struct members and codes of the library at run time, for bindings such as
+ * Python and the FMUs. The linker leaves these tables out of a program that does not
+ * call the functions. */
 #ifndef TSE_DESCRIBE_H
 #define TSE_DESCRIBE_H
 
@@ -15,89 +17,105 @@
 extern "C" {
 #endif
 
+/* Tables of tse_describe(). In a build without effects, tse_describe() returns NULL for
+ * the structs of simulator and replay. In a list of codes, `name` and `text` are those of
+ * the code, and `offset` is its value. */
 typedef enum tse_struct {
   TSE_STRUCT_CONFIG,
   TSE_STRUCT_INPUT,
   TSE_STRUCT_OUTPUT,
-  TSE_STRUCT_SIM_CONFIG, /* of the simulator; like the replay's below NULL in builds without effects */
+  TSE_STRUCT_SIM_CONFIG, /* simulator */
   TSE_STRUCT_SIM_INPUT,
   TSE_STRUCT_SIM_OUTPUT,
-  TSE_STRUCT_STATUS, /* a list, as reasons, places and operations: name, text, code in `offset` */
-  TSE_STRUCT_REASON,
-  TSE_STRUCT_REPLAY_LOG,
+  TSE_STRUCT_STATUS,     /* list of status codes */
+  TSE_STRUCT_REASON,     /* list of reason codes */
+  TSE_STRUCT_REPLAY_LOG, /* replay */
   TSE_STRUCT_REPLAY_START,
   TSE_STRUCT_REPLAY_OUT,
-  TSE_STRUCT_FORMULA_PLACE, /* src/tables/formula.toml */
-  TSE_STRUCT_FORMULA_OP,    /* number of operands in `def`, kind as a letter n, s, p, m */
-  TSE_STRUCT_FORMULA_LIMIT, /* limits of a formula; the limit in `offset` */
+  TSE_STRUCT_FORMULA_PLACE, /* list of the places where a formula may act (src/tables/formula.toml) */
+  TSE_STRUCT_FORMULA_OP,    /* list of the operations of a formula. `def`: number of operands. `kind`:
+                             * 'n' number, 's' signal, 'p' plain function, 'm' function with memory */
+  TSE_STRUCT_FORMULA_LIMIT, /* list of the limits of a formula. `offset`: the limit */
   TSE_STRUCTS
 } tse_struct;
 
+/* One member of a struct, or one code of a list. */
 typedef struct tse_field {
   const char *name;
-  char kind;          /* 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code,
-                         * 'p' array, 'o' array or NULL */
+  char kind;          /* type: 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code, 'p' array,
+                       * 'o' array or NULL */
   int32_t offset;     /* bytes from the start of the struct */
-  double def, lo, hi; /* default and range; hi < lo where there is no range */
+  double def, lo, hi; /* default, min, max; hi < lo if there is no range */
   const char *unit;
   const char *text;
 } tse_field;
 
-/* Return the rows of one struct: the first row, *count rows, *size bytes of the struct.
- * NULL if there is no such struct. */
+/* Return the members of a struct, or the codes of a list.
+ *   Returned:  pointer to the first of *count rows; NULL if there is no such struct
+ *              *size  bytes of the struct; 0 for a list */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
 /* One effect of src/tables/effects.toml.
- *   hook       CONSTANT .. SENSOR
- *   estimator  how the filters use it */
+ *   hook         where the model applies the effect: CONSTANT .. SENSOR
+ *   title        name of the effect
+ *   entry_point  part of the model that the effect changes
+ *   channels     channels in which the effect is visible
+ *   look_alikes  effects that are hard to distinguish from this one
+ *   estimator    how the filters use the effect */
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
-  int32_t bit;            /* of tse_effects.mask */
-  const char *filter;     /* "both", "default" or "none": the filters whose estimate it moves */
-  const char *occurrence; /* SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED, IN_MODEL: how often cars have it */
-  const char *early;      /* title of a value below early_below (of messages or the IMU), or "" */
+  int32_t bit;            /* number of its bit in tse_effects.mask */
+  const char *filter;     /* filters whose estimates depend on it: "both", "default" or "none" */
+  const char *occurrence; /* how often cars have it: SENSOR, EVERY_CAR, SOME_CARS, ROAD, ABSORBED, IN_MODEL */
+  const char *early;      /* name of the effect if its value is below early_below; it is then a latency of
+                           * the logging or a low pass of the IMU. "": there is no such name */
   double early_below;
 } tse_effect_row;
 
 /* The use of one setting of tse_config.
- *   table        of src/tables that it is from: vehicle, uncertainty, sensors, latency, velocity,
- *                pedals, road, effects, formula, filter
- *   filter       "both", "default", "paper" or "none": the filters whose estimate it moves
- *   replaced_by  the setting that the filter uses instead while that is not 0; "": there is none */
+ *   table        its table in src/tables: vehicle, uncertainty, sensors, latency,
+ *                velocity, pedals, road, effects, formula or filter
+ *   filter       filters whose estimates depend on it: "both", "default", "paper" or "none"
+ *   replaced_by  name of a setting that the filter uses in its place, unless that setting
+ *                is 0; "": there is none */
 typedef struct tse_setting_row {
   const char *name, *table, *filter, *replaced_by;
 } tse_setting_row;
 
-/* One parameter of an effect.  setting: its name in tse_config. */
+/* One parameter of an effect. The member `setting` is its name in tse_config. */
 typedef struct tse_effect_parameter {
   const char *effect, *parameter, *setting, *unit, *text;
-  int32_t strength;              /* 1: a strength, 0 is off. 0: a shape, unused while all strengths are 0.
-                                  * -1: a shape that logs cannot distinguish from the strength */
-  int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either */
-  double def, lo, hi;            /* value of tse_config_exact() (strengths mostly 0), and bounds */
-  double typical_lo, typical_hi; /* size in mid-size cars */
-  double negligible;             /* smallest size worth naming; 0 for shapes */
+  int32_t strength;              /* 1: a strength; the value 0 switches the effect off. 0: a shape, without
+                                  * effect while all strengths are 0. -1: a shape that cannot be estimated
+                                  * from logs together with the strength */
+  int32_t sign;                  /* plausible sign of a strength: 1, -1, or 0 for either sign */
+  double def, lo, hi;            /* value in tse_config_exact() (0 for most strengths), min, max */
+  double typical_lo, typical_hi; /* range of its size in mid-size cars */
+  double negligible;             /* smallest size that is reported; 0 for shapes */
 } tse_effect_parameter;
 
-/* Return the tables of src/tables/effects.toml: the first row, *count (if not NULL)
- * rows. */
+/* Return the effects of src/tables/effects.toml: pointer to the first of *count rows.
+ *   count NULL: no count */
 const tse_effect_row *tse_describe_effects(int32_t *count);
+/* Return the parameters of these effects in the same way. */
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 
-/* Return the use of every setting, in the order of tse_describe(TSE_STRUCT_CONFIG): the first row,
- * *count (if not NULL) rows. */
+/* Return the use of every setting, in the order of tse_describe(TSE_STRUCT_CONFIG):
+ * pointer to the first of *count rows.
+ *   count NULL: no count */
 const tse_setting_row *tse_describe_settings(int32_t *count);
 
-/* The library as built: version, number format, max particles, sizes of its structs. */
+/* Properties of this build of the library. */
 typedef struct tse_build {
-  const char *version, *format;
-  int32_t capacity, filter_bytes, params_bytes, sim_bytes, learnt_bytes;
+  const char *version, *format;                                /* version; number format */
+  int32_t capacity;                                            /* max number of particles */
+  int32_t filter_bytes, params_bytes, sim_bytes, learnt_bytes; /* sizes of the structs */
   int32_t filter_paper_bytes;
-  int32_t fraction_bits; /* of a fixed-point number, else 0. Last, so that a host can read older
-                          * libraries */
+  int32_t fraction_bits; /* fraction bits of a fixed-point number; 0 in other formats. New members come last,
+                          * so that a host can read the struct of an older library */
 } tse_build;
 
-/* Fill b. */
+/* Fill b with the properties of this build.   b NULL: no effect. */
 void tse_describe_build(tse_build *b);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* tse/input.h - one log row. The channels follow from src/tables/input.toml. */
+/* tse/input.h - one row of a log. src/tables/input.toml defines its channels. */
 #ifndef TSE_INPUT_H
 #define TSE_INPUT_H
 
@@ -6,11 +6,12 @@
 
 #include "tse/real.h"
 
-/* A channel is missing if it is NaN or its bit is set in `missing`. Velocities, pedals
- * and road are used only if their bit is set in `given`. Begin with tse_input_default(). */
+/* One row. Fill it with tse_input_default() first. A channel is missing if its value is
+ * NaN or its bit is set in `missing`. A velocity, a pedal or a road angle is used only if
+ * its bit is set in `given`. */
 typedef struct tse_input {
-  tse_real dt; /* [s] (0, 3600]; time since the previous row; ignored until the first row
-                                * with all inputs */
+  tse_real dt; /* [s] (0, 3600]; time since the previous row; ignored until the first row that has steering
+                * angle and wheel speeds */
   // clang-format off: table input_channels
   tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle,
                                 * positive left */
@@ -25,29 +26,31 @@ typedef struct tse_input {
   tse_real yaw_rate;           /* [rad/s] -6 .. 6, else missing; yaw rate, positive left (counter-clockwise
                                 * from above) */
   // clang-format on: end of table
-  uint32_t missing; /* bits TSE_MISSING_accel_x of the channels above */
-  uint32_t given;   /* bits TSE_GIVEN_... of the optional channels below that are measured */
+  uint32_t missing; /* bits TSE_MISSING_...: channels above that are not measured in this row */
+  uint32_t given;   /* bits TSE_GIVEN_...: optional channels below that are measured in this row */
   // clang-format off: table input_optional
-  tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or
+  tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; longitudinal velocity, from an INS or
                                 * an optical sensor */
-  tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; velocity across the car, positive left */
+  tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; lateral velocity, positive left, from an
+                                * INS or an optical sensor */
   tse_real gnss_speed;         /* [m/s] 0 .. 120, else not there; speed over ground */
-  tse_real gnss_course;        /* [rad] -7 .. 7, else not there; direction over ground, positive left
-                                * (counter-clockwise from above), from any zero */
-  tse_real brake;              /* [1] 0 .. 1, else not there; 1: the car brakes, 0: it does not (from 0.5
-                                * on it does); if missing, accel_x decides */
-  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive minus brake torque of both
-                                * front wheels */
-  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive minus brake torque of both
-                                * rear wheels */
-  tse_real bank;               /* [rad] -0.35 .. 0.35, else not there; whole bank of the road, left side
-                                * high > 0, in place of the bank in the settings */
-  tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; whole slope of the road, uphill > 0,
-                                * in place of grade_angle */
+  tse_real gnss_course;        /* [rad] -7 .. 7, else not there; direction of the motion over ground,
+                                * positive left (counter-clockwise from above), relative to any fixed
+                                * direction */
+  tse_real brake;              /* [1] 0 .. 1, else not there; 1: the car brakes, 0: it does not; a value
+                                * counts as 1 from 0.5 on; if missing, accel_x decides */
+  tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive torque minus brake torque of
+                                * both front wheels */
+  tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive torque minus brake torque of
+                                * both rear wheels */
+  tse_real bank;               /* [rad] -0.35 .. 0.35, else not there; total bank of the road, positive if
+                                * the left side is higher; it replaces the bank in the settings */
+  tse_real grade;              /* [rad] -0.35 .. 0.35, else not there; total grade of the road, positive
+                                * uphill; it replaces grade_angle */
   // clang-format on: end of table
 } tse_input;
 
-/* Channels, in the order of their bits in tse_input.missing. */
+/* Index of each channel: the number of its bit in tse_input.missing. */
 enum {
   // clang-format off: table channel_places
   TSE_CHANNEL_steer_angle,
@@ -68,7 +71,7 @@ enum {
 #define TSE_MISSING_yaw_rate (1u << TSE_CHANNEL_yaw_rate)
 // clang-format on: end of table
 
-/* Optional channels, in the order of their bits in tse_input.given. */
+/* Index of each optional channel: the number of its bit in tse_input.given. */
 enum {
   // clang-format off: table optional_places
   TSE_OPTIONAL_ins_vel_x,
@@ -94,9 +97,10 @@ enum {
 #define TSE_GIVEN_bank (1u << TSE_OPTIONAL_bank)
 #define TSE_GIVEN_grade (1u << TSE_OPTIONAL_grade)
 // clang-format on: end of table
-#define TSE_VELOCITIES 4 /* number of velocities, the first optional channels */
-#define TSE_PEDALS 3     /* number of pedal channels, behind the velocities; then follows the road */
-#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of velocities */
+#define TSE_VELOCITIES 4 /* number of velocities, which are the first optional channels */
+#define TSE_PEDALS 3     /* number of pedals and wheel torques, which follow the velocities */
+/* All bits of velocities, of pedals and wheel torques, and of the road. */
+#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u)
 #define TSE_GIVEN_PEDALS (((1u << TSE_PEDALS) - 1u) << TSE_VELOCITIES)
 #define TSE_GIVEN_ROAD (TSE_GIVEN_bank | TSE_GIVEN_grade)
 

@@ -2,54 +2,49 @@
  * the end of a drive, with their covariance, in TSE_LEARNT_BYTES bytes. It is the prior
  * of the next drive.
  *
- *   tse_learnt_save(&p, &f, bytes);                      at the end of a drive; store the
- *                                                        bytes
- *   tse_reset(&p, &f, sizeof f);                         at the start of the next
- *   tse_learnt_load(&p, &f, bytes, sizeof bytes, age_s); if refused, the settings' prior
- *   is used
+ *   tse_learnt_save(&p, &f, bytes);                       at the end of a drive; then
+ *                                                         store the bytes
+ *   tse_reset(&p, &f, sizeof f);                          at the start of the next drive
+ *   tse_learnt_load(&p, &f, bytes, sizeof bytes, age_s);  if this call fails, the filter
+ *                                                         starts from the settings
  *
  * The bytes are the same in every number format and on every machine: a PC reads what an
- * ECU wrote. Numbers are little-endian; `q24` is int32 in units of 2^-24:
+ * ECU has written. Numbers are little-endian. `q24` is an int32 in units of 2^-24, `q14`
+ * an int16 in units of 2^-14. "x 11" is an array of 11 numbers:
  *
- *     0  "tsel"                      12  u32  bit a: stiffness a has been learnt
- *     4  u16  format, 3              16  u32  samples' worth of trust in the process sd
- *                                             (particles)
- *     6  u16  bytes in all           20  q24  x 11  means: bias of accel_x, accel_y
- *                                                   [m/s2],
- *     8  u32  vehicle                               yaw_rate [rad/s]; logarithm of
- *                                                   cx_front, cy_front,
- *                                                   cy_rear and grip over the settings';
- *                                                   steering
- *                                                   offset [rad], error of the steering
- *                                                   ratio [1],
- *                                                   latency of the steering [s], radius
- *                                                   front over
- *                                                   rear less 1
- *                                    64  q24  x 11  their sd; 0: not known
- *                                   108  i16  x 55  their correlations, 2^-14: 01 02 ..
- *                                                   12 13 ..
- *                                   220  q24  x 5   noise of accel_x, accel_y, yaw_rate,
- *                                                   wheel speeds:
- *                                                   sd over the setting's
- *                                   240  q24  x 3   process sd (particles)
- *                                   252  q24  x 3   their correlations 01, 02, 12
- *                                   264  u32  CRC-32 (IEEE 802.3, as zlib's) of all bytes
- *                                             before
+ *     0  "tsel"
+ *     4  u16       format: 3
+ *     6  u16       size: 268 bytes
+ *     8  u32       vehicle: hash of the vehicle settings
+ *    12  u32       bit a is 1 if stiffness a has been learnt (TSE_CX_FRONT ...)
+ *    16  u32       degrees of freedom nu of the process sd; particle filter only
+ *    20  q24 x 11  means: biases of accel_x and accel_y [m/s2] and of yaw_rate [rad/s];
+ *                  logarithms of cx_front, cy_front, cy_rear and grip over the value in
+ *                  the settings; steering offset [rad], error of the steering ratio [1],
+ *                  latency of the steering [s], ratio of the front to the rear wheel
+ *                  radius, less 1
+ *    64  q24 x 11  sd of each mean; 0: this mean has not been learnt
+ *   108  q14 x 55  correlations of the means: 01 02 .. 12 13 .., then 2 bytes of zeros
+ *   220  q24 x 5   noise sd of accel_x, accel_y, yaw_rate and both wheel speeds over the
+ *                  sd in the settings
+ *   240  q24 x 3   process sd of each stiffness; particle filter only
+ *   252  q24 x 3   correlations 01, 02, 12 of the process noise; particle filter only
+ *   264  u32       CRC-32 (IEEE 802.3, as in zlib) of all bytes before it
  *
- * Later formats keep the first eight bytes and end in the CRC. A newer file therefore
- * differs from a damaged one.
+ * All future formats keep the first eight bytes and end in the CRC. The library can
+ * therefore distinguish a newer file from a damaged one.
  *
- * Values out of range are refused: a logarithm beyond 4, a bias beyond the range of its
- * channel, a negative sd, a correlation beyond 1. Formats 1 and 2 are refused with a
- * status of their own.
+ * A file with a value out of range is refused: a logarithm beyond 4, a bias beyond the
+ * range of its channel, a negative sd, or a correlation beyond 1. Formats 1 and 2 are
+ * refused with TSE_E_OLD.
  *
- * `vehicle` is a hash of the vehicle settings, from the first row to
- * rear_longitudinal_follows_front, in single precision: relative stiffness refers to
- * them. Settings of sensors, filter, particles and seed may change, because biases are
- * kept in SI units.
+ * The hash `vehicle` covers the vehicle settings, from mass to
+ * rear_longitudinal_follows_front in tse_config, in single precision, because stiffness
+ * is relative to them. Settings of sensors, filter, particles and seed may change between
+ * drives, because biases are kept in SI units.
  *
- * The learnt state is no snapshot: it leaves out velocities, particles and weights. A
- * snapshot within a drive is a copy of tse_filter. */
+ * The learnt state is not a snapshot: it leaves out velocities, particles and weights. To
+ * interrupt and continue a drive, copy the tse_filter. */
 #ifndef TSE_LEARNT_H
 #define TSE_LEARNT_H
 
@@ -66,47 +61,46 @@
 extern "C" {
 #endif
 
-/* Save the learnt state. A stiffness counts as learnt if it has been valid since the last
- * restart, or was loaded. One that was loaded and not excited since keeps at least its
- * loaded variance.
+/* Save the learnt state. A stiffness counts as learnt if it was loaded, or has been valid
+ * since the last restart. The variance of a stiffness that was loaded and not excited
+ * since is at least the loaded variance.
  *   Returned:  out  unchanged if the result is negative
- *              TSE_OK, TSE_E_NULL or TSE_E_STATE: f was not reset with p, or had no row
- *              yet. Keep the
- *              older bytes then */
+ *              TSE_OK, TSE_E_NULL, or TSE_E_STATE: f was not reset with p, has had no row
+ *              yet, or holds a NaN. Keep the older bytes then */
 tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out[TSE_LEARNT_BYTES]);
 
-/* Load a learnt state as the prior of the next start: after tse_reset(), before the first
- * row.
- *   Given:     in, bytes  as saved; checked completely before use
- *              age_s      [s] since it was saved: the time the ignition was off.
- *                         0xffffffff if
- *                         unknown: then no sd is smaller than the settings'
- *   Updated:   f          bit for bit unchanged if the result is negative
+/* Load a learnt state as the prior of the next start. Call it after tse_reset() and
+ * before the first row.
+ *   Given:     in, bytes  as saved; checked completely before they are used
+ *              age_s      [s] time since the state was saved, while the ignition was off.
+ *                         0xffffffff: this time is unknown. No sd is then smaller than in
+ *                         the settings
+ *   Updated:   f          unchanged, bit for bit, if the result is negative
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (also after the first row), TSE_E_LEARNT,
  *              TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE
- *   Ageing:    variance of a mean    max(sd^2, learnt_floor^2) + learnt_walk_day^2 days,
- *                                    at most the
- *                                    settings' variance
- *              spread                as learnt, up to spread_max, with the weight of
- *                                    initial_spread.
- *                                    Paper's filter: widened by the uncertainty of the
- *                                    mean
- *              bias                  variance grows by *_bias_walk up to *_bias_sd^2. The
- *                                    bias decays
- *                                    to zero in proportion, because it contains the
- *                                    road's slope
- *              noise, correlations   as learnt
- *              steering, radius      sd at least a tenth of the prior's
- *   A stiffness that was never learnt starts from the settings. After a restart all do. */
+ *   Ageing:    mean of a stiffness   Its variance becomes max(sd^2, learnt_floor^2) +
+ *                                    learnt_walk_day^2 times the days, at most the
+ *                                    variance in the settings
+ *              spread                As saved, at most spread_max. Its weight is that of
+ *                                    initial_spread. Paper's filter: widened by the
+ *                                    uncertainty of the mean
+ *              bias                  Its variance grows by *_bias_walk, up to
+ *                                    *_bias_sd^2. The bias itself decays to zero
+ *                                    in proportion, because it contains the slope
+ *                                    of the road
+ *              noise, correlations   As saved
+ *              steering, radius      Their sd is at least a tenth of the sd
+ *                                    in the settings
+ *   A stiffness that has never been learnt starts from the settings. If the filter
+ *   restarts because its state is not finite, each stiffness starts from the settings. */
 tse_status tse_learnt_load(
     const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s);
 
 /* Check a learnt state as tse_learnt_load() does, without a filter.
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared), TSE_E_LEARNT,
- *              TSE_E_VERSION,
- *              TSE_E_OLD or TSE_E_VEHICLE. With the last four *wrong (if not NULL) names
- *              the part:
- *              "its checksum", "mean of cy_rear"; a string constant */
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()),
+ *              TSE_E_LEARNT, TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE. With the last
+ *              four, *wrong (if wrong is not NULL) names the wrong part, such as "its
+ *              checksum" or "mean of cy_rear"; a string constant */
 tse_status tse_learnt_check(const tse_params *p, const uint8_t *in, size_t bytes, const char **wrong);
 
 #ifdef __cplusplus

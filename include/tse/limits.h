@@ -1,12 +1,12 @@
-/* tse/limits.h - capacities of the library. Ranges of settings and channels are in
- * tse/config.h and tse/input.h. */
+/* tse/limits.h - max time between rows, and sizes of the arrays in the structs. The
+ * ranges of settings and channels are in tse/config.h and tse/input.h. */
 #ifndef TSE_LIMITS_H
 #define TSE_LIMITS_H
 
-#define TSE_LONGEST_DT 3600 /* s, max time between two rows */
+#define TSE_LONGEST_DT 3600 /* [s] max time between two rows */
 
-/* Max number of particles; tse_filter_paper grows with it. The setting `particles` is 16
- * .. this. */
+/* Max value of the setting `particles`. The size of tse_filter_paper is
+ * proportional to it. */
 #ifndef TSE_MAX_PARTICLES
 #define TSE_MAX_PARTICLES 512
 #endif
@@ -14,15 +14,15 @@
 #error "TSE_MAX_PARTICLES must lie in 16 .. 65535"
 #endif
 
-/* Rows that a filter keeps while it waits for late channels (settings ..._latency). The
- * latencies may span TSE_LATENCY_ROWS - 4 sample times. A row takes 7 tse_real and a
- * byte. 0: late channels are refused. */
+/* Number of rows that a filter stores while it waits for channels with a latency
+ * (settings ..._latency). The latencies may differ by up to TSE_LATENCY_ROWS - 4 sample
+ * times. A row takes 7 tse_real and a byte. 0: tse_prepare() refuses latencies. */
 #ifndef TSE_LATENCY_ROWS
 #define TSE_LATENCY_ROWS 32
 #endif
 #if (TSE_LATENCY_ROWS < 8 && TSE_LATENCY_ROWS != 0) || TSE_LATENCY_ROWS > 1024
 #error "TSE_LATENCY_ROWS must be 0, or lie in 8 .. 1024"
 #endif
-#define TSE_LATENCY_KEPT (TSE_LATENCY_ROWS + (TSE_LATENCY_ROWS == 0)) /* C knows no empty array */
+#define TSE_LATENCY_KEPT (TSE_LATENCY_ROWS + (TSE_LATENCY_ROWS == 0)) /* at least 1: C has no arrays of size 0 */
 
 #endif

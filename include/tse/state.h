@@ -1,20 +1,31 @@
-/* tse/state.h - sizes of the structs that the caller allocates: static, on the stack or
- * in a linker section. Their members are internal (src/model/state.h); the caller sees
- * bytes. They hold no pointers: copying the struct copies the filter. */
+/* tse/state.h - structs that the caller allocates: static, on the stack or in a linker
+ * section. Their members are internal (src/model/state.h), so the structs are declared
+ * here as arrays of bytes with exact sizes. They hold no pointers: a copy of the struct
+ * is a copy of the filter. */
 #ifndef TSE_STATE_H
 #define TSE_STATE_H
 
 #include "tse/limits.h"
 #include "tse/real.h"
 
-/* Paper's filter: sums over particles run in TSE_LANES interleaved partial sums, joined
- * in a fixed order, so that bits do not depend on the vector width. Rows are padded to
- * different cache sets: power-of-two strides cost up to 14 %. */
+/* Paper's filter. A sum over all particles is computed as TSE_LANES interleaved
+ * partial sums that are added in a fixed order, so that its bits do not depend on the
+ * vector width of the machine. An array over all particles has TSE_STRIDE elements:
+ * with a power of two all arrays would share the same cache sets, which costs up to 14
+ * % of the time. */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* Number of tse_real and tse_short in the structs. A build without measured velocities
- * needs 1.9 kB less RAM in float, and refuses rows that give one. */
+/* Number of members of each type in the structs, for each build. A build with
+ * TSE_NO_VELOCITY refuses rows that give a velocity, and saves 1.9 kB of RAM in float.
+ *   TSE_FILTER_SHORTS     tse_short in tse_filter
+ *   TSE_FILTER_NUMBERS    tse_real in tse_filter
+ *   TSE_FILTER_WHOLE      bytes of integers in tse_filter
+ *   TSE_FILTER_PADDED     gaps of TSE_PADDING bytes in tse_filter
+ *   TSE_CONSTANT_NUMBERS  tse_real in tse_params, without the effects
+ *   TSE_PAPER_NUMBERS     tse_real in tse_filter_paper, without its tse_filter
+ *   TSE_EFFECT_NUMBERS    tse_real in the effects of tse_params
+ *   TSE_EFFECT_BYTES      bytes of integers in the effects of tse_params */
 #if defined(TSE_SMALL)
 #define TSE_FILTER_SHORTS 196
 #define TSE_FILTER_NUMBERS (364 + 7 * TSE_LATENCY_KEPT)
@@ -31,10 +42,10 @@
 #define TSE_CONSTANT_NUMBERS 204
 #endif
 #if !defined(TSE_SMALL)
-#define TSE_FILTER_WHOLE 160 /* bytes of whole numbers */
+#define TSE_FILTER_WHOLE 160
 #define TSE_FILTER_PADDED (19 + sizeof(tse_short) / sizeof(tse_real))
 #endif
-#define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* of the particles, beside tse_filter */
+#define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE)
 #if defined(TSE_NO_EFFECTS)
 #define TSE_EFFECT_NUMBERS 0
 #define TSE_EFFECT_BYTES 0
@@ -45,7 +56,8 @@
 #define TSE_EFFECT_BYTES 40
 #endif
 
-/* Padding bytes between a 32-bit integer and a tse_real: 0 or 4, by the alignment of the machine. */
+/* Number of padding bytes between a 32-bit integer and a tse_real: 0 or 4, depending on
+ * the alignment on this machine. */
 struct tse_aligned {
   int32_t first;
   tse_real number;
@@ -53,7 +65,8 @@ struct tse_aligned {
 #define TSE_PADDING (sizeof(struct tse_aligned) - sizeof(tse_real) - sizeof(int32_t))
 #define TSE_LATENCY_BYTES ((TSE_LATENCY_KEPT + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
 
-/* Exact sizes of the structs. src/model/state.h does not compile if its members have other sizes. */
+/* Structs of exact size. src/model/state.h checks at compile time that its members need
+ * exactly these sizes. */
 typedef union tse_effects_bytes {
   uint64_t first; /* aligns the struct */
   unsigned char all[sizeof(uint64_t) + TSE_EFFECT_NUMBERS * sizeof(tse_real) + TSE_EFFECT_BYTES];
@@ -78,10 +91,11 @@ typedef struct tse_paper_bytes {
 /* Constants of a filter, made by tse_prepare(). */
 typedef struct tse_params tse_params;
 
-/* A default filter. */
+/* The default filter. */
 typedef struct tse_filter tse_filter;
 
-/* A filter of the paper, with its particles. A pointer to its first member points to all of it. */
+/* The paper's filter with its particles. A pointer to its first member, a tse_filter,
+ * stands for the whole struct in tse_reset(), tse_step() and all other calls. */
 typedef struct tse_filter_paper tse_filter_paper;
 
 #if !defined(TSE_INTERNALS)

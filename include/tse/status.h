@@ -1,9 +1,10 @@
-/* tse/status.h - status of a call, and reason of each stiffness. Codes and texts:
- * src/tables/status.toml.
+/* tse/status.h - status codes of calls, and reasons why a stiffness is not valid.
+ * src/tables/status.toml defines codes and texts.
  *
- *   negative  refused; nothing has changed, bit for bit
- *   zero      done
- *   positive  done, with a warning; of several the largest
+ *   negative  The call was refused. Nothing has changed, bit for bit.
+ *   zero      The call has succeeded.
+ *   positive  The call has succeeded, with a warning. Of several warnings it is the one
+ *             with the largest code.
  *
  * Use a stiffness only if its reason is TSE_VALID. */
 #ifndef TSE_STATUS_H
@@ -19,55 +20,55 @@ typedef enum tse_status {
                                  * anew */
   TSE_E_VEHICLE = -9,           /* the learnt state belongs to another vehicle */
   TSE_E_VERSION = -8,           /* the learnt state was written by a newer version of this library */
-  TSE_E_LEARNT = -7,            /* not a learnt state of this library, or damaged */
-  TSE_E_SIZE = -6,              /* the filter's memory has another size than the library expects (other
-                                 * capacity or format) */
+  TSE_E_LEARNT = -7,            /* this is not a learnt state of this library, or it is damaged */
+  TSE_E_SIZE = -6,              /* the memory of the filter has a different size than the library expects
+                                 * (other number of particles or number format) */
   TSE_E_STATE = -5,             /* the filter was not reset with these parameters, or is not a filter of
                                  * this library */
-  TSE_E_TIME = -4,              /* time step not finite, not positive, or too long */
+  TSE_E_TIME = -4,              /* the time step is not finite, not positive, or too long */
   TSE_E_INPUT = -3,             /* an input that drives the model is outside its range */
   TSE_E_CONFIG = -2,            /* a setting is outside its range */
   TSE_E_NULL = -1,              /* a required argument is NULL */
   TSE_OK = 0,                   /* ok */
-  TSE_W_NOT_VALID = 1,          /* at least one stiffness is not valid; its reason says why */
-  TSE_W_STARTING = 2,           /* too few informative rows since the start; spread and validity are not
+  TSE_W_NOT_VALID = 1,          /* at least one stiffness is not valid; see its reason */
+  TSE_W_STARTING = 2,           /* too few informative rows since the start; spread and validity have not
                                  * settled */
-  TSE_W_MISSING_CHANNEL = 3,    /* a measurement was missing; the others were used */
-  TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: nothing is
-                                 * learnt of the stiffness */
-  TSE_W_PREDICTED = 5,          /* no measurement, or inputs missing: predicted only */
-  TSE_W_GAP = 6,                /* a step too long to bridge, or sensors that jump: states restarted from
-                                 * the sensors, what was learnt is kept */
-  TSE_W_RECOVERED = 7,          /* the state was not finite, by a fault of the memory or an overflow: the
-                                 * filter started over */
-  TSE_W_WAITING = 8,            /* no step yet: the filter waits for channels that are logged later;
+  TSE_W_MISSING_CHANNEL = 3,    /* a measurement is missing; the others are used */
+  TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: stiffness is not
+                                 * updated */
+  TSE_W_PREDICTED = 5,          /* all measurements or an input are missing: the filter only predicts */
+  TSE_W_GAP = 6,                /* long gap between rows, or jump of the sensors: the motion is set from
+                                 * the sensors, all other estimates are kept */
+  TSE_W_RECOVERED = 7,          /* the filter started over, because its state was not finite (memory fault
+                                 * or overflow) */
+  TSE_W_WAITING = 8,            /* no step in this row: the filter waits for channels with a latency; the
                                  * estimates are those of the last step, or of the start */
-  TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it stops
-                                 * there, or the sample was dropped */
-  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle, or one
-                                 * comes late; fault_channel says which, fault_factor how many times too
-                                 * large it is */
+  TSE_W_RANGE = 9,              /* a number reached the end of the range of the number format: it is
+                                 * limited, or the sample was dropped */
+  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: one has a wrong unit or sign,
+                                 * belongs to a different axle, or is late; fault_channel names it,
+                                 * fault_factor is the factor by which it is too large */
   // clang-format on: end of table
   TSE_STATUS_END_
 } tse_status;
 
-/* Why a stiffness is not valid. An estimate is valid when its reason is TSE_VALID. */
+/* Reason why a stiffness, or the grip, is not valid; TSE_VALID if it is valid. */
 typedef enum tse_reason {
   // clang-format off: table reason_codes
   TSE_VALID = 0,                /* usable */
-  TSE_STARTING = 1,             /* too little seen since the start */
-  TSE_NOT_EXCITED = 2,          /* the recent inputs do not show this stiffness */
+  TSE_STARTING = 1,             /* too little data since the start */
+  TSE_NOT_EXCITED = 2,          /* the recent inputs do not excite this stiffness */
   TSE_UNCERTAIN = 3,            /* excited, but the sd of the mean is above the limit */
   TSE_SENSOR_FAULT = 4,         /* a channel is probably at fault */
   TSE_HELD = 5,                 /* standstill, low speed, reverse, large steering angle or sliding wheels:
-                                 * value from before */
+                                 * the last value is held */
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
   TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to
                                  * grade_sd): calibrate, or measure them better */
-  TSE_MISFIT = 8,               /* the model does not explain the measurements: calibrate, or look for what
-                                 * is missing */
-  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle, or one
-                                 * comes late (fault_channel, fault_factor) */
+  TSE_MISFIT = 8,               /* the model does not explain the measurements: calibrate, or search for a
+                                 * missing effect (tselab gap) */
+  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: one has a wrong unit or sign,
+                                 * belongs to a different axle, or is late (fault_channel, fault_factor) */
   // clang-format on: end of table
   TSE_REASON_END_
 } tse_reason;

@@ -1,37 +1,36 @@
 /* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
  *
- * The default filter is a Kalman filter of a car with exact kinematics. Its states
- * include the slip and the slip angle of each axle. Tyres have a stiffness at zero slip
- * and saturate at the friction limit. The steering angle is the input; both wheel speeds
- * are measurements. Road changes, axle changes, sliding and sensor faults are tested by
- * likelihood ratios.
+ * The default filter is an extended Kalman filter. Its model of the car has exact
+ * kinematics; slip and slip angle of each axle are states. The force of a tyre has a
+ * stiffness at zero slip and saturates at the friction limit. The steering angle is the
+ * input, and both wheel speeds are measurements. Likelihood ratios detect a change of
+ * road, a change of the tyres of one axle, sliding wheels and sensor faults.
  *
  * The paper's filter (setting form = 1) is the marginalized adaptive particle filter of
- * Berntorp & Di Cairano (2016). Equation numbers refer to that paper. src/EQUATIONS.md
- * lists where each equation is computed and tested. src/tables/constants.toml explains
- * each threshold and rate.
+ * Berntorp & Di Cairano (2016). Equation numbers, as in (7), refer to that paper.
+ * src/EQUATIONS.md lists where each equation is computed and tested.
+ * src/tables/constants.toml gives the reason for each threshold and rate.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
  *   tse_config_default(&c);
  *   c.mass = TSE_S(1650);                            without a mass no stiffness is valid
- *   if (tse_prepare(&c, &p, NULL) < 0) ...           settings to constants, once
- *   tse_reset(&p, &f, sizeof f);                     initialise
- *   while (next_row(&u)) tse_step(&p, &f, &u, &y);   one sample at a time
+ *   if (tse_prepare(&c, &p, NULL) < 0) ...           compute constants from the settings
+ *   tse_reset(&p, &f, sizeof f);                     initialise the filter
+ *   while (next_row(&u)) tse_step(&p, &f, &u, &y);   process one row at a time
  *
- * The paper's filter needs a larger struct for its particles, which begins with a
- * tse_filter:
+ * The paper's filter needs a larger struct, which holds its particles after a tse_filter:
  *
  *   static tse_filter_paper all;
  *   tse_filter *const f = &all.filter;
  *   tse_config_paper(&c);
  *   tse_reset(&p, f, sizeof all);
  *
- * The caller owns all memory. The library never allocates or prints. Its state is only in
- * the structs that the caller passes. They hold no pointers, so a copy is a snapshot.
- * Different filters may run in different threads at once.
+ * The caller owns all memory. The library never allocates or prints, and keeps its state
+ * only in the structs that the caller passes. These structs hold no pointers, so a copy
+ * of a struct is a snapshot. Different filters may run in different threads at once.
  *
- * SI units, axes of ISO 8855: x forward, y left, z up. Steering angle, yaw rate and
- * lateral acceleration are positive to the left. / */
+ * All quantities are in SI units and in the axes of ISO 8855: x forward, y left, z up.
+ * Steering angle, yaw rate and lateral acceleration are positive to the left. */
 #ifndef TSE_TSE_H
 #define TSE_TSE_H
 
@@ -70,201 +69,194 @@ extern "C" {
 
 /* Fill c with the defaults of tse/config.h: an ordinary car that is not calibrated, with
  * the mean and the uncertainty of its class (src/tables/uncalibrated.toml). Then set the
- * known values of your car, in any order: mass, lf, lr, driven_axle, wheel radii.
- *   stiffness or yaw inertia 0   tse_prepare() takes the value of the class for this mass
- *                                and axles
- *   mass 0                       unknown: the class's, sd 30 %; no stiffness becomes
- *                                valid
- *                                (TSE_PARAMETERS_UNCERTAIN)
- * C, FMU, Python, page and command share these defaults. `tselab calibrate` finds smaller
- * uncertainties.   c NULL: no effect. */
+ * known values of your car in any order: mass, lf, lr, driven_axle, wheel radii.
+ *   stiffness 0,      tse_prepare() uses the value of the class for this mass and these
+ *   yaw inertia 0     axles
+ *   mass 0            The mass is unknown: tse_prepare() uses the mass of the
+ *                     class with an sd of 30 %. No stiffness becomes valid; its
+ *                     reason is TSE_PARAMETERS_UNCERTAIN
+ *   c NULL            no effect
+ * The C library, the FMU, Python, the page and the command line have the same defaults.
+ * The command `tselab calibrate` finds smaller uncertainties from logs of the car. */
 void tse_config_default(tse_config *c);
 
-/* Fill c with a car that is known exactly: the simulated car of tse_sim_reset(), 1900 kg,
- * all uncertainties 0, effects off. For a real car the intervals would be too narrow.
- *   c NULL: no effect. */
+/* Fill c with a car whose parameters are known exactly: the simulated car of
+ * tse_sim_reset(), 1900 kg, all uncertainties 0, all effects off. For a real car the
+ * confidence intervals would be too narrow.
+ *   c NULL            no effect */
 void tse_config_exact(tse_config *c);
 
 /* Replace mass, yaw inertia and stiffness of 0 by the values that tse_prepare() would
- * take, for display. The filter does not need this call. Values that are written here do
- * not follow a mass
- * that is set later.   c NULL: no effect. */
+ * use, for example to display them. The filter does not need this call. The values
+ * written here stay as they are if the mass is changed later.
+ *   c NULL            no effect */
 void tse_config_complete(tse_config *c);
 
-/* Fill c with the paper's filter as printed: Algorithm 1 on particles, without protection
- * against divergence (src/paper/algorithm1.c), and the exactly known car of the paper's
- * study. src/EQUATIONS.md lists each deviation from (1)-(27). Needs a tse_filter_paper.
- *   c NULL: no effect. */
+/* Fill c with the paper's filter as printed, and with the car of the paper's study, whose
+ * parameters are known exactly. The filter is Algorithm 1 on particles, without
+ * protection against divergence (src/paper/algorithm1.c). src/EQUATIONS.md lists each
+ * deviation from equations (1) to (27). This filter needs a tse_filter_paper.
+ *   c NULL            no effect */
 void tse_config_paper(tse_config *c);
 
-/* Fill c with the paper's filter and settings that prevent divergence after a road
- * change. The mean forgets faster than the covariance, and still faster while innovations
- * are correlated. Draws are reflected at the bounds. (7) is integrated with second order.
- * A reference: on an
- * ordinary car the default filter is safer. Needs a tse_filter_paper.   c NULL: no
- * effect. */
+/* Fill c with the paper's filter and with settings that prevent its divergence after a
+ * change of road. The mean of a stiffness is forgotten faster than its covariance, and
+ * faster still while innovations are correlated. A stiffness that is drawn below
+ * stiffness_min is reflected at this limit. Equation (7) is integrated with second order.
+ * Use this filter for comparison: on an ordinary car the default filter is safer. This
+ * filter needs a tse_filter_paper.
+ *   c NULL            no effect */
 void tse_config_robust(tse_config *c);
 
-/* Check the range of each setting (0 is allowed where it means "not set"), and that the
- * latencies fit TSE_LATENCY_ROWS rows of sample_time.
- *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; with the latter *wrong (if not NULL)
- *              points to
- *              the name of the first wrong field, a string constant */
+/* Check that each setting is in its range, or 0 where 0 means "not set". Check that the
+ * latencies span at most TSE_LATENCY_ROWS - 4 times sample_time.
+ *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG. With TSE_E_CONFIG, *wrong (if
+ *              wrong is not NULL) points to the name of the first wrong setting,
+ *              a string constant */
 tse_status tse_config_check(const tse_config *c, const char **wrong);
 
-/* Check the settings and compute the constants of the filter, normalised by mass and
- * sensor noise.
+/* Check the settings and compute the constants of the filter. Forces are divided by the
+ * mass, and measurements by the sd of their sensor.
  *   Updated:   p  constants; unchanged if the result is negative
- *   Returned:  as tse_config_check(). TSE_E_FORMAT if a constant does not fit the
- *              fixed-point
- *              format of this build; *wrong then names the setting */
+ *   Returned:  as tse_config_check(), or TSE_E_FORMAT: a constant does not fit the
+ *              fixed-point format of this build. *wrong then names the setting */
 tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
-/* Initialise the filter: the next row of tse_step() is the first.
+/* Initialise the filter: the next row that tse_step() gets is its first one.
  *   Given:     p             from tse_prepare()
- *              filter_bytes  size of the caller's struct: sizeof(tse_filter_paper) with
- *                            the paper's
- *                            filter, where f is its first member; either size with the
- *                            default one
+ *              filter_bytes  size of the caller's struct. With the paper's filter it
+ *                            is sizeof(tse_filter_paper), and f is the first member
+ *                            of that struct. With the default filter,
+ *                            sizeof(tse_filter) or sizeof(tse_filter_paper)
  *   Updated:   f             unchanged if the result is negative
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()) or TSE_E_SIZE
  *   Cost:      O(filter_bytes) */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
 
-/* Fill u with a row of zeros, 0.01 s after the row before, without velocities, pedals and
- * road. Then set the channels that are measured, and mark the others in `missing`.
- *   u NULL: no effect. */
+/* Fill u with zeros and dt = 0.01 s, without velocities, pedals and road. Then set the
+ * channels that are measured, and set the bits of all other channels in `missing`.
+ *   u NULL            no effect */
 void tse_input_default(tse_input *u);
 
 /* Check a row as tse_step() does, without a filter.
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT; *wrong (if not NULL) then
- *              names the
- *              field */
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT. With TSE_E_TIME and
+ *              TSE_E_INPUT, *wrong (if wrong is not NULL) names the wrong member of u */
 tse_status tse_input_check(const tse_input *u, const char **wrong);
 
-/* Advance the estimator to this row and use its measurements.
+/* Advance the filter to the time of this row and use its measurements.
  *   Given:     p  the parameters with which f was reset
- *              u  one row, SI units, ISO 8855
- *   Updated:   f  bit for bit unchanged if the result is negative
+ *              u  one row, in SI units and axes of ISO 8855
+ *   Updated:   f  unchanged, bit for bit, if the result is negative
  *   Returned:  y  estimates at this row; may be NULL; unchanged if the result is negative
- *              tse_status  negative: refused. 0: done. Positive: warning. Use a stiffness
- *                          only if
- *                          y->reason is TSE_VALID
- *   Cost:      bounded: O(1), paper's filter O(particles). No allocation, no recursion,
- *              no globals
- *   Source:    src/EQUATIONS.md; paper's filter: Algorithm 1, (16)-(19), (22)-(27)
+ *              tse_status  negative: the row was refused. 0: done. Positive: done, with a
+ *                          warning. Use a stiffness only if its y->reason is TSE_VALID
+ *   Cost:      bounded. Default filter O(1), paper's filter O(particles). No allocation,
+ *              no recursion, no globals
+ *   Source:    src/EQUATIONS.md; for the paper's filter Algorithm 1, equations (16) to
+ *              (19) and (22) to (27)
  *
- *   Odd rows, both filters
- *     steering angle or wheel speed out of range,   refused
- *     or infinite; dt not in (0, 3600]
- *     a channel is logged late (..._latency)        rows wait until all channels are
- *                                                   known (status
- *                                                   TSE_W_WAITING, reasons of the last
- *                                                   step), then a
- *                                                   step to the time estimate_age before
- *                                                   the row
- *     ... and dt above max_gap                      waiting rows are dropped; the next
- *                                                   step covers
- *                                                   the whole time
- *     ... and rows faster than TSE_LATENCY_ROWS     are left out; their time counts
- *     slower than hold_speed, reverse, steering     nothing is learnt; default filter:
- *                                                   motion is set
- *     beyond max_steer                              from each row, gyro bias learnt at
- *                                                   standstill
- *     dt above max_gap                              motion is set from wheels and gyro;
- *                                                   learnt
- *                                                   values stay
- *   Odd rows, default filter
- *     any other dt                                  up to TSE_SUBSTEPS substeps
- *     a measurement missing or out of range         the others are used; without any:
- *                                                   predict only
- *     steering angle missing                        held up to max_gap; then the motion
- *                                                   is unknown
- *                                                   until the angle is back
- *     one measurement beyond 3 sd                   weighted down: S is at least e^2/9
- *     a faulty channel                              regime[TSE_REGIME_FAULT],
- *                                                   fault_channel; ignored
- *                                                   until it agrees again. The offset of
- *                                                   a steering
- *                                                   angle is estimated anew; a frozen one
- *                                                   is missing
- *     slip of an axle beyond max_slip               regime[TSE_REGIME_SLIDING]; nothing
- *                                                   is valid
- *     another road, another axle                    regime[TSE_REGIME_CHANGED],
- *                                                   [TSE_REGIME_AXLE];
- *                                                   stiffness and grip step and become
- *                                                   uncertain
- *     noise unlike the setting                      estimated in noise[], up to noise_max
- *                                                   times
- *     model discrepancy                             share model_sd of the recent rms of
- *                                                   each IMU
- *                                                   channel, discrepancy[]
- *     a velocity (tse_input.given)                  measurement, late by
- *                                                   velocity_latency. A
- *                                                   repeated value is not new. Out of
- *                                                   range, NaN or
- *                                                   contradicting: ignored
- *     brake or wheel torques given                  they replace accel_x in the decision
- *                                                   which axle
- *                                                   rolls freely. Without a free axle on
- *                                                   a road of
- *                                                   unknown grade no longitudinal
- *                                                   stiffness is learnt
- *     uncertain parameters (mass_sd .. grade_sd)    Schmidt-Kalman gain; they widen every
- *                                                   sd
- *   Odd rows, paper's filter
- *     steering angle or wheel speed missing         held up to max_gap, then states are
- *                                                   frozen
- *     a measurement missing or out of range         the others are used; without any:
- *                                                   predict only
- *     velocity, brake or torques given              refused, TSE_E_INPUT */
+ *   Unusual rows, both filters
+ *     steering angle or wheel speed out of range or infinite; dt not in (0, 3600]
+ *         The row is refused.
+ *     a channel with a latency (settings ..._latency)
+ *         Rows wait until the values of all channels are known. Meanwhile the status is
+ *         TSE_W_WAITING, and the reasons are those of the last step. The step that
+ *         follows goes to the time that is estimate_age before the row.
+ *     ... and dt above max_gap
+ *         The waiting rows are discarded. The next step covers all the time since the
+ *         last step.
+ *     ... and more rows than TSE_LATENCY_ROWS can hold
+ *         Rows that are too close to the row before are skipped. The next step covers
+ *         their time, too.
+ *     speed below hold_speed, reverse, or steering angle beyond max_steer
+ *         No stiffness is updated. Default filter: the motion is set from the sensors of
+ *         each row, and at standstill the gyro bias is updated.
+ *     dt above max_gap
+ *         The motion is set from wheel speeds and gyro. All other estimates are kept.
+ *   Unusual rows, default filter
+ *     any other dt
+ *         The row is integrated in up to TSE_SUBSTEPS substeps.
+ *     a measurement missing or out of range
+ *         The other measurements are used. If there is none, the filter only predicts.
+ *     steering angle missing
+ *         The last angle is held for up to max_gap. After that the motion is unknown
+ *         until there is an angle again.
+ *     a measurement with an innovation e beyond 3 sd
+ *         Its gain is reduced: e^2/9 is used as the variance of the innovation.
+ *     a faulty channel
+ *         regime[TSE_REGIME_FAULT] and fault_channel report it. The channel is ignored
+ *         until it agrees with the prediction again. After a fault of the steering angle
+ *         its offset is estimated again. A frozen steering angle counts as missing.
+ *     slip of an axle beyond max_slip
+ *         regime[TSE_REGIME_SLIDING] reports it. No stiffness is valid.
+ *     another road, or other tyres of one axle
+ *         regime[TSE_REGIME_CHANGED] or regime[TSE_REGIME_AXLE] reports it. Stiffness and
+ *         grip step to new values, and their sd increases.
+ *     sensor noise that differs from the setting
+ *         The noise is estimated, up to noise_max times the setting. noise[] reports it.
+ *     model discrepancy
+ *         For each channel of the IMU it is noise that lasts about a second. Its sd is
+ *         model_sd times the recent rms of the channel. discrepancy[] reports this sd.
+ *     a velocity (tse_input.given)
+ *         It is a measurement with the latency velocity_latency. A value is
+ *         ignored if it is NaN or out of range, repeats the previous value, or
+ *         contradicts the estimates.
+ *     brake or wheel torques given
+ *         They replace accel_x in the decision which axle rolls freely. If no axle
+ *         does and the grade of the road is uncertain, the longitudinal stiffness
+ *         is not updated.
+ *     uncertain parameters (settings mass_sd to grade_sd)
+ *         They reduce the gains (Schmidt-Kalman filter) and increase each sd.
+ *   Unusual rows, paper's filter
+ *     steering angle or wheel speed missing
+ *         The last value is held for up to max_gap. After that the states stay constant.
+ *     a measurement missing or out of range
+ *         The other measurements are used. If there is none, the filter only predicts.
+ *     velocity, brake, torques or road given
+ *         The row is refused with TSE_E_INPUT. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 
-/* Check a filter struct that was copied from a file or another program. tse_step() does
- * not check the contents of f.
+/* Check a filter struct that was copied from a file or from another program. tse_step()
+ * does not check the contents of f.
  *   Given:     p  from tse_prepare() with the same settings
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: of other parameters, or a
- *              value is
- *              outside its range
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: f belongs to other
+ *              parameters, or one of its values is out of range
  *   Cost:      O(filter_bytes) */
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
-/* Return the share of one uncertain parameter in the sd of each stiffness. The parameter
- * with the largest share is worth measuring better.
+/* Return the contribution of one uncertain parameter to the sd of each stiffness. To
+ * reduce the sds, measure the parameter with the largest contribution more accurately.
  *   Given:     k  TSE_CONSIDER_MASS, TSE_CONSIDER_INERTIA ... (tse/config.h)
- *   Returned:  sd[3]  after the last row, relative to nominal as tse_output.stiffness_sd;
- *                     unchanged
- *                     if the result is negative
- *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (no such k) or TSE_E_STATE (other
- *              parameters, or the
- *              paper's filter)
+ *   Returned:  sd[3]  contribution after the last row, relative to the nominal stiffness
+ *                     as tse_output.stiffness_sd; unchanged if the result is negative
+ *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (there is no such k) or TSE_E_STATE (f
+ *              belongs to other parameters, or is the paper's filter)
  *   Cost:      O(1) */
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3]);
 
-/* Convert stiffness to N (longitudinal) and N/rad (cornering) per axle: nominal times
- * relative.
+/* Convert the stiffness of each axle from relative to N (longitudinal) and N/rad
+ * (cornering): multiply it by the nominal value in c.
  *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT,
- *              TSE_CY_REAR; each
- *              may be NULL */
+ *              TSE_CY_REAR; each array may be NULL */
 void tse_stiffness_si(
     const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3]);
 
 /* Check that this build rounds as IEEE 754 requires. Call it once, before the first
- * filter. -ffast-math and wider intermediate sums are compile errors; this call detects
- * contraction, -mrecip and the like.
- *   Returned:  TSE_OK, or TSE_E_BUILD: results will differ from other builds. *wrong (if
- *              not NULL)
- *              then names the cause and the compiler option that cures it, a string
- *              constant */
+ * filter is used. -ffast-math and excess precision of sums already are compile errors.
+ * This call detects contraction to fused multiply-add, -mrecip and similar options.
+ *   Returned:  TSE_OK, or TSE_E_BUILD: results will differ from those of other builds.
+ *              *wrong (if wrong is not NULL) then names the cause and the compiler option
+ *              that cures it, a string constant */
 tse_status tse_self_test(const char **wrong);
 
-/* Return the text of a status or reason code of tse/status.h; never NULL. */
+/* Return the text of a status code of tse/status.h; never NULL. */
 const char *tse_status_text(int32_t status);
+/* Return the text of a reason code of tse/status.h; never NULL. */
 const char *tse_reason_text(int32_t reason);
 
 #ifdef __cplusplus
 }
 #endif
 
-#include "tse/learnt.h" /* so that one include serves in all layouts */
+#include "tse/learnt.h" /* so that programs need to include tse/tse.h only */
 #endif

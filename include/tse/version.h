@@ -1,5 +1,5 @@
-/* tse/version.h - semantic version; CMakeLists.txt and the Python package read it from
- * here. */
+/* tse/version.h - semantic version of the project. CMakeLists.txt and pyproject.toml read
+ * it from this file. */
 #ifndef TSE_VERSION_H
 #define TSE_VERSION_H
 #define TSE_VERSION_MAJOR 0

@@ -1,17 +1,18 @@
-/* tables/columns.h - lists of all channels, outputs, status and reason codes. Range checks,
- * texts, tse_describe() and the FMUs generate their rows from them.
+/* tables/columns.h - lists of all channels, outputs, status and reason codes, as macros.
+ * Range checks, texts, tse_describe() and the FMUs expand them with macros of their own:
  *   CHANNELS, VELOCITIES, PEDALS, ROADS
- *                 ROW(name, 1 if it drives, min, max, unit, text)
- *   DRIVER        ROW(name, default, min, max, unit, text): inputs of the simulator
+ *                 ROW(name, 1 if it drives the model, min, max, unit, text)
+ *   DRIVER        ROW(name, default, min, max, unit, text); inputs of the simulator
  *   OUTPUTS       NUMBER(name, member, unit, text)
  *                 FLAG(name, member, text)
  *                 CODE(name, member, enumeration, text)
- *                 STIFFNESS(name, member, index of its N or N/rad output in an FMU, unit, text)
- *                 REASON(name, member, index of "valid", subject)
+ *                 STIFFNESS(name, member, its output in N or N/rad in an FMU, unit, text)
+ *                 REASON(name, member, its output valid in an FMU, subject)
  *   STATUSES, REASON_CODES
  *                 ROW(name, word, text)
  *   REPLAY_START  ROW(name, default, unit, text)
- *   TRUTHS        NUMBER, STIFFNESS as above; first argument: group of the simulator's column
+ *   TRUTHS        NUMBER, STIFFNESS as above, with the group of the column of the
+ *                 simulator as first argument
  * Internal to the sources. */
 #ifndef TABLES_COLUMNS_H
 #define TABLES_COLUMNS_H
@@ -27,149 +28,163 @@
   ROW(accel_y, 0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive left") \
   ROW(yaw_rate, 0, -6.0, 6.0, "rad/s", "yaw rate, positive left (counter-clockwise from above)")
 #define VELOCITIES(ROW) \
-  ROW(ins_vel_x, 0, -120.0, 120.0, "m/s", "velocity along the car, of an INS or an optical sensor") \
-  ROW(ins_vel_y, 0, -60.0, 60.0, "m/s", "velocity across the car, positive left") \
+  ROW(ins_vel_x, 0, -120.0, 120.0, "m/s", "longitudinal velocity, from an INS or an optical sensor") \
+  ROW(ins_vel_y, 0, -60.0, 60.0, "m/s", "lateral velocity, positive left, from an INS or an optical sensor") \
   ROW(gnss_speed, 0, 0.0, 120.0, "m/s", "speed over ground") \
   ROW(gnss_course, 0, -7.0, 7.0, "rad", \
-      "direction over ground, positive left (counter-clockwise from above), from any zero")
+      "direction of the motion over ground, positive left (counter-clockwise from above), relative to any" \
+      " fixed direction")
 #define PEDALS(ROW) \
   ROW(brake, 0, 0.0, 1.0, "1", \
-      "1: the car brakes, 0: it does not (from 0.5 on it does); if missing, accel_x decides") \
-  ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", "drive minus brake torque of both front wheels") \
-  ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive minus brake torque of both rear wheels")
+      "1: the car brakes, 0: it does not; a value counts as 1 from 0.5 on; if missing, accel_x decides") \
+  ROW(wheel_torque_front, 0, -20000.0, 20000.0, "Nm", \
+      "drive torque minus brake torque of both front wheels") \
+  ROW(wheel_torque_rear, 0, -20000.0, 20000.0, "Nm", "drive torque minus brake torque of both rear wheels")
 #define ROADS(ROW) \
   ROW(bank, 0, -0.35, 0.35, "rad", \
-      "whole bank of the road, left side high > 0, in place of the bank in the settings") \
-  ROW(grade, 0, -0.35, 0.35, "rad", "whole slope of the road, uphill > 0, in place of grade_angle")
+      "total bank of the road, positive if the left side is higher; it replaces the bank in the settings") \
+  ROW(grade, 0, -0.35, 0.35, "rad", "total grade of the road, positive uphill; it replaces grade_angle")
 #define DRIVER(ROW) \
   ROW(steer_angle, 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left") \
   ROW(wheel_torque_front, 0.0, -100000.0, 100000.0, "Nm", \
-      "drive torque of the front axle; negative turns the wheels backwards") \
+      "drive torque of the front axle; a negative torque accelerates the wheels backwards") \
   ROW(wheel_torque_rear, 0.0, -100000.0, 100000.0, "Nm", \
-      "drive torque of the rear axle; negative turns the wheels backwards") \
+      "drive torque of the rear axle; a negative torque accelerates the wheels backwards") \
   ROW(brake_torque_front, 0.0, 0.0, 100000.0, "Nm", \
-      "brake torque of the front axle, against the rotation; holds at standstill") \
+      "brake torque of the front axle; it opposes the rotation and holds the wheels at standstill") \
   ROW(brake_torque_rear, 0.0, 0.0, 100000.0, "Nm", \
-      "brake torque of the rear axle, against the rotation; holds at standstill") \
-  ROW(road_level, 1.0, 0.02, 10.0, "1", "stiffness of all tyres relative to dry road") \
+      "brake torque of the rear axle; it opposes the rotation and holds the wheels at standstill") \
+  ROW(road_level, 1.0, 0.02, 10.0, "1", \
+      "stiffness of all tyres on this road relative to that on a dry road") \
   ROW(road_friction, 0.0, 0.0, 2.0, "1", \
-      "friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings") \
-  ROW(bank, 0.0, -0.35, 0.35, "rad", "bank of the road, left side high > 0, besides the setting bank_angle") \
-  ROW(grade, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0, besides the setting grade_angle")
+      "friction coefficient at which the tyre forces of an axle saturate; 0: value of the setting friction") \
+  ROW(bank, 0.0, -0.35, 0.35, "rad", \
+      "bank of the road, positive if the left side is higher, added to the setting bank_angle") \
+  ROW(grade, 0.0, -0.35, 0.35, "rad", \
+      "grade of the road, positive uphill, added to the setting grade_angle")
 #define OUTPUTS(NUMBER, FLAG, CODE, STIFFNESS, REASON) \
   NUMBER(vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
-  NUMBER(vel_x_sd, vel_x_sd, "m/s", "its standard deviation") \
+  NUMBER(vel_x_sd, vel_x_sd, "m/s", "standard deviation of vel_x") \
   NUMBER(vel_y, vel_y, "m/s", "lateral velocity of the centre of gravity") \
-  NUMBER(vel_y_sd, vel_y_sd, "m/s", "its standard deviation") \
+  NUMBER(vel_y_sd, vel_y_sd, "m/s", "standard deviation of vel_y") \
   NUMBER(yaw_rate, yaw_rate, "rad/s", "yaw rate") \
-  NUMBER(yaw_rate_sd, yaw_rate_sd, "rad/s", "its standard deviation") \
+  NUMBER(yaw_rate_sd, yaw_rate_sd, "rad/s", "standard deviation of yaw_rate") \
   NUMBER(sideslip, sideslip, "rad", \
       "sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill") \
-  NUMBER(sideslip_sd, sideslip_sd, "rad", "its standard deviation") \
-  NUMBER(grip, grip, "1", "friction of the tyres: largest lateral force of an axle over its load; with a " \
-      "tyre_saturation_balance, 1 over the mean of 1/friction of both axles; default filter only") \
-  NUMBER(grip_sd, grip_sd, "1", "its standard deviation") \
+  NUMBER(sideslip_sd, sideslip_sd, "rad", "standard deviation of sideslip") \
+  NUMBER(grip, grip, "1", \
+      "friction coefficient of the tyres: max lateral force of an axle over its load; if " \
+      "tyre_saturation_balance is not 0, the inverse of the mean of 1/friction of both axles; default " \
+      "filter only") \
+  NUMBER(grip_sd, grip_sd, "1", "standard deviation of grip") \
   REASON(grip, grip_reason, grip_valid, "the grip") \
-  STIFFNESS(cx_front, stiffness[0], mean[0], "N", "longitudinal stiffness, front axle, mean") \
-  STIFFNESS(cx_front_sd, stiffness_sd[0], sd[0], "N", "sd of that mean") \
+  STIFFNESS(cx_front, stiffness[0], mean[0], "N", "mean longitudinal stiffness of the front axle") \
+  STIFFNESS(cx_front_sd, stiffness_sd[0], sd[0], "N", "standard deviation of cx_front") \
   STIFFNESS(cx_front_spread, stiffness_spread[0], spread[0], "N", \
       "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
       "sqrt(Sigma)") \
   FLAG(cx_front_spread_seen, spread_seen[0], \
-      "1: the spread is learnt (paper's filter); 0: it is the setting, or too small for these sensors and" \
-      " this excitation") \
+      "1: the spread is learnt (paper's filter); 0: it is the value of the setting, or too small to be " \
+      "estimated with these sensors and this excitation") \
   REASON(cx_front, reason[0], valid[0], "the stiffness") \
-  STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "cornering stiffness, front axle, mean") \
-  STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "sd of that mean") \
+  STIFFNESS(cy_front, stiffness[1], mean[1], "N/rad", "mean cornering stiffness of the front axle") \
+  STIFFNESS(cy_front_sd, stiffness_sd[1], sd[1], "N/rad", "standard deviation of cy_front") \
   STIFFNESS(cy_front_spread, stiffness_spread[1], spread[1], "N/rad", \
       "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
       "sqrt(Sigma)") \
   FLAG(cy_front_spread_seen, spread_seen[1], \
-      "1: the spread is learnt (paper's filter); 0: it is the setting, or too small for these sensors and" \
-      " this excitation") \
+      "1: the spread is learnt (paper's filter); 0: it is the value of the setting, or too small to be " \
+      "estimated with these sensors and this excitation") \
   REASON(cy_front, reason[1], valid[1], "the stiffness") \
-  STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "cornering stiffness, rear axle, mean") \
-  STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "sd of that mean") \
+  STIFFNESS(cy_rear, stiffness[2], mean[2], "N/rad", "mean cornering stiffness of the rear axle") \
+  STIFFNESS(cy_rear_sd, stiffness_sd[2], sd[2], "N/rad", "standard deviation of cy_rear") \
   STIFFNESS(cy_rear_spread, stiffness_spread[2], spread[2], "N/rad", \
       "default filter: model discrepancy, model_sd times the stiffness; paper's filter: process sd, " \
       "sqrt(Sigma)") \
   FLAG(cy_rear_spread_seen, spread_seen[2], \
-      "1: the spread is learnt (paper's filter); 0: it is the setting, or too small for these sensors and" \
-      " this excitation") \
+      "1: the spread is learnt (paper's filter); 0: it is the value of the setting, or too small to be " \
+      "estimated with these sensors and this excitation") \
   REASON(cy_rear, reason[2], valid[2], "the stiffness") \
   NUMBER(bias_accel_x, bias[0], "m/s2", "bias of accel_x: measured minus true value") \
-  NUMBER(bias_accel_x_sd, bias_sd[0], "m/s2", "its standard deviation") \
+  NUMBER(bias_accel_x_sd, bias_sd[0], "m/s2", "standard deviation of bias_accel_x") \
   NUMBER(bias_accel_y, bias[1], "m/s2", "bias of accel_y: measured minus true value") \
-  NUMBER(bias_accel_y_sd, bias_sd[1], "m/s2", "its standard deviation") \
+  NUMBER(bias_accel_y_sd, bias_sd[1], "m/s2", "standard deviation of bias_accel_y") \
   NUMBER(bias_yaw_rate, bias[2], "rad/s", "bias of yaw_rate: measured minus true value") \
-  NUMBER(bias_yaw_rate_sd, bias_sd[2], "rad/s", "its standard deviation") \
+  NUMBER(bias_yaw_rate_sd, bias_sd[2], "rad/s", "standard deviation of bias_yaw_rate") \
   NUMBER(noise_accel_x, noise[0], "1", \
-      "estimated noise sd of accel_x over the setting, default filter only") \
-  NUMBER(noise_accel_y, noise[1], "1", "estimated noise sd of accel_y over the setting") \
-  NUMBER(noise_yaw_rate, noise[2], "1", "estimated noise sd of yaw_rate over the setting") \
-  NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front over the setting") \
-  NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear over the setting") \
+      "estimated noise sd of accel_x over its setting; default filter only") \
+  NUMBER(noise_accel_y, noise[1], "1", "estimated noise sd of accel_y over its setting") \
+  NUMBER(noise_yaw_rate, noise[2], "1", "estimated noise sd of yaw_rate over its setting") \
+  NUMBER(noise_wheel_front, noise[3], "1", "estimated noise sd of wheel_speed_front over its setting") \
+  NUMBER(noise_wheel_rear, noise[4], "1", "estimated noise sd of wheel_speed_rear over its setting") \
   NUMBER(p_steady, regime[TSE_REGIME_STEADY], "1", "probability: tyres as before") \
   NUMBER(p_changed, regime[TSE_REGIME_CHANGED], "1", \
-      "probability: all tyres changed within the last 2 s, another road") \
+      "probability: the stiffness of all tyres has changed within the last 2 s, a different road") \
   NUMBER(p_axle, regime[TSE_REGIME_AXLE], "1", \
-      "probability: the tyres of one axle changed within the last 2 s") \
+      "probability: the stiffness of one axle has changed within the last 2 s") \
   NUMBER(p_fault, regime[TSE_REGIME_FAULT], "1", "probability: a channel has an offset, is frozen or noisy") \
   NUMBER(p_sliding, regime[TSE_REGIME_SLIDING], "1", "probability: wheels lock or spin") \
   NUMBER(p_restarted, regime[TSE_REGIME_RESTARTED], "1", \
       "probability: the filter started over within the last 2 s") \
-  NUMBER(change_age, change_age, "s", "time since the last change; 0 before the first one") \
-  NUMBER(change_probability, change_probability, "1", "probability that nothing has changed since then") \
+  NUMBER(change_age, change_age, "s", "time since the last change (change_kind); 0 before the first change") \
+  NUMBER(change_probability, change_probability, "1", \
+      "probability that nothing has changed since the last change; 0 before the first change") \
   CODE(change_kind, change_kind, "ChangeKind", \
-      "0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over") \
-  NUMBER(change_cx_front, change_ratio[0], "1", "longitudinal stiffness now over that before the change") \
-  NUMBER(change_cy_front, change_ratio[1], "1", "front cornering stiffness now over that before the change") \
-  NUMBER(change_cy_rear, change_ratio[2], "1", "rear cornering stiffness now over that before the change") \
+      "kind of the last change: 0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 the filter " \
+      "started over") \
+  NUMBER(change_cx_front, change_ratio[0], "1", \
+      "longitudinal stiffness now over its value before the last change") \
+  NUMBER(change_cy_front, change_ratio[1], "1", \
+      "front cornering stiffness now over its value before the last change") \
+  NUMBER(change_cy_rear, change_ratio[2], "1", \
+      "rear cornering stiffness now over its value before the last change") \
   CODE(fault_channel, fault_channel, "FaultChannel", \
-      "0: none; else 1 + index of the channel that is most probably at fault") \
+      "0: no fault; otherwise 1 + index of the channel that is most probably at fault") \
   NUMBER(discrepancy_accel_x, discrepancy[0], "m/s2", \
       "model discrepancy of accel_x: sd of the part that the model does not explain") \
   NUMBER(discrepancy_accel_y, discrepancy[1], "m/s2", "model discrepancy of accel_y") \
   NUMBER(discrepancy_yaw_rate, discrepancy[2], "rad/s", "model discrepancy of yaw_rate") \
   NUMBER(innovation_accel_x, innovation[0], "m/s2", \
-      "innovation of accel_x: measured minus predicted value; 0 where it was not used; default filter only") \
+      "innovation of accel_x: measured minus predicted value; 0 if it was not used; default filter only") \
   NUMBER(innovation_accel_y, innovation[1], "m/s2", "innovation of accel_y") \
   NUMBER(innovation_yaw_rate, innovation[2], "rad/s", "innovation of yaw_rate") \
   NUMBER(innovation_wheel_front, innovation[3], "m/s", "innovation of the front wheel speed times radius") \
   NUMBER(innovation_wheel_rear, innovation[4], "m/s", "innovation of the rear wheel speed times radius") \
   NUMBER(nis_accel_x, nis[0], "1", \
-      "normalised innovation squared of accel_x, without lasting errors: 1 on average where model and " \
-      "settings fit; 0 where it was not used; default filter only") \
+      "normalised innovation squared of accel_x, without its slowly varying part; 1 on average if model " \
+      "and settings fit; 0 if it was not used; default filter only") \
   NUMBER(nis_accel_y, nis[1], "1", "normalised innovation squared of accel_y") \
   NUMBER(nis_yaw_rate, nis[2], "1", "normalised innovation squared of yaw_rate") \
   NUMBER(nis_wheel_front, nis[3], "1", "normalised innovation squared of the front wheel speed") \
   NUMBER(nis_wheel_rear, nis[4], "1", "normalised innovation squared of the rear wheel speed") \
   NUMBER(lag_steer, lag_steer, "s", \
-      "estimated lag of the steering behind the IMU, of bus, steering and tyres together; below 0: it " \
-      "leads; default filter only") \
-  NUMBER(lag_steer_sd, lag_steer_sd, "s", "its standard deviation") \
+      "estimated delay of the steering relative to the IMU, by bus, steering and tyres together; " \
+      "negative: the steering leads; default filter only") \
+  NUMBER(lag_steer_sd, lag_steer_sd, "s", "standard deviation of lag_steer") \
   NUMBER(estimate_age, estimate_age, "s", \
-      "age of the estimates: time of this row minus the time they refer to (settings ..._latency)") \
-  NUMBER(n_eff, n_eff, "1", "effective number of particles, 1/sum q^2 of their weights; default filter: 1") \
+      "age of the estimates: time of this row minus the time to which they refer (settings ..._latency)") \
+  NUMBER(n_eff, n_eff, "1", \
+      "effective number of particles, 1/sum q^2 of their weights q; default filter: 1") \
   NUMBER(log_evidence, log_evidence, "nat", \
-      "log density of this row's measurements given the rows before; 0 where none was used") \
+      "log likelihood of the measurements of this row, given all rows before; 0 if no measurement was used") \
   CODE(status, status, "Status", \
-      "0: ok; above: the code of a caution (tse_status); use a stiffness only if it is valid") \
+      "0: ok; positive: the code of a warning (tse_status); use a stiffness only if it is valid") \
   STIFFNESS(cx_front_secant, stiffness_secant[0], secant[0], "N", \
-      "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load") \
+      "secant longitudinal stiffness of the front axle: force over slip at the slip and load of this row") \
   STIFFNESS(cy_front_secant, stiffness_secant[1], secant[1], "N/rad", \
-      "cornering stiffness in effect, front axle: force over slip at this row's slip and load") \
+      "secant cornering stiffness of the front axle: force over slip angle at the slip and load of this " \
+      "row") \
   STIFFNESS(cy_rear_secant, stiffness_secant[2], secant[2], "N/rad", \
-      "cornering stiffness in effect, rear axle: force over slip at this row's slip and load") \
+      "secant cornering stiffness of the rear axle: force over slip angle at the slip and load of this row") \
   NUMBER(fault_factor, fault_factor, "1", \
-      "factor by which the implausible channel is too large: 57.3 degrees for radians, -1 a sign; 0: " \
-      "none, or it is exchanged, stuck or late")
+      "factor by which the implausible channel is too large, such as 57.3 for degrees in place of " \
+      "radians, or -1 for a wrong sign; 0: no such factor, or the channel is exchanged, stuck or late")
 #define TRUTHS(NUMBER, STIFFNESS) \
   NUMBER(true, vel_x, vel_x, "m/s", "longitudinal velocity of the centre of gravity") \
   NUMBER(true, vel_y, vel_y, "m/s", "lateral velocity of the centre of gravity") \
   NUMBER(true, yaw_rate, yaw_rate, "rad/s", "yaw rate") \
-  NUMBER(true, accel_x, accel_x, "m/s2", "specific force without noise and bias") \
-  NUMBER(true, accel_y, accel_y, "m/s2", "specific force without noise and bias") \
+  NUMBER(true, accel_x, accel_x, "m/s2", "longitudinal specific force without noise and bias") \
+  NUMBER(true, accel_y, accel_y, "m/s2", "lateral specific force without noise and bias") \
   NUMBER(true, wheel_speed_front, wheel_speed_front, "rad/s", "rotation rate of the front wheels") \
   NUMBER(true, wheel_speed_rear, wheel_speed_rear, "rad/s", "rotation rate of the rear wheels") \
   STIFFNESS(true, cx_front, stiffness[0], mean_si[0], "N", "mean longitudinal stiffness, front") \
@@ -194,67 +209,70 @@
       "the learnt state was written by an older version of this library; learn anew") \
   ROW(TSE_E_VEHICLE, "TSE_E_VEHICLE", "the learnt state belongs to another vehicle") \
   ROW(TSE_E_VERSION, "TSE_E_VERSION", "the learnt state was written by a newer version of this library") \
-  ROW(TSE_E_LEARNT, "TSE_E_LEARNT", "not a learnt state of this library, or damaged") \
+  ROW(TSE_E_LEARNT, "TSE_E_LEARNT", "this is not a learnt state of this library, or it is damaged") \
   ROW(TSE_E_SIZE, "TSE_E_SIZE", \
-      "the filter's memory has another size than the library expects (other capacity or format)") \
+      "the memory of the filter has a different size than the library expects (other number of particles " \
+      "or number format)") \
   ROW(TSE_E_STATE, "TSE_E_STATE", \
       "the filter was not reset with these parameters, or is not a filter of this library") \
-  ROW(TSE_E_TIME, "TSE_E_TIME", "time step not finite, not positive, or too long") \
+  ROW(TSE_E_TIME, "TSE_E_TIME", "the time step is not finite, not positive, or too long") \
   ROW(TSE_E_INPUT, "TSE_E_INPUT", "an input that drives the model is outside its range") \
   ROW(TSE_E_CONFIG, "TSE_E_CONFIG", "a setting is outside its range") \
   ROW(TSE_E_NULL, "TSE_E_NULL", "a required argument is NULL") \
   ROW(TSE_OK, "TSE_OK", "ok") \
-  ROW(TSE_W_NOT_VALID, "TSE_W_NOT_VALID", "at least one stiffness is not valid; its reason says why") \
+  ROW(TSE_W_NOT_VALID, "TSE_W_NOT_VALID", "at least one stiffness is not valid; see its reason") \
   ROW(TSE_W_STARTING, "TSE_W_STARTING", \
-      "too few informative rows since the start; spread and validity are not settled") \
-  ROW(TSE_W_MISSING_CHANNEL, "TSE_W_MISSING_CHANNEL", "a measurement was missing; the others were used") \
+      "too few informative rows since the start; spread and validity have not settled") \
+  ROW(TSE_W_MISSING_CHANNEL, "TSE_W_MISSING_CHANNEL", "a measurement is missing; the others are used") \
   ROW(TSE_W_HELD, "TSE_W_HELD", \
-      "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
-  ROW(TSE_W_PREDICTED, "TSE_W_PREDICTED", "no measurement, or inputs missing: predicted only") \
+      "standstill, low speed, reverse or large steering angle: stiffness is not updated") \
+  ROW(TSE_W_PREDICTED, "TSE_W_PREDICTED", \
+      "all measurements or an input are missing: the filter only predicts") \
   ROW(TSE_W_GAP, "TSE_W_GAP", \
-      "a step too long to bridge, or sensors that jump: states restarted from the sensors, what was " \
-      "learnt is kept") \
+      "long gap between rows, or jump of the sensors: the motion is set from the sensors, all other " \
+      "estimates are kept") \
   ROW(TSE_W_RECOVERED, "TSE_W_RECOVERED", \
-      "the state was not finite, by a fault of the memory or an overflow: the filter started over") \
+      "the filter started over, because its state was not finite (memory fault or overflow)") \
   ROW(TSE_W_WAITING, "TSE_W_WAITING", \
-      "no step yet: the filter waits for channels that are logged later; estimates are those of the last " \
-      "step, or of the start") \
+      "no step in this row: the filter waits for channels with a latency; the estimates are those of the " \
+      "last step, or of the start") \
   ROW(TSE_W_RANGE, "TSE_W_RANGE", \
-      "a number reached the end of the range of the number format: it stops there, or the sample was " \
+      "a number reached the end of the range of the number format: it is limited, or the sample was " \
       "dropped") \
   ROW(TSE_W_IMPLAUSIBLE, "TSE_W_IMPLAUSIBLE", \
-      "the channels contradict each other: a wrong unit, sign or axle, or one comes late; fault_channel " \
-      "says which, fault_factor how many times too large it is")
+      "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
+      "is late; fault_channel names it, fault_factor is the factor by which it is too large")
 #define REASON_CODES(ROW) \
   ROW(TSE_VALID, "valid", "usable") \
-  ROW(TSE_STARTING, "starting", "too little seen since the start") \
-  ROW(TSE_NOT_EXCITED, "not excited", "the recent inputs do not show this stiffness") \
+  ROW(TSE_STARTING, "starting", "too little data since the start") \
+  ROW(TSE_NOT_EXCITED, "not excited", "the recent inputs do not excite this stiffness") \
   ROW(TSE_UNCERTAIN, "uncertain", "excited, but the sd of the mean is above the limit") \
   ROW(TSE_SENSOR_FAULT, "sensor fault", "a channel is probably at fault") \
   ROW(TSE_HELD, "held", \
-      "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
+      "standstill, low speed, reverse, large steering angle or sliding wheels: the last value is held") \
   ROW(TSE_INPUT_INVALID, "input invalid", "inputs or measurements are missing") \
   ROW(TSE_PARAMETERS_UNCERTAIN, "parameters uncertain", \
       "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or measure " \
       "them better") \
   ROW(TSE_MISFIT, "does not fit", \
-      "the model does not explain the measurements: calibrate, or look for what is missing") \
+      "the model does not explain the measurements: calibrate, or search for a missing effect (tselab gap)") \
   ROW(TSE_IMPLAUSIBLE, "implausible", \
-      "the channels contradict each other: a wrong unit, sign or axle, or one comes late (fault_channel, " \
-      "fault_factor)")
+      "the channels contradict each other: one has a wrong unit or sign, belongs to a different axle, or " \
+      "is late (fault_channel, fault_factor)")
 #define REPLAY_START(ROW) \
-  ROW(cx_front, 1.0, "1", "longitudinal stiffness, share of nominal (rear follows as the settings say)") \
-  ROW(cy_front, 1.0, "1", "front cornering stiffness, share of nominal") \
-  ROW(cy_rear, 1.0, "1", "rear cornering stiffness, share of nominal") \
+  ROW(cx_front, 1.0, "1", \
+      "front longitudinal stiffness over nominal; the rear one follows by rear_longitudinal_follows_front") \
+  ROW(cy_front, 1.0, "1", "front cornering stiffness over nominal") \
+  ROW(cy_rear, 1.0, "1", "rear cornering stiffness over nominal") \
   ROW(bias_accel_x, 0.0, "m/s2", "bias of accel_x") \
   ROW(bias_accel_y, 0.0, "m/s2", "bias of accel_y") \
   ROW(bias_yaw_rate, 0.0, "rad/s", "bias of yaw_rate") \
-  ROW(vel_x_from_wheels, 1.0, "1", "not 0: vel_x starts at the mean of the wheel speeds") \
-  ROW(vel_x, 0.0, "m/s", "start of vel_x, when not from the wheels") \
-  ROW(vel_y, 0.0, "m/s", "start of vel_y") \
-  ROW(yaw_rate, 0.0, "rad/s", "start of the yaw rate") \
-  ROW(time, 0.0, "s", "clock of stiffness_drift at the first row") \
-  ROW(heading, 0.0, "rad", "heading at the first row, for crosswind") \
+  ROW(vel_x_from_wheels, 1.0, "1", "not 0: the initial vel_x is the mean of the wheel speeds") \
+  ROW(vel_x, 0.0, "m/s", "initial vel_x if vel_x_from_wheels is 0") \
+  ROW(vel_y, 0.0, "m/s", "initial vel_y") \
+  ROW(yaw_rate, 0.0, "rad/s", "initial yaw rate") \
+  ROW(time, 0.0, "s", "time at the first row, for the effect stiffness_drift") \
+  ROW(heading, 0.0, "rad", "heading at the first row, for the effect crosswind") \
   ROW(wheel_inertia_front, 2.4, "kg m2", "rotational inertia of both front wheels, for wheel_torque_front") \
   ROW(wheel_inertia_rear, 2.4, "kg m2", "rotational inertia of both rear wheels, for wheel_torque_rear")
 #define REASONS \
@@ -262,6 +280,6 @@
     "parameters uncertain, 8 does not fit, 9 implausible, see documentation"
 // clang-format on: end of table
 
-#define NO_COLUMN(...) /* skips a row */
+#define NO_COLUMN(...) /* for any of these macros: omits the row */
 
 #endif

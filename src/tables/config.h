@@ -1,6 +1,7 @@
-/* tables/config.h - rows of the settings: default and range of each, and the effect that it
- * belongs to. Tables, because written-out comparisons would take 4 kB more of a
- * microcontroller's flash. Defined once, in settings.c. Internal to the sources. */
+/* tables/config.h - one row for each setting: its default, its range, and the effect
+ * to which it belongs. A table saves 4 kB of a microcontroller's flash, compared
+ * with a comparison in code for each setting. settings.c defines the arrays.
+ * Internal to the sources. */
 #ifndef TABLES_CONFIG_H
 #define TABLES_CONFIG_H
 
@@ -23,13 +24,16 @@ enum {
   // clang-format on: end of table
 };
 
-/* Effect of a setting from FIRST_EFFECTS on, and whether the setting is its strength. */
+/* The effect to which a setting belongs, TSE_EFFECT_..., and 1 if the setting is a
+ * strength of it. */
 typedef struct effect_row {
   uint8_t effect, strength;
 } effect_row;
 
-extern const real_row setting_reals[REALS]; /* in the order of the members */
+/* Rows of the members of type tse_setting and int32_t, in the order of tse_config. */
+extern const real_row setting_reals[REALS];
 extern const whole_row setting_wholes[WHOLES];
+/* Row i belongs to setting_reals[FIRST_EFFECTS + i]. */
 extern const effect_row setting_effects[COUNT_EFFECTS];
 
 #endif

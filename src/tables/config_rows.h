@@ -1,5 +1,6 @@
-/* tables/config_rows.h - contents of the rows of config.h, the vehicle class, and the settings
- * of a car whose parameters are known exactly. Part of estimator/settings.c. */
+/* tables/config_rows.h - contents of the arrays that config.h declares, values of the
+ * vehicle class, and the settings of a car whose parameters are known exactly. Included
+ * by estimator/settings.c only. */
 #include <stddef.h>
 
 #define CONFIG_REAL(fmu, name, def, exact, lo, hi, unit, text) \
@@ -9,18 +10,19 @@
 #define EFFECT_OF(REAL, effect, parameter, def, exact, lo, hi, unit, text, strength, ...) \
   { TSE_EFFECT_##effect, (strength) > 0 },
 
-/* Vehicle class, uncalibrated.toml. */
+/* Values of the vehicle class, from uncalibrated.toml. */
 // clang-format off: table car_class
-#define CLASS_CORNERING_FRONT 12.5 /* [1/rad] with the compliance of the steering */
-#define CLASS_CORNERING_REAR 16.0 /* [1/rad] cornering stiffness over the load of the axle */
-#define CLASS_LONGITUDINAL 22.0 /* [1] slip stiffness: the same tyres on both axles carry more where the
-                                 * load is */
-#define CLASS_MASS 1500.0 /* [kg] where nobody has said the mass */
-#define CLASS_MASS_SD 0.3 /* [1] how far cars scatter about it, relative: too far for a stiffness to be
-                           * valid */
+#define CLASS_CORNERING_FRONT 12.5 /* [1/rad] front cornering stiffness over the load of the axle, with the
+                                    * compliance of the steering */
+#define CLASS_CORNERING_REAR 16.0 /* [1/rad] rear cornering stiffness over the load of the axle */
+#define CLASS_LONGITUDINAL 22.0 /* [1] slip stiffness over the load of the axle, the same for both axles
+                                 * because their tyres are the same */
+#define CLASS_MASS 1500.0 /* [kg] mass if it is not set */
+#define CLASS_MASS_SD 0.3 /* [1] relative sd of this mass among cars; with it no stiffness becomes valid */
 // clang-format on: end of table
 
-/* Settings of tse_config_exact() that differ from the defaults. */
+/* Settings whose values in tse_config_exact() differ from those in
+ * tse_config_default(). */
 #define SET(name, value) { (uint16_t)offsetof(tse_config, name), TSE_S(value) }
 static const struct {
   uint16_t at;

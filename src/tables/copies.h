@@ -1,11 +1,11 @@
-/* tables/copies.h - constants that equal a setting: `constant` of the rows of settings. Part
- * of estimator/prepare.c. */
+/* tables/copies.h - members of tse_params that equal a setting, from column `constant` of
+ * the tables of settings. Included by estimator/prepare.c only. */
 #include <stddef.h>
 
 #define COPY(constant, setting) \
   { (uint16_t)offsetof(tse_params, constant), (uint16_t)offsetof(tse_config, setting) }
 static const struct {
-  uint16_t to, from;
+  uint16_t to, from; /* offset in tse_params, offset in tse_config */
 } copied[] = {
   // clang-format off: table copies
   COPY(car.lf, lf), COPY(car.lr, lr), COPY(radius_front, wheel_radius_front),

@@ -1,6 +1,7 @@
-/* tables/described.h - rows of tse_describe(): every member, code and effect with unit and
- * text, generated from the tables of this folder by scripts/dev/tables.py. Part of
- * host/describe.c, so that a controller that does not call it carries no texts. */
+/* tables/described.h - rows of tse_describe(): unit and text of every member, code and
+ * effect, generated from the tables of this folder by scripts/dev/tables.py. Included by
+ * host/describe.c only, so that the program of a controller that does not call
+ * tse_describe() contains no texts. */
 #include "tables/columns.h"
 #include "tables/formula.h"
 #include "tables/settings.h"
@@ -204,7 +205,7 @@ static const tse_field input_fields[] = {
   { "missing", 'u', (int32_t)offsetof(tse_input, missing), 0.0, 1.0, -1.0, "",
       "bits of missing channels, in the order of the rows above" },
   { "given", 'u', (int32_t)offsetof(tse_input, given), 0.0, 1.0, -1.0, "",
-      "bits of what is measured, in the order of the rows below" },
+      "bits of the optional channels that are measured, in the order of the rows below" },
   VELOCITIES(FIELD_ROW) PEDALS(FIELD_ROW) ROADS(FIELD_ROW)
 };
 
@@ -216,7 +217,7 @@ static const tse_field input_fields[] = {
 #define FIELD_CODE(name, member, type, text) FIELD(tse_output, #name, 'i', member, "", text)
 #define FIELD_STIFFNESS(name, member, si, unit, text) FIELD(tse_output, #name, 'r', member, "1", text)
 #define FIELD_REASON(name, member, valid, what) \
-  FIELD(tse_output, #name "_valid", 'i', member, "", "0 valid, else the reason (tse_reason)")
+  FIELD(tse_output, #name "_valid", 'i', member, "", "0: valid; otherwise the reason why it is not (tse_reason)")
 static const tse_field output_fields[] = {
   OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIELD_CODE, FIELD_STIFFNESS, FIELD_REASON)
 };
@@ -254,27 +255,27 @@ static const tse_field sim_output_fields[] = { CHANNELS(FIELD_ROW) TRUTHS(FIELD_
 static const tse_field replay_log_fields[] = {
   // clang-format off: table replay_log_described
   { "dt", 'p', (int32_t)offsetof(tse_replay_log, dt), 0.0, 1.0, -1.0, "s",
-      "time since the row before, (0, 1]; not used in the first row" },
+      "time since the previous row, (0, 1]; not used in the first row" },
   { "steer_angle", 'p', (int32_t)offsetof(tse_replay_log, steer_angle), 0.0, 1.0, -1.0, "rad",
-      "mean road-wheel angle as logged, -1.2 .. 1.2" },
+      "logged mean road-wheel angle of the front axle, -1.2 .. 1.2" },
   { "wheel_speed_front", 'p', (int32_t)offsetof(tse_replay_log, wheel_speed_front), 0.0, 1.0, -1.0, "rad/s",
       "mean rotation rate of the front wheels, -400 .. 400" },
   { "wheel_speed_rear", 'p', (int32_t)offsetof(tse_replay_log, wheel_speed_rear), 0.0, 1.0, -1.0, "rad/s",
       "mean rotation rate of the rear wheels, -400 .. 400" },
   { "grade", 'o', (int32_t)offsetof(tse_replay_log, grade), 0.0, 1.0, -1.0, "rad",
-      "profile of the road, uphill > 0, besides the setting grade_angle" },
+      "grade of the road, positive uphill, added to the setting grade_angle" },
   { "bank", 'o', (int32_t)offsetof(tse_replay_log, bank), 0.0, 1.0, -1.0, "rad",
-      "profile of the road, left side high > 0, besides the setting bank_angle" },
+      "bank of the road, positive if the left side is higher, added to the setting bank_angle" },
   { "slip_front", 'o', (int32_t)offsetof(tse_replay_log, slip_front), 0.0, 1.0, -1.0, "rad",
-      "disturbance of the front slip angle" },
+      "disturbance that is added to the front slip angle" },
   { "slip_rear", 'o', (int32_t)offsetof(tse_replay_log, slip_rear), 0.0, 1.0, -1.0, "rad",
-      "disturbance of the rear slip angle" },
+      "disturbance that is added to the rear slip angle" },
   { "force_x", 'o', (int32_t)offsetof(tse_replay_log, force_x), 0.0, 1.0, -1.0, "m/s2",
-      "disturbing force over mass, forward, seen by the accelerometer" },
+      "disturbing force over mass, positive forward; the accelerometer measures it" },
   { "force_y", 'o', (int32_t)offsetof(tse_replay_log, force_y), 0.0, 1.0, -1.0, "m/s2",
-      "disturbing force over mass, to the left, seen by the accelerometer" },
+      "disturbing force over mass, positive left; the accelerometer measures it" },
   { "yaw_accel", 'o', (int32_t)offsetof(tse_replay_log, yaw_accel), 0.0, 1.0, -1.0, "rad/s2",
-      "disturbing yaw moment over inertia" },
+      "disturbing yaw moment over yaw inertia, positive left" },
   // clang-format on: end of table
 };
 
@@ -285,21 +286,22 @@ static const tse_field replay_start_fields[] = { REPLAY_START(FIELD_ROW) };
 static const tse_field replay_out_fields[] = {
   // clang-format off: table replay_out_described
   { "accel_x", 'o', (int32_t)offsetof(tse_replay_out, accel_x), 0.0, 1.0, -1.0, "m/s2",
-      "as the IMU reads it, bias included, no noise" },
+      "reading of accel_x, with bias and without noise" },
   { "accel_y", 'o', (int32_t)offsetof(tse_replay_out, accel_y), 0.0, 1.0, -1.0, "m/s2",
-      "as the IMU reads it, bias included, no noise" },
+      "reading of accel_y, with bias and without noise" },
   { "yaw_rate", 'o', (int32_t)offsetof(tse_replay_out, yaw_rate), 0.0, 1.0, -1.0, "rad/s",
-      "as the IMU reads it, bias included, no noise" },
+      "reading of yaw_rate, with bias and without noise" },
   { "vel_x", 'o', (int32_t)offsetof(tse_replay_out, vel_x), 0.0, 1.0, -1.0, "m/s",
       "longitudinal velocity of the centre of gravity" },
   { "vel_y", 'o', (int32_t)offsetof(tse_replay_out, vel_y), 0.0, 1.0, -1.0, "m/s",
       "lateral velocity of the centre of gravity" },
   { "true_yaw_rate", 'o', (int32_t)offsetof(tse_replay_out, true_yaw_rate), 0.0, 1.0, -1.0, "rad/s",
-      "yaw rate of the car" },
+      "true yaw rate of the car" },
   { "wheel_torque_front", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_front), 0.0, 1.0, -1.0, "Nm",
-      "drive minus brake torque that the front wheels need: slip force times radius, and inertia" },
+      "drive torque minus brake torque of the front wheels, from the longitudinal force and the inertia "
+      "of the wheels" },
   { "wheel_torque_rear", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_rear), 0.0, 1.0, -1.0, "Nm",
-      "drive minus brake torque that the rear wheels need" },
+      "drive torque minus brake torque of the rear wheels, in the same way" },
   // clang-format on: end of table
 };
 #endif
@@ -307,25 +309,30 @@ static const tse_field replay_out_fields[] = {
 static const tse_field formula_places[] = {
   // clang-format off: table formula_places_described
   { "front_angle", 'c', 0, 0.0, 1.0, -1.0, "rad",
-      "slip angle of the front axle, as if the wheels were steered by it" },
-  { "rear_angle", 'c', 1, 0.0, 1.0, -1.0, "rad", "slip angle of the rear axle, into the turn > 0" },
-  { "force_x", 'c', 2, 0.0, 1.0, -1.0, "m/s2", "force over mass, forward, that the accelerometer feels" },
-  { "force_y", 'c', 3, 0.0, 1.0, -1.0, "m/s2", "force over mass, to the left, that the accelerometer feels" },
-  { "yaw_moment", 'c', 4, 0.0, 1.0, -1.0, "rad/s2", "yaw moment over yaw inertia" },
-  { "stiffness_front", 'c', 5, 0.0, 1.0, -1.0, "1", "share that the front cornering stiffness gains" },
-  { "stiffness_rear", 'c', 6, 0.0, 1.0, -1.0, "1", "share that the rear cornering stiffness gains" },
-  { "accel_x", 'c', 7, 0.0, 1.0, -1.0, "m/s2", "reading of the accelerometer, the car does not feel it" },
-  { "accel_y", 'c', 8, 0.0, 1.0, -1.0, "m/s2", "reading of the accelerometer, the car does not feel it" },
-  { "yaw_rate", 'c', 9, 0.0, 1.0, -1.0, "rad/s", "reading of the gyro, the car does not feel it" },
+      "slip angle of the front axle; it acts like a steering angle" },
+  { "rear_angle", 'c', 1, 0.0, 1.0, -1.0, "rad",
+      "slip angle of the rear axle, positive for a force to the left" },
+  { "force_x", 'c', 2, 0.0, 1.0, -1.0, "m/s2",
+      "force over mass, positive forward; the accelerometer measures it" },
+  { "force_y", 'c', 3, 0.0, 1.0, -1.0, "m/s2",
+      "force over mass, positive left; the accelerometer measures it" },
+  { "yaw_moment", 'c', 4, 0.0, 1.0, -1.0, "rad/s2", "yaw moment over yaw inertia, positive left" },
+  { "stiffness_front", 'c', 5, 0.0, 1.0, -1.0, "1", "relative increase of the front cornering stiffness" },
+  { "stiffness_rear", 'c', 6, 0.0, 1.0, -1.0, "1", "relative increase of the rear cornering stiffness" },
+  { "accel_x", 'c', 7, 0.0, 1.0, -1.0, "m/s2", "reading of the accelerometer alone; the motion is unchanged"
+      },
+  { "accel_y", 'c', 8, 0.0, 1.0, -1.0, "m/s2", "reading of the accelerometer alone; the motion is unchanged"
+      },
+  { "yaw_rate", 'c', 9, 0.0, 1.0, -1.0, "rad/s", "reading of the gyro alone; the motion is unchanged" },
   // clang-format on: end of table
 };
 
 static const tse_field formula_limits[] = {
   // clang-format off: table formula_limits_described
-  { "FORMULA_OPS", 'c', 33, 0.0, 1.0, -1.0, "", "operations of a program" },
-  { "FORMULA_STACK", 'c', 8, 0.0, 1.0, -1.0, "", "values on the stack" },
-  { "FORMULA_MEMORIES", 'c', 3, 0.0, 1.0, -1.0, "", "operations that remember" },
-  { "FORMULA_LATE", 'c', 1, 0.0, 1.0, -1.0, "", "operations late" },
+  { "FORMULA_OPS", 'c', 33, 0.0, 1.0, -1.0, "", "max number of operations of a program" },
+  { "FORMULA_STACK", 'c', 8, 0.0, 1.0, -1.0, "", "max number of values on the stack" },
+  { "FORMULA_MEMORIES", 'c', 3, 0.0, 1.0, -1.0, "", "max number of operations with memory" },
+  { "FORMULA_LATE", 'c', 1, 0.0, 1.0, -1.0, "", "max number of operations `late`" },
   // clang-format on: end of table
 };
 
@@ -350,65 +357,67 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_yaw_inertia, "both", "SOME_CARS",
     "", 0.0 },
   { "cg_shift", "CONSTANT", "centre of gravity further back than stated",
-    "yaw moment", "accel_y against yaw_rate: balance",
+    "yaw moment", "accel_y compared with yaw_rate: understeer",
     "imu_lever_arm, aligning_moment",
     "both filters use it",
     TSE_EFFECT_cg_shift, "both", "SOME_CARS",
     "", 0.0 },
   { "wheel_radius", "CONSTANT", "rolling radius other than stated",
-    "wheel speeds", "accel_x in proportion; accel_y against vel_x yaw_rate",
+    "wheel speeds",
+        "accel_x compared with the rate of the wheel speeds; accel_y compared with vel_x yaw_rate",
     "gyro_scale, imu_scale_ay, imu_scale_ax, aero_drag, rolling_resistance",
     "both filters use it",
     TSE_EFFECT_wheel_radius, "both", "SOME_CARS",
     "", 0.0 },
   { "steering_ratio", "INPUT", "steering ratio other than stated",
-    "front axle", "yaw_rate, accel_y: gain at all speeds",
+    "front axle", "yaw_rate, accel_y: gain of the steering at all speeds",
     "exact_kinematics, gyro_scale",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_steering_ratio, "default", "SOME_CARS",
     "", 0.0 },
   { "steering_offset", "INPUT", "steering angle offset",
-    "front axle", "yaw_rate, accel_y: offset with the gain of the speed",
+    "front axle", "yaw_rate, accel_y: offset that changes with speed as the gain of the steering does",
     "conicity, bank, crosswind",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_steering_offset, "default", "SENSOR",
     "", 0.0 },
   { "steering_delay", "INPUT", "steering or bus delay",
-    "front axle", "accel_y, yaw_rate: high steering rate",
+    "front axle", "accel_y, yaw_rate: at high steering rates",
     "steering_lag, imu_delay, relaxation",
-    "the default filter uses it, the paper's does not; as the mean of a delay that it estimates",
+    "the default filter uses it, the paper's does not; as the prior mean of a delay that the filter "
+        "estimates",
     TSE_EFFECT_steering_delay, "default", "SENSOR",
-    "steering angle logged late, so the wheels turn before it", 0.0 },
+    "steering angle logged late, after the wheels have turned", 0.0 },
   { "steering_lag", "INPUT", "steering lag of first order",
-    "front axle", "accel_y, yaw_rate: high steering rate",
+    "front axle", "accel_y, yaw_rate: at high steering rates",
     "steering_delay, imu_delay, relaxation",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_steering_lag, "default", "SOME_CARS",
-    "a low pass between steering angle and IMU: that of the IMU, or a quick steering", 0.02 },
+    "a low pass of the IMU, or a fast steering", 0.02 },
   { "exact_kinematics", "SLIP", "exact kinematics instead of small angles",
-    "front axle", "accel_x, yaw_rate: steering above 5 degrees",
+    "front axle", "accel_x, yaw_rate: at steering angles above 5 degrees",
     "steering_ratio",
-    "no filter uses it, simulator and replay do; the default filter has exact kinematics, the paper's"
-        " small angles, whatever the setting",
+    "no filter uses it, simulator and replay do; the default filter always has exact kinematics, the "
+        "paper's filter small angles",
     TSE_EFFECT_exact_kinematics, "none", "IN_MODEL",
     "", 0.0 },
   { "steering_compliance", "SLIP", "steering compliance",
-    "front axle", "none: absorbed in the front cornering stiffness",
+    "front axle", "none: the front cornering stiffness compensates",
     "cornering_stiffness_front",
-    "the default filter uses it, the paper's does not; the estimated stiffness is then that without "
-        "it, else it is in the stiffness",
+    "the default filter uses it, the paper's does not; if it is set, the estimated stiffness excludes"
+        " it, otherwise the stiffness includes it",
     TSE_EFFECT_steering_compliance, "default", "ABSORBED",
     "", 0.0 },
   { "rear_roll_steer", "SLIP", "rear roll steer, with the lag of the roll",
     "rear axle", "yaw_rate: phase at 1-2 Hz",
     "cornering_stiffness_rear, aligning_moment",
-    "the default filter uses it, the paper's does not; its static part is in the rear cornering "
-        "stiffness where it is not set; roll counts only while body_roll_gain is 0; frequency counts only"
-        " while body_roll_gain is 0; damping counts only while body_roll_gain is 0",
+    "the default filter uses it, the paper's does not; if it is not set, the rear cornering stiffness"
+        " includes its static part; roll counts only while body_roll_gain is 0; frequency counts only "
+        "while body_roll_gain is 0; damping counts only while body_roll_gain is 0",
     TSE_EFFECT_rear_roll_steer, "default", "SOME_CARS",
     "", 0.0 },
   { "relaxation", "LAG", "relaxation length of the lateral force",
-    "front axle, rear axle", "accel_y, yaw_rate: steering above 1 Hz, like 1/speed",
+    "front axle, rear axle", "accel_y, yaw_rate: steering above 1 Hz, in proportion to 1/speed",
     "steering_lag, steering_delay, imu_delay",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_relaxation, "default", "EVERY_CAR",
@@ -420,9 +429,9 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_longitudinal_relaxation, "none", "EVERY_CAR",
     "", 0.0 },
   { "stiffness_drift", "STIFFNESS", "stiffness drifts with time",
-    "front axle, rear axle", "accel_y, yaw_rate: early against late",
+    "front axle, rear axle", "accel_y, yaw_rate: start of a log compared with its end",
     "tyre_saturation",
-    "no filter uses it, simulator and replay do; both follow a stiffness that drifts",
+    "no filter uses it, simulator and replay do; both filters follow a stiffness that drifts",
     TSE_EFFECT_stiffness_drift, "none", "SOME_CARS",
     "", 0.0 },
   { "combined_slip", "STIFFNESS", "lateral force falls with longitudinal slip",
@@ -450,32 +459,33 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_lateral_load_transfer, "default", "EVERY_CAR",
     "", 0.0 },
   { "aero_drag", "BODY", "aerodynamic drag",
-    "body", "slip: v^2",
+    "body", "longitudinal slip: in proportion to the square of the speed",
     "rolling_resistance, wheel_radius",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_aero_drag, "default", "ABSORBED",
     "", 0.0 },
   { "rolling_resistance", "BODY", "rolling resistance",
-    "body", "slip: constant",
+    "body", "longitudinal slip: constant offset",
     "aero_drag, wheel_radius, grade",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_rolling_resistance, "default", "ABSORBED",
     "", 0.0 },
   { "grade", "BODY", "road grade",
-    "road", "accel_x: offset that wanders with the distance",
+    "road", "accel_x: offset that changes along the road",
     "pitch_leak, accel_x bias, rolling_resistance, imu_misalignment",
-    "the default filter uses it, the paper's does not; a constant angle, or what a row gives",
+    "the default filter uses it, the paper's does not; as a constant angle, or as the grade that is "
+        "given in each row",
     TSE_EFFECT_grade, "default", "ROAD",
     "", 0.0 },
   { "bank", "BODY", "road bank",
-    "road", "accel_y and yaw_rate: offset that wanders with the distance",
+    "road", "accel_y and yaw_rate: offset that changes along the road",
     "crosswind, conicity, steering_offset, imu_misalignment",
-    "the default filter uses it, the paper's does not; a constant angle and superelevation, or what a"
-        " row gives",
+    "the default filter uses it, the paper's does not; as a constant angle and superelevation, or as "
+        "the bank that is given in each row",
     TSE_EFFECT_bank, "default", "ROAD",
     "", 0.0 },
   { "crosswind", "BODY", "crosswind",
-    "body", "accel_y, yaw_rate: offset with heading and speed",
+    "body", "accel_y, yaw_rate: offset that depends on heading and speed",
     "bank, steering_offset, conicity",
     "no filter uses it, simulator and replay do",
     TSE_EFFECT_crosswind, "none", "SOME_CARS",
@@ -493,13 +503,13 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_aligning_moment, "default", "ABSORBED",
     "", 0.0 },
   { "imu_lever_arm", "SENSOR", "IMU away from the centre of gravity",
-    "sensors", "accel_y: yaw acceleration; accel_x: yaw rate squared",
+    "sensors", "accel_y: in proportion to yaw acceleration; accel_x: in proportion to the square of yaw_rate",
     "cg_shift, yaw_inertia, body_roll",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_imu_lever_arm, "default", "SENSOR",
     "", 0.0 },
   { "body_roll", "SENSOR", "gravity in accel_y by body roll",
-    "sensor accel_y", "accel_y: all cornering, phase near 1.5 Hz",
+    "sensor accel_y", "accel_y: in all cornering, and by its phase near 1.5 Hz",
     "imu_scale_ay, imu_misalignment, imu_lever_arm",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_body_roll, "default", "EVERY_CAR",
@@ -523,23 +533,24 @@ static const tse_effect_row effect_rows[] = {
     TSE_EFFECT_imu_scale_ax, "default", "SENSOR",
     "", 0.0 },
   { "imu_scale_ay", "SENSOR", "scale of accel_y",
-    "sensor accel_y", "accel_y against vel_x yaw_rate",
+    "sensor accel_y", "accel_y compared with vel_x yaw_rate",
     "body_roll, wheel_radius, gyro_scale",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_imu_scale_ay, "default", "SENSOR",
     "", 0.0 },
   { "gyro_scale", "SENSOR", "scale of the gyro",
-    "sensor yaw_rate", "yaw_rate against accel_y/vel_x",
+    "sensor yaw_rate", "yaw_rate compared with accel_y/vel_x",
     "wheel_radius, steering_ratio, imu_scale_ay",
     "the default filter uses it, the paper's does not",
     TSE_EFFECT_gyro_scale, "default", "SENSOR",
     "", 0.0 },
   { "imu_delay", "SENSOR", "delay of the IMU",
-    "sensors", "accel_x against wheel speeds; accel_y, yaw_rate against steering",
+    "sensors", "accel_x compared with wheel speeds; accel_y, yaw_rate compared with steering",
     "steering_delay, steering_lag, longitudinal_relaxation, relaxation",
-    "the default filter uses it, the paper's does not; as the mean of a delay that it estimates",
+    "the default filter uses it, the paper's does not; as the prior mean of a delay that the filter "
+        "estimates",
     TSE_EFFECT_imu_delay, "default", "SENSOR",
-    "steering angle and wheel speeds logged late behind the IMU", 0.0 },
+    "steering angle and wheel speeds logged later than the IMU", 0.0 },
   // clang-format on: end of table
 };
 

@@ -1,13 +1,14 @@
-/* tables/effects.h - bits and constants of the effects of effects.toml. Internal to the
- * sources. */
+/* tables/effects.h - bits and parameters of the effects of effects.toml. Internal
+ * to the sources. */
 #ifndef TABLES_EFFECTS_H
 #define TABLES_EFFECTS_H
 
 #include "tse/real.h"
 
-/* A build without effects (CMake option TSE_EFFECTS) saves flash. It keeps CONSTANT effects;
+/* TSE_EFFECT_<id>: number of the bit of an effect in tse_effects.mask. A build without
+ * effects (CMake option TSE_EFFECTS) saves flash. It has only the CONSTANT effects, and
  * tse_config_check() refuses the others. It has no simulator and no replay. */
-enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
+enum {
   // clang-format off: table effect_places
   TSE_EFFECT_mass, TSE_EFFECT_yaw_inertia, TSE_EFFECT_cg_shift, TSE_EFFECT_wheel_radius,
   TSE_EFFECT_steering_ratio, TSE_EFFECT_steering_offset, TSE_EFFECT_steering_delay, TSE_EFFECT_steering_lag,
@@ -22,17 +23,17 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
   TSE_EFFECTS,
 };
 
-#define TSE_BIT_FORMULA 62  /* bit of the mask: the user's formula, formula.toml */
+#define TSE_BIT_FORMULA 62  /* number of the bit of the user's formula (formula.toml) in this mask */
 // clang-format off: table formula_limits
-#define TSE_FORMULA_OPS 33       /* operations of a program */
-#define FORMULA_STACK 8          /* values on the stack */
-#define TSE_FORMULA_MEMORIES 3   /* operations that remember */
-#define FORMULA_LATE 1           /* operations late */
+#define TSE_FORMULA_OPS 33       /* max number of operations of a program */
+#define FORMULA_STACK 8          /* max number of values on the stack */
+#define TSE_FORMULA_MEMORIES 3   /* max number of operations with memory */
+#define FORMULA_LATE 1           /* max number of operations `late` */
 #define TSE_FORMULA_NUMBERS 8    /* numbers, formula_a .. */
 // clang-format on: end of table
 
-/* Constants, made by tse_prepare(). mask: bit TSE_EFFECT_<id> is set if a strength of that
- * effect is not zero. */
+/* Effects and their parameters, as prepared by tse_prepare(). Bit TSE_EFFECT_<id> of mask
+ * is set if a strength of the effect is not zero. */
 typedef struct tse_effects {
   uint64_t mask;
 #if !defined(TSE_NO_EFFECTS)
@@ -53,7 +54,7 @@ typedef struct tse_effects {
   pitch_leak_damping, pitch_leak_height, imu_misalignment_angle, imu_scale_ax_error, imu_scale_ay_error,
   gyro_scale_error, imu_delay_time,
   // clang-format on: end of table
-  mass; /* [kg] */
+  mass; /* [kg] mass of the car */
   tse_real formula_gain, formula[TSE_FORMULA_NUMBERS];
   int32_t formula_place;
   uint8_t formula_code[TSE_FORMULA_OPS];

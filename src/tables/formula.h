@@ -1,5 +1,5 @@
-/* tables/formula.h - places and operations of a user's formula, from formula.toml. Internal to
- * the sources. */
+/* tables/formula.h - places and operations of a formula of the user, from formula.toml.
+ * Internal to the sources. */
 #ifndef TABLES_FORMULA_H
 #define TABLES_FORMULA_H
 
@@ -13,7 +13,8 @@ enum {
   // clang-format on: end of table
 };
 
-/* Operations by kind: (name, code, number of operands, unit, text). */
+/* List of all operations; the macro names their kind.
+ *   NUMBER, SIGNAL, PLAIN, MEMORY(name, code, number of operands, unit, text) */
 // clang-format off: table formula_operations
 #define FORMULA_OPERATIONS(NUMBER, SIGNAL, PLAIN, MEMORY) \
   NUMBER(a, 1, 0, "", "formula_a") \
@@ -26,40 +27,42 @@ enum {
   NUMBER(h, 8, 0, "", "formula_h") \
   PLAIN(one, 9, 0, "1", "the number 1") \
   PLAIN(two, 10, 0, "1", "the number 2") \
-  SIGNAL(steer_angle, 16, 0, "rad", "road-wheel angle, after what the catalogue's effects make of it") \
+  SIGNAL(steer_angle, 16, 0, "rad", "road-wheel angle, after the effects of the catalogue") \
   SIGNAL(vel_x, 17, 0, "m/s", "longitudinal velocity") \
   SIGNAL(vel_y, 18, 0, "m/s", "lateral velocity") \
   SIGNAL(yaw_rate, 19, 0, "rad/s", "yaw rate of the car") \
-  SIGNAL(accel_x, 20, 0, "m/s2", "longitudinal specific force at the centre of gravity, of the step before") \
-  SIGNAL(accel_y, 21, 0, "m/s2", "lateral specific force at the centre of gravity, of the step before") \
-  SIGNAL(slip_angle_front, 22, 0, "rad", "slip angle of the front axle, without the formula") \
-  SIGNAL(slip_angle_rear, 23, 0, "rad", "slip angle of the rear axle, without the formula") \
+  SIGNAL(accel_x, 20, 0, "m/s2", \
+      "longitudinal specific force at the centre of gravity in the previous step") \
+  SIGNAL(accel_y, 21, 0, "m/s2", "lateral specific force at the centre of gravity in the previous step") \
+  SIGNAL(slip_angle_front, 22, 0, "rad", "slip angle of the front axle, before the formula is added") \
+  SIGNAL(slip_angle_rear, 23, 0, "rad", "slip angle of the rear axle, before the formula is added") \
   SIGNAL(slip_front, 24, 0, "1", "longitudinal slip of the front axle") \
   SIGNAL(slip_rear, 25, 0, "1", "longitudinal slip of the rear axle") \
-  SIGNAL(time, 26, 0, "s", "since the start") \
+  SIGNAL(time, 26, 0, "s", "time since the start") \
   PLAIN(add, 32, 2, "same", "x + y") \
   PLAIN(sub, 33, 2, "same", "x - y") \
   PLAIN(mul, 34, 2, "product", "x y") \
-  PLAIN(div, 35, 2, "quotient", "x/y; 0 where y is 0") \
+  PLAIN(div, 35, 2, "quotient", "x/y; 0 if y is 0") \
   PLAIN(neg, 36, 1, "same", "-x") \
   PLAIN(abs, 37, 1, "same", "|x|") \
   PLAIN(max, 38, 2, "same", "the larger of x and y") \
   PLAIN(min, 39, 2, "same", "the smaller of x and y") \
-  PLAIN(sqrt, 40, 1, "root", "square root of x; 0 below 0") \
-  PLAIN(soft, 41, 1, "1", "soft step x/sqrt(1 + x x): -1 .. 1; x without unit") \
-  MEMORY(lag, 48, 2, "first", "x through a lag of first order with y s") \
-  MEMORY(second, 49, 3, "first", "x through a mode of second order of y Hz and damping ratio z") \
-  MEMORY(late, 50, 2, "first", "x of y s ago") \
-  MEMORY(play, 51, 2, "first", "x through a play of y to either side") \
-  MEMORY(limit, 52, 2, "first", "x, which it follows by at most y a second") \
-  MEMORY(rate, 53, 1, "rate", "how fast x changes, per s")
+  PLAIN(sqrt, 40, 1, "root", "square root of x; 0 if x is negative") \
+  PLAIN(soft, 41, 1, "1", "smooth step x/sqrt(1 + x x) from -1 to 1; x has no unit") \
+  MEMORY(lag, 48, 2, "first", "x after a first-order lag with time constant y s") \
+  MEMORY(second, 49, 3, "first", \
+      "x after a second-order lag with natural frequency y Hz and damping ratio z") \
+  MEMORY(late, 50, 2, "first", "x with a delay of y s") \
+  MEMORY(play, 51, 2, "first", "x after a play (hysteresis) of y to either side") \
+  MEMORY(limit, 52, 2, "first", "x, with its rate of change limited to y per second") \
+  MEMORY(rate, 53, 1, "rate", "rate of change of x per second")
 // clang-format on: end of table
 
 #define FORMULA_CODE(name, code, takes, unit, text) FORMULA_OP_##name = code,
 enum { FORMULA_OPERATIONS(FORMULA_CODE, FORMULA_CODE, FORMULA_CODE, FORMULA_CODE) };
 
 #if !defined(TSE_FORMULA) && !defined(TSE_NO_EFFECTS)
-/* Number of operands of each operation, and whether it has memory. */
+/* For each operation: its code, the number of its operands, and 1 if it has memory. */
 #define FORMULA_TAKES(name, code, takes, unit, text) { code, takes, 0 },
 #define FORMULA_REMEMBERS(name, code, takes, unit, text) { code, takes, 1 },
 static const struct {

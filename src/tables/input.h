@@ -1,5 +1,5 @@
-/* tables/input.h - range of every channel of a log row, from input.toml. Internal to the
- * sources. */
+/* tables/input.h - rows of the channels of a log row, with their ranges, from input.toml.
+ * Internal to the sources. */
 #ifndef TABLES_INPUT_H
 #define TABLES_INPUT_H
 
@@ -10,9 +10,9 @@
 
 #define INPUT_ROW(name, drives, lo, hi, unit, text) \
   { #name, (uint16_t)offsetof(tse_input, name), drives, TSE_R(lo), TSE_R(hi) },
-/* Index: TSE_CHANNEL_ */
+/* Channels, by TSE_CHANNEL_... */
 static const channel_row channel_rows[TSE_CHANNELS] = { CHANNELS(INPUT_ROW) };
-/* Index: TSE_OPTIONAL_ */
+/* Optional channels, by TSE_OPTIONAL_... */
 static const channel_row optional_rows[TSE_OPTIONALS] = {
   VELOCITIES(INPUT_ROW) PEDALS(INPUT_ROW) ROADS(INPUT_ROW)
 };

@@ -1,6 +1,6 @@
-/* tables/names.h - names of internal functions and arrays that several files share. They
- * contain the number format, so that builds of several formats can be linked into one
- * program. Internal to the sources. */
+/* tables/names.h - names of internal functions and arrays that several files use. Each
+ * name ends in the number format, so that libraries of different formats can be linked
+ * into one program. Internal to the sources. */
 #ifndef TABLES_NAMES_H
 #define TABLES_NAMES_H
 

@@ -1,5 +1,5 @@
-/* tables/rows.h - row types of the tables in this folder, and functions on rows. Internal to
- * the sources. */
+/* tables/rows.h - types of the rows of settings and channels, and functions that read,
+ * check and set a value by its row. Internal to the sources. */
 #ifndef TABLES_ROWS_H
 #define TABLES_ROWS_H
 
@@ -7,21 +7,22 @@
 
 #include "tse/input.h"
 
-/* A setting: name, offset in its struct, default and range. */
+/* A setting of type tse_setting: its name, offset in its struct, default, min, max. */
 typedef struct real_row {
   const char *name;
   uint16_t at;
   tse_setting def, lo, hi;
 } real_row;
 
+/* The same for a setting of type int32_t. */
 typedef struct whole_row {
   const char *name;
   uint16_t at;
   int32_t def, lo, hi;
 } whole_row;
 
-/* A channel. A row with a value out of range is refused if drives is 1; if 0, the value is
- * missing. */
+/* A channel: its name, offset in its struct, min, max. If drives is 1, a log row with a
+ * value out of range is refused. If drives is 0, the value counts as missing. */
 typedef struct channel_row {
   const char *name;
   uint16_t at;
@@ -29,6 +30,7 @@ typedef struct channel_row {
   tse_real lo, hi;
 } channel_row;
 
+/* Return the value of a setting of a struct. */
 static inline tse_setting real_at(const void *settings, const real_row *row)
 {
   tse_setting x;
@@ -43,6 +45,8 @@ static inline int32_t whole_at(const void *settings, const whole_row *row)
   return x;
 }
 
+/* Set all settings of a struct to their defaults.
+ *   Given:  reals, wholes  number of rows of each type */
 static inline void set_defaults(
     void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
 {
@@ -51,14 +55,15 @@ static inline void set_defaults(
     memcpy((uint8_t *)settings + whole[i].at, &whole[i].def, sizeof whole[i].def);
 }
 
-/* Return whether a setting is within its range, or is the default, which may mean "not
- * set". NaN is out of range. */
+/* Return whether a setting is within its range or equals its default, as a default of 0
+ * out of range means "not set". NaN is out of range. */
 static inline int real_holds(const real_row *row, tse_setting x)
 {
   return (x >= row->lo && x <= row->hi) || x == row->def;
 }
 
-/* Return the name of the first setting out of range, in the order of the members, or NULL. */
+/* Return the name of the first setting out of range, in the order of the members,
+ * or NULL. */
 static inline const char *first_outside(
     const void *settings, const real_row *real, int reals, const whole_row *whole, int wholes)
 {
@@ -71,6 +76,7 @@ static inline const char *first_outside(
   return w == wholes || real[r].at < whole[w].at ? real[r].name : whole[w].name;
 }
 
+/* Return the value of a channel of a log row. */
 static inline tse_real channel_at(const void *row_of_log, const channel_row *row)
 {
   tse_real x;
@@ -78,6 +84,7 @@ static inline tse_real channel_at(const void *row_of_log, const channel_row *row
   return x;
 }
 
+/* Return whether the value of a channel is within its range; NaN is not. */
 static inline int channel_holds(const channel_row *row, tse_real x) { return x >= row->lo && x <= row->hi; }
 
 #endif
