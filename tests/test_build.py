@@ -150,7 +150,7 @@ def test_contraction_is_found_where_it_is_not_prevented(compiler, real, tmp_path
     if is_clang(compiler):
         assert said == "0 \n", errors
     else:
-        assert said.startswith("-12 products are not rounded before they are added: -ffp-contract=off"), (
+        assert said.startswith("-12 products are not rounded before they are added: use -ffp-contract=off"), (
             errors
         )
 

@@ -282,7 +282,7 @@ def test_its_c_program_does_not_call_usable_what_is_not(log, tmp_path):
     done = subprocess.run(
         [compile_program("first.c", tmp_path)], input=rows, capture_output=True, text=True, check=True
     )
-    assert done.stdout.endswith("(95 %), do not use: too little seen since the start\n")
+    assert done.stdout.endswith("(95 %), do not use: too little data since the start\n")
 
 
 def test_its_c_program_does_not_end_well_at_a_cell_that_it_cannot_read(log, tmp_path):

@@ -75,7 +75,8 @@ typedef struct tse_effect_row {
 /* The use of one setting of tse_config.
  *   table        its table in src/tables: vehicle, uncertainty, sensors, latency,
  *                velocity, pedals, road, effects, formula or filter
- *   filter       filters whose estimates depend on it: "both", "default", "paper" or "none"
+ *   filter       filters whose estimates depend on it: "both", "default", "paper"
+ *                or "none"
  *   replaced_by  name of a setting that the filter uses in its place, unless that setting
  *                is 0; "": there is none */
 typedef struct tse_setting_row {

@@ -31,7 +31,7 @@
  *   252  q24 x 3   correlations 01, 02, 12 of the process noise; particle filter only
  *   264  u32       CRC-32 (IEEE 802.3, as in zlib) of all bytes before it
  *
- * All future formats keep the first eight bytes and end in the CRC. The library can
+ * Later formats keep the first eight bytes and end in the CRC. The library can
  * therefore distinguish a newer file from a damaged one.
  *
  * A file with a value out of range is refused: a logarithm beyond 4, a bias beyond the

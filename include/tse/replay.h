@@ -93,7 +93,8 @@ void tse_replay_start_default(tse_replay_start *s);
  *              or TSE_E_INPUT: a value of the log or of s is out of range or not finite,
  *              or the motion is no longer finite. With the last two, *wrong (if wrong is
  *              not NULL) is the index of the row; it is 0 for a wrong value of s
- *   Cost:      two evaluations of the model for each substep; 0.1 us a row without effects
+ *   Cost:      two evaluations of the model for each substep; 0.1 us a row without
+ *              effects
  *   Source:    equations (1) to (4) and (7), src/EQUATIONS.md */
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
     const tse_replay_out *out, int32_t *wrong);

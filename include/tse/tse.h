@@ -129,7 +129,8 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
  *                            of that struct. With the default filter,
  *                            sizeof(tse_filter) or sizeof(tse_filter_paper)
  *   Updated:   f             unchanged if the result is negative
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()) or TSE_E_SIZE
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p is not from tse_prepare()) or
+ *              TSE_E_SIZE
  *   Cost:      O(filter_bytes) */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
 

@@ -1,4 +1,5 @@
-/* host/describe.c - tables of the public headers at run time. */
+/* host/describe.c - tse_describe() and related functions: names, units, ranges and
+ * meanings of struct members and codes at run time. */
 #include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"

@@ -1,12 +1,12 @@
-/* host/replay.c - run a whole log through the deterministic model of integrator.c, for
- * fits. */
+/* host/replay.c - tse_replay(): run a whole log through the deterministic model of
+ * integrator.c. */
 
 #include "model/effects.h"
 #include "tables/input.h"
 #include "tse/replay.h"
 
-#define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with
-                                * effects knows */
+#define BIT_GIVEN 63           /* bit of the mask that belongs to no effect: the log has disturbances, which
+                                * need the model with effects */
 
 #define DEFAULT(name, def, unit, text) s->name = TSE_R(def);
 void tse_replay_start_default(tse_replay_start *s)
@@ -15,22 +15,26 @@ void tse_replay_start_default(tse_replay_start *s)
   REPLAY_START(DEFAULT)
 }
 
-static tse_real value(const tse_real *array, int32_t i) { return array ? array[i] : TSE_R(0); }
+/* Return element i of an array; 0 if there is no array. */
+static tse_real get_value(const tse_real *array, int32_t i) { return array ? array[i] : TSE_R(0); }
 
-static given given_of(const tse_replay_log *log, int32_t i)
+/* Return road angles and disturbances of row i. */
+static given read_given(const tse_replay_log *log, int32_t i)
 {
   given g;
-  g.grade = value(log->grade, i);
-  g.bank = value(log->bank, i);
-  g.slip_front = value(log->slip_front, i);
-  g.slip_rear = value(log->slip_rear, i);
-  g.x = value(log->force_x, i);
-  g.y = value(log->force_y, i);
-  g.yaw = value(log->yaw_accel, i);
+  g.grade = get_value(log->grade, i);
+  g.bank = get_value(log->bank, i);
+  g.slip_front = get_value(log->slip_front, i);
+  g.slip_rear = get_value(log->slip_rear, i);
+  g.x = get_value(log->force_x, i);
+  g.y = get_value(log->force_y, i);
+  g.yaw = get_value(log->yaw_accel, i);
   return g;
 }
 
-static uint64_t mask_of(const tse_params *p, const tse_replay_log *log)
+/* Return the mask of the effects that are on: those of the settings, and those that the
+ * arrays of the log need. */
+static uint64_t find_mask(const tse_params *p, const tse_replay_log *log)
 {
   uint64_t mask = p->effects.mask;
   if (log->grade) mask |= (uint64_t)1 << TSE_EFFECT_grade;
@@ -40,6 +44,7 @@ static uint64_t mask_of(const tse_params *p, const tse_replay_log *log)
   return mask;
 }
 
+/* Check the ranges of row i. */
 static tse_status check_row(const tse_replay_log *log, int32_t i)
 {
   if (i > 0 && !(log->dt[i] > TSE_R(0) && log->dt[i] <= TSE_R(1))) return TSE_E_TIME;
@@ -47,7 +52,7 @@ static tse_status check_row(const tse_replay_log *log, int32_t i)
       || !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_front], log->wheel_speed_front[i])
       || !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_rear], log->wheel_speed_rear[i]))
     return TSE_E_INPUT;
-  const given g = given_of(log, i);
+  const given g = read_given(log, i);
   const tse_real x[] = { g.grade, g.bank, g.slip_front, g.slip_rear, g.x, g.y, g.yaw };
   for (int k = 0; k < (int)(sizeof x / sizeof x[0]); k++)
     if (!r_is_finite(x[k])) return TSE_E_INPUT;
@@ -55,7 +60,8 @@ static tse_status check_row(const tse_replay_log *log, int32_t i)
 }
 
 #define VALUE(name, def, unit, text) s->name,
-static int finite_start(const tse_replay_start *s)
+/* Return whether all values of s are finite. */
+static int is_start_finite(const tse_replay_start *s)
 {
   const tse_real x[] = { REPLAY_START(VALUE) };
   int fine = 1;
@@ -63,8 +69,9 @@ static int finite_start(const tse_replay_start *s)
   return fine;
 }
 
-/* Return the angular acceleration of a wheel [rad/s2], from the rows on both sides. */
-static tse_real spin_up(const tse_real *omega, const tse_real *dt, int32_t i, int32_t rows)
+/* Return the angular acceleration [rad/s2] of a wheel at row i, from the rows before and
+ * after it. */
+static tse_real compute_spin_up(const tse_real *omega, const tse_real *dt, int32_t i, int32_t rows)
 {
   const int32_t a = i > 0 ? i - 1 : 0, b = i < rows - 1 ? i + 1 : i;
   tse_real time = TSE_R(0);
@@ -72,13 +79,17 @@ static tse_real spin_up(const tse_real *omega, const tse_real *dt, int32_t i, in
   return time > TSE_R(0) ? r_div(omega[b] - omega[a], time) : TSE_R(0);
 }
 
-/* Return whether x is a number. */
+/* Store x in element i of an array, if there is one.
+ *   Returned:  1; 0 if x is stored and not finite */
 static int write_value(tse_real *array, int32_t i, tse_real x)
 {
   if (array) array[i] = x;
   return !array || r_is_finite(x);
 }
 
+/* Store the outputs of row i.
+ *   Given:     z  sensors at the row
+ *   Returned:  1; 0 if an output is not finite */
 static int write_row(const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out,
     int32_t i, int32_t rows, reading z)
 {
@@ -93,20 +104,22 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
   const tse_real slip_front = r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)),
                  slip_rear = r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear));
   fine = write_value(out->wheel_torque_front, i,
-             slip_front + r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows)))
+             slip_front
+                 + r_mul(s->wheel_inertia_front, compute_spin_up(log->wheel_speed_front, log->dt, i, rows)))
       && fine;
   return write_value(out->wheel_torque_rear, i,
-             slip_rear + r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows)))
+             slip_rear
+                 + r_mul(s->wheel_inertia_rear, compute_spin_up(log->wheel_speed_rear, log->dt, i, rows)))
       && fine;
 }
 
-/* Check all rows before the first one runs.   Updated: wrong  index of the wrong row, if
- *                                             not NULL */
+/* Check the start and all rows, before the first row runs.
+ *   Updated:  wrong  index of the wrong row, if wrong is not NULL */
 static tse_status check_rows(
     const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
 {
   for (int32_t i = 0; i < rows; i++) {
-    const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check_row(log, i);
+    const tse_status status = i == 0 && !is_start_finite(s) ? TSE_E_INPUT : check_row(log, i);
     if (status >= 0) continue;
     if (wrong) *wrong = i;
     return status;
@@ -114,19 +127,21 @@ static tse_status check_rows(
   return TSE_OK;
 }
 
-/* Take row i, with the steering angle of the INPUT effects.   Updated: m */
-static acting acting_at(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
+/* Return the inputs of row i. The steering angle is that after the INPUT effects.
+ *   Updated:  m */
+static acting read_inputs(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
 {
   acting now;
   memset(&now, 0, sizeof now);
   now.u.steer = effects_steer(&p->effects, m, log->steer_angle[i], i > 0 ? log->dt[i] : TSE_R(1));
   now.u.v_front = r_mul(p->radius_front, log->wheel_speed_front[i]);
   now.u.v_rear = r_mul(p->radius_rear, log->wheel_speed_rear[i]);
-  now.g = given_of(log, i);
+  now.g = read_given(log, i);
   return now;
 }
 
-static point start_point(const tse_replay_start *s, const acting *first)
+/* Return the point of the model at the first row, before its forces are evaluated. */
+static point make_start_point(const tse_replay_start *s, const acting *first)
 {
   const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);
   point at;
@@ -146,22 +161,22 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   const tse_status refused = check_rows(log, rows, s, wrong);
-  if (refused < 0 || rows <= 0) return refused; /* without rows the start is not checked */
+  if (refused < 0 || rows <= 0) return refused; /* a log without rows is done, and its start is not checked */
 
   tse_params car = *p;
   tse_effect_memory m;
   point at;
   memset(&m, 0, sizeof m);
-  car.effects.mask = mask_of(p, log);
+  car.effects.mask = find_mask(p, log);
   m.time = s->time;
   m.heading = r_mul(PER_TURN, s->heading);
   const stiffness k = vehicle_stiffness(
       &car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
   for (int32_t i = 0; i < rows; i++) {
     const tse_real dt = i > 0 ? log->dt[i] : TSE_R(1);
-    const acting now = acting_at(&car, &m, log, i);
+    const acting now = read_inputs(&car, &m, log, i);
     if (i == 0) {
-      at = start_point(s, &now);
+      at = make_start_point(s, &now);
       effects_settle(&car, &m, k, &at);
     } else {
       effects_advance(&car, &m, k, &now, dt, vehicle_steps(&car, dt, at.u, now.u), &at);

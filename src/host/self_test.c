@@ -1,12 +1,13 @@
-/* host/self_test.c - tse_self_test(): check the rounding of this build. number/real_ops.h
- * makes an error of options that the preprocessor can see. This file detects the others,
- * above all contraction. */
+/* host/self_test.c - tse_self_test(): check the rounding of this build. Compiler options
+ * that the preprocessor can see are compile errors in number/real_ops.h. This test
+ * detects the other ones, above all contraction to fused multiply-add. */
 #include "tse/tse.h"
 #include "number/real_ops.h"
 
 #if defined(TSE_REAL_FIXED)
 
-static const char *fault(void) { return NULL; } /* integers are checked when they are compiled */
+/* Fixed point has integers only, which are checked at compile time. */
+static const char *fault(void) { return NULL; }
 
 #else
 
@@ -16,7 +17,9 @@ static const char *fault(void) { return NULL; } /* integers are checked when the
 #define EPSILON TSE_R(2.220446049250313e-16)
 #endif
 
-/* Volatile, so that the compiler must compute: it may replace x - 1 == 0 by x == 1. */
+/* Return the cause of wrong rounding and the option that cures it, or NULL. The
+ * numbers are volatile, so that the compiler cannot simplify the tests, such as x - 1
+ * == 0 to x == 1. */
 static const char *fault(void)
 {
   volatile tse_real given[] = { TSE_R(0), TSE_R(1), TSE_R(3), TSE_R(5), TSE_R(7), TSE_R(49), EPSILON,
@@ -24,35 +27,37 @@ static const char *fault(void)
   const tse_real zero = given[0], one = given[1], three = given[2], five = given[3], seven = given[4],
                  many = given[5];
   const tse_real e = given[6];
-  const tse_real most = TSE_R(0.75) * e, little = TSE_R(0.25) * e, large = r_div(TSE_R(4), e);
+  const tse_real much = TSE_R(0.75) * e, little = TSE_R(0.25) * e, large = r_div(TSE_R(4), e);
   volatile tse_real made[3];
-  made[0] = (one + most) - one;
+  made[0] = (one + much) - one;
   made[1] = (one + little) - one;
-  made[2] = (-one - most) + one;
+  made[2] = (-one - much) + one;
   if (!(made[0] == e && made[1] == zero && made[2] == -e))
-    return "sums are wider than a number, or not rounded to nearest: -msse2 -mfpmath=sse, "
+    return "sums have excess precision, or are not rounded to nearest: use -msse2 -mfpmath=sse, or "
            "-fexcess-precision=fast";
   made[0] = -one + (one + e) * (one - e);
-  if (!(made[0] == zero)) return "products are not rounded before they are added: -ffp-contract=off";
+  if (!(made[0] == zero)) return "products are not rounded before they are added: use -ffp-contract=off";
   made[0] = (one + large) - large;
   made[1] = one + (large - large);
   if (!(made[0] == zero && made[1] == one))
-    return "sums are made in another order than is written: no -ffast-math, no -fassociative-math";
+    return "sums are computed in a different order than written: use neither -ffast-math nor "
+           "-fassociative-math";
   const tse_real none = r_div(zero, zero);
   if (none >= zero || none < zero || !r_is_nan(none) || !(r_div(one, zero) > large))
-    return "what is no number is taken for one: no -ffast-math, no -ffinite-math-only";
-  made[0] = r_div(five, many); /* differs if computed by a rounded reciprocal */
+    return "NaN is compared like a number: use neither -ffast-math nor -ffinite-math-only";
+  made[0] = r_div(five, many); /* the result differs if it is computed by a rounded reciprocal */
   made[1] = r_div(seven, three);
   made[2] = r_sqrt(five);
   if (!(made[0] == TSE_R(0.10204081632653061224) && made[1] == TSE_R(2.33333333333333333333)
           && made[2] == TSE_R(2.23606797749978969641)))
-    return "quotients or roots are not rounded to nearest: no -ffast-math, no -mrecip";
-  made[0] = r_div(five, many); /* several by one divisor: a shared reciprocal would be tempting */
+    return "quotients or roots are not rounded to nearest: use neither -ffast-math nor -mrecip";
+  /* several quotients with one divisor, which a compiler may replace by one reciprocal */
+  made[0] = r_div(five, many);
   made[1] = r_div(given[7], many);
   made[2] = r_div(given[8], many);
   if (!(made[0] == TSE_R(0.10204081632653061224) && made[1] == TSE_R(0.46938775510204081633)
           && made[2] == TSE_R(0.83673469387755102041)))
-    return "quotients share a reciprocal: no -ffast-math, no -freciprocal-math";
+    return "quotients are computed by a common reciprocal: use neither -ffast-math nor -freciprocal-math";
   return NULL;
 }
 

@@ -1,5 +1,5 @@
-/* host/simulate.c - simulator: the estimator's vehicle with wheel dynamics and sensor
- * noise. */
+/* host/simulate.c - simulator: the single-track model with wheel dynamics, random
+ * stiffness and sensor noise. */
 
 #include "model/state.h"
 #include "tse/simulate.h"
@@ -13,7 +13,7 @@
 #include "host/sound.h"
 #include "model/effects.h"
 
-/* Defaults and ranges of the settings, ranges of the driver's inputs. */
+/* Defaults and ranges of the settings, and ranges of the inputs of driver and road. */
 #define SIM_REAL(fmu, name, def, exact, lo, hi, unit, text) \
   { #name, (uint16_t)offsetof(tse_sim_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) },
 #define SIM_WHOLE(fmu, name, def, exact, lo, hi, unit, text) \
@@ -29,15 +29,15 @@ enum {
   SIM_INPUTS = sizeof sim_inputs / sizeof sim_inputs[0]
 };
 
-#define BRAKE_GRIP TSE_R(0.2) /* rad/s: at which brakes hold all that they hold, see `wheels` of
-                               * model/effects.h */
-/* Bounds of the motion. Beyond them the simulation stops, before numbers overflow.
- * Torques within their range take a real car nowhere near them within a minute. */
-#define LOST_SPEED TSE_R(1000)     /* m/s */
-#define LOST_YAW_RATE TSE_R(200)   /* rad/s */
-#define LOST_WHEEL TSE_R(1e7)      /* rad/s: on ice the largest torque spins the lightest wheels up by 2e6
-                                    * within a second */
-#define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
+#define BRAKE_GRIP TSE_R(0.2) /* [rad/s] wheel speed above which a brake has its full torque (`still` of
+                               * `wheels` in model/effects.h) */
+/* Limits of the motion: a step beyond them is refused, before numbers overflow. Torques
+ * within their range do not accelerate a real car that far within a minute. */
+#define LOST_SPEED TSE_R(1000)     /* [m/s] */
+#define LOST_YAW_RATE TSE_R(200)   /* [rad/s] */
+#define LOST_WHEEL TSE_R(1e7)      /* [rad/s] wheel speed; on ice the max torque accelerates the lightest
+                                    * wheels by 2e6 rad/s in a second */
+#define JUMP TSE_R(1e-6) /* [s] duration of a jump of the steering angle that was set after the last row */
 
 void tse_sim_config_default(tse_sim_config *s)
 {
@@ -65,9 +65,9 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   if (status < 0) return status;
   memset(sim, 0, sizeof *sim);
   sim->config = *s;
-  memcpy(&sim->params, &params, sizeof params); /* padding too: tse_sim_check() compares bytes */
+  memcpy(&sim->params, &params, sizeof params); /* with padding, because tse_sim_check() compares bytes */
   sim->params.seed[0] = (uint32_t)s->seed;
-  sim->params.seed[1] = 0x73696d75u; /* unlike the estimator's key */
+  sim->params.seed[1] = 0x73696d75u; /* differs from the key of the filter */
   sim->x[0] = r_from_setting(s->speed);
   sim->x[1] = r_from_setting(s->vel_y);
   sim->x[3] = r_div(sim->x[0], params.radius_front);
@@ -78,9 +78,9 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   return TSE_OK;
 }
 
-/* Compare member by member, because padding bytes are undefined; the vehicle by its
- * fingerprint. */
-static int same_settings(const tse_sim *a, const tse_sim *b)
+/* Return whether two simulations have the same settings. The settings of the simulator
+ * are compared member by member, because their padding bytes are undefined. */
+static int has_same_settings(const tse_sim *a, const tse_sim *b)
 {
   int same = memcmp(&a->params, &b->params, sizeof a->params) == 0;
   const uint8_t *const x = (const uint8_t *)&a->config, *const y = (const uint8_t *)&b->config;
@@ -97,7 +97,7 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   if (!sim || !c || !s) return TSE_E_NULL;
   const tse_status status = tse_sim_reset(&fresh, c, s, NULL);
   if (status < 0) return status;
-  int fine = same_settings(&fresh, sim);
+  int fine = has_same_settings(&fresh, sim);
   fine = fine && sound_memory(&sim->effects);
   fine = fine && sound_reals(sim->x, 5, -MOST_REAL, MOST_REAL)
       && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL);
@@ -110,8 +110,8 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   return fine ? TSE_OK : TSE_E_STATE;
 }
 
-/* Return the wheels of this car with the driver's inputs at this row. */
-static wheels wheels_of(const tse_sim *sim, const tse_sim_input *u)
+/* Return the wheels of the car with the torques of u. */
+static wheels compute_wheels(const tse_sim *sim, const tse_sim_input *u)
 {
   const tse_real radius[2] = { sim->params.radius_front, sim->params.radius_rear };
   const tse_setting inertia[2] = { sim->config.wheel_inertia_front, sim->config.wheel_inertia_rear };
@@ -129,13 +129,15 @@ static wheels wheels_of(const tse_sim *sim, const tse_sim_input *u)
   return w;
 }
 
+/* Return the friction coefficient of the road at the last row. */
 static tse_real friction_now(const tse_sim *sim)
 {
   return sim->last.road_friction > TSE_R(0) ? sim->last.road_friction : r_from_setting(sim->config.friction);
 }
 
-/* Return the car at its state with these steered wheels, before forces are evaluated. */
-static point point_of(const tse_sim *sim, const tse_sim_input *u, tse_real steer)
+/* Return the point of the model at the state of the car, before its forces are evaluated.
+ *   Given:  steer  road-wheel angle [rad] */
+static point make_point(const tse_sim *sim, const tse_sim_input *u, tse_real steer)
 {
   point pt;
   memset(&pt, 0, sizeof pt);
@@ -145,22 +147,23 @@ static point point_of(const tse_sim *sim, const tse_sim_input *u, tse_real steer
   pt.u.steer = steer;
   pt.u.v_front = r_mul(sim->params.radius_front, sim->x[3]);
   pt.u.v_rear = r_mul(sim->params.radius_rear, sim->x[4]);
-  pt.w = wheels_of(sim, u);
+  pt.w = compute_wheels(sim, u);
   pt.g.grade = u->grade;
   pt.g.bank = u->bank;
   pt.friction = friction_now(sim);
   return pt;
 }
 
-static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_real *b)
+/* Draw two independent numbers from N(0, 1) for this step and purpose. */
+static void draw_two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_real *b)
 {
   uint32_t u, v;
   random_words(sim->params.seed, sim->step, purpose, 0, &u, &v);
   random_normal2(u, v, a, b);
 }
 
-/* Draw the stiffness of the next interval: mean times (1 + spread n), at least a tenth of
- * the mean. */
+/* Draw the stiffness of the next interval. It is mean times (1 + spread n), n from N(0,
+ * 1), and at least a tenth of the mean. */
 static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
 {
   const tse_sim_config *const s = &sim->config;
@@ -169,17 +172,17 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   const tse_real spread[3] = { r_from_setting(s->spread_cx_front), r_from_setting(s->spread_cy_front),
     r_from_setting(s->spread_cy_rear) };
   tse_real n[4];
-  two_normals(sim, RANDOM_SIM_STIFFNESS_A, &n[0], &n[1]);
-  two_normals(sim, RANDOM_SIM_STIFFNESS_B, &n[2], &n[3]);
+  draw_two_normals(sim, RANDOM_SIM_STIFFNESS_A, &n[0], &n[1]);
+  draw_two_normals(sim, RANDOM_SIM_STIFFNESS_B, &n[2], &n[3]);
   for (int a = 0; a < 3; a++) {
     mean[a] = r_mul(level[a], road_level);
     drawn[a] = r_mul(mean[a], r_max(TSE_R(1) + r_mul(spread[a], n[a]), TSE_R(0.1)));
   }
 }
 
-/* Return the drawn stiffness over mass. The rear follows the front in part, and the road
- * as a whole. */
-static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
+/* Return the drawn stiffness over mass. The relative rear longitudinal stiffness is
+ * road_level plus `follow` times the deviation of the front one from road_level. */
+static stiffness get_stiffness(const tse_sim *sim, tse_real road_level)
 {
   const tse_params *const p = &sim->params;
   stiffness k;
@@ -190,6 +193,7 @@ static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
   return k;
 }
 
+/* Check the ranges of the inputs of a row. */
 static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
 {
   if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
@@ -198,7 +202,7 @@ static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
   return TSE_OK;
 }
 
-/* Let the wheels follow a steering angle that was set since the last row. */
+/* Apply a steering angle of `last` that was set after the last row. */
 static void jump(tse_sim *sim)
 {
   if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;
@@ -206,35 +210,36 @@ static void jump(tse_sim *sim)
   sim->steer_logged = sim->last.steer_angle;
 }
 
-/* Advance the random walk of the biases. */
+/* Add a step of dt seconds of their random walk to the biases. */
 static void walk_biases(tse_sim *sim, tse_real dt)
 {
   const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(dt));
   tse_real n[4];
-  two_normals(sim, RANDOM_SIM_WALK_A, &n[0], &n[1]);
-  two_normals(sim, RANDOM_SIM_WALK_B, &n[2], &n[3]);
+  draw_two_normals(sim, RANDOM_SIM_WALK_A, &n[0], &n[1]);
+  draw_two_normals(sim, RANDOM_SIM_WALK_B, &n[2], &n[3]);
   for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, sim->params.bias_sd_walk[a]), n[a]);
 }
 
-/* Drive to the next row. Inputs are linear between rows, or held with `hold_inputs`. Held
- * torques lead the logged wheel speeds by half a row, since an estimator interpolates
- * these. An estimator that does not model this loses 2 % of the longitudinal stiffness. */
+/* Integrate to the next row. Inputs are linear between rows, or held if hold_inputs is 1.
+ * An estimator interpolates the logged wheel speeds, so that held torques lead them by
+ * half a row. An estimator without a model of this delay estimates a longitudinal
+ * stiffness that is 2 % too small. */
 static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_params *const p = &sim->params;
-  const stiffness k = stiffness_now(sim, sim->last.road_level);
-  const int32_t steps = -r_floor_to_int(
-      -r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4)); /* rounding: 0.01/0.001 is 10 */
+  const stiffness k = get_stiffness(sim, sim->last.road_level);
+  /* with an allowance for rounding, so that 0.01/0.001 is 10 */
+  const int32_t steps = -r_floor_to_int(-r_div(u->dt, r_from_setting(sim->config.substep)) + TSE_R(1e-4));
   const tse_sim_input end = sim->config.hold_inputs ? sim->last : *u;
   acting to;
   jump(sim);
-  point at = point_of(sim, &sim->last, sim->steer);
+  point at = make_point(sim, &sim->last, sim->steer);
   effects_at(p, &sim->effects, sim->effects.lag, k, &at);
   sim->steer_logged = end.steer_angle;
   sim->steer = effects_steer(&p->effects, &sim->effects, end.steer_angle, u->dt);
   memset(&to, 0, sizeof to);
   to.u.steer = sim->steer;
-  to.w = wheels_of(sim, &end);
+  to.w = compute_wheels(sim, &end);
   to.g.grade = end.grade;
   to.g.bank = end.bank;
   effects_advance(p, &sim->effects, k, &to, u->dt, steps, &at);
@@ -248,8 +253,10 @@ static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
   walk_biases(sim, u->dt);
 }
 
-/* Compute the sensors without noise and bias. At the first row transients are over: tyres
- * hold the slip of the start, the steering has followed. */
+/* Compute the readings of the sensors without noise and bias. At the first row the
+ * effects are in steady state: slips have built up, and the wheels have reached
+ * the steering angle.
+ *   Returned:  *pt  point of the model at this row */
 static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
 {
   const tse_params *const p = &sim->params;
@@ -258,12 +265,13 @@ static reading observe(tse_sim *sim, stiffness k, point *pt, tse_real dt)
     sim->steer_logged = sim->last.steer_angle;
     sim->steer = effects_steer(&p->effects, &sim->effects, sim->last.steer_angle, TSE_R(1));
   }
-  *pt = point_of(sim, &sim->last, sim->steer);
+  *pt = make_point(sim, &sim->last, sim->steer);
   if (first) effects_settle(p, &sim->effects, k, pt);
   else effects_at(p, &sim->effects, sim->effects.lag, k, pt);
   return effects_sense(pt, &sim->effects, dt);
 }
 
+/* Advance to the next row, except for the first one, and log it. */
 static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
   if (sim->step > 0) advance_to_row(sim, u);
@@ -272,9 +280,9 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   tse_real mean[3], n[6];
   draw_stiffness(sim, u->road_level, mean, sim->drawn);
   point pt;
-  const reading clean = observe(sim, stiffness_now(sim, u->road_level), &pt, u->dt);
+  const reading clean = observe(sim, get_stiffness(sim, u->road_level), &pt, u->dt);
 
-  for (uint32_t i = 0; i < 3; i++) two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
+  for (uint32_t i = 0; i < 3; i++) draw_two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
   const tse_real noise = r_from_setting(sim->config.noise);
   const tse_real wheel_sd = r_from_setting(sim->config.wheel_speed_sd);
   tse_real measured[3];
@@ -304,8 +312,8 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   sim->step++;
 }
 
-/* Return whether the motion is within its bounds (NaN is not), so that tse_sim_check()
- * accepts it. */
+/* Return whether the motion is within its limits, so that tse_sim_check() accepts it.
+ * NaN is not. */
 static int is_car(const tse_sim *sim, const tse_sim_output *y)
 {
   int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED)
@@ -314,14 +322,15 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
   fine = fine && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL)
       && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_memory(&sim->effects);
-  fine = fine
-      && sound_reals(&y->row.steer_angle, TSE_CHANNELS, -MOST_REAL, MOST_REAL); /* one behind the other */
+  /* the channels are adjacent members */
+  fine = fine && sound_reals(&y->row.steer_angle, TSE_CHANNELS, -MOST_REAL, MOST_REAL);
   return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL)
       && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 
-/* Return the effects of this row: those of the settings, and bank or grade if given. */
-static uint64_t effects_of_row(const tse_sim *sim, const tse_sim_input *u)
+/* Return the mask of the effects of this row: those of the settings, and grade and bank
+ * if u or the last row has a road angle. */
+static uint64_t find_row_effects(const tse_sim *sim, const tse_sim_input *u)
 {
   const uint64_t road = (uint64_t)1 << TSE_EFFECT_grade | (uint64_t)1 << TSE_EFFECT_bank;
   const tse_real leans = r_abs(u->grade) + r_abs(u->bank) + r_abs(sim->last.grade) + r_abs(sim->last.bank);
@@ -335,8 +344,8 @@ tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   if (refused < 0) return refused;
   tse_sim before;
   tse_sim_output made;
-  memcpy(&before, sim, sizeof before); /* bytes between members too */
-  sim->params.effects.mask = effects_of_row(sim, u);
+  memcpy(&before, sim, sizeof before); /* with the padding bytes */
+  sim->params.effects.mask = find_row_effects(sim, u);
   log_next(sim, u, &made);
   memcpy(&sim->params, &before.params, sizeof before.params);
   if (!is_car(sim, &made)) {

@@ -1,13 +1,14 @@
 /* host/sound.c - tse_filter_check(): check a filter from a file, a network or another
  * program. Integers must be in range, because loops and array indices depend on them.
- * Reals must be finite and of moderate size, variances not negative. */
+ * Reals must be finite and of moderate size, and variances must not be negative. */
 #include "host/sound.h"
 #include "filter/filter.h"
 #include "tables/constants.h"
 #include "tables/input.h"
 
 
-static int sound_start(const tse_start *s)
+/* Return whether the prior of the next start is sound. */
+static int is_start_sound(const tse_start *s)
 {
   int fine = sound_int(s->loaded, 0, 1);
   fine = fine && sound_reals(s->mu, 3, -MOST_REAL, MOST_REAL)
@@ -24,14 +25,15 @@ static int sound_start(const tse_start *s)
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
-/* Check the waiting rows: at most max_gap apart, and within MAX_DT in total. */
-static int sound_waiting(const tse_params *p, const tse_alignment *m)
+/* Return whether the waiting rows are sound: at most max_gap + latency_least apart, all
+ * values in range. */
+static int are_waiting_rows_sound(const tse_params *p, const tse_alignment *m)
 {
-  const tse_real most = p->max_gap + p->latency_least;
+  const tse_real max_apart = p->max_gap + p->latency_least;
   const int32_t rows = p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0;
   int fine = sound_int(m->count, 0, rows) && sound_int(m->newest, 0, TSE_LATENCY_KEPT - 1);
   fine = fine && sound_reals(&m->since, 1, TSE_R(0), MAX_DT) && sound_reals(&m->unkept, 1, TSE_R(0), MAX_DT);
-  fine = fine && sound_reals(m->before, TSE_LATENCY_KEPT, TSE_R(0), most);
+  fine = fine && sound_reals(m->before, TSE_LATENCY_KEPT, TSE_R(0), max_apart);
   for (int i = 0; i < TSE_LATENCY_KEPT; i++) {
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
     for (int k = 0; k < (int)TSE_CHANNELS; k++)
@@ -42,7 +44,8 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
   return fine;
 }
 
-static int sound_event(const tse_event *e)
+/* Return whether an event is sound. */
+static int is_event_sound(const tse_event *e)
 {
   int fine = sound_int(e->kind, EVENT_NONE, EVENT_KINDS - 1) && sound_shorts(e->v, TSE_ALL);
   return fine && sound_reals(&e->info, 1, TSE_R(0), MOST_REAL)
@@ -50,7 +53,9 @@ static int sound_event(const tse_event *e)
       && sound_reals(&e->age, 1, TSE_R(0), MOST_REAL);
 }
 
-static int sound_velocity(const tse_velocity *m, int in_use)
+/* Return whether the state of the measured velocities is sound.
+ *   Given:  in_use  1: velocities have been measured */
+static int is_velocity_sound(const tse_velocity *m, int in_use)
 {
   int fine = sound_reals(m->noise, TSE_VELOCITIES, TSE_R(0), MOST_REAL)
       && sound_reals(m->innovation, TSE_VELOCITIES, -MOST_REAL, MOST_REAL);
@@ -69,7 +74,8 @@ static int sound_velocity(const tse_velocity *m, int in_use)
       && sound_int(m->has_gyro, 0, 1);
 }
 
-static int sound_agreement(const tse_agreement *a)
+/* Return whether the statistics of the plausibility check are sound. */
+static int is_agreement_sound(const tse_agreement *a)
 {
   int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL)
       && sound_int(a->apart, 0, (1 << (TSE_PAIRS + 3)) - 1) && sound_int(a->off_scale, 0, 1);
@@ -91,12 +97,15 @@ static int sound_agreement(const tse_agreement *a)
   return fine;
 }
 
-static int sound_along(const tse_along *a)
+/* Return whether the prior of the slip stiffness is sound. */
+static int is_along_sound(const tse_along *a)
 {
   return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);
 }
 
-static int sound_kalman(const tse_kalman *k, int started)
+/* Return whether the default filter is sound.
+ *   Given:  started  1: it has had a row */
+static int is_kalman_sound(const tse_kalman *k, int started)
 {
   const tse_real *const not_negative[] = { &k->seen, &k->change_age, &k->agrees_for };
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART)
@@ -109,7 +118,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && (k->ud.extras == 0 || k->ud.extras == MAX_EXTRAS)
       && sound_shorts(k->ud.w[0], TSE_EXTRAS * TSE_ALL);
   fine = fine && sound_reals(k->ud.e, TSE_EXTRAS, TSE_R(0), MOST_VARIANCE)
-      && sound_velocity(&k->velocity, k->ud.extras > 0);
+      && is_velocity_sound(&k->velocity, k->ud.extras > 0);
   fine = fine && sound_shorts(k->consider[0], TSE_CONSIDERED * TSE_ALL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL)
       && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);
@@ -132,12 +141,12 @@ static int sound_kalman(const tse_kalman *k, int started)
       && sound_reals(k->frozen, TSE_SENSORS + 1, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(&k->log_likelihood, 1, -MOST_REAL, MOST_REAL)
       && sound_reals(k->change_from, 4, TSE_R(-10), TSE_R(10))
-      && sound_reals(k->change_from_var, 4, TSE_R(0), MOST_REAL) && sound_along(&k->along)
-      && sound_along(&k->along_from);
+      && sound_reals(k->change_from_var, 4, TSE_R(0), MOST_REAL) && is_along_sound(&k->along)
+      && is_along_sound(&k->along_from);
   for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++)
     fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
-  for (int i = 0; i < TSE_EVENTS; i++) fine = fine && sound_event(&k->event[i]);
-  fine = fine && sound_agreement(&k->agreement);
+  for (int i = 0; i < TSE_EVENTS; i++) fine = fine && is_event_sound(&k->event[i]);
+  fine = fine && is_agreement_sound(&k->agreement);
   fine = fine && sound_reals(k->weight, TSE_EVENTS, TSE_R(0), TSE_R(1))
       && sound_reals(k->none, TSE_GROUPS, TSE_R(0), TSE_R(1));
   for (int c = 0; started && c < TSE_SENSORS; c++)
@@ -145,8 +154,8 @@ static int sound_kalman(const tse_kalman *k, int started)
   return fine;
 }
 
-/* Check what the particles share. */
-static int sound_common(const tse_filter_paper *f)
+/* Return whether the quantities that all particles have in common are sound. */
+static int is_shared_state_sound(const tse_filter_paper *f)
 {
   int fine = sound_reals(&f->nu, 1, TSE_R(0), MOST_REAL) && sound_reals(&f->gamma, 1, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(&f->log_total, 1, -MOST_REAL, MOST_REAL);
@@ -158,23 +167,25 @@ static int sound_common(const tse_filter_paper *f)
   return fine && sound_reals(f->slow, 3, -MOST_REAL, MOST_REAL);
 }
 
-#define ROUNDED TSE_R(0.00001) /* 1, numerics: a mean of numbers up to 20 in 24 bits may be beyond the
-                                * largest by 2e-6 */
+#define ROUNDED TSE_R(0.00001) /* [1] allowance for rounding: a mean of numbers up to 20 that have 24 bits may
+                                * exceed the largest of them by 2e-6 */
 
-static int sound_particles(const tse_params *p, const tse_filter_paper *f)
+/* Return whether the particles are sound. */
+static int are_particles_sound(const tse_params *p, const tse_filter_paper *f)
 {
   const tse_particles *const q = &f->p;
-  int fine = sound_common(f) && sound_reals(f->weight, TSE_STRIDE, TSE_R(0), TSE_R(1));
+  int fine = is_shared_state_sound(f) && sound_reals(f->weight, TSE_STRIDE, TSE_R(0), TSE_R(1));
   fine = fine && sound_reals(q->x[0], (int)(sizeof *q / sizeof q->x[0][0]), -MOST_REAL, MOST_REAL);
   for (int i = 0; i < TSE_STRIDE; i++)
     fine = fine && f->ancestor[i] < p->particles && f->copies[i] <= p->particles;
   for (int a = 0; a < 3; a++)
     fine = fine
-        && sound_reals(q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED); /* mean of draws */
+        && sound_reals(
+            q->mu[a], p->particles, p->w_low - ROUNDED, p->w_max + ROUNDED); /* mu is a mean of draws */
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3)
       fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);
-  return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64)); /* larger in padding */
+  return fine && sound_reals(q->logw[0], p->particles, -MOST_REAL, TSE_R(64)); /* padding has larger values */
 }
 
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes)
@@ -192,9 +203,9 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++)
     fine = fine && sound_reals(one[i], 1, i < 6 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
-  fine = fine && sound_start(&f->start);
-  fine = fine && sound_waiting(p, &f->waiting);
-  if (p->form == 0) fine = fine && sound_kalman(&f->k, f->step > 0);
-  else fine = fine && sound_particles(p, (const tse_filter_paper *)f);
+  fine = fine && is_start_sound(&f->start);
+  fine = fine && are_waiting_rows_sound(p, &f->waiting);
+  if (p->form == 0) fine = fine && is_kalman_sound(&f->k, f->step > 0);
+  else fine = fine && are_particles_sound(p, (const tse_filter_paper *)f);
   return fine ? TSE_OK : TSE_E_STATE;
 }

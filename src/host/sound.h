@@ -1,5 +1,5 @@
-/* host/sound.h - checks of a state of unknown origin, shared by filter and simulator.
- * Internal. */
+/* host/sound.h - checks of a state of unknown origin, used by filter and simulator. A
+ * state is sound if each number is in its range. Internal. */
 #ifndef TSE_SOUND_H
 #define TSE_SOUND_H
 
@@ -7,9 +7,14 @@
 #include "number/vector.h"
 #include "tse/tse.h"
 
-/* Max magnitude of a number in a valid state, small enough for further computations.
- * MOST_SQUARE: of covariances, predictions (in sd of the sensors, down to 1e-5 of the
- * motion) and effects. */
+/* Max magnitudes of the numbers of a sound state: small enough that no computation
+ * with them overflows.
+ *   MOST_REAL      numbers
+ *   MOST_SQUARE    covariances, effects, and predictions in sds of the sensors, which are
+ *                  as small as 1e-5
+ *   MOST_VARIANCE  variances, in squared units of the state. A motion that is lost
+ *                  does not exceed it, and its product with the square of MOST_REAL
+ *                  fits a float */
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
@@ -17,12 +22,13 @@
 #else
 #define MOST_REAL TSE_R(1e9)
 #define MOST_SQUARE TSE_R(1e18)
-#define MOST_VARIANCE TSE_R(1e13) /* unit^2: a motion that is lost has no more; times the square of
-                                   * MOST_REAL a float holds it */
+#define MOST_VARIANCE TSE_R(1e13)
 #endif
 
+/* Return whether lo <= x <= hi. */
 static inline int sound_int(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }
 
+/* Return whether n numbers lie in lo .. hi; NaN does not. */
 static inline int sound_reals(const tse_real *x, int n, tse_real lo, tse_real hi)
 {
   int fine = 1;
@@ -30,6 +36,7 @@ static inline int sound_reals(const tse_real *x, int n, tse_real lo, tse_real hi
   return fine;
 }
 
+/* Return whether n elements of long vectors are in their range. */
 static inline int sound_shorts(const tse_short *x, int n)
 {
   int fine = 1;
@@ -42,6 +49,7 @@ static inline int sound_shorts(const tse_short *x, int n)
 }
 
 #if !defined(TSE_NO_EFFECTS)
+/* Return whether a delay line is sound: the ages of its samples increase. */
 static inline int sound_delay(const tse_delay *d)
 {
   int fine = sound_int(d->count, 0, TSE_DELAY_ROWS)
@@ -51,6 +59,7 @@ static inline int sound_delay(const tse_delay *d)
 }
 #endif
 
+/* Return whether the memory of the effects is sound. */
 static inline int sound_memory(const tse_effect_memory *m)
 {
   int fine = sound_int(m->settled, 0, 1);

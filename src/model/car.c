@@ -1,20 +1,26 @@
-/* model/car.c - forces, motion and sensors of the car, with their slopes. Equations:
- * car.h. */
+/* model/car.c - forces, motion and sensors of the car, with their partial derivatives.
+ * car.h has the equations. */
 #include "model/car.h"
 #include "number/vector.h"
 
-#define MAX_SUBSTEP TSE_R(0.011) /* s, numerics: max substep; a row of 10 ms is one substep */
-#define RADIUS_LOSS TSE_R(0.005) /* 1, physics: share of the rolling radius lost by static load: 8 %
-                                  * of 20 mm of deflection, over 0.32 m */
+#define MAX_SUBSTEP TSE_R(0.011) /* [s] max substep of the integration; a row of 10 ms is one substep */
+#define RADIUS_LOSS TSE_R(0.005) /* [1] share of the rolling radius that is lost by the static load: 8 % of
+                                  * 20 mm deflection, over a radius of 0.32 m */
 
-/* One direction of a tyre: its force, the slopes over slip (or slip angle) and over the
- * logarithms of stiffness and grip, force over slip, and the force of a linear tyre. */
+/* Force of a tyre in one direction. */
 typedef struct tyre {
-  tse_real f, by_slip, by_stiffness, by_mu, secant, endless;
+  tse_real f;            /* force */
+  tse_real by_slip;      /* its derivative with respect to slip, or slip angle */
+  tse_real by_stiffness; /* its derivative with respect to the logarithm of the stiffness */
+  tse_real by_mu;        /* its derivative with respect to the logarithm of the grip */
+  tse_real secant;       /* force over slip */
+  tse_real endless;      /* force that a linear tyre would have */
 } tyre;
 
-/* Return a tyre's force and its slopes.
- *   Given:  limit  max force    slip  slip or slip angle    shape  of tyre_secant() */
+/* Return the force of a tyre and its derivatives.
+ *   Given:  limit  max force
+ *           slip   slip or slip angle
+ *           shape  as in tyre_secant() */
 static tyre compute_tyre(tse_real stiffness, tse_real limit, tse_real slip, tse_real shape)
 {
   const tse_real linear = r_mul(stiffness, slip);
@@ -25,14 +31,15 @@ static tyre compute_tyre(tse_real stiffness, tse_real limit, tse_real slip, tse_
   return t;
 }
 
-/* Both directions of both axles: x longitudinal, y lateral. */
+/* Forces of both axles: x longitudinal, y lateral. */
 typedef struct tyres {
   tyre x_front, x_rear, y_front, y_rear;
 } tyres;
 
-/* Return all tyre forces at x. Longitudinal acceleration transfers load to the rear: slip
- * stiffness and grip are proportional to load, cornering stiffness changes less. Lateral
- * acceleration transfers load between the wheels of an axle. */
+/* Return all tyre forces at the state x. Longitudinal acceleration transfers load to the
+ * rear axle. Slip stiffness and max force of an axle are proportional to its load, and
+ * its cornering stiffness changes less. Lateral acceleration transfers load between the
+ * wheels of an axle, which reduces the cornering stiffness. */
 static tyres compute_tyres(const tse_car *c, const tse_real x[TSE_VALUES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
@@ -64,17 +71,18 @@ void car_secants(const tse_car *c, const tse_real x[TSE_VALUES], tse_real share[
   share[2] = r_div(t.y_rear.secant, r_mul(c->ky_rear, exponential(x[LCR])));
 }
 
-/* Compute the slopes of the forces, without those of load transfer and of steering
- * compliance. Longitudinal saturation has no slope over the grip.
+/* Compute the partial derivatives of the forces. Load transfer, steering compliance, and
+ * the influence of the grip on longitudinal saturation are neglected.
  *   Given:    ax, ay  force of the front axle, in the axes of the car
- *   Updated:  f       slopes */
+ *   Updated:  f       derivatives */
 static void compute_force_slopes(
     const tse_car *c, const tse_real x[TSE_VALUES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
   const tse_real none = TSE_R(0), sine = f->sin_d, cosine = f->cos_d;
   const struct {
     int at;
-    tse_real x, y, rear_x, rear_y; /* front axle, in the axes of its wheels; rear axle */
+    /* derivatives of the front forces, in the axes of the wheels, and of the rear forces */
+    tse_real x, y, rear_x, rear_y;
   } by[] = {
     { SF, t->x_front.by_slip, none, none, none },
     { AF, none, t->y_front.by_slip, none, none },
@@ -119,7 +127,7 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   f->side = yf->f;
   f->endless_x = xf->endless + xr->endless;
   f->endless_y = yf->endless + yr->endless;
-  /* written -(a - b): otherwise gcc 12 fuses it, see turn_axes() */
+  /* written as -(a - b), because gcc 12 would fuse it, see turn_axes() */
   const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)),
                  ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
   f->x = ax + xr->f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
@@ -129,14 +137,14 @@ void car_forces(const tse_car *c, const tse_real x[TSE_VALUES], steering u, tse_
   compute_force_slopes(c, x, &t, ax, ay, f);
 }
 
-/* Kinematic slip angle of an axle, to which its tyres relax, with slopes over the lateral
- * and longitudinal speed. */
+/* Kinematic slip angle of an axle, which the slip angle of its tyres approaches. */
 typedef struct kinematic {
-  tse_real a, by_side, by_v;
+  tse_real a;             /* [rad] */
+  tse_real by_side, by_v; /* [s/m] its derivatives with respect to lateral and longitudinal speed */
 } kinematic;
 
-/* Return the kinematic slip angle of an axle. Given: side  lateral speed of the axle
- * [m/s] */
+/* Return the kinematic slip angle of an axle.
+ *   Given:  side  lateral speed of the axle [m/s] */
 static kinematic compute_kinematic_angle(tse_real side, tse_real vx)
 {
   const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
@@ -153,23 +161,27 @@ static tse_real compute_roll_swing(const tse_car *c, const tse_real x[TSE_VALUES
   return compute_mode_swing(x[PHI], x[DPHI], c->roll_omega, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* Return whether the motion depends on column j. Biases and the front radius enter only
- * the sensors. */
+/* Return whether the motion depends on state or parameter j. Biases and the front radius
+ * change only the readings of sensors. */
 static int moves_with(int j) { return !(j == BX || j == BY || j == BR) && j != RAD; }
 
-/* Add to the slope of a row over column j, if there is such a column. */
+/* Add `more` to the derivative with respect to column j, if there is such a column. */
 static void add_slope(tse_short *row, int j, tse_real more)
 {
   if (j < COLUMNS) row[j] = r_short_sum(row[j], r_short_scaled(more, ROW_UP));
 }
 
-/* Advance velocities and roll by a substep of h, and their slopes by the chain rule in
- * the same order. The yaw rate comes first, so that the speeds use its value at mid-step.
- * f does not include the response of the slip angles to the velocities of this substep.
- * That response until mid-step is added: without it the scheme would be of first order
- * where slip angles relax within a substep.
- *   Given:  f       forces at mid-step
- *           follow  [s/m] change of the slip angles in half a substep, over the speed */
+/* Advance velocities and roll by a substep h, and their derivatives by the chain
+ * rule in the same order. The yaw rate comes first, so that the velocities use its
+ * value at mid-step.
+ *
+ * The forces f do not include the response of the slip angles to the velocities of this
+ * substep. This response until mid-step is added: without it the scheme would be of first
+ * order if the slip angles relax within a substep.
+ *   Given:    f       forces at mid-step
+ *             follow  [s/m] share of the distance to the kinematic slip angles that is
+ *                     covered in half a substep, over the speed
+ *   Updated:  x, M */
 static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forces *f, tse_real follow,
     tse_real h, tse_short M[MOTION][PLACES])
 {
@@ -187,7 +199,8 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
   tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR],
                    *const mp = M[HAS_ROLL ? (int)PHI : (int)VX],
                    *const mq = M[HAS_ROLL ? (int)DPHI : (int)VX];
-  /* slopes of a_x over v_x, a_f, a_r; of a_y and r' over a_f, a_r */
+  /* derivatives of a_x with respect to v_x, a_f, a_r; of a_y and r' with respect
+   * to a_f, a_r */
   const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]),
                       y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
   const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx),
@@ -230,12 +243,14 @@ static void move_velocities(const tse_car *c, tse_real x[TSE_VALUES], const forc
   add_slope(my, LEAN, r_mul(h, r_mul(vx, r)));
 }
 
-/* Advance the slip angles by h, with velocities and roll at mid-step, and their slopes.
+/* Advance the slip angles by h, with velocities and roll at mid-step, and their
+ * derivatives. A ramp of the steering angle is replaced by a constant angle with the same
+ * effect. It is the angle at mid-step or, if the relaxation is short, up to 0.5 h later.
  *   Given:     side  lateral force of the front axle
- *              from  steering angle at the start, delayed;  rate  its rate
- *   Returned:  [1] share of the distance to the kinematic slip angle that is covered
- * A ramp of the steering angle has the effect of one constant angle, the one at mid-step
- * or, for a short relaxation, later by up to 0.1 h. */
+ *              from  steering angle at the start, after its latency
+ *              rate  rate of the steering angle
+ *   Updated:   x, M
+ *   Returned:  [1] share of the distance to the kinematic slip angles that is covered */
 static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_real side, tse_real from,
     tse_real rate, tse_real h, tse_short M[MOTION][PLACES])
 {
@@ -277,10 +292,10 @@ static tse_real move_slip_angles(const tse_car *c, tse_real x[TSE_VALUES], tse_r
   return covered;
 }
 
-/* Strang splitting (SIAM J. Numer. Anal. 5 (1968) 506): slip angles by half a substep,
- * then velocities and slip angles in turn, at the end slip angles by half a substep. Each
- * part uses the other at mid-step, so that the error is of second order in the
- * substep. */
+/* The method is Strang splitting (SIAM J. Numer. Anal. 5 (1968) 506): the slip angles
+ * advance by half a substep, then velocities and slip angles in turn by a substep, and at
+ * the end the slip angles by half a substep. Each part uses the values of the other one
+ * at mid-step, so that the error is of second order in the substep. */
 void car_move(const tse_car *c, tse_real x[TSE_VALUES], steering u, tse_short M[MOTION][PLACES])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, MAX_SUBSTEP));
@@ -312,7 +327,8 @@ void car_rates(
   const tse_real w2 = r_mul(c->roll_omega, c->roll_omega),
                  drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_omega));
   const tse_real swing = compute_roll_swing(c, x, f->y);
-  const tse_real gain_y = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
+  /* derivative with respect to f->y */
+  const tse_real gain_y = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain));
   rate[0] = f->x + r_mul(vy, r) - x[GX];
   rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
   rate[2] = f->yaw;
@@ -338,9 +354,10 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
   return pitch_read(c, pitch, ax);
 }
 
-/* Predict accelerometers and gyro at the position and in the axes of the IMU. Roll and
- * pitch add gravity; an IMU off the centre of gravity also measures rotation.
- *   Returned:  their rows of z and H */
+/* Predict the readings of accelerometers and gyro, at the position and in the axes of the
+ * IMU. Roll and pitch add a component of gravity. Away from the centre of gravity the IMU
+ * also measures accelerations by yaw rate and yaw acceleration.
+ *   Returned:  rows ACCEL_X, ACCEL_Y and YAW_RATE of z and H */
 static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f, tse_real pitch,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
@@ -353,7 +370,7 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
       - r_mul(c->roll_height, compute_roll_swing(c, x, f->y));
   const planar read = turn_axes(imu_x, imu_y, c->mount_sin, c->mount_cos);
   const tse_real gain_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)),
-                 gain_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
+                 gain_x = TSE_R(1) + c->pitch_leak; /* derivatives with respect to the forces */
   z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
   z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
   z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];
@@ -375,17 +392,17 @@ static void predict_imu(const tse_car *c, const tse_real x[TSE_VALUES], const fo
   H[YAW_RATE][YAW] = c->scale_r;
 }
 
-/* Predict the wheel speeds. Load transfer to the rear reduces the rolling radius there
- * and increases it in front: a free axle then reads another speed, a driven one another
- * slip.
- *   Returned:  their rows of z and H */
+/* Predict the wheel speeds. Load transfer to the rear axle reduces its rolling radius and
+ * increases that of the front axle. This changes the measured speed of a freely rolling
+ * axle, and the apparent slip of a driven axle.
+ *   Returned:  rows WHEEL_FRONT and WHEEL_REAR of z and H */
 static void predict_wheels(const tse_car *c, const tse_real x[TSE_VALUES], const forces *f,
     tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][PLACES])
 {
   const tse_real r = x[YAW], loss_front = r_mul(RADIUS_LOSS, c->height_front),
                  loss_rear = r_mul(RADIUS_LOSS, c->height_rear);
-  const planar wheel = turn_axes(
-      x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* wheel.y is the slope of wheel.x over d */
+  /* wheel.y is the derivative of wheel.x with respect to d */
+  const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d);
   const tse_real along = wheel.x, radius = TSE_R(1) + x[RAD];
   const tse_real turns_front = TSE_R(1) - r_mul(loss_front, f->x),
                  turns_rear = TSE_R(1) + r_mul(loss_rear, f->x);

@@ -1,9 +1,12 @@
 /* model/catalogue.h - the effects of src/tables/effects.toml that act in the model, in
- * its order: a comment with equation and typical size, then the functions that its hook
- * names. This file includes nothing: effects.h, which declares `point` and `reading`,
- * includes it. Effects on settings (CONSTANT): effects_constant.h. */
+ * the order of that table. The comment of an effect gives its equation and its typical
+ * size. Its functions are named after its hooks.
+ *
+ * Only effects.h, which declares `point` and `reading`, includes this file. The effects
+ * on settings (hook CONSTANT) are in effects_constant.h. delta is the steering angle, g
+ * gravity, m the mass, I the yaw inertia. */
 
-/* steering_ratio: delta (1 + change). Typical 0.02 .. 0.06. */
+/* steering_ratio: the wheels have the angle delta (1 + change). Typical 0.02 .. 0.06. */
 static inline tse_real steering_ratio_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -12,7 +15,8 @@ static inline tse_real steering_ratio_input(
   return steer + r_mul(e->steering_ratio_change, steer);
 }
 
-/* steering_offset: delta + angle. Typical 0.1 .. 0.5 degrees. */
+/* steering_offset: the wheels have the angle delta + angle. Typical 0.1 .. 0.5
+ * degrees. */
 static inline tse_real steering_offset_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -21,7 +25,8 @@ static inline tse_real steering_offset_input(
   return steer + e->steering_offset_angle;
 }
 
-/* steering_delay: delta(t - time), linear between rows. Typical 10 .. 40 ms. */
+/* steering_delay: the wheels have the angle delta(t - time), interpolated linearly
+ * between rows. Typical 10 .. 40 ms. */
 static inline tse_real steering_delay_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -29,9 +34,10 @@ static inline tse_real steering_delay_input(
   return effects_delay_get(&m->steer, m->steer_was[0], e->steering_delay_time);
 }
 
-/* steering_lag: two first-order lags in series, T = time/(1 + second) and second T, whose
- * sum is `time`; one lag if second = 0. T delta_e' = delta - delta_e (`lagged` in
- * laws.h). Typical 20 .. 60 ms. */
+/* steering_lag: two first-order lags in series between the logged angle and the wheels.
+ * Their time constants are T = time/(1 + second) and second T, the sum of which is
+ * `time`. With second = 0 there is one lag. A lag is T delta_e' = delta - delta_e
+ * (`lagged` in laws.h). Typical 20 .. 60 ms. */
 static inline tse_real steering_lag_input(
     const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
@@ -42,12 +48,14 @@ static inline tse_real steering_lag_input(
   return m->steered_by[2];
 }
 
-/* exact_kinematics: (1)-(4) without small-angle approximations. Velocity of the front
- * wheel in its own axes:
- *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d
- * Slip (R omega - v_x)/max(..), slip angles atan(-v_y/|v_x|), atan((lr r - vy)/|vx|),
- * forces turned by cos d, sin d. share: 0 plain model, 1 exact. Values between
- * interpolate, so that a test of this effect has a slope at 0. */
+/* exact_kinematics: equations (1) to (4) without small-angle approximations. In its own
+ * axes the front wheel has the velocity
+ *   v_x = vx cos d + (vy + lf r) sin d,  v_y = (vy + lf r) cos d - vx sin d,  d = delta
+ * Its slip is (R omega - v_x)/max(|v_x|, |R omega|, low) and its slip angle
+ * atan(-v_y/|v_x|). The slip angle of the rear wheel is atan((lr r - vy)/|vx|). The front
+ * forces are turned by d. share = 0 is the plain model, 1 the exact one. In between the
+ * results are interpolated, so that the derivative with respect to share exists at 0 for
+ * tests of this effect. */
 static inline void exact_kinematics_slip(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -66,18 +74,20 @@ static inline void exact_kinematics_slip(point *pt)
   pt->cos_steer += r_mul(share, cosine - pt->cos_steer);
 }
 
-/* steering_compliance: the moment of the front force turns the wheels back by c n Fy_f:
- * alpha = alpha_0 - c n C alpha, so alpha = alpha_0/(1 + c n C). C is the stiffness
- * without STIFFNESS effects; saturation does not reduce the moment. A linear compliance
- * equals a softer tyre. Typical 0.2 .. 0.5 degrees per 100 Nm. */
+/* steering_compliance: the moment of the front lateral force turns the wheels back by c
+ * n C alpha, with c the angle per moment, n the trail and C the cornering stiffness.
+ * From alpha = alpha_0 - c n C alpha follows alpha = alpha_0/(1 + c n C). C is the
+ * stiffness before the STIFFNESS effects, so that saturation does not reduce the moment.
+ * A linear compliance has the same effect as a softer tyre. Typical 0.2 .. 0.5 degrees
+ * per 100 Nm. */
 static inline void steering_compliance_slip(point *pt)
 {
   pt->s.a_front = r_div(pt->s.a_front, TSE_R(1) + r_mul(pt->p->car.compliance, pt->k.y_front));
 }
 
-/* rear_roll_steer: the roll angle steers the rear wheels: alpha_r + gain roll x, x:
- * accel_y through a second-order mode (mode_step in laws.h). Typical gain 0.03 .. 0.1,
- * into the turn. */
+/* rear_roll_steer: the roll angle steers the rear wheels into the turn: alpha_r + gain
+ * roll x. x is the lateral specific force after a second-order lag (mode_step in laws.h),
+ * and roll x the roll angle. Typical gain 0.03 .. 0.1. */
 static inline void rear_roll_steer_slip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -93,9 +103,9 @@ static inline void rear_roll_steer_remember(
       b->force.y, h);
 }
 
-/* relaxation: the slip angle a of the tyre follows the kinematic one, alpha, over a
- * length: a' = (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m.
- * integrator.c integrates the state. */
+/* relaxation: the slip angle a of a tyre follows the kinematic slip angle alpha over a
+ * length: a' = (v/length)(alpha - a), v = max(|vx|, low). Typical length 0.3 .. 0.7 m. a
+ * is a LAG state, which integrator.c integrates. */
 static inline void relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.a_front = lag[0];
@@ -108,24 +118,25 @@ static inline tse_real relaxation_rate(const tse_effects *e, const point *pt)
   return r_div(TSE_R(1), r_mul(e->relaxation_length, pt->s.inv_body));
 }
 
-/* longitudinal_relaxation: as relaxation, for the slip of an axle: s' = (v/length)(slip -
- * s), v: denominator of the slip. Typical length 0.1 .. 0.4 m; includes the driveline's
- * lag. */
+/* longitudinal_relaxation: as relaxation, for the slip s of an axle: s' = (v/length)(slip
+ * - s), v is the denominator of the slip. Typical length 0.1 .. 0.4 m, which includes the
+ * lag of the driveline. */
 static inline void longitudinal_relaxation_slip(const tse_real lag[4], point *pt)
 {
   pt->s.s_front = lag[2];
   pt->s.s_rear = lag[3];
 }
 
-/* Return its rate [1/s]. Given: inv  slips.inv_front or inv_rear */
+/* Return the rate of longitudinal relaxation [1/s].
+ *   Given:  inv  inv_front or inv_rear of the slips */
 static inline tse_real longitudinal_relaxation_rate(const tse_effects *e, tse_real inv)
 {
   return r_div(TSE_R(1), r_mul(e->longitudinal_relaxation_length, inv));
 }
 
-/* stiffness_drift: all stiffnesses times 1 + change share. share grows from 0 at `start`
- * to 1 after `time`. Typical 5 .. 15 %: temperature, wear, another road. A short time
- * makes a step. */
+/* stiffness_drift: all stiffnesses are multiplied by 1 + change share. share increases
+ * linearly from 0 at `start` to 1 at `start + time`. A short time makes a step. Typical
+ * change 5 .. 15 %: temperature, wear, a different road. */
 static inline void stiffness_drift_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -138,8 +149,8 @@ static inline void stiffness_drift_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, factor);
 }
 
-/* combined_slip: Fy/sqrt(1 + k slip^2), by the slip of the same axle. Typical k 50 ..
- * 100. */
+/* combined_slip: the lateral force of an axle is divided by sqrt(1 + k slip^2), with the
+ * slip of the same axle. Typical k 50 .. 100. */
 static inline void combined_slip_stiffness(point *pt)
 {
   const tse_real k = pt->p->effects.combined_slip_factor;
@@ -147,10 +158,11 @@ static inline void combined_slip_stiffness(point *pt)
   pt->k.y_rear = r_div(pt->k.y_rear, r_sqrt(TSE_R(1) + r_mul(k, r_mul(pt->s.s_rear, pt->s.s_rear))));
 }
 
-/* tyre_saturation: the lateral force of an axle is limited to friction times load: C
- * tyre_secant(C |alpha|/(friction load)), laws.h. C is the stiffness after load transfer:
- * a softer tyre has no less grip. Front 1/friction (1 + balance), rear 1/friction (1 -
- * balance). Typical friction 1 .. 1.1, balance -0.15 .. 0.15. */
+/* tyre_saturation: the lateral force of an axle is limited to friction times load. The
+ * secant stiffness is C tyre_secant(C |alpha|/(friction load)) (laws.h). C is the
+ * stiffness after load transfer; a smaller C does not reduce the max force. 1/friction is
+ * multiplied by 1 + balance in front and by 1 - balance in the rear. Typical friction 1
+ * .. 1.1, balance -0.15 .. 0.15. */
 static inline void tyre_saturation_grip(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -163,10 +175,11 @@ static inline void tyre_saturation_grip(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, tyre_secant(r_div(r_mul(inv, rear), c->end_rear), shape, &slope));
 }
 
-/* longitudinal_load_transfer: cornering stiffness Cf (1 - k (1 + balance) ax), Cr (1 + k
- * (1 - balance) ax), at least a tenth; ax: acceleration by driving and braking. The
- * longitudinal stiffness is unchanged, because its sum would not change. Typical k 0.02
- * .. 0.04 s2/m. */
+/* longitudinal_load_transfer: the cornering stiffness is Cf (1 - k (1 + balance) ax)
+ * in front and Cr (1 + k (1 - balance) ax) in the rear, at least a tenth of Cf and
+ * Cr. ax is the acceleration by the longitudinal tyre forces. The longitudinal
+ * stiffness is unchanged, because the sum of both axles would not change. Typical k
+ * 0.02 .. 0.04 s2/m. */
 static inline void longitudinal_load_transfer_stiffness(point *pt)
 {
   const tse_real ax = tyre_pull(r_mul(pt->k.x_front, pt->s.s_front) + r_mul(pt->k.x_rear, pt->s.s_rear));
@@ -174,10 +187,11 @@ static inline void longitudinal_load_transfer_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, compute_load_share(r_mul(pt->p->car.along_rear, ax)));
 }
 
-/* lateral_load_transfer: cornering stiffness C (1 - k a^2), at least a tenth. a: lateral
- * acceleration by tyres of this reduced stiffness. With a0 by the unreduced one, a = a0
- * (1 - k a^2), so a = 2 a0/(1 + sqrt(1 + 4 k a0^2)). Front k (1 + balance), rear k (1 -
- * balance). Typical k 0.002 .. 0.005 s4/m2: -8 % at 5 m/s2. */
+/* lateral_load_transfer: the cornering stiffness is C (1 - k a^2), at least a tenth of C.
+ * a is the lateral acceleration by tyres of this reduced stiffness, and follows from the
+ * acceleration a0 without reduction (compute_lateral_square() in laws.h). k is multiplied
+ * by 1 + balance in front and by 1 - balance in the rear. Typical k 0.002 .. 0.005 s4/m2,
+ * which is -5 .. -12 % at 5 m/s2. */
 static inline void lateral_load_transfer_stiffness(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -187,26 +201,28 @@ static inline void lateral_load_transfer_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, compute_side_share(c->side_rear, square));
 }
 
-/* aero_drag: m vx' - kd vx |vx|. Typical kd = 1/2 rho cd A: 0.35 .. 0.45 kg/m. */
+/* aero_drag: the force -kd vx |vx| is added to m vx'. Typical kd = 1/2 rho cd A 0.35
+ * .. 0.45 kg/m. */
 static inline void aero_drag_body(point *pt) { pt->force.x = pt->force.x - drag_of(pt->p->car.drag, pt->vx); }
 
-/* rolling_resistance: m vx' - f m g, opposes the motion, linear below 0.5 m/s. Typical f
- * 0.008 .. 0.015. */
+/* rolling_resistance: the force f m g opposes the motion. Below 0.5 m/s it is
+ * proportional to the speed. Typical f 0.008 .. 0.015. */
 static inline void rolling_resistance_body(point *pt)
 {
   pt->force.x = pt->force.x - rolling_of(pt->p->car.rolling, pt->vx);
 }
 
-/* grade: vx' - g sin(angle + profile). Accelerates the car; accelerometers do not measure
- * it. Typical 1 .. 6 %, uphill > 0. */
+/* grade: gravity adds -g sin(angle + profile) to vx'. It accelerates the car, and
+ * accelerometers do not measure it. Typical 1 .. 6 %, positive uphill. */
 static inline void grade_body(point *pt)
 {
   pt->gravity_x = -gravity_along(pt->p->effects.grade_angle + pt->g.grade);
 }
 
-/* bank: vy' - g sin(angle + profile) + superelevation vx r. Accelerates the car;
- * accelerometers do not measure it. Curves are built with a bank that replaces a share of
- * the tyre forces. Typical 1.5 .. 3 %, left side high > 0; superelevation 0.05 .. 0.2. */
+/* bank: gravity adds -g sin(angle + profile) + superelevation vx r to vy'. It accelerates
+ * the car, and accelerometers do not measure it. superelevation is the share of the
+ * lateral acceleration in a curve that the bank of the curve provides. Typical angle 1.5
+ * .. 3 %, positive if the left side is higher; typical superelevation 0.05 .. 0.2. */
 static inline void bank_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -214,9 +230,10 @@ static inline void bank_body(point *pt)
       - gravity_along(e->bank_angle + pt->g.bank);
 }
 
-/* crosswind: Fy + c w sqrt(vx^2 + w^2) cos(psi), psi: heading since the start plus the
- * setting's; the force acts `arm` in front of the centre of gravity. Typical w 3 .. 10
- * m/s, c 2.8 kg/m, arm 0.45 m. */
+/* crosswind: the wind adds the lateral force c w sqrt(vx^2 + w^2) cos(psi). psi is the
+ * setting heading plus the change of heading since the start. The force acts `arm` in
+ * front of the centre of gravity. Typical wind speed w 3 .. 10 m/s, coefficient c 2.8
+ * kg/m, arm 0.45 m. */
 static inline void crosswind_body(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -235,8 +252,8 @@ static inline void crosswind_remember(tse_effect_memory *m, const point *a, cons
   m->heading = turns - r_from_int(r_floor_to_int(turns));
 }
 
-/* conicity: side forces of the axles at zero slip angle: conicity, ply steer. Typical 50
- * .. 150 N. */
+/* conicity: each axle has a lateral force at zero slip angle, by conicity and ply steer
+ * of its tyres. Typical 50 .. 150 N. */
 static inline void conicity_body(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -244,15 +261,15 @@ static inline void conicity_body(point *pt)
   pt->force.yaw += r_mul(c->jf, c->pull_front) - r_mul(c->jr, c->pull_rear);
 }
 
-/* aligning_moment: I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheel
- * centres. Typical 20 .. 40 mm. */
+/* aligning_moment: the lateral forces act behind the wheel centres, which adds -trail
+ * (Fy_f + Fy_r) to I r'. Typical trail 20 .. 40 mm. */
 static inline void aligning_moment_body(point *pt)
 {
   pt->force.yaw = pt->force.yaw - r_mul(pt->p->car.trail, pt->fy_front + pt->fy_rear);
 }
 
-/* imu_lever_arm: accelerations at (x, y) from the centre of gravity: ax - r^2 x - r' y,
- * ay + r' x - r^2 y. Typical 0.2 .. 0.8 m. */
+/* imu_lever_arm: an IMU at (x, y) from the centre of gravity measures ax - r^2 x - r' y
+ * and ay + r' x - r^2 y. Typical 0.2 .. 0.8 m. */
 static inline void imu_lever_arm_sensor(reading *z)
 {
   const tse_car *const c = &z->pt->p->car;
@@ -261,13 +278,18 @@ static inline void imu_lever_arm_sensor(reading *z)
   z->y[1] = there.y;
 }
 
-/* body_roll: the body rolls out of the turn by phi = gain x, x: lateral acceleration
- * through a second-order mode (mode_step in laws.h). accel_y + g phi - height phi'':
- * gravity and the acceleration of the IMU about the roll axis. The rolling mass also
- * pushes the car: m (vy' + vx r) = sum of tyre forces + m coupling phi''. coupling:
- * sprung mass times height of its centre of gravity above the roll axis, over m. vy is
- * the speed of the roll axis, so height = IMU above the roll axis, less coupling. Typical
- * gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+/* body_roll: the body rolls out of the turn by phi = gain x. x is the lateral specific
+ * force after a second-order lag (mode_step in laws.h).
+ *
+ * Gravity and the acceleration of the IMU about the roll axis add g phi - height phi'' to
+ * accel_y. The acceleration of the rolling mass acts on the car: m (vy' + vx r) = sum of
+ * tyre forces + m coupling phi''. coupling is the sprung mass over m, times the height of
+ * its centre of gravity above the roll axis. vy is the speed of the roll axis, so that
+ * height is that of the IMU above the roll axis, minus coupling.
+ *
+ * Typical gain 3 .. 6 degrees per g, frequency 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+
+/* Return x''. Given: x, speed  x and x' */
 static inline tse_real body_roll_swing(const point *pt, tse_real x, tse_real speed)
 {
   return compute_mode_swing(x, speed, pt->p->car.roll_omega, pt->p->car.roll_damping, pt->force.y);
@@ -278,8 +300,7 @@ static inline void body_roll_body(point *pt)
   const tse_effects *const e = &pt->p->effects;
   const tse_real *const x = pt->m->mode[MODE_ROLL], h = pt->ahead;
   const tse_real then = x[0] + r_mul(h, x[1]),
-                 before = body_roll_swing(
-                     pt, then, x[1]); /* the mode lags this point by `ahead` seconds: extrapolate */
+                 before = body_roll_swing(pt, then, x[1]); /* x is extrapolated by `ahead` seconds */
   const tse_real swing = body_roll_swing(
       pt, then + r_mul(r_mul(TSE_R(0.5), r_mul(h, h)), before), x[1] + r_mul(h, before));
   pt->gravity_y += r_mul(r_mul(e->body_roll_coupling, e->body_roll_gain), swing);
@@ -299,10 +320,10 @@ static inline void body_roll_remember(
   mode_step(m->mode[MODE_ROLL], e->body_roll_frequency, e->body_roll_damping, a->force.y, b->force.y, h);
 }
 
-/* pitch_leak: accel_x + gain (g x - height x''): the nose lifts by gain x, x:
- * longitudinal acceleration through a second-order mode (mode_step in laws.h). Gravity,
- * and the acceleration of an IMU above the pitch axis. Typical gain 1.5 .. 3 degrees per
- * g. */
+/* pitch_leak: the nose rises by gain x. x is the longitudinal specific force after a
+ * second-order lag (mode_step in laws.h). Gravity, and the acceleration of an IMU
+ * above the pitch axis, add gain (g x - height x'') to accel_x. Typical gain 1.5 .. 3
+ * degrees per g. */
 static inline void pitch_leak_sensor(reading *z)
 {
   z->y[0] += pitch_read(&z->pt->p->car, z->m->mode[MODE_PITCH], z->pt->force.x);
@@ -314,8 +335,8 @@ static inline void pitch_leak_remember(
   mode_step(m->mode[MODE_PITCH], e->pitch_leak_frequency, e->pitch_leak_damping, a->force.x, b->force.x, h);
 }
 
-/* imu_misalignment: the IMU is turned to the left by `angle`: ax cos + ay sin, ay cos -
- * ax sin. Typical 1 .. 3 degrees. */
+/* imu_misalignment: the IMU is turned to the left by `angle` and measures ax cos(angle) +
+ * ay sin(angle) and ay cos(angle) - ax sin(angle). Typical 1 .. 3 degrees. */
 static inline void imu_misalignment_sensor(reading *z)
 {
   const planar read = turn_axes(z->y[0], z->y[1], z->pt->p->car.mount_sin, z->pt->p->car.mount_cos);
@@ -332,7 +353,8 @@ static inline void imu_scale_ay_sensor(reading *z) { z->y[1] = r_mul(z->pt->p->c
 /* gyro_scale: yaw_rate (1 + error). Typical 1 .. 3 %. */
 static inline void gyro_scale_sensor(reading *z) { z->y[2] = r_mul(z->pt->p->car.scale_r, z->y[2]); }
 
-/* imu_delay: y(t - time), linear between rows. Typical 10 .. 30 ms. */
+/* imu_delay: the IMU reads y(t - time), interpolated linearly between rows. Typical 10
+ * .. 30 ms. */
 static inline void imu_delay_sensor(reading *z)
 {
   const tse_real time = z->pt->p->effects.imu_delay_time;

@@ -1,9 +1,10 @@
 /* model/effects.h - the plain model of vehicle.h with the effects of
  * src/tables/effects.toml, at one point of state and input.
  *
- * The functions <id>_<hook>() of catalogue.h work on a `point`. The table of effects
- * names the hook, i.e. when they are called. With all effects off every sum and product
- * is that of vehicle.h, bit for bit. Not built with TSE_NO_EFFECTS. */
+ * The effects are functions <id>_<hook>() of catalogue.h that change a `point`. The hook,
+ * which the table of effects names, is the place of the call in this file. With all
+ * effects off, every sum and product is that of vehicle.h, bit for bit. This file is
+ * empty with TSE_NO_EFFECTS, apart from effect_is_on(). */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
@@ -13,23 +14,23 @@ static inline int effect_is_on(const tse_effects *e, int effect) { return (int)(
 
 #if !defined(TSE_NO_EFFECTS)
 
-/* Additional inputs of a log row: road profile, and disturbances where an effect would
- * act. */
+/* Additional inputs of a log row: profile of the road, and disturbances at the places
+ * where effects act. */
 typedef struct given {
-  tse_real grade, bank;           /* [rad] added to the effects' constants */
-  tse_real slip_front, slip_rear; /* [rad] slip angles                                    */
-  tse_real x, y, yaw;             /* [m/s2], [m/s2], [rad/s2] forces and moment on the body */
+  tse_real grade, bank;           /* [rad] added to the settings grade_angle and bank_angle */
+  tse_real slip_front, slip_rear; /* [rad] added to the slip angles */
+  tse_real x, y, yaw;             /* [m/s2], [m/s2], [rad/s2] added to the forces and the yaw moment */
 } given;
 
-/* Wheels whose speeds are states, front and rear; v = R omega:
+/* Wheels whose speeds v = R omega are states, front and rear:
  *   v' = drive - brake - load Fx/m
- * Brakes oppose rotation. Between -still and still their torque is linear in v, so that
- * they hold a standing wheel without a discontinuity. */
+ * A brake opposes the rotation. Between -still and still its torque is proportional to v,
+ * so that it holds a standing wheel without a discontinuity. J: inertia of the wheels. */
 typedef struct wheels {
-  int32_t turning;             /* 0: speeds are inputs, the other members are unused */
-  tse_real load[2];            /* m R^2/J                                              */
-  tse_real drive[2], brake[2]; /* [m/s2] torques times R/J                             */
-  tse_real still[2];           /* [m/s]                                                */
+  int32_t turning;             /* 0: wheel speeds are inputs, and the other members are not used */
+  tse_real load[2];            /* [1] m R^2/J */
+  tse_real drive[2], brake[2]; /* [m/s2] torques times R/J */
+  tse_real still[2];           /* [m/s] speed above which the brake has its full torque */
 } wheels;
 
 /* Inputs, disturbances and torques at one time. */
@@ -39,39 +40,42 @@ typedef struct acting {
   wheels w;
 } acting;
 
-/* One point of the model: inputs, results of the effects, resulting forces. Forces are
- * over mass. */
+/* One point of the model: state and inputs, results of the effects, and resulting forces.
+ * Forces are divided by the mass. */
 typedef struct point {
   const tse_params *p;        /* the car */
-  const tse_effect_memory *m; /* memory of its effects */
-  tse_real vx, vy, r; /* [m/s] [m/s] [rad/s]                                                          */
-  inputs u;           /* steering angle after the INPUT effects */
-  tse_real ahead;     /* [s] time of this point, after that of the memory */
+  const tse_effect_memory *m; /* memory of the effects */
+  tse_real vx, vy, r;         /* [m/s] [m/s] [rad/s] */
+  inputs u;                   /* the steering angle is that after the INPUT effects */
+  tse_real ahead;             /* [s] time of this point minus that of the memory */
   given g;
   wheels w;
-  tse_real friction;  /* friction at which the forces of an axle saturate; 0: linear tyres */
-  slips s;            /* slips, to which the tyre forces are proportional */
-  tse_real target[4]; /* slip angles front, rear, slips front, rear: inputs of the LAG states */
-  tse_real rate[4];   /* [1/s] rates of the LAG states; 0: not a state */
+  tse_real friction;  /* [1] friction coefficient at which the forces of an axle saturate; 0: linear tyres */
+  slips s;            /* slips to which the tyre forces are proportional */
+  tse_real target[4]; /* inputs of the LAG states: slip angles front, rear, slips front, rear */
+  tse_real rate[4];   /* [1/s] rates of the LAG states; 0: this slip has no lag */
   stiffness k;
-  tse_real sin_steer,
-      cos_steer; /* delta and 1 in the plain model                                               */
-  tse_real fx_front, fx_rear, fy_front,
-      fy_rear;            /* [m/s2] tyre forces, in the axes of their wheels                    */
-  accels force;           /* [m/s2] specific force at the centre of gravity, [rad/s2] yaw acceleration    */
-  tse_real free_angle[2]; /* [rad] slip angles before the user's formula and LAG */
-  tse_real gravity_x, gravity_y; /* [m/s2] accelerates the car, not measured */
+  tse_real sin_steer, cos_steer; /* sine and cosine of the steering angle; delta and 1 in the plain model */
+  tse_real fx_front, fx_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
+  tse_real fy_front, fy_rear;    /* [m/s2] tyre forces, in the axes of the wheels */
+  accels force;                  /* specific force at the centre of gravity, and yaw acceleration */
+  tse_real free_angle[2];        /* [rad] slip angles before the user's formula and the LAG states */
+  tse_real gravity_x, gravity_y; /* [m/s2] gravity; it accelerates the car, and the IMU does not measure it */
 } point;
 
 /* Readings of accelerometers and gyro at a point, dt after the last row. */
 typedef struct reading {
   const point *pt;
-  tse_effect_memory *m; /* memory of the point; delays write to it */
-  tse_real dt, y[3];    /* [s] accel_x, accel_y [m/s2], yaw_rate [rad/s]  */
+  tse_effect_memory *m; /* memory of the effects; delays store samples in it */
+  tse_real dt, y[3];    /* [s]; accel_x, accel_y [m/s2], yaw_rate [rad/s] */
 } reading;
 
-/* Store the newest sample of a delay line. A sample closer to its predecessor than 1/9 of
- * the delay replaces it, so that TSE_DELAY_ROWS samples always span the delay. */
+/* Store the newest sample of a delay line. If the two newest samples are closer than 1/9
+ * of the delay, the new sample replaces the newest one, so that TSE_DELAY_ROWS samples
+ * always span the delay.
+ *   Given:  dt        [s] time since the last call
+ *           value     sample of each channel
+ *           channels  number of channels */
 static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS], tse_real delay,
     tse_real dt, const tse_real *value, int channels)
 {
@@ -90,8 +94,8 @@ static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS
   for (int c = 0; c < channels; c++) was[c][0] = value[c];
 }
 
-/* Return the value `delay` seconds ago, linear between samples, at most as old as the
- * oldest sample. */
+/* Return the value `delay` seconds ago, by linear interpolation between samples, or the
+ * oldest sample if that is newer. */
 static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TSE_DELAY_ROWS], tse_real delay)
 {
   int i = 1;
@@ -101,6 +105,7 @@ static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TS
   return v[i - 1] + r_mul(share, v[i] - v[i - 1]);
 }
 
+/* Second-order lags: index of tse_effect_memory.mode. */
 enum {
   MODE_ROLL,
   MODE_PITCH,
@@ -111,8 +116,8 @@ enum {
 #include "tables/formula.h"
 #include "model/formula.h"
 
-/* EFFECTS_INPUT(INPUT_ON) and the like (catalogue.h) call every active effect of that
- * hook, in the order of the table. */
+/* EFFECTS_INPUT(INPUT_ON), and the same for the other hooks (catalogue.h), calls every
+ * active effect of the hook, in the order of the table. */
 #define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 #define INPUT_ON(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
 #define SLIP_ON(id) IF_ON(id, id##_slip(pt))
@@ -123,8 +128,9 @@ enum {
 #define SENSOR_ON(id) IF_ON(id, id##_sensor(z))
 #define LAG_BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
 
-/* INPUT: compute the road-wheel angle from the logged one. Once per row, dt since the
- * last.
+/* Hook INPUT: compute the road-wheel angle from the logged angle. Call it once for
+ * each row.
+ *   Given:     dt  [s] time since the last row
  *   Updated:   m
  *   Returned:  [rad] */
 static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
@@ -134,8 +140,9 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
-#define MAX_LAG_RATE TSE_R(1e6) /* 1/s, numerics: limit for relaxation lengths of micrometres */
+#define MAX_LAG_RATE TSE_R(1e6) /* [1/s] max rate of a LAG state; lengths of micrometres exceed it */
 
+/* Return whether any LAG effect is on. */
 static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(LAG_BIT))) != 0; }
 
 /* Compute the rates of the LAG states from the slips. Updated: pt->rate */
@@ -149,7 +156,7 @@ static inline void effects_lag_rates(point *pt)
   pt->rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MAX_LAG_RATE) : TSE_R(0);
 }
 
-/* SLIP, LAG: compute the slips from state and inputs.
+/* Hooks SLIP and LAG: compute the slips from state and inputs.
  *   Given:    lag  LAG states at this point
  *   Updated:  pt->s, target, rate, sin_steer, cos_steer */
 static inline void effects_slips(const tse_real lag[4], point *pt)
@@ -171,7 +178,8 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   EFFECTS_LAG(LAG_ON)
 }
 
-/* STIFFNESS, GRIP: compute the secant stiffness at these slips. Updated: pt->k */
+/* Hooks STIFFNESS and GRIP: compute the secant stiffness at these slips.
+ *   Updated:  pt->k */
 static inline void effects_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -181,9 +189,10 @@ static inline void effects_stiffness(point *pt)
   if (formula_is_on(e)) formula_stiffness(pt);
 }
 
-/* Return the force of a brush tyre that saturates in both directions, over that of a
- * linear tyre. limit: friction times axle load; fx, fy: forces of linear tyres; all over
- * mass. */
+/* Return the force of a brush tyre over that of a linear tyre, if both directions
+ * saturate together.
+ *   Given:  limit   friction times axle load, over mass
+ *           fx, fy  forces of linear tyres over mass */
 static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real fy)
 {
   tse_real slope;
@@ -191,7 +200,8 @@ static inline tse_real compute_grip_share(tse_real limit, tse_real fx, tse_real 
                           : TSE_R(1);
 }
 
-/* Reduce the stiffness of each axle by saturation at these slips. Updated: pt->k */
+/* Reduce the stiffness of each axle by saturation at these slips.
+ *   Updated:  pt->k */
 static inline void reduce_stiffness(point *pt)
 {
   const tse_car *const c = &pt->p->car;
@@ -205,8 +215,8 @@ static inline void reduce_stiffness(point *pt)
   pt->k.y_rear = r_mul(pt->k.y_rear, rear);
 }
 
-/* BODY: compute the forces, (1), with disturbances and effects. Updated: forces,
- * pt->force, gravity */
+/* Hook BODY: compute the forces, (1), with disturbances and effects.
+ *   Updated:  fx_front .. fy_rear, force, gravity_x, gravity_y of pt */
 static inline void effects_forces(point *pt)
 {
   const tse_params *const p = pt->p;
@@ -243,8 +253,9 @@ static inline void effects_remember(
   if (formula_is_on(e)) formula_remember(m, b, 0);
 }
 
-/* SENSOR: compute the readings of accelerometers and gyro, without noise and bias. Once
- * per row, dt since the last. */
+/* Hook SENSOR: compute the readings of accelerometers and gyro, without noise and bias.
+ * Call it once for each row.
+ *   Given:  dt  [s] time since the last row */
 static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_real dt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -255,7 +266,9 @@ static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_r
   return now;
 }
 
-/* Evaluate a point, except for the sensors. Given: k  stiffness without effects */
+/* Evaluate a point, except for the readings of the sensors.
+ *   Given:    k   stiffness without effects
+ *   Updated:  pt  state and inputs are given, the other members are computed */
 static inline void effects_at(
     const tse_params *p, const tse_effect_memory *m, const tse_real lag[4], stiffness k, point *pt)
 {
@@ -268,14 +281,16 @@ static inline void effects_at(
   effects_forces(pt);
 }
 
-/* integrator.c */
+/* ---- integrator.c */
 
-/* Set the memory to steady state: relaxed slips are the kinematic ones, modes follow the
- * acceleration. Updated: pt is evaluated. */
+/* Set the memory to steady state, and evaluate the point: slips after relaxation equal
+ * the kinematic ones, and second-order lags equal the acceleration.
+ *   Updated:  m, pt */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* Integrate (7) with effects from the evaluated point `at` to the inputs `to`, dt later,
- * in equal steps with linear inputs. Updated: at is then that point. */
+/* Integrate (7) with effects from the evaluated point `at` over dt, in equal steps. The
+ * inputs change linearly from those of `at` to `to`.
+ *   Updated:  m, at  at the end of dt, evaluated */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt,
     int32_t steps, point *at);
 

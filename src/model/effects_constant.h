@@ -1,19 +1,21 @@
-/* model/effects_constant.h - effects that change settings, in the order of effects.toml.
- * Included by prepare.c only: their numbers are settings (tse_setting). */
+/* model/effects_constant.h - CONSTANT effects, which change settings, in the order of
+ * effects.toml. Included by prepare.c only, because they compute with tse_setting. */
 
-/* mass: mass m (1 + change); yaw inertia and stiffness in N and N/rad are unchanged.
- * Typical 0.1 .. 0.2: passengers, load, fuel. If all stiffnesses are free, only m/I is
- * observable. */
+/* mass: mass m (1 + change). Yaw inertia, and stiffness in N and N/rad, are unchanged.
+ * Typical change 0.1 .. 0.2: passengers, load, fuel. If all stiffnesses are estimated,
+ * only the ratio of mass to yaw inertia is observable. */
 static inline void mass_constant(tse_config *c) { c->mass += r_mul(c->mass, c->mass_change); }
 
-/* yaw_inertia: yaw inertia I (1 + change). Typical 0.1 .. 0.2; see mass. */
+/* yaw_inertia: yaw inertia I (1 + change). Typical change 0.1 .. 0.2, observable
+ * as for mass. */
 static inline void yaw_inertia_constant(tse_config *c)
 {
   c->yaw_inertia += r_mul(c->yaw_inertia, c->yaw_inertia_change);
 }
 
-/* cg_shift: centre of gravity further back by `distance`: lf + d, lr - d. Typical 0.05 ..
- * 0.15 m. Limited to 9/10 of lf or lr, so that it stays between the axles. */
+/* cg_shift: the centre of gravity moves back by d = distance: lf + d, lr - d. Typical
+ * d 0.05 .. 0.15 m. d is limited to 9/10 of lf or lr, so that the centre stays
+ * between the axles. */
 static inline void cg_shift_constant(tse_config *c)
 {
   const tse_setting share = TSE_S(0.9), max = r_mul(share, c->lr), min = -r_mul(share, c->lf);
@@ -23,8 +25,8 @@ static inline void cg_shift_constant(tse_config *c)
   c->lr -= d;
 }
 
-/* wheel_radius: rolling radius R (1 + change), both axles. Typical 0.01 .. 0.025: wear,
- * pressure, size. */
+/* wheel_radius: rolling radius R (1 + change) of both axles. Typical change 0.01 ..
+ * 0.025: wear, pressure, tyre size. */
 static inline void wheel_radius_constant(tse_config *c)
 {
   c->wheel_radius_front += r_mul(c->wheel_radius_front, c->wheel_radius_change);

@@ -1,28 +1,33 @@
-/* model/formula.h - a formula of the user (src/tables/formula.toml): evaluation at a
- * point, and its memory.
+/* model/formula.h - the formula of the user (src/tables/formula.toml): its value at a
+ * point of the model, and its memory.
  *
- * A program is interpreted or, with TSE_FORMULA, compiled from tse_formula.h, which
- * tselab writes. Both call the functions below in the same order and give the same bits.
- * A point is `ahead` seconds after the memory: operations with memory extrapolate,
- * formula_remember() stores the result after the step. Includes nothing, as
- * catalogue.h. */
+ * The program of the formula is interpreted. With TSE_FORMULA it is compiled instead,
+ * from tse_formula.h, which tselab writes. Both ways call the functions below in the same
+ * order and give the same bits.
+ *
+ * The memory holds the state at the start of a step, and a point is `ahead` seconds
+ * later. Operations with memory therefore extrapolate, and formula_remember() stores
+ * their result after the step. Like catalogue.h, this file includes nothing. */
 
-#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; NaN becomes 0 */
+#define MAX_FORMULA_VALUE TSE_R(1e6) /* max magnitude of a value; a larger one, and NaN, becomes 0 */
 
+/* One evaluation of the program. */
 typedef struct formula_run {
   const point *pt;
-  tse_effect_memory *next; /* NULL, or the memory to update */
-  int rest;                /* 1: steady state at this point */
-  int used;                /* number of operations with memory so far */
+  tse_effect_memory *next; /* memory to be updated, or NULL */
+  int rest;                /* 1: the operations with memory are set to steady state at this point */
+  int used;                /* number of operations with memory that have been evaluated */
 } formula_run;
 
 static inline int formula_is_on(const tse_effects *e) { return (int)((e->mask >> TSE_BIT_FORMULA) & 1u); }
 
+/* Return x, or 0 if its magnitude is too large or it is NaN. */
 static inline tse_real formula_clip(tse_real x)
 {
   return x > -MAX_FORMULA_VALUE && x < MAX_FORMULA_VALUE ? x : TSE_R(0);
 }
 
+/* Limit x to lo .. hi. */
 static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi)
 {
   return x < lo ? lo : (x > hi ? hi : x);
@@ -59,7 +64,11 @@ static inline tse_real formula_min(tse_real x, tse_real y) { return x < y ? x : 
 static inline tse_real formula_sqrt(tse_real x) { return x > TSE_R(0) ? r_sqrt(x) : TSE_R(0); }
 static inline tse_real formula_soft(tse_real x) { return r_div(x, r_sqrt(TSE_R(1) + r_mul(x, x))); }
 
-/* ---- functions with memory: f->pt->m->formula[f->used] is theirs */
+/* ---- functions with memory
+ *
+ * Each of them has its own three numbers, f->pt->m->formula[f->used]. */
+
+/* Store the numbers a, b, c for the next step, if the memory is updated. Returned: a */
 static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
 {
   if (f->next) {
@@ -72,7 +81,8 @@ static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b,
   return a;
 }
 
-/* T y' = x - y, by the trapezoidal rule; no lag if T is below half a step. */
+/* Return y of T y' = x - y, by the trapezoidal rule. If T is below half a step, y = x.
+ *   Given:  time  T [s] */
 static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 {
   const tse_real *const was = f->pt->m->formula[f->used];
@@ -86,6 +96,7 @@ static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
   return formula_remembers(f, y, x, TSE_R(0));
 }
 
+/* Return x after a second-order lag (mode_step() in laws.h). */
 static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequency, tse_real damping)
 {
   const tse_real *const was = f->pt->m->formula[f->used];
@@ -100,7 +111,7 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
   return formula_remembers(f, mode[0], mode[1], x);
 }
 
-/* Return x `time` seconds ago, at max as old as the oldest sample. */
+/* Return x as it was `time` seconds ago, or the oldest sample if that is newer. */
 static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
 {
   const tse_real late = formula_max(time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
@@ -118,18 +129,21 @@ static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
   return formula_remembers(f, y, TSE_R(0), TSE_R(0));
 }
 
+/* Return x after a play of `half` to either side. */
 static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
 {
   const tse_real wide = r_abs(half), was = f->pt->m->formula[f->used][0];
   return formula_remembers(f, f->rest ? x : formula_clamp(was, x - wide, x + wide), TSE_R(0), TSE_R(0));
 }
 
+/* Return x with its rate of change limited to `rate` [1/s]. */
 static inline tse_real formula_limit(formula_run *f, tse_real x, tse_real rate)
 {
   const tse_real max = r_mul(r_abs(rate), f->pt->ahead), was = f->pt->m->formula[f->used][0];
   return formula_remembers(f, f->rest ? x : formula_clamp(x, was - max, was + max), TSE_R(0), TSE_R(0));
 }
 
+/* Return the rate of change of x [1/s], as a difference quotient over the step. */
 static inline tse_real formula_rate(formula_run *f, tse_real x)
 {
   const tse_real *const was = f->pt->m->formula[f->used];
@@ -152,15 +166,16 @@ static inline int formula_place_of(const tse_effects *e)
 
 static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
 
-/* Replace the operands, which begin at `at`, by the result x. Returned: depth of the
- * stack */
+/* Replace the operands on the stack, which begin at `at`, by the result x.
+ *   Returned:  new depth of the stack */
 static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 {
   s[at] = x;
   return at + 1;
 }
 
-/* One case per kind of operation. Its operands are the top of the stack s of depth n. */
+/* Cases of the switch over the operations, by kind. The operands are the last values of
+ * the stack s, whose depth is n. */
 #define FORMULA_OPERANDS_0
 #define FORMULA_OPERANDS_1 s[n - 1]
 #define FORMULA_OPERANDS_2 s[n - 2], s[n - 1]
@@ -173,8 +188,8 @@ static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
 #define FORMULA_MEMORY(name, code, takes, unit, text) \
   FORMULA_CASE(code, takes, formula_##name(f, FORMULA_OPERANDS_##takes))
 
-/* Run the program of a formula. tse_config_check() has verified that it fits stack and
- * memory. */
+/* Run the program of the formula and return its result. tse_config_check() has verified
+ * that stack and memory are large enough. */
 static inline tse_real formula_program(formula_run *f)
 {
   tse_real s[FORMULA_STACK] = { TSE_R(0) };
@@ -190,14 +205,16 @@ static inline tse_real formula_program(formula_run *f)
 
 #endif
 
-/* Return the value of the formula at a point, in the unit of its place. */
+/* Return the value of the formula at a point, in the unit of the place where it is
+ * added. */
 static inline tse_real formula_at(const point *pt)
 {
   formula_run f = { pt, NULL, 0, 0 };
   return r_mul(pt->p->effects.formula_gain, formula_clip(formula_program(&f)));
 }
 
-/* The four hooks of the model at which a formula may act. */
+/* Add the value of the formula at the SLIP hook, if its place is there. The functions
+ * after it do the same at the hooks STIFFNESS, BODY and SENSOR. */
 static inline void formula_slip(point *pt)
 {
   const int place = formula_place_of(&pt->p->effects);
@@ -229,8 +246,8 @@ static inline void formula_sensor(const point *pt, tse_real y[3])
   if (place >= PLACE_accel_x) y[place - PLACE_accel_x] += formula_at(pt);
 }
 
-/* Update the memory after the step that ended at this point; rest: set it to steady
- * state. */
+/* Update the memory after the step that ended at this point, or with rest = 1 set it
+ * to steady state. */
 static inline void formula_remember(tse_effect_memory *m, const point *pt, int rest)
 {
   formula_run f = { pt, m, rest, 0 };

@@ -1,26 +1,28 @@
 /* model/integrator.c - integration of the model of vehicle.h with the effects of
- * effects.h, which are evaluated at the state of every stage. Wheel speeds are logged
- * (replay) or follow from torques (simulator). */
+ * effects.h. The effects are evaluated at every stage of the method. Wheel speeds are
+ * inputs from the log (replay), or states that follow from torques (simulator). */
 #include "model/effects.h"
 
-/* State: [vx vy r], R omega of the wheels, the four LAG states */
+/* State vector: vx, vy, r; R omega of both wheels from TURNS on; the four LAG states
+ * from LAGS on. */
 enum { TURNS = 3, LAGS = 5, STATE_SIZE = 9 };
 
-/* Return the torque of a brake, as that of wheels.brake [m/s2]. */
-static tse_real brake_torque(const wheels *w, int a, tse_real v)
+/* Return the torque of the brake of axle a, in the unit of wheels.brake [m/s2].
+ *   Given:  v  R omega of its wheels */
+static tse_real compute_brake_torque(const wheels *w, int a, tse_real v)
 {
   return r_mul(w->brake[a], r_clamp(r_div(v, w->still[a]), TSE_R(-1), TSE_R(1)));
 }
 
-/* Return the slope of brake_torque() over v, 0 where the brake slips; or its secant, never
- * 0. */
-static tse_real brake_slope(const wheels *w, int a, tse_real v, int secant)
+/* Return the derivative of compute_brake_torque() with respect to v, which is 0 if the
+ * brake has its full torque. With secant = 1 return torque over v, which is never 0. */
+static tse_real compute_brake_slope(const wheels *w, int a, tse_real v, int secant)
 {
   if (secant) return r_div(w->brake[a], r_max(r_abs(v), w->still[a]));
   return r_abs(v) < w->still[a] ? r_div(w->brake[a], w->still[a]) : TSE_R(0);
 }
 
-/* Compute the derivatives of the state: (1), (2), wheels and lags. */
+/* Compute the time derivative f of the state vector: (1), (2), wheels and LAG states. */
 static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real f[STATE_SIZE])
 {
   const wheels *const w = &pt->w;
@@ -30,20 +32,21 @@ static void compute_derivatives(const point *pt, const tse_real lag[4], tse_real
   f[1] = pt->force.y - r_mul(pt->vx, pt->r) + pt->gravity_y;
   f[2] = pt->force.yaw;
   for (int a = 0; a < 2; a++)
-    f[TURNS + a] = w->turning ? w->drive[a] - brake_torque(w, a, v[a]) - r_mul(w->load[a], fx[a]) : TSE_R(0);
+    f[TURNS + a] = w->turning ? w->drive[a] - compute_brake_torque(w, a, v[a]) - r_mul(w->load[a], fx[a])
+                              : TSE_R(0);
   for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
 }
 
-/* Factors of 1 - g h J of ROS2. J holds the stiff part: the arrow (vx; wheels) and the
- * block (vy, r). Saturated tyres enter by their secant, which overestimates their
- * damping. LAG states a, a' = rate (alpha - a), are eliminated: they respond with the
- * factor b = gh rate/(1 + gh rate) to a change of their slip, which scales the tyre's
- * damping. */
+/* Factors of the matrix 1 - g h J of ROS2 (vehicle.h). J has the stiff part of the
+ * Jacobian: rows and columns of vx with both wheels, and the block (vy, r). A saturated
+ * tyre enters by its secant stiffness, which overestimates its damping. The LAG states a,
+ * a' = rate (alpha - a), are eliminated: their response to a change of alpha has the
+ * factor b = gh rate/(1 + gh rate), by which the damping of the tyre is multiplied. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
-  tse_real pull[2];     /* gh times a tyre's damping of vx */
-  tse_real inv_turn[2]; /* 1/diagonal of a wheel, 0 where its speed is given */
+  tse_real pull[2];     /* gh times the damping of vx by the tyres of an axle */
+  tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if its speed is an input */
   lateral_block side;
   tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
   int lags;
@@ -61,7 +64,8 @@ static void factor_lags(const point *pt, tse_real gh, solver *m)
   }
 }
 
-/* Compute the factors of 1 - gh J. secant: brakes by their secant */
+/* Compute the factors of 1 - gh J.
+ *   Given:  secant  1: a brake enters by its secant, not by its derivative */
 static solver factor_matrix(const point *pt, tse_real gh, int secant)
 {
   solver m;
@@ -79,8 +83,8 @@ static solver factor_matrix(const point *pt, tse_real gh, int secant)
     }
     m.pull[a] = m.inv_turn[a] = TSE_R(0);
     if (!w->turning) continue;
-    /* a wheel that turns with the car reduces the damping of vx */
-    const tse_real held = TSE_R(1) + r_mul(gh, brake_slope(w, a, v[a], secant));
+    /* the wheel speed changes with vx, which reduces the damping of vx */
+    const tse_real held = TSE_R(1) + r_mul(gh, compute_brake_slope(w, a, v[a], secant));
     m.pull[a] = r_mul(gh, x[a]);
     m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));
     x[a] = r_mul(x[a], r_mul(held, m.inv_turn[a]));
@@ -115,18 +119,19 @@ static void solve(const solver *m, const tse_real f[STATE_SIZE], tse_real k[STAT
                            : TSE_R(0);
   for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
   if (!m->lags) return;
-  /* derivatives of the slips: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx
-   * = -1/v, d slip/d (R omega) = 1/v */
+  /* with the derivatives of the slips: d alpha/d vy = -1/v, d alpha/d r = -lf/v and lr/v,
+   * d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
   k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->car.lf, k[2]));
   k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->car.lr, k[2]));
   k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
   k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* Compute h df/dt, the change of the lags' derivatives due to the inputs until `to`.
- * Times g, it is added to the first stage of ROS2 and subtracted from the second, as in
- * Rosenbrock methods with explicit time. Without it, a lag much shorter than the step
- * would overshoot by 1/(2 g). */
+/* Compute h df/dt, the change of the time derivatives of the LAG states until the
+ * inputs `to`. As in Rosenbrock methods for equations that depend on time, g times this
+ * change is added to the first stage of ROS2 and subtracted from the second one.
+ * Without it, a LAG state with a time constant much shorter than the step would
+ * overshoot by 1/(2 g). */
 static void compute_input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
   const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);
@@ -138,8 +143,7 @@ static void compute_input_drift(const point *at, const acting *to, tse_real ramp
   ramp[3] = r_mul(r_mul(given_speeds, rate[3]), r_mul(to->u.v_rear - at->u.v_rear, at->s.inv_rear));
 }
 
-/* Return whether a brake may stop its wheel within the step; only with saturating
- * tyres. */
+/* Return whether a brake may stop its wheel within the step; 0 with linear tyres. */
 static int may_lock(const point *at, const wheels *w, tse_real h)
 {
   const tse_real v[2] = { at->u.v_front, at->u.v_rear };
@@ -149,9 +153,9 @@ static int may_lock(const point *at, const wheels *w, tse_real h)
   return locks;
 }
 
-/* Compute the point h later, at + dx.
- *   Updated:  b    all but what effects_at() evaluates
- *             end  LAG states there */
+/* Compute the point that follows after h, when the state has changed by dx.
+ *   Updated:  b    state and inputs; effects_at() evaluates the other members
+ *             end  LAG states at b */
 static void move_point(const point *at, const tse_real lag[4], const tse_real dx[STATE_SIZE],
     const acting *to, tse_real h, point *b, tse_real end[4])
 {
@@ -170,11 +174,12 @@ static void move_point(const point *at, const tse_real lag[4], const tse_real dx
   for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
 }
 
-/* Compute the change of the state within h by ROS2 of vehicle.h. Where a wheel locks, the
- * stages would jump over the brake's change of sign. There implicit Euler is used, with
- * the inputs at the end: secants keep the sign of all off-diagonal terms, so that a brake
- * never turns a wheel into reverse, at any torque.
- *   Updated:  dx; at, where a wheel locks */
+/* Compute the change dx of the state within h by ROS2 (vehicle.h). If a wheel may
+ * lock, the stages of ROS2 would jump over the change of sign of the brake torque.
+ * Then the implicit Euler method is used, with the inputs at the end of h. With the
+ * secant of the brake all off-diagonal terms keep their sign, so that no brake torque
+ * turns a wheel backwards.
+ *   Updated:  dx; if a wheel may lock, at, with the inputs at the end of h */
 static void compute_change(
     tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[STATE_SIZE])
 {
@@ -203,7 +208,8 @@ static void compute_change(
   for (int i = 0; i < STATE_SIZE; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
 }
 
-/* Make one step. The point at its end is also the first stage of the next step. */
+/* Integrate one step of h. The point at its end is also the first stage of the
+ * next step. */
 static void step(
     const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
 {
@@ -217,7 +223,8 @@ static void step(
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
-  /* roll and the formula's accelerations were extrapolated so far: evaluate again */
+  /* the roll angle and the accelerations of the formula were extrapolated: evaluate the
+   * point again with those at its time */
   if (effect_is_on(e, TSE_EFFECT_rear_roll_steer) || formula_is_on(e)) effects_at(p, m, m->lag, k, &b);
   *at = b;
 }
@@ -226,7 +233,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
 {
   pt->ahead = TSE_R(0);
   for (int i = 0; i < 3; i++) m->mode[i][0] = m->mode[i][1] = TSE_R(0);
-  for (int pass = 0; pass < 3; pass++) { /* slips, then forces, then the roll that they cause */
+  for (int pass = 0; pass < 3; pass++) { /* slips, then forces, then the roll that the forces cause */
     effects_at(p, m, m->lag, k, pt);
     for (int i = 0; i < 4 && p->effects.mask; i++) m->lag[i] = pt->target[i];
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);
@@ -240,7 +247,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
 /* Return a + share (b - a). */
 static tse_real interpolate(tse_real a, tse_real b, tse_real share) { return a + r_mul(share, b - a); }
 
-/* Return the inputs after k of these steps, linear from `from` to `to`. */
+/* Return the inputs after k of `steps` equal steps, interpolated linearly. */
 static acting interpolate_inputs(const acting *from, const acting *to, int32_t k, int32_t steps)
 {
   acting now = *to;

@@ -1,11 +1,13 @@
-/* model/state.h - contents of the structs whose memory the caller provides: constants of a
- * filter, its state, effects and their memory. Internal. Files of the library include this
- * before any header that includes tse/state.h, which otherwise declares opaque bytes. */
+/* model/state.h - members of the structs that the caller allocates: the constants of a
+ * filter, its state, the effects and their memory. Internal.
+ *
+ * Files of the library include this header before any header that includes tse/state.h.
+ * Without it tse/state.h declares the structs as bytes. */
 #ifndef TSE_MODEL_STATE_H
 #define TSE_MODEL_STATE_H
 
 #if defined(TSE_STATE_H) && !defined(TSE_INTERNALS)
-#error "model/state.h is included before headers of tse/"
+#error "include model/state.h before the headers of tse/"
 #endif
 #define TSE_INTERNALS
 #include "tse/input.h"
@@ -16,7 +18,7 @@
 #include "tse/simulate.h"
 #endif
 
-#define TSE_DELAY_ROWS 12 /* samples kept; they thin out if the delay exceeds 9 rows */
+#define TSE_DELAY_ROWS 12 /* samples in a delay line; if the delay exceeds 9 rows, not all rows are stored */
 
 /* Ages of the samples of a delay line, newest first. */
 typedef struct tse_delay {
@@ -24,18 +26,22 @@ typedef struct tse_delay {
   tse_real age[TSE_DELAY_ROWS]; /* [s] */
 } tse_delay;
 
+/* State of the effects. */
 typedef struct tse_effect_memory {
-  int32_t settled; /* 0: the next row starts everything at rest */
+  int32_t settled; /* 0: at the next row the effects start in steady state */
 #if !defined(TSE_NO_EFFECTS)
-  tse_real lag[4];        /* relaxed slip angles front, rear [rad], slips front, rear */
-  tse_real mode[3][2];    /* body roll, pitch, roll steer: lagged acceleration, its rate */
-  tse_real time, heading; /* [s], [turns] since the start */
-  int32_t steered;        /* 0: no steering angle so far */
-  tse_real steered_by[3]; /* [rad] angle of the last row: logged, after one lag, after both */
+  tse_real lag[4];        /* after relaxation: slip angles front, rear [rad], slips front, rear [1] */
+  tse_real mode[3][2];    /* body roll, pitch, roll steer: acceleration after a lag, and its rate */
+  tse_real time, heading; /* [s] since the start; [turns] change of heading since the start */
+  int32_t steered;        /* 0: there has been no steering angle */
+  tse_real steered_by[3]; /* [rad] steering angle at the last row: logged, after one lag, after both */
+  /* delay lines of the effects steering_delay and imu_delay: ages and values */
   tse_delay steer, imu;
   tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
-  tse_real formula[TSE_FORMULA_MEMORIES][3]; /* memory of the user's formula */
-  tse_real formula_accel[2];                 /* [m/s2] accel_x, accel_y of the last step */
+  /* user's formula: states of its operations, specific forces in the last step [m/s2],
+   * and the delay line of its operation `late` */
+  tse_real formula[TSE_FORMULA_MEMORIES][3];
+  tse_real formula_accel[2];
   tse_delay formula_late;
   tse_real formula_was[1][TSE_DELAY_ROWS];
 #endif
@@ -44,247 +50,277 @@ typedef struct tse_effect_memory {
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-/* State of the particles, [row][particle]. gamma, nu and the covariance are common to all
- * particles and stand in tse_filter_paper. The resampler copies the rows as one contiguous
- * block. */
+/* State of the particles, as arrays [row][particle]. gamma, nu and the covariance of the
+ * biases are the same for all particles and are members of tse_filter_paper. The
+ * resampler copies all rows as one contiguous block. */
 typedef struct tse_particles {
   tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] mean of vel_x, vel_y, yaw rate */
-  tse_real mu[3][TSE_STRIDE];   /* [1] location of the stiffness deviation */
+  tse_real mu[3][TSE_STRIDE];   /* [1] mean of the relative stiffness deviation */
   tse_real lam[6][TSE_STRIDE];  /* [1] Lambda/nu, upper triangle by rows: 11 12 13 22 23 33 */
-  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the sensor biases, over the sensor's sd */
-  tse_real w[3][TSE_STRIDE];    /* [1] stiffness deviation drawn for the next interval */
-  tse_real logw[1][TSE_STRIDE]; /* [log2] log-weight relative to the largest */
+  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the sensor biases, in sds of the sensor */
+  tse_real w[3][TSE_STRIDE];    /* [1] relative stiffness deviation that is drawn for the next interval */
+  tse_real logw[1][TSE_STRIDE]; /* [log2] log weight, relative to the largest one */
 } tse_particles;
 
 #define TSE_SENSORS 5 /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
-#if defined(TSE_SMALL) /* lateral motion only: src/model/car.h */
+/* Sizes of the default filter.
+ *   TSE_STATES         states (src/model/car.h)
+ *   TSE_SLOW           last of the states: gravity and random walks
+ *   TSE_SUBSTEPS       max substeps of a row
+ *   TSE_UNCERTAIN_ALL  quantities that may be consider parameters (Schmidt)
+ *   TSE_CONSIDERED     consider parameters of this build
+ *   TSE_VALUES         states, and in TSE_SMALL the constants that take the place
+ *                      of states
+ *   TSE_KEPT           saved states: biases, stiffness, grip, steering, radius
+ *   TSE_EVENTS         slots of events (src/filter/events.c) */
+#if defined(TSE_SMALL) /* a build with lateral motion only */
 #if !defined(TSE_NO_VELOCITY) || !defined(TSE_NO_PARTICLES)
-#error "TSE_SMALL goes with TSE_NO_VELOCITY and TSE_NO_PARTICLES"
+#error "TSE_SMALL needs TSE_NO_VELOCITY and TSE_NO_PARTICLES"
 #endif
 #define TSE_STATES 14
 #define TSE_SLOW 9
 #define TSE_SUBSTEPS 4
 #define TSE_UNCERTAIN_ALL 11
-#define TSE_VALUES (TSE_STATES + TSE_UNCERTAIN_ALL + 8) /* with the constants in place of states */
+#define TSE_VALUES (TSE_STATES + TSE_UNCERTAIN_ALL + 8)
 #define TSE_CONSIDERED 4
 #define TSE_KEPT 7
 #define TSE_EVENTS 2
 #else
-#define TSE_STATES 23 /* src/model/car.h */
-#define TSE_SLOW 14 /* last states: gravity and random walks */
+#define TSE_STATES 23
+#define TSE_SLOW 14
 #define TSE_SUBSTEPS 8
 #define TSE_VALUES TSE_STATES
-#define TSE_UNCERTAIN_ALL 10 /* quantities that may be consider parameters (Schmidt) */
+#define TSE_UNCERTAIN_ALL 10
 #define TSE_CONSIDERED TSE_UNCERTAIN_ALL
-#define TSE_KEPT 11 /* persisted states: biases, stiffness, grip, steering, radius */
-#define TSE_EVENTS 15 /* slots of events, src/filter/events.c */
+#define TSE_KEPT 11
+#define TSE_EVENTS 15
 #endif
-#if defined(TSE_NO_VELOCITY) /* saves 1.9 kB of RAM in float; rows with a velocity are refused */
-#define TSE_EXTRAS 1 /* not in use */
+/* Sizes for measured velocities (src/filter/velocity.c). A build without them saves 1.9
+ * kB of RAM in float, and refuses rows with a velocity.
+ *   TSE_EXTRAS  states that follow the others and are in use once a velocity is measured
+ *   TSE_PAST    rows of past motion that are stored for velocities with a latency */
+#if defined(TSE_NO_VELOCITY)
+#define TSE_EXTRAS 1
 #define TSE_PAST 1
 #else
-#define TSE_EXTRAS 7 /* last states, of a measured velocity (velocity.c); unused without one */
-#define TSE_PAST 8 /* rows of past motion kept for late velocities */
+#define TSE_EXTRAS 7
+#define TSE_PAST 8
 #endif
 #define TSE_ALL (TSE_STATES + TSE_EXTRAS)
 
-/* Parameters of the car model, src/model/car.h. Forces are over mass. */
+/* Parameters of the model of the car (src/model/car.h). Forces are divided by the
+ * mass. */
 typedef struct tse_car {
   tse_real kx_front, kx_rear, ky_front, ky_rear; /* [m/s2] [m/s2/rad] nominal stiffness */
-  tse_real load_front, load_rear, grip, shape;   /* [m/s2] axle loads; [1] friction; [1] curve shape */
-  tse_real end_front, end_rear;                  /* [m/s2] max force of each axle, over friction */
-  /* [s2/m] [s4/m2] share of cornering stiffness lost by load transfer */
+  tse_real load_front, load_rear, grip, shape;   /* [m/s2] axle loads; [1] friction; [1] shape of the curve */
+  tse_real end_front, end_rear;                  /* [m/s2] max force of each axle over friction */
+  /* share of the cornering stiffness that the axle loses: along [s2/m] per longitudinal
+   * acceleration, side [s4/m2] per squared lateral acceleration */
   tse_real along_front, along_rear, side_front, side_rear;
-  tse_real height_front, height_rear;            /* [s2/m] relative load per longitudinal acceleration */
-  tse_real lf, lr, jf, jr, m_inertia, trail;     /* [m] [m] [1/m] m lf/I, m lr/I; [1/m2] m/I; [1/m] */
-  tse_real drag, rolling, pull_front, pull_rear; /* [1/m] [m/s2] */
+  tse_real height_front, height_rear; /* [s2/m] relative load per longitudinal acceleration */
+  tse_real lf, lr;                    /* [m] distances of the axles from the centre of gravity */
+  tse_real jf, jr, m_inertia;         /* [1/m] m lf/I, m lr/I; [1/m2] m/I */
+  tse_real trail;                     /* [1/m] m/I times the trail of the lateral forces */
+  tse_real drag, rolling;             /* [1/m] drag per squared speed; [m/s2] rolling resistance */
+  tse_real pull_front, pull_rear;     /* [m/s2] lateral force of each axle at zero slip angle */
   tse_real relaxation, compliance, roll_steer, roll_coupling; /* [m] [rad s2/m] [1] [m] */
-  /* [rad s2/m] [rad/s] natural frequency [1] [m/s2] [m] */
-  tse_real roll_gain, roll_omega, roll_damping, roll_leak, roll_height;
-  tse_real pitch_leak, pitch_height, pitch_frequency, pitch_damping;          /* [1] [rad s2] [Hz] [1] */
-  tse_real lever_x, lever_y, mount_cos, mount_sin, scale_x, scale_y, scale_r; /* IMU */
-  tse_real free_front, free_rear; /* [1] slip of a free-rolling axle */
-  int32_t driven;                 /* 0 both or unknown, 1 front, 2 rear */
+  tse_real roll_gain, roll_omega, roll_damping;               /* [rad s2/m] [rad/s] natural frequency [1] */
+  tse_real roll_leak, roll_height; /* [m/s2] gravity that accel_y measures by roll; [m] */
+  tse_real pitch_leak, pitch_height, pitch_frequency, pitch_damping; /* [1] [rad s2] [Hz] [1] */
+  tse_real lever_x, lever_y;                                         /* [m] position of the IMU */
+  tse_real mount_cos, mount_sin;      /* [1] of the mounting angle of the IMU */
+  tse_real scale_x, scale_y, scale_r; /* [1] scales of accel_x, accel_y, yaw_rate */
+  tse_real free_front, free_rear;     /* [1] slip of each axle if it rolls freely, opposite sign */
+  int32_t driven;                     /* driven axle: 0 both or unknown, 1 front, 2 rear */
 } tse_car;
 
-/* Constants of a filter, made by tse_prepare(). Forces are over mass, measurements over the
- * sensor's sd, so that all numbers have a moderate size in every number format. */
+/* Constants of a filter, computed by tse_prepare(). Forces are divided by the mass, and
+ * measurements of form 1 by the sd of the sensor (unit [sigma]), so that all numbers have
+ * a moderate size in every number format. Forms: 0 default filter, 1 paper's filter. */
 struct tse_params {
   uint32_t magic, fingerprint;
-  uint32_t vehicle; /* fingerprint of the vehicle settings, the same in every number format */
+  uint32_t vehicle; /* hash of the vehicle settings, the same in every number format */
   int32_t form, wheel_signals;
-  tse_real steady_walk;
+  tse_real steady_walk; /* [1/s] variance rate of the stiffness between events */
   int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
-  tse_real follow;                    /* [1] share of front w in the rear longitudinal stiffness */
+  tse_real follow; /* [1] deviation of the rear longitudinal stiffness over that of the front one */
   tse_real radius_front, radius_rear; /* [m] */
   /* sensors */
   tse_real sd[3], inv_sd[3]; /* accel_x, accel_y [m/s2], yaw rate [rad/s] */
   tse_real bias_var0[3];     /* [sigma^2] initial bias variance */
   tse_real bias_walk[3];     /* [sigma^2/s] bias random walk */
-  tse_real log_sd[3];        /* [log2] */
-  tse_real mass_var;         /* [1] */
+  tse_real log_sd[3];        /* [log2] sd of the sensors */
+  tse_real mass_var;         /* [1] relative variance of the mass */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
-  tse_real damping;                            /* [m/s2] 4 times the fastest damping, times speed */
-  tse_real least_step;                         /* [s] integration step at hold_speed */
-  tse_real noise_max_var;                      /* [1] */
-  tse_real log2_forgetting;                    /* log2(lambda) of Lambda and nu, per nominal sample */
+  tse_real damping;                            /* [m/s2] 4 times the fastest damping rate times speed */
+  tse_real least_step;                         /* [s] min integration step, that at hold_speed */
+  tse_real noise_max_var;                      /* [1] square of noise_max */
+  tse_real log2_forgetting;                    /* log2(lambda) of Lambda and nu, for a nominal sample */
   tse_real log2_forgetting_mean;               /* log2(lambda) of gamma */
-  tse_real forgetting_mean, forgetting_change; /* [1] lambda of gamma, its min */
+  tse_real forgetting_mean, forgetting_change; /* [1] lambda of gamma, and its min */
   tse_real memory;                             /* [samples] 1/(1 - lambda) */
   tse_real resample_at;                        /* N_eff threshold, in particles */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
-  tse_real mean_var0;                      /* [1] variance of the mean at the start */
-  tse_real spread_max_var;                 /* [1] */
-  tse_real kernel;                         /* [log2] sd of the factor of Lambda at resampling */
-  tse_real latency;                        /* [s] age of a row when it is processed */
-  tse_real latency_span;                   /* [s] age of its earliest channel less that; 0: no row waits */
-  tse_real latency_least;                  /* [s] min time between rows that are kept */
-  tse_real latency_age[6];                 /* [s] age of each channel's value for that row */
-  tse_real learnt_floor;                   /* [1] min variance of a mean from an earlier drive */
-  tse_real learnt_walk;                    /* [1/day] its growth */
-  tse_real w_min, w_low, w_max, valid_var; /* w_low: draws are reflected there */
-  tse_car car;                             /* form 1 uses stiffness and geometry only */
+  tse_real mean_var0;      /* [1] initial variance of the mean */
+  tse_real spread_max_var; /* [1] square of spread_max */
+  tse_real kernel;         /* [log2] sd of the factor of Lambda at resampling */
+  tse_real latency;        /* [s] age of a row when it is processed */
+  tse_real latency_span;   /* [s] age of its earliest channel, minus that age; 0: no row waits */
+  tse_real latency_least;  /* [s] min time between rows that are stored */
+  tse_real latency_age[6]; /* [s] age of the value of each channel at that time */
+  tse_real learnt_floor;   /* [1] min variance of a mean stiffness from an earlier drive */
+  tse_real learnt_walk;    /* [1/day] growth of this variance */
+  tse_real w_min, w_low, w_max, valid_var;          /* draws are reflected at w_low */
+  tse_car car;                                      /* form 1 uses stiffness and geometry only */
   tse_real prior[TSE_VALUES], prior_sd[TSE_VALUES]; /* form 0: prior of the state */
   tse_real sensor_sd[TSE_SENSORS];                  /* [m/s2] [m/s2] [rad/s] [m/s] [m/s] */
-  tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sd of the consider parameters */
-  tse_real model_sd;                                /* [1] */
+  tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sds of the consider parameters */
+  tse_real model_sd;                                /* [1] model discrepancy */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
-  tse_real steer_lag, steer_lag_second;             /* [s] */
-  tse_real velocity_sd[TSE_VELOCITIES];             /* [m/s] [m/s] [m/s] [rad] */
-  tse_real velocity_late;                           /* [s] latency relative to the processed row */
+  tse_real steer_lag, steer_lag_second; /* [s] time constants of both steering lags */
+  tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] */
+  tse_real velocity_late;               /* [s] latency of velocities relative to the processed row */
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
-  tse_real no_torque;                               /* [Nm] an axle with less rolls freely */
-  tse_real road_sd;                                 /* [m/s2] sd of gravity on a given road */
-  tse_effects effects;                              /* mask 0: plain model */
+  tse_real no_torque;                               /* [Nm] an axle with a smaller torque rolls freely */
+  tse_real road_sd;                                 /* [m/s2] sd of gravity along a road that is given */
+  tse_effects effects;                              /* with mask 0 the model is the plain one */
 };
 
-/* Initial estimate from tse_learnt_load(). Without it, the settings are used. */
+/* Initial estimate from tse_learnt_load(). If loaded is 0, the settings are used. */
 typedef struct tse_start {
   int32_t loaded;
-  tse_real mu[3], mu_sd[3]; /* [1] mean stiffness deviation, its scatter over the particles */
-  tse_real mean_var[3];     /* [1] its total variance */
+  tse_real mu[3], mu_sd[3]; /* [1] mean of the stiffness deviation; its scatter over the particles */
+  tse_real mean_var[3];     /* [1] total variance of that mean */
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3];         /* [sigma] */
-  tse_real kept[TSE_KEPT];               /* form 0: persisted states, SI */
-  tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* their covariance, units of the state */
-  tse_real noise[TSE_SENSORS];           /* [1] variance over the setting's */
+  tse_real kept[TSE_KEPT];               /* form 0: saved states, SI units */
+  tse_real kept_cov[TSE_KEPT][TSE_KEPT]; /* form 0: their covariance, in units of the state */
+  tse_real noise[TSE_SENSORS];           /* [1] noise variance over that of the setting */
 } tse_start;
 
-/* History of a stiffness: never valid, valid since the last recovery, loaded. */
+/* History of a stiffness. */
 enum {
-  TSE_UNKNOWN,
-  TSE_KNOWN,
-  TSE_KNOWN_BEFORE,
+  TSE_UNKNOWN,      /* not valid since the last restart, and not loaded */
+  TSE_KNOWN,        /* valid in a row since the last restart */
+  TSE_KNOWN_BEFORE, /* loaded by tse_learnt_load(), and not valid since */
 };
 
 #define TSE_GROUPS 2 /* groups of mutually exclusive events */
 
+/* Covariance U D U', in units of the state. U is unit upper triangular, D diagonal. */
 typedef struct tse_ud {
-  tse_short u[TSE_STATES * (TSE_STATES - 1) / 2];
-  tse_short w[TSE_EXTRAS][TSE_ALL];      /* rows above u, of states on which no other depends */
-  int32_t extras;                        /* number of those in use: 0 or TSE_EXTRAS */
-  tse_real d[TSE_STATES], e[TSE_EXTRAS]; /* diagonal, and its part for those states */
+  tse_short u[TSE_STATES * (TSE_STATES - 1) / 2]; /* elements of U above its diagonal */
+  tse_short w[TSE_EXTRAS][TSE_ALL];      /* rows of U for the extra states, on which no other depends */
+  int32_t extras;                        /* number of extra states in use: 0 or TSE_EXTRAS */
+  tse_real d[TSE_STATES], e[TSE_EXTRAS]; /* D of the states, D of the extra states */
 } tse_ud;
 
 /* State of the measured velocities, in the order of src/tables/sensors.toml. */
 typedef struct tse_velocity {
-  tse_real noise[TSE_VELOCITIES];        /* [1] estimated variance over the setting's */
-  tse_real innovation[TSE_VELOCITIES];   /* [m/s, rad] of the last value */
+  tse_real noise[TSE_VELOCITIES];        /* [1] estimated noise variance over that of the setting */
+  tse_real innovation[TSE_VELOCITIES];   /* [m/s, rad] innovation of the last value */
   tse_real last[TSE_VELOCITIES];         /* [m/s, rad] last value */
-  tse_real since[TSE_VELOCITIES];        /* [s] its age */
+  tse_real since[TSE_VELOCITIES];        /* [s] age of the last value */
   tse_real mean_nis[TSE_VELOCITIES];     /* [1] mean of recent normalised squared innovations */
-  tse_real rejected_for[TSE_VELOCITIES]; /* [s] */
-  tse_real past[TSE_PAST][4]; /* vel_x, vel_y, yaw rate, heading less the current ones, newest first */
-  tse_real age[TSE_PAST];     /* [s] */
-  tse_real gyro;              /* [rad/s] yaw rate without bias at the last row */
-  tse_real turned;            /* [rad] change of heading since */
-  tse_real motion[3];         /* speeds [m/s] and yaw rate [rad/s] at the last row */
-  tse_real activity;          /* [m2/s2] recent squared lateral slip speed of the axles */
-  int32_t kept, has_heading, has_gyro;
+  tse_real rejected_for[TSE_VELOCITIES]; /* [s] time for which the channel has been ignored */
+  tse_real past[TSE_PAST][4]; /* past minus current vel_x, vel_y, yaw rate, heading; newest first */
+  tse_real age[TSE_PAST];     /* [s] ages of these */
+  tse_real gyro;              /* [rad/s] gyro reading minus bias at the last row */
+  tse_real turned;            /* [rad] change of heading since the last row */
+  tse_real motion[3];         /* vel_x, vel_y [m/s] and yaw rate [rad/s] at the last row */
+  tse_real activity;          /* [m2/s2] recent mean square of the lateral slip speed of the axles */
+  int32_t kept;               /* number of rows in past */
+  int32_t has_heading;        /* 1: the heading has been initialised */
+  int32_t has_gyro;           /* 1: gyro was measured; 0: it is the yaw rate of the state */
 } tse_velocity;
 
-/* A hypothetical event: if it happened, the state error is amplitude times v. */
+/* A hypothetical event. If it has happened, the error of the state is its
+ * amplitude times v. */
 typedef struct tse_event {
-  tse_short v[TSE_ALL]; /* [unit] of the state */
-  tse_real info;        /* [1] information on the amplitude from the samples since: 1/variance */
-  tse_real score;       /* [1] info times the estimate of the amplitude */
-  tse_real both;        /* [1] cross information with a second amplitude */
-  tse_real age;         /* [s] */
-  int32_t kind;         /* src/filter/events.c; 0: free slot */
+  tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
+  tse_real info;  /* [1] information (1/variance) on the amplitude from the samples since it was opened */
+  tse_real score; /* [1] info times the estimate of the amplitude */
+  tse_real both;  /* [1] cross information with a second amplitude */
+  tse_real age;   /* [s] time since it was opened */
+  int32_t kind;   /* EVENT_... of src/filter/filter.h; 0: free slot */
 } tse_event;
 
-/* Statistics of two redundant quantities: src/filter/plausible.c. */
+/* Statistics of a pair of quantities that should be equal (src/filter/plausible.c). */
 typedef struct tse_pair {
   tse_real time;                  /* [s] effective duration of the samples, with forgetting */
-  tse_real mean[2], var[2], both; /* means, variances, covariance */
+  tse_real mean[2], var[2], both; /* means and variances of both, and their covariance */
 } tse_pair;
 
-/* Regression for the delay of a channel behind another one, with memory SCALE_TIME:
- * src/filter/plausible.c. */
+/* Regression for the delay of a second channel behind a first one, with the memory
+ * SCALE_TIME (src/filter/plausible.c). */
 typedef struct tse_timing {
-  tse_real square; /* [m2/s5] sum of squared slopes of the first channel, times seconds */
-  tse_real late;   /* [m2/s4] that sum times the delay of the second channel */
+  tse_real square; /* [m2/s5] time integral of the squared rate of the first channel */
+  tse_real late;   /* [m2/s4] that integral times the delay of the second channel */
 } tse_timing;
 
+/* State of the plausibility check of the channels (src/filter/plausible.c). */
 #define TSE_PAIRS 5
 typedef struct tse_agreement {
-  tse_real smooth[6];
+  tse_real smooth[6]; /* channels after a low pass */
   tse_pair pair[TSE_PAIRS];
   tse_real since; /* [s] since a row with a wheel speed */
-  /* [m2/s3] sums times seconds: [0] square of v r and its product with accel_y; [1] square of
-   * accel_x and its product with the rate of the wheel speed */
+  /* [m2/s3] time integrals: [0] of the square of v r, and of v r accel_y; [1] of the
+   * square of accel_x, and of accel_x times the rate of the wheel speed */
   tse_real moved[2][2];
-  tse_timing across, steered; /* delay of accel_y behind v r; of yaw_rate behind steering */
-  tse_real lags;              /* [m2/s4] as `late`, for the delay of accel_y by side slip */
-  tse_real complete_for;      /* [s] with accel_y, yaw_rate and steer_angle in each row */
-  int32_t apart;              /* bits by pair, then LATE_ACCEL ...: the two disagree */
+  tse_timing across, steered; /* delay of accel_y behind v r; delay of yaw_rate behind steering */
+  tse_real lags;              /* [m2/s4] as `late`, for the delay of accel_y that side slip causes */
+  tse_real complete_for;      /* [s] time in which each row has had accel_y, yaw_rate and steer_angle */
+  int32_t apart;              /* bit of each pair, then of LATE_ACCEL ...: 1 if the two quantities disagree */
   int32_t off_scale;          /* 1: accelerometers and wheels disagree on the speed */
 } tse_agreement;
 
-/* Prior of the slip stiffness, without the model error along the car that LCX includes. */
+/* Prior of the logarithm of the slip stiffness, without the model error of the
+ * longitudinal direction that the state LCX includes. */
 typedef struct tse_along {
-  tse_real mean, var; /* of its logarithm; LCX had the same mean */
+  tse_real mean, var; /* LCX has had the same mean */
 } tse_along;
 
-/* Kalman filter of the car (form 0). */
+/* Default filter: Kalman filter of the car (form 0). */
 typedef struct tse_kalman {
-  tse_real x[TSE_VALUES + TSE_EXTRAS];         /* SI */
-  tse_ud ud;                                   /* in units of the state */
-  tse_short consider[TSE_CONSIDERED][TSE_ALL]; /* [unit] error of x per sd of each parameter */
-  tse_real noise[TSE_SENSORS];                 /* [1] estimated variance of a channel over the setting's */
-  tse_real activity[3];          /* [m2/s4] [m2/s4] [rad2/s2] recent square of a_x, a_y, yaw rate */
+  tse_real x[TSE_VALUES + TSE_EXTRAS]; /* state, SI units */
+  tse_ud ud;                           /* its covariance, in units of the state */
+  tse_short consider[TSE_CONSIDERED]
+                    [TSE_ALL];   /* error of x per sd of each parameter, in units of the state */
+  tse_real noise[TSE_SENSORS];   /* [1] estimated noise variance over that of the setting */
+  tse_real activity[3];          /* [m2/s4] [m2/s4] [rad2/s2] recent mean square of a_x, a_y, yaw rate */
   tse_real before[3];            /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
-  tse_real pitch[2];             /* [m/s2] a_x as the pitch follows it, its rate */
-  tse_real steer[3];             /* [rad] logged angle, after one lag, after both */
+  tse_real pitch[2];             /* [m/s2] a_x after the lag of the pitch; [m/s3] its rate */
+  tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
   tse_real road[2];              /* [m/s2] given gravity, longitudinal and lateral; 0: not given */
   tse_real since_slow[TSE_SLOW]; /* [s] since the last process noise of each slow state */
-  tse_real moved[3];             /* [unit2] variance due to recent steps of each stiffness */
-  tse_real seen;                 /* [s] total time of the rows processed since the start */
-  tse_real nis[TSE_SENSORS];     /* [1] of each channel in the last row; 0: not used */
-  tse_real lasting[TSE_SENSORS]; /* coloured part of the innovation */
-  tse_real lasting_var[TSE_SENSORS];
+  tse_real moved[3]; /* variance by recent steps of each stiffness, in squared units of the state */
+  tse_real seen;     /* [s] total time of the rows processed since the start */
+  tse_real
+      nis[TSE_SENSORS]; /* [1] normalised innovation squared of each channel in the last row; 0: not used */
+  tse_real lasting[TSE_SENSORS];     /* slowly varying part of the innovations */
+  tse_real lasting_var[TSE_SENSORS]; /* variance of its estimate */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
-  tse_real slow[TSE_SENSORS];     /* low-passed innovation */
-  tse_real slow_var[TSE_SENSORS]; /* its predicted variance */
-  tse_real usual[TSE_SENSORS];    /* [1] ratio of its observed to predicted variance */
+  tse_real slow[TSE_SENSORS];     /* slow innovation: innovation after a low pass */
+  tse_real slow_var[TSE_SENSORS]; /* predicted variance of the slow innovation */
+  tse_real usual[TSE_SENSORS];    /* [1] mean square of the slow innovation over slow_var */
   tse_real log_likelihood;
   tse_real change_age;                     /* [s] since the last change */
-  tse_real change_from[4];                 /* [1] logs of stiffness and grip before it */
-  tse_real change_from_var[4];             /* [unit2] their variance */
-  tse_along along, along_from;             /* now, before the last change */
-  tse_real reading[TSE_SENSORS + 1];       /* last reading, sensors and steering angle */
-  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of readings equal to the one before */
-  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] that share after a repeated reading */
-  tse_real frozen[TSE_SENSORS + 1];        /* [1] -log2 probability of so many repeats if working */
-  tse_real agrees_for;                     /* [s] agreement of the channel at fault */
-  int32_t change_kind;                     /* TSE_CHANGE_* */
-  int32_t fault;                           /* 0: no fault, else 1 + TSE_CHANNEL_ */
-  int32_t slow_turn;                       /* rows */
-  int32_t road_given;                      /* bits: gravity longitudinal, lateral */
+  tse_real change_from[4];                 /* [1] logarithms of stiffness and grip before it */
+  tse_real change_from_var[4];             /* their variances, in squared units of the state */
+  tse_along along, along_from;             /* now, and before the last change */
+  tse_real reading[TSE_SENSORS + 1];       /* last readings of the sensors and of the steering angle */
+  tse_real repeats[TSE_SENSORS + 1];       /* [1] share of the readings that equal the one before */
+  tse_real repeats_again[TSE_SENSORS + 1]; /* [1] the same share among readings that follow a repeated one */
+  tse_real frozen[TSE_SENSORS + 1]; /* [1] -log2 of the probability that a working channel repeats so often */
+  tse_real agrees_for;              /* [s] time for which the faulty channel has agreed with the prediction */
+  int32_t change_kind;              /* TSE_CHANGE_* */
+  int32_t fault;                    /* 0: no fault, else 1 + TSE_CHANNEL_ */
+  int32_t slow_turn;                /* slow state whose process noise is added next */
+  int32_t road_given;               /* bits: longitudinal, lateral gravity is given */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS]; /* posterior probability of each event */
   tse_real none[TSE_GROUPS];   /* posterior probability of no event */
@@ -292,85 +328,90 @@ typedef struct tse_kalman {
   tse_agreement agreement;
 } tse_kalman;
 
-/* Evidence for driving backwards: src/filter/backwards.c. */
+/* Evidence that the car drives backwards (src/filter/backwards.c). */
 typedef struct tse_way {
-  tse_real by_turn, by_gain;  /* [1] log odds of backwards: by yaw rate, by gain of speed */
-  tse_real begins, gained;    /* [m/s] speed at first, integral of accel_x since */
-  tse_real rolls_for, unread; /* [s] since then, since the last accel_x */
+  tse_real by_turn, by_gain;  /* [1] log odds of driving backwards: by the yaw rate, by the gain of speed */
+  tse_real begins, gained;    /* [m/s] speed when the car began to roll; integral of accel_x since then */
+  tse_real rolls_for, unread; /* [s] since then; since the last accel_x */
 } tse_way;
 
-/* Ring of rows that wait for channels logged later. */
+/* Ring of rows that wait for channels with a latency. */
 typedef struct tse_alignment {
   int32_t count, newest;               /* number of rows; index of the newest */
-  tse_real since;                      /* [s] from the row of the last step to the last row given */
-  tse_real unkept;                     /* [s] from the newest row kept to the last row given */
-  tse_real before[TSE_LATENCY_KEPT];   /* [s] since the row kept before it; 0: first row */
-  tse_real value[TSE_LATENCY_KEPT][6]; /* channels as logged; 0 where missing */
+  tse_real since;                      /* [s] from the row of the last step to the newest row */
+  tse_real unkept;                     /* [s] from the newest stored row to the newest row */
+  tse_real before[TSE_LATENCY_KEPT];   /* [s] time since the stored row before it; 0: first row */
+  tse_real value[TSE_LATENCY_KEPT][6]; /* channels as logged; 0 if missing */
   uint8_t missing[TSE_LATENCY_KEPT];   /* bits of tse_input.missing */
-  tse_real lost[3];                    /* [1] share of noise variance of the IMU removed by interpolation */
-  int32_t reason[4];                   /* of the last step, while rows wait: three stiffnesses, grip */
+  tse_real lost[3];  /* [1] share of the noise variance of the IMU that interpolation removes */
+  int32_t reason[4]; /* reasons of the last step: of the three stiffnesses and of the grip */
 } tse_alignment;
 
-/* Filter: common part and the Kalman filter (form 0). */
+/* Filter: members that both filters use, and the Kalman filter (form 0). */
 struct tse_filter {
   uint32_t magic, fingerprint;
-  uint32_t step;                   /* rows accepted since reset, counter of the random numbers */
-  int32_t started;                 /* 0: the next row initialises */
-  tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], R omega [m/s] */
-  tse_real held_for;               /* [s] since the last steering angle, which is held */
+  uint32_t step;   /* number of rows processed since tse_reset(); counter of the random numbers */
+  int32_t started; /* 0: the next row initialises the motion */
+  tse_real steer, v_front, v_rear; /* inputs of the last row: [rad], [m/s] R omega */
+  tse_real held_for;               /* [s] since the last steering angle, which is held meanwhile */
   tse_real rolled_for;             /* [s] since the last wheel speed */
-  int32_t lost;                    /* 1: one of them for too long, until a row has both */
-  tse_real still_for;              /* [s] standstill of the wheels */
-  tse_real off_for[2];             /* [s] left after an axle's wheel speed changed on its own */
-  tse_real ratio;                  /* [1] last front over rear wheel speed when both changed; 0: unknown */
-  tse_real gaps;                   /* [1] gaps in the last 20 s of processed rows */
+  int32_t lost;       /* 1: one of both times was too long, and no row has had both signals since */
+  tse_real still_for; /* [s] since the wheels have stopped */
+  tse_real
+      off_for[2]; /* [s] remaining time in which the wheel speed of an axle counts as a signal of its own */
+  tse_real ratio; /* [1] front over rear wheel speed in the last row in which both changed; 0: unknown */
+  tse_real gaps;  /* [1] number of gaps in the last 20 s of processed rows */
   tse_way way;
-  tse_real seen;    /* form 1: samples learnt from, max five memories; form 0: k.seen */
-  int32_t known[3]; /* history of each stiffness, TSE_KNOWN ..., for tse_learnt_save() */
+  tse_real seen; /* [samples] form 1: number of samples learnt from, at most five memories; form 0: k.seen */
+  int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* form 0 */
   tse_alignment waiting; /* rows that wait for channels logged later */
 };
 
-/* The paper's particle filter (form 1). A pointer to its first member may be cast to it. */
+/* The paper's particle filter (form 1). A pointer to its first member may be cast
+ * to this type. */
 struct tse_filter_paper {
   tse_filter filter;
-  tse_real gamma, nu;                    /* (16), (17): recursions without data, common to all particles */
-  tse_real bias_var[3];                  /* [sigma^2] P of (18), (19), common; diagonal, as P0, Q and R are */
+  tse_real gamma, nu; /* of (16), (17); they do not depend on data and are the same for all particles */
+  tse_real bias_var
+      [3]; /* [sigma^2] P of (18), (19), the same for all particles; diagonal, because P0, Q and R are */
   tse_real log_total;                    /* log2 of the sum of 2^logw */
-  tse_real excite[3];                    /* regressors, low-passed over EXCITATION_TIME */
-  tse_real excite_mean[3], excite_sq[3]; /* their running mean and mean square */
-  tse_real slow[3];                      /* [sigma] low-passed innovations, for forgetting */
+  tse_real excite[3];                    /* regressors after a low pass with EXCITATION_TIME */
+  tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of these */
+  tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
   tse_particles p;
-  tse_real weight[TSE_STRIDE];                       /* over the largest; 0 beyond the particles in use */
+  tse_real weight[TSE_STRIDE]; /* relative to the largest; 0 for particles that are not in use */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* work space of the resampler */
 };
 
 #if !defined(TSE_NO_EFFECTS)
 struct tse_sim {
   tse_params params;
-  tse_sim_input last;
+  tse_sim_input last; /* inputs of the last row */
   tse_sim_config config;
-  uint32_t step;
-  tse_real x[5]; /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
-  tse_real bias[3], drawn[3];
-  tse_real steer;        /* [rad] road-wheel angle of the last row, after the effects */
-  tse_real steer_logged; /* [rad] its logged angle */
+  uint32_t step;              /* number of rows so far */
+  tse_real x[5];              /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
+  tse_real bias[3], drawn[3]; /* biases; relative stiffness that is drawn for the next interval */
+  tse_real steer;             /* [rad] road-wheel angle at the last row, after the effects */
+  tse_real steer_logged;      /* [rad] logged angle at the last row */
   tse_effect_memory effects;
 };
 #endif
 
-/* Compile-time check (array of -1 elements) that tse/state.h reserves the right sizes. */
+/* Compile-time checks that tse/state.h reserves the right sizes: if not, an array
+ * has -1 elements. */
 typedef char tse_params_has_its_size[sizeof(tse_params) == sizeof(tse_params_bytes) ? 1 : -1];
 typedef char tse_filter_has_its_size[sizeof(tse_filter) == sizeof(tse_filter_bytes) ? 1 : -1];
 typedef char tse_filter_paper_has_its_size
     [sizeof(tse_filter_paper) == sizeof(tse_filter_bytes) + sizeof(tse_paper_bytes) ? 1 : -1];
 #if !defined(TSE_NO_EFFECTS)
+/* tse_sim as tse/simulate.h declares it. */
 struct tse_sim_seen {
   tse_params_bytes params;
   tse_sim_input last;
   tse_sim_bytes bytes;
-}; /* tse_sim in tse/simulate.h */
+};
 typedef char tse_sim_has_its_size[sizeof(tse_sim) == sizeof(struct tse_sim_seen) ? 1 : -1];
 #endif
 

@@ -1,25 +1,31 @@
-/* model/vehicle.h - the single-track model, (1)-(4), and what its integrators share.
+/* model/vehicle.h - the single-track model, equations (1) to (4), and functions that all
+ * its integrators use.
  *
- * Inline and branch-free, so that loops over particles (paper/) vectorise. Forces are
- * over mass, measurements over the sensor's sd. ISO 8855 axes, slip > 0 when driving. */
+ * The functions are inline and have no branches, so that loops over particles (paper/)
+ * vectorise. Forces are divided by the mass. Axes are those of ISO 8855, slip is positive
+ * when driving. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
 #include "model/state.h"
 #include "model/laws.h"
 
+/* Inputs of the model: road-wheel angle, and wheel speeds R omega. */
 typedef struct inputs {
-  tse_real steer, v_front, v_rear; /* [rad], R omega [m/s] */
+  tse_real steer, v_front, v_rear; /* [rad] [m/s] [m/s] */
 } inputs;
 
+/* Slips and slip angles of both axles. */
 typedef struct slips {
-  tse_real s_front, s_rear;               /* [1]   longitudinal slip (3)  */
-  tse_real a_front, a_rear;               /* [rad] slip angle (4)         */
-  tse_real inv_front, inv_rear, inv_body; /* reciprocals of their denominators */
+  tse_real s_front, s_rear;     /* [1] longitudinal slip, (3) */
+  tse_real a_front, a_rear;     /* [rad] slip angle, (4) */
+  tse_real inv_front, inv_rear; /* [s/m] reciprocals of the denominators of both slips */
+  tse_real inv_body;            /* [s/m] reciprocal of the denominator of the slip angles */
 } slips;
 
-/* Compute slips and slip angles, (3), (4). Absolute values make them valid in reverse,
- * too: the force of a tyre still opposes its contact velocity.
+/* Compute slips and slip angles, (3) and (4). With absolute values in the denominators
+ * they are valid in reverse, too: the force of a tyre then opposes the velocity of its
+ * contact. `low` is LOW_SPEED.
  *   s = (R omega - vx)/max(|vx|, |R omega|, low)
  *   alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
  *   alpha_r = (lr r - vy)/max(|vx|, low) */
@@ -37,12 +43,14 @@ static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy,
   return s;
 }
 
-/* Stiffness over mass at the relative deviation w: C = C_n (1 + w). The rear longitudinal
- * stiffness follows the front one by the share `follow`. */
+/* Stiffness over mass, longitudinal x and cornering y. */
 typedef struct stiffness {
   tse_real x_front, x_rear, y_front, y_rear;
 } stiffness;
 
+/* Return the stiffness at the relative deviations w from nominal, C = C_n (1 + w). The
+ * deviation of the rear longitudinal stiffness is that of the front one times
+ * `follow`. */
 static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
 {
   stiffness k;
@@ -53,11 +61,13 @@ static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_
   return k;
 }
 
+/* Specific force at the centre of gravity, and yaw acceleration. */
 typedef struct accels {
-  tse_real x, y, yaw; /* specific force [m/s2], yaw acceleration [rad/s2] */
+  tse_real x, y, yaw; /* [m/s2] [m/s2] [rad/s2] */
 } accels;
 
-/* Compute the accelerations, (1), (2), with cos(delta) = 1, sin(delta) = delta. */
+/* Compute the accelerations, (1) and (2), with the approximations cos(delta) = 1 and
+ * sin(delta) = delta. */
 static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, tse_real steer)
 {
   accels a;
@@ -69,12 +79,15 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* Matrix 1 - g h J of (vy, r). J holds the damping by the tyres; yf, yr: cornering
- * stiffness over mass and speed. */
+/* Matrix 1 - g h J of the states (vy, r). J is the Jacobian of their damping by
+ * the tyres. */
 typedef struct lateral_block {
   tse_real m11, m12, m21, m22, inv_det;
 } lateral_block;
 
+/* Compute this matrix.
+ *   Given:  yf, yr  cornering stiffness over mass and speed [1/s]
+ *           gh      g h [s] */
 static inline lateral_block vehicle_block(
     const tse_params *p, tse_real yf, tse_real yr, tse_real vx, tse_real gh)
 {
@@ -88,42 +101,49 @@ static inline lateral_block vehicle_block(
   return m;
 }
 
+/* Solve m (ky, kr) = (fy, fr). */
 static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real fr, tse_real *ky, tse_real *kr)
 {
   *ky = r_mul(r_mul(m->m22, fy) - r_mul(m->m12, fr), m->inv_det);
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-/* The integrator of (7) everywhere in this library: Rosenbrock method of order 2,
- * L-stable (ROS2: Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
+/* Constant g of the integrator of (7) in the paper's filter, replay and simulator. It
+ * is the L-stable Rosenbrock method ROS2 of order 2 (Verwer, Spee, Blom & Hundsdorfer,
+ * SIAM J. Sci. Comput. 20 (1999) 1456). For a step h from the state x and the input u0
+ * to the input u1:
  *   (1 - g h J) k1 = f(x, u0)
  *   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1
  *   x+ = x + h (3 k1 + k2)/2,  g = 1 - 1/sqrt(2)
- * Its order does not depend on J. J therefore holds only the stiff part: the tyres'
- * damping of vx and of (vy, r). Its rates grow like 1/speed to over 100/s at walking
- * pace, where an explicit step would diverge. */
-#define ROS2 TSE_R(0.29289321881345254) /* g */
+ * The order of the method does not depend on J. Therefore J has only the stiff part of
+ * the Jacobian, which is the damping of vx and of (vy, r) by the tyres. The rates of this
+ * damping are proportional to 1/speed and exceed 100/s at walking pace, where an explicit
+ * step would diverge. */
+#define ROS2 TSE_R(0.29289321881345254)
 
-/* Limits of the motion: a particle that diverges (jump of a wheel speed, extreme
- * stiffness) or becomes NaN stays finite. Magnitudes below MIN_MOTION become 0: decay
- * over minutes of straight driving ends in denormal numbers, which are slow and which
- * some machines flush. */
-#define MAX_SPEED TSE_R(200) /* m/s */
-#define MAX_YAW_RATE TSE_R(20) /* rad/s */
-#define MIN_MOTION TSE_R(1e-12)
+/* Limits of the motion. A particle that diverges, because a wheel speed jumps or its
+ * stiffness is extreme, or that becomes NaN, stays finite. A magnitude below MIN_MOTION
+ * is set to 0: over minutes of straight driving it would decay to denormal numbers, which
+ * are slow and which some machines replace by 0. */
+#define MAX_SPEED TSE_R(200)    /* [m/s] */
+#define MAX_YAW_RATE TSE_R(20)  /* [rad/s] */
+#define MIN_MOTION TSE_R(1e-12) /* [m/s], [rad/s] */
 
+/* Limit a velocity or yaw rate to -max .. max, and replace a very small one by 0. */
 static inline tse_real vehicle_limit(tse_real v, tse_real max)
 {
   const tse_real inside = r_max(r_min(v, max), -max);
   return r_abs(inside) < MIN_MOTION ? TSE_R(0) : inside;
 }
 
-/* Return the number of integration steps of a row of dt seconds, the same for all
- * particles. A step is at most max_step, and short enough that the fastest rate of the
- * car (the tyres' damping, which grows with 1/speed) times the step is at most 1/4: a
- * single step at walking pace would bias the longitudinal stiffness by 3 %. The speed
- * counts as hold_speed at least, because nothing is learnt below; at most eight steps per
- * max_step. */
+/* Return the number of integration steps of a row of dt seconds. It is the same
+ * for all particles.
+ *
+ * A step is at most max_step. Its product with the fastest rate of the car, the damping
+ * by the tyres, which is proportional to 1/speed, is at most 1/4: a single step at
+ * walking pace would bias the longitudinal stiffness by 3 %. A speed below hold_speed
+ * counts as hold_speed, because no stiffness is updated there. A step is at least an
+ * eighth of max_step. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
 {
   const tse_real speed = r_mul(
@@ -132,7 +152,7 @@ static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs fro
   return -r_floor_to_int(-r_div(dt, r_min(p->max_step, r_max(quarter, p->least_step))));
 }
 
-/* Return the inputs after k of these steps, linear from row to row. */
+/* Return the inputs after k of these steps, by linear interpolation between the rows. */
 static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t steps)
 {
   if (k < steps) {

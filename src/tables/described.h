@@ -217,7 +217,8 @@ static const tse_field input_fields[] = {
 #define FIELD_CODE(name, member, type, text) FIELD(tse_output, #name, 'i', member, "", text)
 #define FIELD_STIFFNESS(name, member, si, unit, text) FIELD(tse_output, #name, 'r', member, "1", text)
 #define FIELD_REASON(name, member, valid, what) \
-  FIELD(tse_output, #name "_valid", 'i', member, "", "0: valid; otherwise the reason why it is not (tse_reason)")
+  FIELD(tse_output, #name "_valid", 'i', member, "", \
+      "0: valid; otherwise the reason why it is not (tse_reason)")
 static const tse_field output_fields[] = {
   OUTPUTS(FIELD_NUMBER, FIELD_FLAG, FIELD_CODE, FIELD_STIFFNESS, FIELD_REASON)
 };

@@ -560,7 +560,7 @@ def test_a_file_that_is_wrong_is_named_with_what_is_wrong_and_nothing_is_written
         (first / name).write_bytes(data)
         done = estimate(first, "second", "--load-learnt", name, "--save-learnt", "new.tse", codes=(2,))
         assert done.err.startswith(
-            f"tselab: error: {name}: not a learnt state of this library, or damaged"
+            f"tselab: error: {name}: this is not a learnt state of this library, or it is damaged"
         ), done.err
         assert "Traceback" not in done.err
         assert not (first / "second.est.csv").exists() and not (first / "new.tse").exists()

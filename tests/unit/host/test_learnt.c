@@ -280,8 +280,8 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
     const char *what;
   } bad[] = {
     /* below and above the limit; resulting status */
-    { AT_KNOWN, 8, "which stiffnesses are learnt" },
-    { AT_NU, 1000001, "trust in the spread" },
+    { AT_KNOWN, 8, "bits of the learnt stiffnesses" },
+    { AT_NU, 1000001, "degrees of freedom of the process sd" },
     { AT_MEAN, 0x32000001u, "bias of accel_x" },
     { AT_MEAN + 4, 0xcdffffffu, "bias of accel_y" },
     { AT_MEAN + 8, 0x06000001u, "bias of yaw_rate" },
@@ -291,13 +291,13 @@ static void test_numbers_that_cannot_be_are_refused_by_name(void)
     { AT_MEAN + 24, 0x7fffffffu, "mean of grip" },
     { AT_MEAN + 28, 0x00400000u, "steering offset" },
     { AT_MEAN + 32, 0x00800001u, "steering ratio" },
-    { AT_MEAN + 36, 0xffc00000u, "lateness of the steering" },
-    { AT_MEAN + 40, 0x00400000u, "radius" },
+    { AT_MEAN + 36, 0xffc00000u, "latency of the steering" },
+    { AT_MEAN + 40, 0x00400000u, "wheel radius" },
     { AT_SD, 0x80000000u, "sd of the bias of accel_x" },
     { AT_SD + 8, 0xffffffffu, "sd of the bias of yaw_rate" },
     { AT_SD + 12, 0xffffffffu, "sd of cx_front" },
     { AT_SD + 24, 0xffffffffu, "sd of grip" },
-    { AT_SD + 40, 0xffffffffu, "sd of the radius" },
+    { AT_SD + 40, 0xffffffffu, "sd of the wheel radius" },
     { AT_NOISE, 0xffffffffu, "noise of a channel" },
     { AT_NOISE + 16, 0x80000000u, "noise of a channel" },
     { AT_SPREAD + 4, 0x80000000u, "process sd" },
