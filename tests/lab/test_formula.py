@@ -218,7 +218,7 @@ REFUSED = {
     "star": ("max(*slip_front)", "is not max"),
     "stars": ("max(*slip_front, 1)", "is not allowed"),
     "keyword": ("max(1, x=2)", "'=' is not allowed"),
-    "operands": ("play(steer_angle)", r"is not play\(x, y\): x through a play"),
+    "operands": ("play(steer_angle)", r"is not play\(x, y\): x after a play"),
     "add": ("add(1, 2)", r"add is written as x \+ y"),
     "two": ("two()", "two is written as 2"),
     "slot": ("a", "neither a signal nor a number"),
