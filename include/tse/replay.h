@@ -74,8 +74,8 @@ typedef struct tse_replay_out {
   tse_real *true_yaw_rate;       /* [rad/s] true yaw rate of the car */
   tse_real *wheel_torque_front;  /* [Nm] drive torque minus brake torque of the front wheels, from the
                                   * longitudinal force and the inertia of the wheels */
-  tse_real *wheel_torque_rear;   /* [Nm] drive torque minus brake torque of the rear wheels, in the same
-                                  * way */
+  tse_real *wheel_torque_rear;   /* [Nm] drive torque minus brake torque of the rear wheels, from the
+                                  * longitudinal force and the inertia of the wheels */
   // clang-format on: end of table
 } tse_replay_out;
 

@@ -48,8 +48,9 @@ typedef struct solver {
   tse_real pull[2];     /* gh times the damping of vx by the tyres of an axle */
   tse_real inv_turn[2]; /* 1/diagonal element of a wheel; 0 if its speed is an input */
   lateral_block side;
-  tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
-  int lags;
+  /* of each LAG state: 1/(1 + gh rate), b, and gh times stiffness over mass */
+  tse_real slow[4], b[4], force[4];
+  int lags; /* 1: there are LAG states */
 } solver;
 
 /* Compute the factors of the LAG states. */

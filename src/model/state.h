@@ -111,9 +111,10 @@ typedef struct tse_particles {
 /* Parameters of the model of the car (src/model/car.h). Forces are divided by the
  * mass. */
 typedef struct tse_car {
-  tse_real kx_front, kx_rear, ky_front, ky_rear; /* [m/s2] [m/s2/rad] nominal stiffness */
-  tse_real load_front, load_rear, grip, shape;   /* [m/s2] axle loads; [1] friction; [1] shape of the curve */
-  tse_real end_front, end_rear;                  /* [m/s2] max force of each axle over friction */
+  tse_real kx_front, kx_rear;                  /* [m/s2] nominal longitudinal stiffness */
+  tse_real ky_front, ky_rear;                  /* [m/s2/rad] nominal cornering stiffness */
+  tse_real load_front, load_rear, grip, shape; /* [m/s2] axle loads; [1] friction; [1] shape of the curve */
+  tse_real end_front, end_rear;                /* [m/s2] max force of each axle over friction */
   /* share of the cornering stiffness that the axle loses: along [s2/m] per longitudinal
    * acceleration, side [s4/m2] per squared lateral acceleration */
   tse_real along_front, along_rear, side_front, side_rear;
@@ -123,11 +124,18 @@ typedef struct tse_car {
   tse_real trail;                     /* [1/m] m/I times the trail of the lateral forces */
   tse_real drag, rolling;             /* [1/m] drag per squared speed; [m/s2] rolling resistance */
   tse_real pull_front, pull_rear;     /* [m/s2] lateral force of each axle at zero slip angle */
-  tse_real relaxation, compliance, roll_steer, roll_coupling; /* [m] [rad s2/m] [1] [m] */
-  tse_real roll_gain, roll_omega, roll_damping;               /* [rad s2/m] [rad/s] natural frequency [1] */
-  tse_real roll_leak, roll_height; /* [m/s2] gravity that accel_y measures by roll; [m] */
-  tse_real pitch_leak, pitch_height, pitch_frequency, pitch_damping; /* [1] [rad s2] [Hz] [1] */
-  tse_real lever_x, lever_y;                                         /* [m] position of the IMU */
+  tse_real relaxation;                /* [m] relaxation length of the slip angles */
+  tse_real compliance;                /* [rad s2/m] steering angle lost per lateral force of the front axle */
+  tse_real roll_steer;                /* [1] rear steering angle per roll angle */
+  tse_real roll_coupling;             /* [m] setting body_roll_coupling */
+  tse_real roll_gain, roll_omega;     /* [rad s2/m] roll angle per acceleration; [rad/s] natural frequency */
+  tse_real roll_damping;              /* [1] damping ratio of the roll */
+  tse_real roll_leak, roll_height;    /* [m/s2] gravity that accel_y measures per roll angle; [m] setting */
+  tse_real pitch_leak;                /* [1] gravity times setting pitch_leak_gain */
+  tse_real pitch_height;              /* [rad s2] settings pitch_leak_gain times pitch_leak_height */
+  tse_real pitch_frequency;           /* [Hz] natural frequency of the pitch */
+  tse_real pitch_damping;             /* [1] damping ratio of the pitch */
+  tse_real lever_x, lever_y;          /* [m] position of the IMU */
   tse_real mount_cos, mount_sin;      /* [1] of the mounting angle of the IMU */
   tse_real scale_x, scale_y, scale_r; /* [1] scales of accel_x, accel_y, yaw_rate */
   tse_real free_front, free_rear;     /* [1] slip of each axle if it rolls freely, opposite sign */
@@ -148,9 +156,9 @@ struct tse_params {
   tse_real follow; /* [1] deviation of the rear longitudinal stiffness over that of the front one */
   tse_real radius_front, radius_rear; /* [m] */
   /* sensors */
-  tse_real sd[3], inv_sd[3]; /* accel_x, accel_y [m/s2], yaw rate [rad/s] */
+  tse_real sd[3], inv_sd[3]; /* sd of accel_x, accel_y [m/s2], yaw rate [rad/s], and 1/sd */
   tse_real bias_var0[3];     /* [sigma^2] initial bias variance */
-  tse_real bias_walk[3];     /* [sigma^2/s] bias random walk */
+  tse_real bias_walk[3];     /* [sigma^2/s] variance rate of the bias */
   tse_real log_sd[3];        /* [log2] sd of the sensors */
   tse_real mass_var;         /* [1] relative variance of the mass */
   /* filter */
@@ -161,8 +169,8 @@ struct tse_params {
   tse_real log2_forgetting;                    /* log2(lambda) of Lambda and nu, for a nominal sample */
   tse_real log2_forgetting_mean;               /* log2(lambda) of gamma */
   tse_real forgetting_mean, forgetting_change; /* [1] lambda of gamma, and its min */
-  tse_real memory;                             /* [samples] 1/(1 - lambda) */
-  tse_real resample_at;                        /* N_eff threshold, in particles */
+  tse_real memory;                             /* [samples] memory of Lambda, 1/(1 - lambda) */
+  tse_real resample_at;                        /* [particles] N_eff at which particles are resampled */
   tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;      /* [1] initial variance of the mean */
@@ -177,12 +185,12 @@ struct tse_params {
   tse_real w_min, w_low, w_max, valid_var;          /* draws are reflected at w_low */
   tse_car car;                                      /* form 1 uses stiffness and geometry only */
   tse_real prior[TSE_VALUES], prior_sd[TSE_VALUES]; /* form 0: prior of the state */
-  tse_real sensor_sd[TSE_SENSORS];                  /* [m/s2] [m/s2] [rad/s] [m/s] [m/s] */
+  tse_real sensor_sd[TSE_SENSORS];                  /* [m/s2] [m/s2] [rad/s] [m/s] [m/s] sd of each sensor */
   tse_real uncertain[TSE_UNCERTAIN_ALL];            /* sds of the consider parameters */
   tse_real model_sd;                                /* [1] model discrepancy */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] time constants of both steering lags */
-  tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] */
+  tse_real velocity_sd[TSE_VELOCITIES]; /* [m/s] [m/s] [m/s] [rad] sd of each velocity */
   tse_real velocity_late;               /* [s] latency of velocities relative to the processed row */
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
   tse_real no_torque;                               /* [Nm] an axle with a smaller torque rolls freely */
@@ -228,7 +236,7 @@ typedef struct tse_velocity {
   tse_real mean_nis[TSE_VELOCITIES];     /* [1] mean of recent normalised squared innovations */
   tse_real rejected_for[TSE_VELOCITIES]; /* [s] time for which the channel has been ignored */
   tse_real past[TSE_PAST][4]; /* past minus current vel_x, vel_y, yaw rate, heading; newest first */
-  tse_real age[TSE_PAST];     /* [s] ages of these */
+  tse_real age[TSE_PAST];     /* [s] ages of the rows in past */
   tse_real gyro;              /* [rad/s] gyro reading minus bias at the last row */
   tse_real turned;            /* [rad] change of heading since the last row */
   tse_real motion[3];         /* vel_x, vel_y [m/s] and yaw rate [rad/s] at the last row */
@@ -244,7 +252,7 @@ typedef struct tse_event {
   tse_short v[TSE_ALL]; /* sensitivity of the state, in units of the state */
   tse_real info;  /* [1] information (1/variance) on the amplitude from the samples since it was opened */
   tse_real score; /* [1] info times the estimate of the amplitude */
-  tse_real both;  /* [1] cross information with a second amplitude */
+  tse_real both;  /* [1] cross information with the second amplitude of the event */
   tse_real age;   /* [s] time since it was opened */
   int32_t kind;   /* EVENT_... of src/filter/filter.h; 0: free slot */
 } tse_event;
@@ -295,10 +303,10 @@ typedef struct tse_kalman {
   tse_real before[3];            /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];             /* [m/s2] a_x after the lag of the pitch; [m/s3] its rate */
   tse_real steer[3];             /* [rad] steering angle: logged, after one lag, after both */
-  tse_real road[2];              /* [m/s2] given gravity, longitudinal and lateral; 0: not given */
-  tse_real since_slow[TSE_SLOW]; /* [s] since the last process noise of each slow state */
+  tse_real road[2];              /* [m/s2] longitudinal and lateral gravity by the given road; 0: not given */
+  tse_real since_slow[TSE_SLOW]; /* [s] time since process noise was last added to each slow state */
   tse_real moved[3]; /* variance by recent steps of each stiffness, in squared units of the state */
-  tse_real seen;     /* [s] total time of the rows processed since the start */
+  tse_real seen;     /* [s] total time of the rows that were followed since the start */
   tse_real
       nis[TSE_SENSORS]; /* [1] normalised innovation squared of each channel in the last row; 0: not used */
   tse_real lasting[TSE_SENSORS];     /* slowly varying part of the innovations */
@@ -323,7 +331,7 @@ typedef struct tse_kalman {
   int32_t road_given;               /* bits: longitudinal, lateral gravity is given */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS]; /* posterior probability of each event */
-  tse_real none[TSE_GROUPS];   /* posterior probability of no event */
+  tse_real none[TSE_GROUPS];   /* posterior probability that no event of the group has happened */
   tse_velocity velocity;
   tse_agreement agreement;
 } tse_kalman;
@@ -366,7 +374,7 @@ struct tse_filter {
   int32_t known[3]; /* history of each stiffness (TSE_UNKNOWN ...), for tse_learnt_save() */
   tse_start start;
   tse_kalman k;          /* form 0 */
-  tse_alignment waiting; /* rows that wait for channels logged later */
+  tse_alignment waiting; /* rows that wait for channels with a latency */
 };
 
 /* The paper's particle filter (form 1). A pointer to its first member may be cast
@@ -376,9 +384,9 @@ struct tse_filter_paper {
   tse_real gamma, nu; /* of (16), (17); they do not depend on data and are the same for all particles */
   tse_real bias_var
       [3]; /* [sigma^2] P of (18), (19), the same for all particles; diagonal, because P0, Q and R are */
-  tse_real log_total;                    /* log2 of the sum of 2^logw */
+  tse_real log_total;                    /* log2 of the sum of the weights 2^logw */
   tse_real excite[3];                    /* regressors after a low pass with EXCITATION_TIME */
-  tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of these */
+  tse_real excite_mean[3], excite_sq[3]; /* recent mean and mean square of excite */
   tse_real slow[3];                      /* [sigma] innovations after a low pass, for forgetting_change */
   tse_particles p;
   tse_real weight[TSE_STRIDE]; /* relative to the largest; 0 for particles that are not in use */

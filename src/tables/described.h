@@ -302,7 +302,8 @@ static const tse_field replay_out_fields[] = {
       "drive torque minus brake torque of the front wheels, from the longitudinal force and the inertia "
       "of the wheels" },
   { "wheel_torque_rear", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_rear), 0.0, 1.0, -1.0, "Nm",
-      "drive torque minus brake torque of the rear wheels, in the same way" },
+      "drive torque minus brake torque of the rear wheels, from the longitudinal force and the inertia of"
+      " the wheels" },
   // clang-format on: end of table
 };
 #endif
