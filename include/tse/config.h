@@ -55,9 +55,9 @@ typedef struct tse_config {
   tse_setting cornering_stiffness_rear;         /* [N/rad] 0, 1000 .. 10000000; nominal cornering stiffness
                                                  * of the rear axle; 0: value of an ordinary car with this
                                                  * axle load */
-  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; ratio of the relative deviations from
-                                                 * nominal of the rear and the front longitudinal
-                                                 * stiffness; paper's filter */
+  tse_setting rear_longitudinal_follows_front;  /* [1] 1, 0 .. 1; relative deviation of the rear
+                                                 * longitudinal stiffness from nominal, over that of the
+                                                 * front one; paper's filter */
   tse_setting mass_sd;                          /* [1] 0.05, 0 .. 0.5; relative sd of mass; yaw_inertia
                                                  * deviates from its setting in proportion */
   tse_setting yaw_inertia_sd;                   /* [1] 0.1, 0 .. 0.5; relative sd of yaw_inertia if the
@@ -192,8 +192,8 @@ typedef struct tse_config {
                                                  * the end of the drift */
   tse_setting stiffness_drift_time;             /* [s] 600, 0.001 .. 36000; duration of the drift; a short
                                                  * one makes a step */
-  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time from the start to the begin of
-                                                 * the drift */
+  tse_setting stiffness_drift_start;            /* [s] 0, 0 .. 36000; time at which the drift begins, from
+                                                 * the start */
   tse_setting combined_slip_factor;             /* [1] 0, 0 .. 2000; k in the factor 1/sqrt(1 + k slip^2)
                                                  * of the lateral force */
   tse_setting tyre_saturation_inverse_friction; /* [1] 0, 0 .. 5; 1/friction: load of an axle over its max
@@ -238,8 +238,8 @@ typedef struct tse_config {
                                                  * zero slip angle */
   tse_setting conicity_rear;                    /* [N] 0, -2000 .. 2000; lateral force of the rear axle at
                                                  * zero slip angle */
-  tse_setting aligning_moment_trail;            /* [m] 0.03, -0.2 .. 0.2; distance at which the lateral
-                                                 * forces act behind the axles */
+  tse_setting aligning_moment_trail;            /* [m] 0.03, -0.2 .. 0.2; distance behind an axle at which
+                                                 * its lateral force acts */
   tse_setting imu_lever_arm_x;                  /* [m] 0, -4 .. 4; position of the IMU in front of the
                                                  * centre of gravity */
   tse_setting imu_lever_arm_y;                  /* [m] 0, -2 .. 2; position of the IMU to the left of the
@@ -260,9 +260,12 @@ typedef struct tse_config {
   tse_setting pitch_leak_height;                /* [m] 0, -1 .. 1.5; height of the IMU above the pitch axis */
   tse_setting imu_misalignment_angle;           /* [rad] 0, -0.2 .. 0.2; angle from the axes of the car to
                                                  * those of the IMU, positive left */
-  tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading over true value, minus 1 */
-  tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading over true value, minus 1 */
-  tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading over true value, minus 1 */
+  tse_setting imu_scale_ax_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_x over its true
+                                                 * value, minus 1 */
+  tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading of accel_y over its true
+                                                 * value, minus 1 */
+  tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading of yaw_rate over its true
+                                                 * value, minus 1 */
   tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; delay of the readings relative to
                                                  * steering angle and wheel speeds */
   tse_setting formula_gain;                     /* [1] 0, -10 .. 10; factor of the user's formula; 0: no

@@ -6,11 +6,10 @@
 #include "tse/real.h"
 
 // clang-format off: table constants
-#define TAIL TSE_R(9.0)                  /* [1] square of the number of sd beyond which the gain of a
-                                          * measurement falls with its innovation. Also the ratio of road
-                                          * unevenness in accel_y to the noise variance of accel_y. Its
-                                          * square is the sd of the offset of a faulty channel, in sds of
-                                          * the sensor */
+#define TAIL TSE_R(9.0)                  /* [1] square of 3 sd: the gain of a measurement is reduced if its
+                                          * innovation exceeds 3 sd. Also the variance of road unevenness
+                                          * in accel_y over the noise variance of accel_y. The offset of a
+                                          * faulty channel has an sd of TAIL squared, in sds of the sensor */
 #define MODEL_TIME TSE_R(1.0)            /* [s] correlation time of the model discrepancy. Also the
                                           * averaging time of the excitation level and of slow innovations */
 #define MIN_ACTIVITY TSE_R(0.5)          /* [m/s2] min excitation level: accelerations by road unevenness,
@@ -43,15 +42,15 @@
                                           * in units of this sd: a smaller change is not an event */
 #define OWN_SHARE TSE_R(0.5)             /* [1] share of the step of a stiffness by which its sd grows: the
                                           * earlier measurements were linearised at the old stiffness */
-#define BELIEVED TSE_R(0.95)             /* [1] posterior probability above which an event is accepted. If
-                                          * the probability of an event is above 1 - BELIEVED, no stiffness
-                                          * is valid */
+#define BELIEVED TSE_R(0.95)             /* [1] posterior probability that an event has happened above
+                                          * which the most probable event is accepted. Above 1 - BELIEVED
+                                          * no stiffness is valid */
 #define EVENT_SHARE TSE_R(0.1)           /* [1] share of the variance of the model discrepancy that counts
                                           * in the tests of events */
 #define USUAL_TIME TSE_R(20.0)           /* [s] averaging time of the noise of a channel and of the mean
                                           * square of its slow innovations */
-#define MAX_GROWTH TSE_R(4.0)            /* [1] max ratio of a squared slow innovation to its mean with
-                                          * which the mean is updated */
+#define MAX_GROWTH TSE_R(4.0)            /* [1] a squared slow innovation counts in the update of its mean
+                                          * as at most this multiple of the mean */
 #define SETTLE_TIME TSE_R(2.0)           /* [s] min time of samples before an estimate is valid. Also the
                                           * time for which a change is recent, the time for which a faulty
                                           * channel must agree before it is used again, and the time of

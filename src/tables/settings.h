@@ -54,7 +54,7 @@
   ROW(REAL, stiffness_drift, time, 600.0, 600.0, 0.001, 36000.0, "s", \
       "duration of the drift; a short one makes a step", -1, 1, 30.0, 3600.0, 0.0) \
   ROW(REAL, stiffness_drift, start, 0.0, 0.0, 0.0, 36000.0, "s", \
-      "time from the start to the begin of the drift", -1, 1, 0.0, 600.0, 0.0) \
+      "time at which the drift begins, from the start", -1, 1, 0.0, 600.0, 0.0) \
   ROW(REAL, combined_slip, factor, 0.0, 0.0, 0.0, 2000.0, "1", \
       "k in the factor 1/sqrt(1 + k slip^2) of the lateral force", 1, 1, 50.0, 100.0, 10.0) \
   ROW(REAL, tyre_saturation, inverse_friction, 0.0, 0.0, 0.0, 5.0, "1", \
@@ -103,7 +103,7 @@
   ROW(REAL, conicity, rear, 0.0, 0.0, -2000.0, 2000.0, "N", \
       "lateral force of the rear axle at zero slip angle", 1, 0, 50.0, 150.0, 20.0) \
   ROW(REAL, aligning_moment, trail, 0.03, 0.0, -0.2, 0.2, "m", \
-      "distance at which the lateral forces act behind the axles", 1, 1, 0.02, 0.04, 0.005) \
+      "distance behind an axle at which its lateral force acts", 1, 1, 0.02, 0.04, 0.005) \
   ROW(REAL, imu_lever_arm, x, 0.0, 0.0, -4.0, 4.0, "m", \
       "position of the IMU in front of the centre of gravity", 1, 0, 0.2, 0.8, 0.05) \
   ROW(REAL, imu_lever_arm, y, 0.0, 0.0, -2.0, 2.0, "m", \
@@ -129,12 +129,12 @@
       0.0, 0.6, 0.0) \
   ROW(REAL, imu_misalignment, angle, 0.0, 0.0, -0.2, 0.2, "rad", \
       "angle from the axes of the car to those of the IMU, positive left", 1, 0, 0.017, 0.052, 0.004) \
-  ROW(REAL, imu_scale_ax, error, 0.0, 0.0, -0.3, 0.3, "1", "reading over true value, minus 1", 1, 0, 0.01, \
-      0.05, 0.005) \
-  ROW(REAL, imu_scale_ay, error, 0.0, 0.0, -0.3, 0.3, "1", "reading over true value, minus 1", 1, 0, 0.01, \
-      0.05, 0.005) \
-  ROW(REAL, gyro_scale, error, 0.0, 0.0, -0.3, 0.3, "1", "reading over true value, minus 1", 1, 0, 0.01, \
-      0.03, 0.003) \
+  ROW(REAL, imu_scale_ax, error, 0.0, 0.0, -0.3, 0.3, "1", \
+      "reading of accel_x over its true value, minus 1", 1, 0, 0.01, 0.05, 0.005) \
+  ROW(REAL, imu_scale_ay, error, 0.0, 0.0, -0.3, 0.3, "1", \
+      "reading of accel_y over its true value, minus 1", 1, 0, 0.01, 0.05, 0.005) \
+  ROW(REAL, gyro_scale, error, 0.0, 0.0, -0.3, 0.3, "1", "reading of yaw_rate over its true value, minus 1", \
+      1, 0, 0.01, 0.03, 0.003) \
   ROW(REAL, imu_delay, time, 0.0, 0.0, 0.0, 0.2, "s", \
       "delay of the readings relative to steering angle and wheel speeds", 1, 1, 0.01, 0.03, 0.002)
 // clang-format on: end of table
@@ -170,7 +170,7 @@
       "N/rad", \
       "nominal cornering stiffness of the rear axle; 0: value of an ordinary car with this axle load") \
   REAL("vehicle.rear_longitudinal_follows_front", rear_longitudinal_follows_front, 1.0, 1.0, 0.0, 1.0, "1", \
-      "ratio of the relative deviations from nominal of the rear and the front longitudinal stiffness; " \
+      "relative deviation of the rear longitudinal stiffness from nominal, over that of the front one; " \
       "paper's filter")
 #define SETTINGS_UNCERTAINTY(REAL, WHOLE) \
   REAL("uncertainty.mass_sd", mass_sd, 0.05, 0.0, 0.0, 0.5, "1", \
