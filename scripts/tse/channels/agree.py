@@ -1,10 +1,10 @@
 """Check whether the channels of a log agree with each other.
 
-Physics relates the channels of a car: a_y = v r, a_x = dv/dt and the like. Each relation
-is a figure, measured over expected, and about 1 if all units are right. check_units()
-compares the figures under every unit, sign and axis that is often mixed up. Where such a
-mistake explains the log better than the channels as they are, it returns a warning with
-the factor.
+Physics relates the channels of a car: a_y = v r, a_x = dv/dt and so on (v: speed, r: yaw
+rate). Each relation gives a ratio of measured to expected values. The code calls these
+ratios figures. All are about 1 if units, signs and axes are right. check_units() computes
+them for every unit, sign and axis that is often mixed up. If such a mistake explains the
+log better than the channels as logged, it returns a warning with the factor.
 """
 
 from __future__ import annotations
@@ -24,43 +24,50 @@ from tse.library.core import Config
 from tse.library.errors import UserError
 from tse.log.rows import TORQUE_COLUMNS, CheckedLog, Reading, select_liveliest
 
-# sd of the logarithm of each figure in logs whose units are right. accel_y: roll and bank
-# of the road (0.91 .. 1.10 for the cars of tests/cars and the real logs). accel_x: pitch
-# and grade. steer_angle: compliance of the steering, and a steering ratio that is not
-# exactly known.
+# [1] sd of the logarithm of each ratio in logs with correct units. Causes of the spread:
+# accel_y: body roll and bank of the road (ratios of 0.91 .. 1.10 for the cars of
+# tests/cars and the real logs). accel_x: pitch and grade. steer_angle: steering
+# compliance and an inexact steering ratio.
 FIGURE_SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
-UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m; of its logarithm: passenger cars
-# squared sd that a cause must explain to be reported: most logs are right
+# [m] mean track of passenger cars, and [1] sd of its logarithm: used if the track is
+# unknown
+UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09
+# Costs are squared deviations of the logarithms of the ratios from 0, in sd^2.
+# [1] cost added for each assumed mistake. It must reduce the deviations by more than this
+# to be reported, since most logs are correct
 CAUSE_PRICE = 6.0
-SIGN_PRICE = 60.0  # squared sd of a wrong sign
-# Squared sd for a figure that is missing under one unit and present under another. At the
-# other speed, the car would not move in the rows that show the figure.
+SIGN_PRICE = 60.0  # [1] cost of a ratio with the wrong sign
+# [1] cost of a ratio that cannot be computed with one unit of the speed but can with a
+# different one: the lower speed would say that the car stands while other channels move.
 LOST_FIGURE_PRICE = 30.0
-# min correlation of a figure; of the steering angle: min share of its variance
+# [1] min correlation for a ratio to be used; of the steering angle: min share of its
+# variance that the fit explains
 MIN_FIT = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}
-# A figure below MIN_FIT by less than this counts if another tried speed lifts it above
-# MIN_FIT. Without it, each speed counts figures of other rows: a real log with 0.898 of
-# accel_y at its own speed, and 0.913 at 0.85 of it, was reported as km/h.
+# [1] A ratio whose correlation is below MIN_FIT by less than this is used, too, if its
+# correlation exceeds MIN_FIT with a different tried unit of the speed. Otherwise each
+# unit would be judged by different ratios: a real log with a correlation of accel_y of
+# 0.898 at its own speed, and of 0.913 at 0.85 of this speed, was reported as km/h.
 FIT_SLACK = 0.05
-# Squared sd that a factor of no known unit must explain: CAUSE_PRICE, plus the choice of
-# a factor among all from 1/20 to 20 with the accuracy of FIGURE_SD
+# [1] cost of a factor that belongs to no known unit: CAUSE_PRICE, plus the cost of
+# choosing one factor from 1/20 .. 20 with the accuracy of FIGURE_SD
 FREE_FACTOR_PRICE = 12.0
-# max logarithm of a figure after correction, for the cause to explain it
+# [1] max abs. logarithm of a ratio after correction by a cause that explains it
 EXPLAINED = 0.10
-# max logarithm of a figure without a warning, if no cause explains it
+# [1] abs. logarithm of a ratio above which a warning is given though no cause explains it
 MAX_UNEXPLAINED = 0.35
-# Max logarithm of the figure of the steering angle that handling can cause. A car that
-# brakes in every bend may oversteer (0.48 for a neutral van). Up to here a warning is a
-# guess.
+# [1] Max abs. logarithm of the ratio of the steering angle that handling can cause: a car
+# that brakes in every bend may oversteer (0.48 for a neutral van). Up to this limit, the
+# warning names handling as a possible cause.
 MAX_HANDLING = 1.0
-STANDARD_GRAVITY = 9.80665
-PERHAPS = "perhaps "  # marks a cause that leaves more than EXPLAINED
-USUAL_STEERING_RATIO = 15.0  # if the vehicle file states none
+STANDARD_GRAVITY = 9.80665  # m/s2
+# begins a warning whose cause leaves a ratio with a logarithm above EXPLAINED
+PERHAPS = "perhaps "
+USUAL_STEERING_RATIO = 15.0  # [1] used if the vehicle file states none
 
 DEG_PER_RAD = 180 / np.pi
-# Mistakes of one channel: channel; factor by which it is too large; power of the steering
-# ratio that multiplies the factor; unit, "" for a sign; text. docs/page/check.js uses
-# these tables, too.
+# Mistakes of one channel. Columns: channel; factor by which it is too large; exponent of
+# the steering ratio, which multiplies the factor; unit, or "" for a wrong sign; message.
+# docs/page/check.js uses these tables, too.
 CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", DEG_PER_RAD, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
     ("steer_angle", DEG_PER_RAD, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
@@ -73,8 +80,9 @@ CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
     ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
 )
-# Mistakes of all four wheel speeds: factor; power of the wheel radius that multiplies it;
-# unit; text. A diameter in place of a radius doubles the speed.
+# Mistakes of all four wheel speeds. Columns: factor by which they are too large; exponent
+# of the wheel radius, which multiplies the factor; unit; message. A diameter in place of
+# a radius doubles the speed.
 WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
     (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
@@ -82,6 +90,7 @@ WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (2.23694, 1, "mph", "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)"),
     (2.0, 0, "", "wheel_radius_front and _rear are diameters (divide them by 2)"),
 )
+# name of each ratio in messages
 FIGURES = {
     "accel_y": "accel_y over speed x yaw_rate",
     "accel_x": "accel_x over the change of wheel speed x wheel radius",
@@ -91,34 +100,39 @@ FIGURES = {
     "track_rear": "right less left rear wheel over yaw_rate x track",
 }
 
-MIN_FALSE_STOP = 0.5  # s: min duration of wheel speeds of 0
-# m/s: min sum of the steps to 0 and from 0; a stop from 5 m/s and a start to 5 m/s
+MIN_FALSE_STOP = 0.5  # [s] min duration of wheel speeds of 0 that is reported
+# [m/s] min sum of the steps of the wheel speed to 0 and from 0: e.g. 5 m/s each
 MIN_FALSE_STEP = 10.0
-# max ratio of a measured velocity to the speed of the wheels, and its inverse
+# [1] max ratio of a measured velocity to the speed of the wheels. Min: its inverse
 MAX_SPEED_RATIO = 1.25
-MIN_VELOCITY = 5.0  # m/s: slower rows are not compared
-CHANGE_TIME = 0.5  # s over which changes of a velocity or a course are compared
-DRIVING_GAIN = 0.7  # m/s2: above it the car does not brake
-COASTING_LOSS = -2.0  # m/s2: below it the car brakes
-# max ratio of the force of both axles' torques to mass x accel_x, and its inverse
+MIN_VELOCITY = 5.0  # [m/s] slower rows are not compared
+CHANGE_TIME = 0.5  # [s] interval over which changes of a velocity or a course are compared
+DRIVING_GAIN = 0.7  # [m/s2] dv/dt above which the car does not brake
+COASTING_LOSS = -2.0  # [m/s2] dv/dt below which the car brakes: coasting loses less
+# [1] max ratio of the force of the wheel torques to mass x accel_x. Min: its inverse if
+# both axles have torques, MIN_AXLE_SHARE if only one has
 MAX_FORCE_RATIO = 1.6
-MIN_TORQUE_CORR = 0.7  # min correlation of that force with accel_x
-MIN_AXLE_SHARE = 0.25  # min share of one axle in the force
-# Min share of the other axis in both accelerometers: sine of 12 degrees. Correct cars
-# have up to 0.13, in one of the two.
+MIN_TORQUE_CORR = 0.7  # [1] min correlation of this force with accel_x for a warning
+MIN_AXLE_SHARE = 0.25  # [1] min share of a driven axle in the force
+# [1] cross-axis sensitivity of both accelerometers above which the IMU is turned: sine of
+# 12 degrees. Correct cars reach 0.13, and only in one of the two.
 MIN_IMU_TURN = 0.2
-# m: range of (front - rear wheel speed) / yaw rate if the wheels of one side are taken
-# for an axle. The share is that of its variance, without slip.
+# If the two wheels of one side are taken for an axle, front minus rear wheel speed is
+# proportional to the yaw rate. [m] range of the factor, and [1] min share of the variance
+# of this difference that the yaw rate explains, without slip.
 SIDE_LEVER, MIN_SIDE_SHARE = (0.5, 2.0), 0.5
-MAX_LATE_ACROSS = 0.1  # s; cars and logs whose IMU is at its place have -0.06 .. 0.1
-# rows over which accel_x is integrated, if rows are further apart than the raster
+# [s] max delay of accel_y behind the yaw rate. It is -0.06 .. 0.1 in logs whose IMU is
+# placed correctly
+MAX_LATE_ACROSS = 0.1
+# [rows] length of the integral of accel_x, used if rows are further apart than the raster
 SLOW_ROWS = 20
-MAX_TIME_RATIO = 3.0  # max ratio of the change of speed to this integral, and its inverse
-# max share of the pieces of a log that contradict a mistake in the whole log
+# [1] max ratio of this integral to the change of speed. Min: its inverse
+MAX_TIME_RATIO = 3.0
+# [1] max share of the pieces of a log that contradict a mistake found in the whole log
 MAX_ODD_SHARE = 0.2
-PIECE_TIME = 20.0  # s: long enough for bends and changes of speed that show a unit
-# Max rows from which noise and units are found: 87 minutes at 100 Hz. Of longer logs the
-# part with most motion is used.
+PIECE_TIME = 20.0  # [s] long enough to contain bends and changes of speed
+# [rows] 87 minutes at 100 Hz. Noise and units of a longer log are found from its part
+# with the most motion.
 MAX_CHECKED_ROWS = 1 << 19
 
 
@@ -133,33 +147,34 @@ class Cause:
 
 @dataclass(frozen=True)
 class Figures:
-    """The figures that a log shows: measured over expected, and sd of the logarithm."""
+    """Ratios of measured to expected values of a log, by names of FIGURES."""
 
     value: dict[str, float]
-    sd: dict[str, float]
-    sure: frozenset[str] = frozenset()  # those that reach MIN_FIT, without FIT_SLACK
+    sd: dict[str, float]  # [1] sd of the logarithm of each ratio
+    sure: frozenset[str] = frozenset()  # names of the ratios that reach MIN_FIT without FIT_SLACK
 
     def select(self, names: Collection[str]) -> Figures:
-        """Return only these figures."""
+        """Return only the ratios of these names."""
         return Figures({n: x for n, x in self.value.items() if n in names}, self.sd, self.sure)
 
 
 def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: Reading) -> list[CheckedLog]:
-    """Return the logs whose channels agree; a car is calibrated only from these.
+    """Read logs and return those whose channels agree. Only these calibrate a car.
 
     Parameters
     ----------
     logs : sequence of Path or CheckedLog
-        Logs, or the files to read.
+        Logs that are already read, or paths of files to read.
     notes : list of str
-        Extended by the warnings of each log, and by the reason for each log left out.
+        The function appends the warnings of each log, and the reason why a log is left
+        out.
     reading : Reading
-        How files are read, and the car.
+        Options of reading files, and the car.
 
     Raises
     ------
     UserError
-        No log can be used. The error is that of the first.
+        No log can be used: the error of the first log.
     """
     found: list[CheckedLog] = []
     refused: list[UserError] = []
@@ -182,25 +197,26 @@ def read_agreeing(logs: Sequence[Path | CheckedLog], notes: list[str], reading: 
 
 
 def select_certain(warnings: Sequence[str]) -> list[str]:
-    """Return those warnings of check_car() that are certain.
+    """Return the warnings of check_car() that are certain, i.e. do not contain PERHAPS.
 
-    The others begin with PERHAPS: a banked road or a failing tyre may look like a wrong
-    unit."""
+    A banked road or a failing tyre can have the same effect on the channels as a wrong
+    unit. Warnings that allow for this contain PERHAPS."""
     return [text for text in warnings if PERHAPS not in text]
 
 
 def check_car(log: CheckedLog, vehicle: Vehicle, config: Config) -> list[str]:
-    """Return the warnings of check_units() for a log of this car."""
+    """Return the warnings of check_units() for a log, with the dimensions of its car."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
 def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
-    """Return a warning if accel_y comes much later or earlier than the yaw rate, else [].
+    """Return a warning if accel_y is delayed against the yaw rate, or leads it, else [].
 
-    Expected: accel_y = v r + the change of the lateral velocity, after the latency that
-    the vehicle file states. MAX_LATE_ACROSS leaves room for the lag of body roll."""
+    The expected accel_y is v r plus the derivative of the lateral velocity, delayed by
+    the latency in the vehicle file. Body roll delays it further: MAX_LATE_ACROSS permits
+    this."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth_channels(log)
@@ -219,8 +235,8 @@ def check_lateral_delay(log: CheckedLog, config: Config) -> list[str]:
     return [
         f"check accel_y and yaw_rate: accel_y comes {abs(late) * 1e3:.0f} ms "
         f"{'later' if late > 0 else 'earlier'} than the car turns: one of them is late or low-passed, or the "
-        "IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or state it in the "
-        "vehicle file"
+        "IMU is far from the centre of gravity. Stiffness is wrong by it: calibrate, or state the delay in "
+        "the vehicle file"
     ]
 
 
@@ -240,20 +256,21 @@ def check_units(
     log : CheckedLog
         The log.
     wheelbase : float
-        m.
+        Wheelbase, m.
     radius_front, radius_rear : float
         Radii of the wheels, m.
     ratio : float or None
         Steering ratio. None: unknown.
     tracks : mapping of str to float, optional
-        By "front" and "rear", m.
+        Track of the axles "front" and "rear", m.
     mass : float, optional
-        kg. None: wheel torques are not checked.
+        Mass of the car, kg. None: wheel torques are not checked.
 
     Returns
     -------
     list of str
-        Empty if the channels agree, or if the log has too little motion for a test.
+        Warnings. Empty if the channels agree, or if the log has too little motion for a
+        test.
     """
     if len(log) < 50 or not log.sample_time:
         return []
@@ -282,15 +299,15 @@ def check_units(
         )
     shown = frozenset().union(*(f.sure for _, f in tried))
     tried = [(wheels, f.select(shown)) for wheels, f in tried]
-    most = max(len(f.value) for _, f in tried)
+    max_ratios = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
         for causes in _combine_causes(ratio or USUAL_STEERING_RATIO):
-            lost = LOST_FIGURE_PRICE * (most - len(figures.value))
+            lost = LOST_FIGURE_PRICE * (max_ratios - len(figures.value))
             cost = _compute_cost(figures, causes) + lost + CAUSE_PRICE * (len(causes) + (wheels is not None))
             if not causes and wheels is None:
                 plain = cost, figures
             elif plain and len(figures.value) < len(plain[1].value):
-                continue  # this speed loses figures, so it does not explain them
+                continue  # with this unit of the speed, some ratios are missing: not explained
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
     pedals = _check_pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
@@ -301,7 +318,8 @@ def check_units(
         if not _holds_throughout(
             log, d, 0.5 * (front + rear), wheelbase, tracks, (radius_front, radius_rear), causes
         ):
-            # only in a part of the log, where the car slides: a unit does not change
+            # The mistake explains only a part of the log, e.g. a slide. A wrong unit
+            # would be wrong in all of it.
             return pedals
         return [_describe_causes(causes, plain[1], _apply_causes(after, causes))]
     return pedals + [
@@ -321,10 +339,10 @@ def _holds_throughout(
     radii: tuple[float, float],
     causes: tuple[Cause, ...],
 ) -> bool:
-    """Return whether the causes explain nearly all pieces of the log that show them.
+    """Return whether the causes improve nearly all pieces of the log that can test them.
 
-    A wrong unit or sign is wrong in the whole log. A car that slides, or drives on ice,
-    looks like one only in a part."""
+    A wrong unit or sign affects the whole log. A slide or ice affects the ratios in the
+    same way, but only in a part of it."""
     per = next((c.factor for c in causes if c.channel == "wheel_speed"), 1.0)
     others = tuple(c for c in causes if c.channel != "wheel_speed")
     count = round(PIECE_TIME * physics.COMPARISON_RATE)
@@ -346,7 +364,7 @@ def _holds_throughout(
 
 
 def _list_alternatives(name: str, x: float) -> str:
-    """Return other explanations of a wrong figure, as the end of a sentence."""
+    """Return other explanations of a wrong ratio `name` = x, as the end of a sentence."""
     if name == "accel_x":
         return f": time, if its steps are {x:.3g} times the true ones"
     if name != "steer_angle":
@@ -356,10 +374,12 @@ def _list_alternatives(name: str, x: float) -> str:
 
 
 def _cost_free_factor(figures: Figures) -> float:
-    """Return the cost of the best free factor on one channel, which is no known unit."""
+    """Return the lowest cost if one channel is multiplied by any factor, of no known
+    unit."""
     costs = []
     for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
-        # with the factor e: the figures that change, and with which power of the factor
+        # correct the channel by the factor e: tells which ratios depend on its factor,
+        # and with which exponent
         turned = _apply_causes(figures, (Cause(channel, np.e, ""),))
         log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
         if log:
@@ -379,8 +399,8 @@ def find_false_stops(
 ) -> list[str]:
     """Return a warning if both wheel speeds are 0 while the car drives.
 
-    The wheels then stop from one row to the next, and turn again as suddenly. Brakes and
-    engine cannot cause two steps whose sum is more than MIN_FALSE_STEP."""
+    The speeds then step to 0 from one row to the next, and back as suddenly. Brakes and
+    engine cannot cause two steps whose sum exceeds MIN_FALSE_STEP."""
     speed = np.maximum(
         np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
         np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
@@ -400,17 +420,18 @@ def find_false_stops(
     often = "" if len(found) == 1 else f"{len(found)} times, first "
     return [
         f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} "
-        f"m/s in the row before, {then:.3g} in the row after): not valid there"
+        f"m/s in the row before, {then:.3g} m/s in the row after): estimates there are not valid"
     ]
 
 
 def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) -> list[str]:
     """Return warnings if a measured velocity contradicts wheels, yaw rate or accel_y.
 
-    Longitudinal velocity: equal to the speed of the wheels within MAX_SPEED_RATIO, as
-    slip and radii are a few percent. Lateral velocity: its derivative is accel_y - v r on
-    a flat road. If both changes over CHANGE_TIME have a negative correlation, the sign is
-    wrong."""
+    Longitudinal velocity: equals the speed of the wheels within the factor
+    MAX_SPEED_RATIO, since slip and errors of the radii are a few percent. Course: its
+    changes over CHANGE_TIME correlate with the integral of the yaw rate. Lateral
+    velocity: its changes correlate with the integral of accel_y - v r, on a flat road. A
+    correlation below -0.5 means a wrong sign."""
     wheels = 0.5 * (radius_front * log.data["wheel_speed_front"] + radius_rear * log.data["wheel_speed_rear"])
     v = wheels.to_numpy(float)
     found = []
@@ -436,8 +457,8 @@ def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) ->
         changes = changes[log.time[last] - log.time[first] < 2 * CHANGE_TIME]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: gnss_course turns against yaw_rate: a compass counts clockwise, it counts "
-                "to the left"
+                "check the units: gnss_course turns against yaw_rate: a compass course increases clockwise, "
+                "gnss_course must increase to the left"
             )
     if "ins_vel_y" in log.extra:
         y = log.extra["ins_vel_y"].to_numpy(float)
@@ -449,8 +470,8 @@ def _check_velocity(log: CheckedLog, radius_front: float, radius_rear: float) ->
         changes = changes[np.isfinite(changes).all(axis=1)]
         if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
             found.append(
-                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of "
-                "left?"
+                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: it must be positive "
+                "to the left"
             )
     return found
 
@@ -460,11 +481,12 @@ def _check_pedals(
 ) -> list[str]:
     """Return warnings if brake switch or wheel torques contradict the acceleration.
 
-    Grade and drag have the same effect on speed and accel_x. With the torque of one axle
-    only, rows that accelerate are compared, since brakes act on both axles."""
+    The brake is compared with dv/dt, the force of the torques with mass x accel_x. If
+    only one axle has torques, only accelerating rows are compared, since brakes act on
+    both axles."""
     found, moving, rate = [], np.abs(v) > MIN_VELOCITY, physics.differentiate(v)
     if "brake" in d:
-        loses = f"off in {{:.0f}} % of the rows in which it loses more than {-COASTING_LOSS:g} m/s2"
+        loses = f"off in {{:.0f}} % of the rows in which the car brakes by more than {-COASTING_LOSS:g} m/s2"
         for rows, on, words in (
             (rate > DRIVING_GAIN, True, "on in {:.0f} % of the rows in which the car gains speed"),
             (rate < COASTING_LOSS, False, loses),
@@ -473,7 +495,7 @@ def _check_pedals(
             share = float(np.mean((brake > 0.5) == on)) if len(brake) >= 50 else 0.0
             if share > 0.5:
                 words = words.format(100 * share)
-                found.append(f"check the units: brake is {words}: it is 1 while the car brakes, else 0")
+                found.append(f"check the units: brake is {words}: it must be 1 while braking, else 0")
     axles = [c for c in TORQUE_COLUMNS if c in d]
     if axles and mass and "accel_x" in d:
         force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
@@ -483,14 +505,14 @@ def _check_pedals(
         if abs(f.corr) > MIN_TORQUE_CORR and not least < f.slope < MAX_FORCE_RATIO:
             found.append(
                 f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x "
-                f"accel_x (correlation {f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of "
-                "both of an axle, negative while they brake"
+                f"accel_x (correlation {f.corr:.2f}), about 1 is expected: a wheel torque is the sum of both "
+                "wheels of an axle in N m, negative while braking"
             )
     return found
 
 
 def _smooth_channels(log: CheckedLog) -> dict[str, np.ndarray]:
-    """Return the channels and GNSS on the raster of physics.py, low-passed."""
+    """Return all channels of the log, resampled to COMPARISON_RATE and low-passed."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.COMPARISON_RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
     columns |= {
@@ -507,7 +529,7 @@ def _smooth_channels(log: CheckedLog) -> dict[str, np.ndarray]:
 
 
 def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
-    """Return a warning if the axles roll at different speeds, m/s."""
+    """Return a warning if the wheel speeds of the axles, m/s, differ by over 25 %."""
     a, b = (
         float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING_SPEED])))
         if (np.abs(x) > physics.MOVING_SPEED).any()
@@ -523,7 +545,7 @@ def _check_axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
 
 
 def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
-    """Return a warning if accel_x, instead of accel_y, correlates with v r."""
+    """Return a warning if accel_x correlates with v r and accel_y does not."""
     moving = np.abs(v) > physics.MOVING_SPEED
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
@@ -543,7 +565,8 @@ def _check_swapped_axes(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]
 def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     """Return a warning if the IMU is turned about the vertical axis.
 
-    Each accelerometer then measures a part of the other axis, with opposite signs."""
+    Each accelerometer then measures a part of the acceleration along the other axis, one
+    of them with the opposite sign."""
     turn, rate = v * d["yaw_rate"], physics.differentiate(v)
     rows = (np.abs(v) > physics.MOVING_SPEED) & np.isfinite(turn + rate + d["accel_x"] + d["accel_y"])
     if rows.sum() < physics.MIN_ROWS:
@@ -560,18 +583,20 @@ def _check_turned_imu(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
 
 
 def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.ndarray) -> list[str]:
-    """Return a warning if the wheels of one side are taken for an axle.
+    """Return a warning if the two wheels of one side of the car are logged as an axle.
 
-    The wheels of one side roll faster in bends to the other side. Those of one axle
-    differ from the other axle by the same sign in all bends."""
+    The wheels of one side are faster than those of the other side in bends away from
+    them, slower in bends towards them: front - rear speed follows the yaw rate. With
+    correct axles, the difference has the same sign in left and right bends."""
     y, turn, slip = front - rear, d["yaw_rate"], rear * physics.differentiate(rear)
     rows = (np.abs(front) > physics.MOVING_SPEED) & np.isfinite(y + turn + slip)
     if rows.sum() < physics.MIN_ROWS:
         return []
     v, across = rear[rows], np.abs(rear * turn)[rows]
     plain = [turn[rows], slip[rows], np.ones(rows.sum())]
-    # the radii of both axles differ by wear, by the square of the speed, and by the load
-    # in bends
+    # The radii of the axles differ by wear, with the square of the speed, and with the
+    # load in bends. The yaw rate must explain the difference without and with these
+    # terms.
     for columns in (plain, [*plain, v, v**3, v * across]):
         parts = np.column_stack(columns)
         found = np.linalg.lstsq(parts, y[rows], rcond=None)[0]
@@ -586,9 +611,9 @@ def _check_mixed_sides(d: Mapping[str, np.ndarray], front: np.ndarray, rear: np.
 
 
 def _check_time(log: CheckedLog, radius: float) -> list[str]:
-    """Return a warning if the time of a slow log does not fit: it may be a row count.
+    """Return a warning if the time of a slowly sampled log is wrong, e.g. a row count.
 
-    The integral of accel_x over time is the change of the speed."""
+    The integral of accel_x over the logged time must equal the change of the speed."""
     step, n = float(log.sample_time or 0.0), SLOW_ROWS
     if step <= 1.0 / physics.COMPARISON_RATE or len(log) < 10 * n:
         return []
@@ -604,12 +629,15 @@ def _check_time(log: CheckedLog, radius: float) -> list[str]:
 
 
 def _list_wheel_causes(radius: float) -> list[Cause]:
-    """Return the mistakes of the wheel speeds for wheels of this radius, m."""
+    """Return the causes of WHEEL_CAUSES for wheels of this radius, m."""
     return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
 
 def _combine_causes(ratio: float) -> Iterator[tuple[Cause, ...]]:
-    """Yield no cause, each single cause, and each pair of different channels."""
+    """Yield combinations of CAUSES: none, each one, each pair.
+
+    Two causes of the same channel are a pair only if one of them is a wrong sign.
+    `ratio`: steering ratio."""
     single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
     for cause in single:
@@ -628,9 +656,9 @@ def _compute_figures(
     wheels: float,
     radii: tuple[float, float],
 ) -> Figures:
-    """Return the figures at the speed v, m/s.
+    """Return the ratios of measured to expected values for the speed v, m/s.
 
-    `wheels`: factor by which the wheel speeds are too large."""
+    `wheels`: assumed factor by which the wheel speeds are too large."""
     value: dict[str, float] = {}
     sd: dict[str, float] = {}
     nearly: set[str] = set()
@@ -664,14 +692,16 @@ def _compute_figures(
 
 
 def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
-    """Return the figures after correction of these causes.
+    """Return the ratios after correction of these causes.
 
-    Wheel causes are already corrected in the speed."""
+    Causes of the wheel speeds change nothing here: _compute_figures() has already used
+    the corrected speed."""
     by = dict.fromkeys(("yaw_rate", "accel_y", "accel_x", "steer_angle"), 1.0)
     for cause in causes:
         if cause.channel in by:
             by[cause.channel] *= cause.factor
-    # the figures contain accel_y / (v r), steer_angle v / r, and wheel speeds / r
+    # the ratios are proportional to accel_y / (v r), accel_x, steer_angle v / r, and
+    # wheel speed differences / r, with the yaw rate r
     expected = {
         "accel_y": by["accel_y"] / by["yaw_rate"],
         "accel_x": by["accel_x"],
@@ -682,7 +712,10 @@ def _apply_causes(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, floa
 
 
 def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
-    """Return the squared deviation of the corrected figures from 1, in sd."""
+    """Return the cost of the ratios after correction of these causes.
+
+    It is the sum of their squared logarithms, each over its variance, plus SIGN_PRICE for
+    each negative ratio."""
     left = _apply_causes(figures, causes)
     return sum(
         float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + SIGN_PRICE * (x < 0) for n, x in left.items()
@@ -690,7 +723,7 @@ def _compute_cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
 
 
 def _describe_causes(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
-    """Return the warning: causes, factors, figures before and after correction."""
+    """Return the warning: causes, factors, and the ratios before and after correction."""
     moved = [
         n
         for n in before.value

@@ -1,4 +1,5 @@
-"""Find the nearest signals of each missing channel, and the reason against each."""
+"""List for each channel that was not found the signals that are nearest to it, and why
+each was rejected."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,8 +13,9 @@ from tse.channels.wheels import MIN_WHEEL_RATE, find_quaternions, is_rolling
 from tse.log.units import unit_kind
 from tse.readers.recording import Channel, Recording
 
-MAX_CANDIDATES = 3  # of one channel
-MIN_VALUES = 4  # min values of a signal to be compared
+MAX_CANDIDATES = 3  # listed for one channel
+MIN_VALUES = 4  # min number of values of a signal that is compared
+# name of the kinds of units that a channel may have, for messages
 WANTED_KIND = {
     "yaw_rate": "a rate",
     "accel_x": "an acceleration",
@@ -26,14 +28,14 @@ WANTED_KIND = {
 def find_nearest_candidates(
     recording: Recording, look: Look, guesses: Sequence[Guess], missing: Sequence[str], v: np.ndarray | None
 ) -> dict[str, list[str]]:
-    """Return the nearest signals of each missing channel, with the reason against each.
+    """Return the nearest signals of each missing channel, and why each was rejected.
 
     Parameters
     ----------
     recording : Recording
         The log.
     look : Look
-        The log on one raster.
+        The signals of the log, resampled to one raster.
     guesses : sequence of Guess
         The channels that were found.
     missing : sequence of str
@@ -44,8 +46,8 @@ def find_nearest_candidates(
     Returns
     -------
     dict of str to list of str
-        By channel: signal and reason. If no signal has a similar name or the unit of the
-        channel, the list states this.
+        For each missing channel a list of "signal: reason". If no signal has a similar
+        name or the unit of the channel, the list has one text that states this.
     """
     used = {n: g.channel for g in guesses for n in g.name}
     found: dict[str, list[str]] = {}
@@ -64,7 +66,7 @@ def find_nearest_candidates(
 
 
 def _score_candidate(role: str, axle: str, c: Channel) -> float:
-    """Return the score of a signal by name and unit; 0: not a candidate."""
+    """Return the score of a signal for a role, by its name and unit; 0: no candidate."""
     of_kind = unit_kind(c.unit) in ROLE_KINDS[role] and unit_kind(c.unit) != ""
     if role == "wheel":
         place, named = find_place(c.name)
@@ -72,13 +74,14 @@ def _score_candidate(role: str, axle: str, c: Channel) -> float:
             return 0.0
         return named + of_kind if place else (0.6 * of_kind if score_name("speed", c.name) > 0 else 0.0)
     named = score_name(role, c.name)
-    if named <= 0:  # a similar name that belongs to another quantity counts half
+    if named <= 0:  # a name with a word of the role and a word of a different quantity: half
         named = 0.5 if any(_compare_sounds(role, c)) else 0.0
     return named + of_kind * (1.0 if named > 0 or not is_another_thing(role, c.name) else 0.0)
 
 
 def _compare_sounds(role: str, c: Channel) -> list[bool]:
-    """Return for each pattern whether only a word of another quantity excludes c."""
+    """Return for each pattern of the role whether the name of c matches it, but has a
+    negative score because of a word of a different quantity."""
     return [
         score_name(role, c.name) > -4.0 + worth - 0.3 and score_name(role, c.name) < 0
         for _, worth in ROLE_WORDS[role]
@@ -88,7 +91,8 @@ def _compare_sounds(role: str, c: Channel) -> list[bool]:
 def _explain_rejection(
     c: Channel, role: str, look: Look, used: Mapping[str, str], guesses: Sequence[Guess], v: np.ndarray | None
 ) -> str:
-    """Return the reason against a signal: clock, values, unit, name, rate or physics."""
+    """Return why a signal was rejected: by its times, values, unit, rate, name or
+    physics."""
     if c.name in used:
         return f"is proposed as {used[c.name]}"
     there = c.value[np.isfinite(c.value)]
@@ -109,18 +113,21 @@ def _explain_rejection(
             return "has no time"
         begin, end = times[[0, -1]]
         others = f"{look.time[0]:.1f} .. {look.time[-1]:.1f} s"
-        return f"its times ({begin:.1f} .. {end:.1f} s) are not those of the other signals ({others})"
+        return f"its times ({begin:.1f} .. {end:.1f} s) do not overlap those of the other signals ({others})"
     unit = look.find_unit(c.name)
     if unit_kind(unit) not in ("", *ROLE_KINDS[role]):
         return f"its unit {unit} is not that of {WANTED_KIND[role]}"
     if role == "wheel":
         if not is_rolling(x):
-            return "is often below 0, which a wheel speed is not"
+            return "is often negative, unlike a wheel speed"
         if look.rate[c.name] < MIN_WHEEL_RATE:
-            return f"has {look.rate[c.name]:.2g} new values a second; a wheel needs {MIN_WHEEL_RATE:g}"
-        return "the other wheel of its axle, or the other axle, was not found beside it"
+            return (
+                f"has only {look.rate[c.name]:.2g} new values per second; a wheel speed needs "
+                f"{MIN_WHEEL_RATE:g}"
+            )
+        return "the other wheel of its axle, or the other axle, was not found"
     if c.name in find_quaternions(look):
-        return "is a part of an attitude"
+        return "is a component of an attitude quaternion"
     if score_name(role, c.name) < 0:
         return "its name describes another quantity (a target, a status, an offset, ...)"
     if is_another_thing(role, c.name):
@@ -131,9 +138,9 @@ def _explain_rejection(
 def _explain_by_physics(
     x: np.ndarray, role: str, look: Look, guesses: Sequence[Guess], v: np.ndarray | None, named: float
 ) -> str:
-    """Return the kinematic relation that a signal contradicts."""
+    """Return the kinematic relation that a signal contradicts, or why none was tested."""
     if v is None:
-        return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal was nearer"
+        return "there is no speed to test it with" if named < MIN_NAME_SCORE else "another signal fits better"
     by = {g.channel: look.x[g.name[0]] for g in guesses if len(g.name) == 1}
     moving = np.where(np.abs(v) > physics.MOVING_SPEED, v, np.nan)
     pairs = {

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-MIN_COUNTING_SHARE = 0.8  # min share of entries in which a counter increases by 1
-USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)  # tried before the range of the values
+MIN_COUNTING_SHARE = 0.8  # [1] min share of the steps of a counter that are +1
+USUAL_MODULI = (4, 8, 16, 32, 64, 256, 65536)  # tried before the range of the logged values
 
 
 def find_modulo(counter: np.ndarray) -> int:
-    """Return the modulo of a counter.
+    """Return the modulo of a counter: the number of its values before it starts again.
 
     Parameters
     ----------
@@ -17,7 +17,7 @@ def find_modulo(counter: np.ndarray) -> int:
     Returns
     -------
     int
-        Number of values of one round. 0: the signal does not count.
+        Modulo. 0: the signal is not a counter.
 
     Notes
     -----

@@ -1,4 +1,5 @@
-"""Make the guesses: unit, sign, ratio, latency and confidence, each with its evidence."""
+"""Make the guesses of a proposal: unit, sign, ratio, latency and confidence of each
+channel, with the evidence for them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,19 +15,20 @@ from tse.channels.wheels import compute_speed, is_car_speed
 from tse.log.units import unit_factor, unit_kind
 from tse.readers.table import find_unit_suffix
 
-BY_SIZE = "by its size"
-# rad: an IMU turned by less has an error of 1 % in accel_y; calibrate finds it
+BY_SIZE = "by its size"  # source of a unit that neither the log nor the name gives
+# [rad] min yaw misalignment of the IMU for a warning. A smaller one causes an error of
+# about 1 % in accel_y. tselab calibrate estimates it
 MIN_MOUNTING = 0.12
-# Prior of a steering angle of unknown unit, in a log without enough bends for a test. By
-# unit, and whether it is that of the steering wheel: its larger values (97 % quantile; sd
-# of the logarithm 1), and the share of logs.
+# Prior of the unit of a steering angle, for a log without enough bends for a test. Key:
+# unit; True: angle of the steering wheel, False: of the road wheels. Value: typical 97 %
+# quantile of its magnitude (the logarithm has an sd of 1); share of logs with this unit.
 STEERING_SIZES = {
     ("deg", True): (45.0, 0.6),
     ("rad", False): (0.05, 0.25),
     ("rad", True): (0.8, 0.1),
     ("deg", False): (3.0, 0.05),
 }
-# of cars; of its logarithm: 12 .. 20 within 2 sd
+# [1] prior of the steering ratio, and sd of its logarithm: 2 sd include 12 .. 20
 RATIO_PRIOR, RATIO_PRIOR_SD = 15.5, 0.12
 
 
@@ -39,24 +41,24 @@ def make_guesses(
     car: Any | None,
     warnings: list[str],
 ) -> list[Guess]:
-    """Return the guesses of steering, wheels, IMU.
+    """Return the guesses of steering angle, wheel speeds and IMU.
 
     Parameters
     ----------
     look : Look
         The log.
     wheels : mapping of str to str
-        Place of each wheel, and the name of its signal.
+        Place of each wheel -> name of its signal.
     chosen : mapping of str to str
-        Role and name of the other signals.
+        Role of each other channel -> name of its signal.
     worth : mapping of str to mapping of str to float
-        By role: scores by name ("said") and by physics ("shown").
+        Scores of the signal of each role: by its name ("said"), by physics ("shown").
     scale : UnitScale
-        Units.
+        Unit of each role.
     car : Vehicle or None
-        Radii of the wheels, wheelbase and steering ratio.
+        Car, with wheel radii, wheelbase and steering ratio.
     warnings : list of str
-        Extended.
+        The function appends its warnings.
     """
     found: dict[str, Guess] = {}
     v = compute_speed(look, wheels)
@@ -94,10 +96,12 @@ def make_guesses(
 
 
 def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
-    """Return the signs of the motion, and whether that of the yaw rate was tested.
+    """Return the signs of yaw rate and accelerations, and whether that of the yaw rate
+    was tested.
 
-    The wheels give the sign of the yaw rate, or else the course of a GNSS receiver. The
-    sign of accel_y follows from the yaw rate."""
+    The sign of the yaw rate follows from the difference of right and left wheel speeds,
+    or otherwise from the course of a GNSS receiver. The sign of accel_y follows from its
+    correlation with v r, the sign of accel_x from that with dv/dt."""
     turn = facts.get("track_corr", 0.0)
     if abs(turn) <= 0.7:
         turn = facts.get("course_corr", 0.0)
@@ -110,13 +114,14 @@ def _find_signs(facts: Mapping[str, float]) -> tuple[dict[str, float], bool]:
 
 
 def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> None:
-    """Warn if all lateral channels are positive to the right by the wheels."""
+    """Warn if, compared with the wheel speeds, all lateral channels are positive to the
+    right."""
     lateral = ("yaw_rate", "accel_y", "steer_angle")
     if not all(c in found and found[c].sign < 0 for c in lateral):
         return
     warnings.append(
-        "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left "
-        "and right wheels are exchanged; the signs follow the wheels"
+        "steering, accel_y and yaw rate are positive to the right if left and right wheels are named "
+        "correctly: SAE axes, or left and right wheels are exchanged; the proposed signs follow the wheels"
     )
     for c in lateral:
         found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
@@ -124,7 +129,8 @@ def _check_inverted_axes(found: Mapping[str, Guess], warnings: list[str]) -> Non
 
 
 def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
-    """Return where a unit comes from: the log, the end of the name, or the size."""
+    """Return the source of a unit: the log, the end of the name, or the size of
+    values."""
     c = look.channels[name]
     if c.unit and is_same_unit(c.unit, unit, role):
         return "by the log"
@@ -133,10 +139,10 @@ def _describe_origin(look: Look, name: str, unit: str, role: str) -> str:
 
 
 def _rate_confidence(said: float, shown: float) -> str:
-    """Return the confidence from the scores by name and by physics.
+    """Return the confidence of a guess from its scores by name and by physics.
 
-    sure: both agree. likely: one is clear, and the other does not contradict it. unsure:
-    all others."""
+    sure: both are high. likely: physics is high, or the name is and physics does not
+    contradict it. Otherwise unsure."""
     if said >= MIN_NAME_SCORE and shown >= 2.5:
         return "sure"
     return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
@@ -155,13 +161,13 @@ def _guess_motion(
 ) -> Guess:
     """Return the guess of yaw_rate, accel_y or accel_x.
 
-    `is_sided`: its sign was tested."""
+    `is_sided`: the sign of the yaw rate was tested."""
     unit = scale.unit[role]
     figures = _list_motion_figures(role, worth, scale, sign, facts, is_sided)
     confidence = _rate_confidence(worth["said"], worth["shown"])
     origin = _describe_origin(look, name, unit, role)
     unsure = []
-    if worth["shown"] == 0.0:  # nothing to compare with, or the log moves too little
+    if worth["shown"] == 0.0:  # no signal to compare with, or too little motion in the log
         figures.append("not tested: by its name alone" if worth["said"] >= MIN_NAME_SCORE else "not tested")
         unsure = ["the signal", "its sign"] if worth["said"] < MIN_NAME_SCORE else ["its sign"]
         if origin == BY_SIZE:
@@ -183,7 +189,7 @@ def _guess_motion(
     other = {"accel_x": "accel_y", "accel_y": "accel_x"}.get(role)
     if other and score_name(other, name) > score_name(role, name) + 0.5:
         warnings.append(
-            f"{name!r} sounds like {other}, and behaves like {role}: are the axes of the IMU swapped?"
+            f"{name!r} has a name of {other}, but behaves like {role}: are the axes of the IMU swapped?"
         )
     return guess
 
@@ -196,17 +202,19 @@ def _list_motion_figures(
     facts: Mapping[str, float],
     is_sided: bool,
 ) -> list[str]:
-    """Return the evidence for yaw_rate, accel_y or accel_x, in words."""
+    """Return the evidence for the guess of yaw_rate, accel_y or accel_x, in words."""
     figures = []
     what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
     if role in what and role in scale.figures:
         figure = sign * abs(scale.figures[role]) if role == "accel_x" else scale.figures[role]
         figures.append(f"{what[role]}: {figure:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}")
     elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
-        figures.append("it goes with v times right less left wheels; there is no yaw rate for a figure")
+        figures.append(
+            "correlates with v times (right less left wheels); without a yaw rate, its factor is unknown"
+        )
     elif role in what:
         figures.append(
-            f"{what[role]}: the log shows too little (correlation {facts.get(f'{role}_corr', 0.0):.2f})"
+            f"{what[role]}: too little motion in the log (correlation {facts.get(f'{role}_corr', 0.0):.2f})"
         )
     if role == "yaw_rate":
         if "track" in scale.figures:
@@ -220,10 +228,10 @@ def _list_motion_figures(
             )
         if is_sided and abs(facts.get("track_corr", 0.0)) <= 0.7:
             figures.append(
-                f"its sign is by the course of the receiver, correlation {facts['course_corr']:.3f}"
+                f"its sign is from the course of the GNSS receiver, correlation {facts['course_corr']:.3f}"
             )
         if not is_sided:
-            figures.append("no wheel shows its sign: positive to the left is assumed (ISO 8855)")
+            figures.append("its sign was not tested by wheels: positive to the left is assumed (ISO 8855)")
     return figures
 
 
@@ -236,7 +244,7 @@ def _guess_steering(
     car: Any | None,
     warnings: list[str],
 ) -> Guess:
-    """Return the guess of the steering angle, with ratio by its slope over r/v."""
+    """Return the guess of the steering angle. Its ratio follows from a fit over r/v."""
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or find_unit_suffix(look.channels[name].short)
     unit = unit if unit_kind(unit) == "angle" else ""
@@ -246,7 +254,7 @@ def _guess_steering(
         "steer_angle", (name,), unit or "deg", "", confidence=_rate_confidence(worth["said"], worth["shown"])
     )
     if found is None or found.share < 0.5 or found.per_curvature == 0:
-        why = "the log turns too little to test sign and ratio"
+        why = "the log has too few bends to test sign and ratio"
         if v is None:
             why = "there is no speed to test sign and ratio with"
         elif r is None:
@@ -254,7 +262,7 @@ def _guess_steering(
         _set_untested_steering(guess, look.x[name], unit, given, why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
-    # of the signal's unit per rad of the road wheels
+    # change of the signal, in its unit, per rad at the road wheels
     raw = abs(found.per_curvature) / wheelbase
     spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     ratio = _choose_steering_unit(look, guess, raw, spread, unit, given, warnings)
@@ -280,7 +288,9 @@ def _guess_steering(
 
 
 def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float | None, why: str) -> None:
-    """Set unit and ratio of a steering angle by its size, without a test."""
+    """Set unit and ratio of a steering angle that cannot be tested, by its size.
+
+    `why`: reason why it cannot be tested."""
     guess.unit, wheel = _guess_by_size(x, unit)
     guess.unit_from = "by the log" if unit else f"a guess by its size: {why}"
     guess.ratio = (given or RATIO_PRIOR) if wheel else None
@@ -292,11 +302,12 @@ def _set_untested_steering(guess: Guess, x: np.ndarray, unit: str, given: float 
 def _choose_steering_unit(
     look: Look, guess: Guess, raw: float, spread: float, unit: str, given: float | None, warnings: list[str]
 ) -> float:
-    """Set the unit of the steering angle; return the steering ratio with it.
+    """Choose the unit of the steering angle; return its ratio to r L/v in this unit.
 
-    `raw`: angle in units of the signal over r L/v. `spread`: sd of its logarithm. `unit`:
-    unit by the log, "" if unknown. The unit is that for which the ratio is nearest to 1
-    (angle of the road wheels) or to the ratio of the vehicle file."""
+    L: wheelbase. `raw`: ratio in units of the signal. `spread`: sd of its logarithm.
+    `unit`: unit in the log, "" if unknown. The unit is chosen for which the ratio is
+    nearest to 1 (angle of the road wheels) or to the steering ratio: `given` by the
+    vehicle file, or RATIO_PRIOR."""
     units = [unit] if unit else UNIT_OPTIONS["steer_angle"]
     options = [(u, raw * float(unit_factor(u, "rad") or 1.0)) for u in units]
     ratio_spread = np.hypot(spread, 0.02 if given else 0.15)
@@ -311,7 +322,7 @@ def _choose_steering_unit(
         q = raw * float(unit_factor(other, "rad") or 1.0)
         if min(abs(np.log(q)), abs(np.log(q / (given or RATIO_PRIOR)))) / spread < 1.5:
             warnings.append(
-                f"the log gives {unit} for {name!r}, but its size is that of {other}: {other} is proposed"
+                f"the log states {unit} for {name!r}, but its values fit {other}: {other} is proposed"
             )
             guess.unit, ratio, guess.unit_from = other, q, BY_SIZE
     return ratio
@@ -320,7 +331,11 @@ def _choose_steering_unit(
 def _set_steering_ratio(
     guess: Guess, ratio: float, spread: float, given: float | None, warnings: list[str]
 ) -> None:
-    """Set the steering ratio: that of the vehicle file, or measured ratio and prior."""
+    """Set the steering ratio: that of the vehicle file if the measured one agrees with
+    it.
+
+    Otherwise it is the measured one; without a vehicle file the mean of measured ratio
+    and prior."""
     if given is None:  # mean of measured ratio and prior, weighted by their variances
         weight = RATIO_PRIOR_SD**-2 / (RATIO_PRIOR_SD**-2 + spread**-2)
         guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(RATIO_PRIOR)))
@@ -331,11 +346,12 @@ def _set_steering_ratio(
     elif given is None and spread > 0.12:
         guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
     elif given is not None:
-        warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {given:g}")
+        warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, but {given:g} in the vehicle file")
 
 
 def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Return the most probable unit, and whether it is that of the steering wheel."""
+    """Return the most probable unit of a steering angle by its 97 % quantile, and whether
+    it is the angle of the steering wheel."""
     large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
     options = {
         k: s for k, s in STEERING_SIZES.items() if not unit or is_same_unit(k[0], unit, "steer_angle")
@@ -347,7 +363,7 @@ def _guess_by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
 def _guess_wheels(
     look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: UnitScale
 ) -> Guess:
-    """Return the guess of an axle's wheel speed, which is made of the signals `mine`."""
+    """Return the guess of an axle's wheel speed: the mean of the signals `mine`."""
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
@@ -364,7 +380,7 @@ def _guess_wheels(
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")
     if is_car_speed(wheels):
         figures.append(
-            "no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal "
+            "no wheel speed is logged: the speed of the car is used for both axles, so slip and longitudinal "
             "stiffness are not known"
         )
         origin = _describe_origin(look, mine[0], unit, "wheel")
@@ -373,8 +389,8 @@ def _guess_wheels(
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
         figures.append(
-            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their "
-            "order"
+            "the names do not tell the wheels apart: left and right are found by the yaw rate, front and "
+            "rear by their order"
         )
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
     origin = _describe_origin(look, mine[0], unit, "wheel")
@@ -433,8 +449,8 @@ def _check_turned_imu(
         return
     warnings.append(
         f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the "
-        f"vertical axis: accel_y has {slope[1]:+.2f} of the acceleration along the car in it; turn it back "
-        "before, or leave accel_x and accel_y out"
+        f"vertical axis: accel_y contains {slope[1]:+.2f} of the longitudinal acceleration; rotate accel_x "
+        "and accel_y back before, or leave both out"
     )
     for c in ("accel_y", "accel_x"):
         if c in found:
@@ -451,7 +467,7 @@ def _check_offsets(
     v: np.ndarray | None,
     warnings: list[str],
 ) -> None:
-    """Warn of offsets and factors that are unusual, but may be right."""
+    """Warn of offsets and factors that are unusual, but may be correct."""
     if v is None:
         return
     r = (
@@ -469,37 +485,38 @@ def _check_offsets(
         offset = float(np.nanmedian(left)) if np.isfinite(left).any() else 0.0
         if 8.5 < abs(offset) < 11:
             warnings.append(
-                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is "
-                "the vertical axis, or the IMU stands on edge"
+                f"{found[role].name[0]!r} contains gravity (it is {offset:.2f} m/s2 above the expected "
+                f"{role}): it is the vertical axis, or the IMU is mounted on edge"
             )
         elif abs(offset) > 0.7:
             warnings.append(
-                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road "
-                "that leans; the estimator finds it"
+                f"{role}: mean difference from the kinematics {offset:+.2f} m/s2: tilted IMU or banked road; "
+                "the estimator compensates for it"
             )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
     if "accel_y" in scale.figures and not 0.8 < scale.figures["accel_y"] < 1.25:
         warnings.append(
-            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three "
-            "is not what it is taken for"
+            f"a_y is {scale.figures['accel_y']:.2f} times v r even in the units that fit best: accel_y, "
+            "yaw rate or speed is a wrong signal"
         )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
         warnings.append(
-            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the "
-            "wheels or of the yaw rate are off"
+            f"right less left wheel speed over yaw rate gives a track of {scale.figures['track']:.2f} m: "
+            "wheel radius, unit of the wheel speeds or unit of the yaw rate is wrong"
         )
 
 
-# ---- Latency of each channel against the gyro.
+# ---- Latency of each channel behind the gyro.
 
-MIN_LATENCY = 0.004  # s: smaller ones are not proposed
-# s from the road wheels to the yaw rate in slow steering: single-track models of
-# understeering passenger cars with relaxation, drawn at random, at 10 .. 35 m/s
+MIN_LATENCY = 0.004  # [s] min latency that is proposed
+# [s] mean and sd of the lag of the yaw rate behind the angle of the road wheels in slow
+# steering: random single-track models of understeering passenger cars with relaxation, at
+# 10 .. 35 m/s
 YAW_LAG, YAW_LAG_SD = 0.10, 0.043
-MIN_STEERING_SDS = 2.0  # min latency of the steering to be proposed, in sd
-MAX_STEERING_LATENCY = 0.4  # s
-MIN_LATENCY_SDS = 4.0  # min latency of the other channels to be proposed, in sd
+MIN_STEERING_SDS = 2.0  # [sd] min latency of the steering angle that is proposed
+MAX_STEERING_LATENCY = 0.4  # [s] a larger latency of the steering angle is not proposed
+MIN_LATENCY_SDS = 4.0  # [sd] min latency of the other channels that is proposed
 
 
 def find_latencies(
@@ -510,7 +527,7 @@ def find_latencies(
     sign: Mapping[str, float],
     warnings: list[str],
 ) -> None:
-    """Set the latencies of wheels, accelerometers and steering against the gyro."""
+    """Set the latencies of wheel speeds, accel_y and steering angle behind the gyro."""
     if "yaw_rate" not in found:
         return
     clock = found["yaw_rate"].name[0]
@@ -535,9 +552,11 @@ def find_latencies(
     if "accel_y" in found and wheels:
         v = average([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
         slope = physics.differentiate(r)
-        # the lag of the body itself, (c0 + c2 v^2) r', is no latency
+        # The lateral velocity adds (c0 + c2 v^2) r' to accel_y. _find_accel_lag() fits
+        # this term, so that it is not taken for a latency.
         late, sd = _find_accel_lag(look, found["accel_y"], v, r, slope, scale, sign, keep)
-        _set_latency(look, found["accel_y"], clock, late, sd, "a_y against v r, without the lag of the body")
+        how = "a_y against v r, without the lateral velocity"
+        _set_latency(look, found["accel_y"], clock, late, sd, how)
 
 
 def _set_steering_latency(
@@ -545,9 +564,10 @@ def _set_steering_latency(
 ) -> None:
     """Set the latency of the steering angle, if the yaw rate follows it too soon.
 
-    A car turns YAW_LAG after its road wheels. If the yaw rate follows sooner, or precedes
-    the angle, the angle is late. A latency within the spread of cars shows only in a fit
-    of the whole car: tselab calibrate."""
+    The yaw rate of a car lags the angle of its road wheels by YAW_LAG. If it lags the
+    logged angle by less, or leads it, the logged angle is late. A latency within the
+    spread of cars (YAW_LAG_SD) can only be found by a fit of the whole car: tselab
+    calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)
     follows, sd = physics.find_lag(steered, r, keep)
     late, sd = YAW_LAG - follows, float(np.hypot(sd, YAW_LAG_SD))
@@ -556,11 +576,11 @@ def _set_steering_latency(
     guess.latency = round(late, 3)
     guess.figures.append(
         f"{1e3 * late:.0f} ms (sd {1e3 * sd:.0f}) late: the yaw rate is {1e3 * follows:.0f} ms behind it, "
-        f"usual are {1e3 * YAW_LAG:.0f}; tselab calibrate finds it better"
+        f"{1e3 * YAW_LAG:.0f} are usual; tselab calibrate measures it better"
     )
     warnings.append(
         f"steer_angle is logged about {1e3 * late:.0f} ms late, which is proposed as its latency: without "
-        "it the estimates would be of another car"
+        "this latency, the estimates would be wrong"
     )
 
 
@@ -574,13 +594,18 @@ def _find_accel_lag(
     sign: Mapping[str, float],
     keep: np.ndarray,
 ) -> tuple[float, float]:
-    """Return the lag of accel_y behind v r, and its sd, s."""
+    """Return the lag of accel_y behind v r, and its sd, s.
+
+    `slope`: derivative r' of the yaw rate. The fit has terms in r' and v^2 r'."""
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
     return physics.find_lag(v * r, y, keep & (v > MOVING_SPEED), (slope, v**2 * slope))
 
 
 def _set_latency(look: Look, guess: Guess | None, clock: str, late: float, sd: float, how: str) -> None:
-    """Set the latency of a guess, if it is significant, and add the evidence `how`."""
+    """Set the latency of a guess to `late`, if it is significant, and add the evidence.
+
+    `clock`: name of the yaw rate. If both have the same time stamps, the latency must be
+    twice as large. `how`: what was compared."""
     if guess is None or not np.isfinite(sd):
         return
     together = look.channels[guess.name[0]].time is look.channels[clock].time

@@ -1,4 +1,7 @@
-"""Look: a log prepared for comparisons. Guess, Proposal: signals assigned to channels."""
+"""Prepare a log for the search of its channels (Look), and describe what is found.
+
+Guess is a signal proposed for one channel. Proposal holds all guesses of a log.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,8 @@ from tse.log.units import is_unknown_unit, unit_kind
 from tse.readers.recording import Channel, Recording
 from tse.readers.table import find_unit_suffix
 
+# Role: quantity that a signal may measure. For each role, the kinds of its possible
+# units.
 ROLE_KINDS = {
     "yaw_rate": ("rate",),
     "accel_y": ("acceleration",),
@@ -28,17 +33,19 @@ ROLE_KINDS = {
     "speed": ("speed",),
 }
 WHEEL_PLACES = ("front_left", "front_right", "rear_left", "rear_right")
-MAX_LOOK_TIME = 1500.0  # s: the first part of a log, which is compared
-MIN_SIGN_ALIKE = 0.6  # min similarity (difflib) of the names of a magnitude and its sign
-MIN_SIGN_CHANGES = 4  # min changes of a sign bit
-# Min share of rows in which a sign bit is 1 and the magnitude above half its mean: bends
-# to that side
+MAX_LOOK_TIME = 1500.0  # [s] length of the first part of a log, which alone is compared
+MIN_SIGN_ALIKE = 0.6  # min similarity (difflib) of the names of a magnitude and its sign bit
+MIN_SIGN_CHANGES = 4  # min number of changes of a sign bit
+# [1] Min share of rows in which a sign bit is 1 and the magnitude above half its mean.
+# Bends to this side have such rows. A flag for standstill has none.
 MIN_SIGN_SHARE = 0.02
-MAX_AT_ZERO = 0.2  # max median magnitude at the changes of its sign bit, over its mean
-MAX_STATES = 32  # max values of a status; a signal with more is a measured quantity
+# [1] max ratio of the median magnitude at the changes of its sign bit to its mean
+MAX_AT_ZERO = 0.2
+# max number of different values of a status; a signal with more is a measured quantity
+MAX_STATES = 32
 _STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
-MIN_NAME_SCORE = 1.0  # a name with this score describes a role
-MIN_PROOF_CORR = 0.9  # a correlation above it proves a relation
+MIN_NAME_SCORE = 1.0  # min score of a name that describes a role
+MIN_PROOF_CORR = 0.9  # min correlation of signals that proves a kinematic relation
 
 
 @dataclass
@@ -46,32 +53,32 @@ class Guess:
     """The signal proposed for one channel of the library."""
 
     channel: str
-    name: tuple[str, ...]
+    name: tuple[str, ...]  # names of the signals; more than one: the channel is their mean
     unit: str
-    unit_from: str  # where the unit comes from, in words
-    sign: float = 1.0
-    ratio: float | None = None
+    unit_from: str  # source of the unit, in words
+    sign: float = 1.0  # -1: the signal is positive to the right or backwards
+    ratio: float | None = None  # steering ratio by which the angle is divided
     latency: float = 0.0  # s
-    clock: float = 0.0  # s by which the clock of its group is ahead of the others
-    above: float | None = None  # pressure above which the car brakes
-    sign_bit: str | None = None
-    add: str | None = None
-    # flag of its message, and the value that means valid
+    clock: float = 0.0  # s by which the clock of its group is ahead of the other clocks
+    above: float | None = None  # brake pressure above which the car brakes
+    sign_bit: str | None = None  # name of the bit with the sign, if the signal is a magnitude
+    add: str | None = None  # name of the signal with the fine part, which is added
+    # name of the validity flag, and its value if the signal is valid
     valid: tuple[str, float] | None = None
-    counter: tuple[str, int] | None = None  # counter of its message, and its modulo
-    unsure: list[str] = field(default_factory=list)  # parts that were not tested
+    counter: tuple[str, int] | None = None  # name of the counter of its message, and its modulo
+    unsure: list[str] = field(default_factory=list)  # what was not tested: its sign, unit, ...
     confidence: str = "unsure"  # sure, likely, unsure
-    figures: list[str] = field(default_factory=list)  # the evidence, in words
+    figures: list[str] = field(default_factory=list)  # evidence for the guess, in words
 
 
 @dataclass
 class Proposal:
-    """Guesses in the order of the library, warnings, and channels that were not found."""
+    """Guesses in the order of the library's channels, warnings, channels not found."""
 
     guesses: list[Guess]
     warnings: list[str]
     missing: list[str]
-    # by missing channel: the nearest signals, each with the reason against it
+    # for each missing channel: the nearest signals, and why each was rejected
     nearest: dict[str, list[str]] = field(default_factory=dict)
 
     def __getitem__(self, channel: str) -> Guess | None:
@@ -79,17 +86,19 @@ class Proposal:
 
 
 def _hold_last(time: np.ndarray, own: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Return a signal at other times: the last value before each of them."""
+    """Return for each of the times `time` the last value at or before it.
+
+    `own`: times of the values."""
     return value[np.clip(np.searchsorted(own, time, side="right") - 1, 0, len(value) - 1)]
 
 
 def _find_sign_bit(
     name: str, time: np.ndarray, value: np.ndarray, bits: Mapping[str, tuple[str, np.ndarray, np.ndarray]]
 ) -> str | None:
-    """Return the name of the bit with the sign of a magnitude; None if there is none.
+    """Return the name of the bit that holds the sign of a magnitude; None: there is none.
 
-    The bit has a similar name. It changes where the magnitude is near zero, and is also 1
-    where the magnitude is large. A flag for standstill is 1 only near zero."""
+    The bit has a similar name, changes while the magnitude is near 0, and is 1 in some
+    rows with a large magnitude. The last condition excludes a flag for standstill."""
     there = value[np.isfinite(value)]
     if there.min() < 0:
         return None
@@ -111,10 +120,10 @@ def _find_sign_bit(
 
 
 def _mask_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> np.ndarray:
-    """Return the first values of a channel, NaN where invalid.
+    """Return the first `rows` values of a channel, NaN where they are invalid.
 
-    A value is invalid if the flag of its message says so, or if it is the code for "not
-    available"."""
+    A value is invalid if its validity flag differs from the value for valid, or if it is
+    the code for "not available"."""
     value = c.value[:rows]
     bad = mark_no_value(value)
     flag = find_flag(recording, c, flags)
@@ -124,35 +133,36 @@ def _mask_invalid(recording: Recording, c: Channel, rows: int, flags: Flags) -> 
 
 
 class Look:
-    """A recording on one even raster, for comparisons.
+    """The signals of a recording, resampled to one uniform raster for comparisons.
 
     Attributes
     ----------
     time : ndarray, (rows,)
-        s.
+        Times of the raster, s.
     x : dict of str to ndarray, (rows,)
-        By name: the signal, low-passed.
+        Signals by name, low-passed.
     fine : dict of str to ndarray, (rows,)
-        By name: the signal without the low pass.
+        Signals by name, without the low pass.
     raw : dict of str to (ndarray, ndarray)
-        By name: times and values as logged.
+        Times and values of each signal before resampling, NaN if invalid.
     rate : dict of str to float
-        By name: new values per second, Hz.
+        New values per second of each signal, Hz.
     sign_bit : dict of str to str
-        By name of a magnitude: the bit with its sign.
+        Name of a magnitude -> name of the bit with its sign.
     """
 
     def __init__(self, recording: Recording):
         clocks = Clocks()
         raw: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        # signals with two values: flags, switches
+        # signals with only two different values: flags, switches
         bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         flags = find_flags(recording)
         for c in recording:
             time, value = clocks.straighten(c)
-            # of long logs only this part is copied
+            # copy only this part of a long log
             rows = int(np.searchsorted(time, time[0] + 1.1 * MAX_LOOK_TIME)) if len(time) else 0
-            # flags and values have the same rows if no row was left out
+            # flags are compared only if no entry was dropped: rows of flag and value then
+            # match
             value = _mask_invalid(recording, c, rows, flags) if len(value) == len(c.value) else value[:rows]
             time = time[:rows]
             there = value[np.isfinite(value)]
@@ -181,7 +191,9 @@ class Look:
         self.x = {n: smooth(v) for n, v in self.fine.items()}
 
     def clean_name(self, name: str) -> str:
-        """Return the name, without a final "status" if it has many values."""
+        """Return the name; without a final "status" if the signal has many values.
+
+        A signal with more than MAX_STATES values is no status, in spite of its name."""
         if name not in self._called:
             plain = _STATUS.sub("", name)
             many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MAX_STATES
@@ -189,7 +201,8 @@ class Look:
         return self._called[name]
 
     def find_unit(self, name: str) -> str:
-        """Return the unit by the log, or else by the end of the name; "" if unknown."""
+        """Return the unit in the log, otherwise that at the end of the name; "":
+        unknown."""
         if name not in self._unit:
             c = self.channels[name]
             self._unit[name] = (
@@ -200,8 +213,9 @@ class Look:
         return self._unit[name]
 
 
-# ---- Companions of a measurement in its message: validity flag, message counter, fine
-# part of a value that is sent in coarse steps. Wheels that count ticks.
+# ---- Signals that belong to a measurement in the same message: validity flag, message
+# counter, and the fine part of a value that is sent in coarse steps. Tick counters of
+# wheels.
 
 FLAG_NAME = re.compile(
     r"qbit|valid|gueltig|g\u00fcltig|qual|\bqf\b|\bqs\b|quality|\bvld\b|\bok\b|"
@@ -209,7 +223,7 @@ FLAG_NAME = re.compile(
     r"status|\bsts\b|\bstat\b|\bstate\b|avail|plaus",
     re.IGNORECASE,
 )
-# name of a flag that may be valid for the whole message
+# name of a flag that may refer to all signals of its message
 MESSAGE_FLAG_NAME = re.compile(r"qual|valid|gueltig|g\u00fcltig|\bqf\b|qbit|\bvld\b", re.IGNORECASE)
 BAD_STATE_NAME = re.compile(
     r"inval|\bnot|\bno\b|err|fault|fail|fehl|ung(ue|ü)lt|init|sna|unavail|undef|reserv|nicht|"
@@ -221,18 +235,21 @@ COUNTER_NAME = re.compile(
 )
 REST_NAME = re.compile(r"fraction|\bfrac\b|\bfine\b|rest\b|remainder|offset", re.IGNORECASE)
 TICK_NAME = re.compile(r"tick|puls|impuls|edge|\bcnt\b|count", re.IGNORECASE)
-MAX_FLAG_VALUES = 8  # max different values of a flag
-MIN_VALID_SHARE = 0.9  # min share of the rows with the value that means valid
+MAX_FLAG_VALUES = 8  # max number of different values of a flag
+MIN_VALID_SHARE = 0.9  # [1] min share of rows in which a flag has the value for valid
 MIN_FLAG_ALIKE = 0.5  # min similarity (difflib) of the names of a flag and its signal
-CODE_RATIO = 1.5  # min ratio of a code for "no value" to the largest other value
-COARSE_STEP = 0.02  # min step of a coarse value, over its max
-MAX_FILLED = 0.35  # max roughness of the sum with the fine part, over that without it
+CODE_RATIO = 1.5  # [1] min ratio of the code for "no value" to the largest measured value
+COARSE_STEP = 0.02  # [1] min ratio of the step of a coarsely sent value to its max
+# [1] max ratio of the roughness (mean abs. second difference) of the sum of coarse value
+# and fine part to that of the coarse value
+MAX_FILLED = 0.35
 
+# (message, number of entries) -> flags, each with its value for valid
 Flags: TypeAlias = Mapping[tuple[str, int], Sequence[tuple[Channel, float]]]
 
 
 def find_flags(recording: Recording) -> Flags:
-    """Return all flags with their values for valid, by message and number of entries."""
+    """Return the flags of each message, each with its value for valid."""
     found: dict[tuple[str, int], list[tuple[Channel, float]]] = {}
     for c in recording:
         if (v := _find_valid_value(c)) is not None:
@@ -243,10 +260,11 @@ def find_flags(recording: Recording) -> Flags:
 def find_flag(
     recording: Recording, mine: Channel, flags: Flags, taken: frozenset[str] | set[str] = frozenset()
 ) -> tuple[str, float] | None:
-    """Return the validity flag of a signal and its value for valid; None: no flag.
+    """Return the validity flag of the signal `mine` and its value for valid; None: no
+    flag.
 
-    The flag is in the same message. Its name is similar to that of the signal, or it is
-    the only flag of the whole message."""
+    The flag is in the same message. Its name is similar to the name of the signal, or it
+    is the only flag that refers to the whole message. Flags in `taken` are left out."""
     found = sorted(
         (_compare_names(c, mine), c.name, v)
         for c, v in flags.get((_get_message_name(mine), len(mine)), ())
@@ -264,7 +282,8 @@ def find_flag(
 
 
 def _is_of_another_signal(recording: Recording, flag: str) -> bool:
-    """Return whether the name of a flag refers to one signal of its message."""
+    """Return whether the name of a flag is similar to that of one signal of its
+    message."""
     mine = recording.channels[flag]
     message = _get_message_name(mine).replace("/", ".").rpartition(".")[2]
     plain = " ".join(
@@ -285,9 +304,10 @@ def _is_of_another_signal(recording: Recording, flag: str) -> bool:
 
 
 def mark_no_value(value: np.ndarray) -> np.ndarray:
-    """Return the rows in which a signal has a code for "not available".
+    """Return a mask of the rows in which a signal has a code for "not available".
 
-    The code is an outlier that repeats exactly in a few rows."""
+    The code is the value of the largest magnitude, if it is an outlier that repeats
+    exactly in at least two rows, but in few."""
     size = np.abs(value)
     there = size[np.isfinite(size)]
     top = float(there.max()) if len(there) else 0.0
@@ -299,7 +319,8 @@ def mark_no_value(value: np.ndarray) -> np.ndarray:
 
 
 def find_companions(recording: Recording, guesses: list[Guess]) -> None:
-    """Add flag, counter and fine part to each guess, by message, name and values."""
+    """Find flag, counter and fine part of each guess by message, name and values; add
+    them."""
     taken = {n for g in guesses for n in (*g.name, g.sign_bit) if n}
     flags = find_flags(recording)
     for g in guesses:
@@ -311,21 +332,21 @@ def find_companions(recording: Recording, guesses: list[Guess]) -> None:
         ]
         if flag := find_flag(recording, mine, flags, taken):
             g.valid = flag
-            g.figures.append(f"{flag[0]} is {flag[1]:g} where it is valid: in nearly all rows")
+            g.figures.append(f"valid if {flag[0]} is {flag[1]:g}, as in nearly all rows")
         elif mark_no_value(mine.value).any():
             top = float(np.nanmax(np.abs(mine.value)))
-            g.figures.append(f"{top:g} is a code for a missing value, without a flag: check its extremes")
+            g.figures.append(f"{top:g} seems to be a code for a missing value: check the extreme values")
             g.unsure.append("a code for a missing value")
         counters = [(c.name, n) for c in beside if (n := _count_modulo(c))] if _get_message_name(mine) else []
         if len(counters) == 1:
             g.counter = counters[0]
-            g.figures.append(f"its message counts in {counters[0][0]}, modulo {counters[0][1]}")
+            g.figures.append(f"{counters[0][0]} counts its messages, modulo {counters[0][1]}")
         if g.channel == "steer_angle":
             _add_rest(g, mine, beside)
 
 
 def _get_message_name(c: Channel) -> str:
-    """Return the part of the name before the signal's own name; "" in a table."""
+    """Return the name of the message, i.e. what precedes the last dot; "" in a table."""
     return c.name.replace("/", ".").rpartition(".")[0]
 
 
@@ -335,25 +356,25 @@ def _compare_names(c: Channel, mine: Channel) -> float:
 
 
 def _find_valid_value(c: Channel) -> float | None:
-    """Return the value of a flag that means valid; None if unknown, or if it is no flag.
+    """Return the value of a flag for valid; None: unknown, or the signal is no flag.
 
-    It is the only good state of the database. Without states, it is the value of at least
-    MIN_VALID_SHARE of the rows, but not of all."""
+    If the database names bad states, it is the only other state in the log. Otherwise it
+    is the value of at least MIN_VALID_SHARE of the rows, but not of all."""
     if not FLAG_NAME.search(join_words(c.short)) and not FLAG_NAME.search(c.short):
         return None
     there = c.value[np.isfinite(c.value)]
     values, count = np.unique(there[:: max(len(there) // 100000, 1)], return_counts=True)
     if not 2 <= len(values) <= MAX_FLAG_VALUES or (values != np.round(values)).any():
         return None
-    most = int(count.argmax())
+    usual = int(count.argmax())
     if c.states and any(BAD_STATE_NAME.search(t.replace("_", " ")) for t in c.states.values()):
         good = [v for v in values if not BAD_STATE_NAME.search(c.states.get(float(v), "").replace("_", " "))]
-        return float(good[0]) if len(good) == 1 else None  # the database says which
-    return float(values[most]) if MIN_VALID_SHARE <= count[most] / count.sum() < 1.0 else None
+        return float(good[0]) if len(good) == 1 else None
+    return float(values[usual]) if MIN_VALID_SHARE <= count[usual] / count.sum() < 1.0 else None
 
 
 def _count_modulo(c: Channel) -> int:
-    """Return the modulo of a counter; 0 if the signal is no counter."""
+    """Return the modulo of a message counter; 0: the signal is no counter."""
     if not COUNTER_NAME.search(join_words(c.short)) and not COUNTER_NAME.search(c.short):
         return 0
     there = c.value[np.isfinite(c.value)][:100000]
@@ -363,7 +384,9 @@ def _count_modulo(c: Channel) -> int:
 
 
 def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
-    """Add the fine part of a coarse value to its guess, if it makes the sum smoother."""
+    """Find the signal with the fine part of a coarse value, and add it to the guess.
+
+    Its sum with the coarse value must be smoother, by MAX_FILLED."""
     x = mine.value
     step = _find_step(x)
     if not step or (step < COARSE_STEP * float(np.nanmax(np.abs(x))) and step < 0.5):
@@ -376,14 +399,16 @@ def _add_rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
             g.figures.append(
-                f"in steps of {step:g} {g.unit}, which {c.name} fills: with it {smoother:.0f} times as smooth"
+                f"in steps of {step:g} {g.unit}: {c.name} is the part between them; the sum is "
+                f"{smoother:.0f} times as smooth"
             )
             return
     g.figures.append(f"in steps of {step:g} {g.unit}")
 
 
 def _find_step(x: np.ndarray) -> float:
-    """Return the step of a signal with equidistant values; 0 if its values are not."""
+    """Return the distance of the values of a signal if they are equidistant, otherwise
+    0."""
     values = np.unique(x[np.isfinite(x)][:200000])
     if not 3 <= len(values) <= 2000:
         return 0.0
@@ -393,7 +418,8 @@ def _find_step(x: np.ndarray) -> float:
 
 
 def warn_of_counting_wheels(recording: Recording) -> list[str]:
-    """Return a warning if signals are ticks of wheels, which count up."""
+    """Return a warning if signals are tick counters of wheels, whose values only
+    increase."""
     found = [
         c.name
         for c in recording
@@ -405,6 +431,6 @@ def warn_of_counting_wheels(recording: Recording) -> list[str]:
     if len(found) < 2:
         return []
     return [
-        f"{', '.join(found[:4])} count up: ticks of wheels are not read; make speeds of them (ticks per row "
-        "over ticks per turn, times 2 pi over the time between rows)"
+        f"{', '.join(found[:4])} count up: tick counters of wheels are not read; convert them to speeds "
+        "(ticks per row over ticks per turn, times 2 pi over the time between rows)"
     ]

@@ -1,8 +1,8 @@
 """Kinematic relations between the channels of a car, for guesses and for checks.
 
-a_y = v r; a_x = dv/dt; wheels of an axle and yaw rate; steering angle and curvature. The
-relations hold whatever the signals are called. Arrays are (rows,) on one even raster.
-NaN: missing.
+a_y = v r; a_x = dv/dt; difference of the wheel speeds of an axle = track r; steering
+angle and curvature r/v (v: speed, r: yaw rate). They identify signals without their
+names. Arrays are (rows,) on one uniform raster of COMPARISON_RATE. NaN: missing.
 """
 
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-COMPARISON_RATE = 20.0  # Hz of the raster on which channels are compared
-MEAN_TIME = 0.4  # s of the moving mean before a comparison
-MOVING_SPEED = 5.0  # m/s: slower rows are not compared
-MIN_ROWS = 200  # min rows with both signals
-USUAL_TRACK = 1.53  # m; cars have 1.3 .. 1.7
-USUAL_TRACK_SD = 0.08  # of its logarithm
+COMPARISON_RATE = 20.0  # [Hz] sampling rate of the raster on which channels are compared
+MEAN_TIME = 0.4  # [s] length of the moving mean of channels before a comparison
+MOVING_SPEED = 5.0  # [m/s] slower rows are not compared
+MIN_ROWS = 200  # min number of rows with both signals for a comparison
+USUAL_TRACK = 1.53  # [m] mean track of cars; they have 1.3 .. 1.7
+USUAL_TRACK_SD = 0.08  # [1] sd of the logarithm of the track
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,13 @@ class LineFit:
 
     slope: float = 0.0
     offset: float = 0.0
-    corr: float = 0.0  # correlation; 0: too few rows, or a constant channel
-    rows: int = 0
+    corr: float = 0.0  # correlation of x and y; 0: too few rows, or a constant channel
+    rows: int = 0  # number of rows with both channels
 
 
 def smooth(x: np.ndarray) -> np.ndarray:
-    """Return moving means over MEAN_TIME; NaN where more than half is missing."""
+    """Return moving means over MEAN_TIME; NaN where at least half of a window is
+    missing."""
     n = max(1, round(MEAN_TIME * COMPARISON_RATE))
     good = np.isfinite(x)
     kernel = np.ones(n)
@@ -41,7 +42,8 @@ def smooth(x: np.ndarray) -> np.ndarray:
 def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> LineFit:
     """Fit y = slope x + offset in the rows `keep`.
 
-    Both channels have noise, so the slope is the geometric mean of both regressions."""
+    Both channels have noise. The slope is therefore the geometric mean of the slopes of
+    the regressions of y on x and of x on y."""
     both = np.isfinite(x) & np.isfinite(y)
     if keep is not None:
         both &= keep
@@ -59,7 +61,7 @@ def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> LineFit
 
 
 def average(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the mean of the signals in each row, without missing values."""
+    """Return the mean of the signals in each row. Missing values are left out."""
     table = np.array(parts)
     good = np.isfinite(table)
     count = good.sum(axis=0)
@@ -67,7 +69,7 @@ def average(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def differentiate(x: np.ndarray) -> np.ndarray:
-    """Return the derivative, 1/s."""
+    """Return the derivative with respect to time, per second."""
     return np.gradient(x) * COMPARISON_RATE
 
 
@@ -76,25 +78,26 @@ class Steering:
     """Model of the steering angle: per_curvature (r/v) (1 + understeer v^2) + offset."""
 
     per_curvature: float  # wheelbase x steering ratio, m
-    sd: float  # of the logarithm of per_curvature
+    sd: float  # sd of the logarithm of per_curvature
     understeer: float  # s2/m2
-    offset: float
-    share: float  # of the variance of the angle
+    offset: float  # unit of the angle
+    share: float  # share of the variance of the angle that the model explains
 
 
-# s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
+# [s2/m2] mean and sd of 1/(characteristic speed)^2; passenger cars have 18 .. 35 m/s
 UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012
 
 
 def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
-    """Fit the model of the steering angle; v: m/s, r: rad/s.
+    """Fit the model of the steering angle to speed v, m/s, and yaw rate r, rad/s.
 
-    Logs at one speed do not show the understeer, so it has a prior of passenger cars.
+    The understeer has the prior of passenger cars, since it is not observable in a log at
+    one speed.
 
     Returns
     -------
     Steering or None
-        None: too few bends.
+        The fitted model. None: too few rows, or no bends.
     """
     moving = v > MOVING_SPEED
     curvature = r / np.where(moving, v, np.nan)
@@ -104,15 +107,16 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
     independent = max(len(y) / (2.0 * MEAN_TIME * COMPARISON_RATE), 1.0)
     grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
-    # Regression of y on c + k (c v2) for all k of the grid at once, by the covariances of
-    # c, c v2 and y
+    # Regress y on c + k (c v2) for every understeer k of the grid at once. Only the
+    # covariances of c, c v2 and y are needed.
     parts = np.array([c, c * v2])
     middle = parts.mean(axis=1)
     parts = parts - middle[:, None]
     shared, with_y, own = parts @ parts.T / len(y), parts @ (y - y.mean()) / len(y), float(y.var())
     terms = np.array([np.ones(len(grid)), grid])
     spread = np.einsum("ik,ij,jk->k", terms, shared, terms)
-    # this understeer needs no steering at the speed of the log: excluded
+    # c + k (c v2) is constant: at the speed of the log, this understeer cancels the
+    # curvature. Such values of the grid are excluded.
     flat = spread < 1e-24
     slopes = np.where(flat, 0.0, with_y @ terms / np.where(flat, 1.0, spread))
     shares = np.where(flat, 0.0, slopes * (with_y @ terms) / own)
@@ -126,10 +130,10 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
     best = int(worth.argmax())
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
-    # The noise of the curvature biases the slope towards 0. The true slope is between
-    # this regression and the inverse one, slope / share. The result is their geometric
-    # mean, as in fit(). Half their distance, as a uniform distribution, is added to the
-    # sd.
+    # Noise of the curvature biases the slope towards 0. The true slope is between that of
+    # this regression and that of the inverse one, slope / share. Their geometric mean is
+    # returned, as in fit(). The sd is increased by that of a uniform distribution between
+    # both.
     apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
     sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
     return Steering(
@@ -140,9 +144,10 @@ def fit_steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | 
 def find_lag(
     x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()
 ) -> tuple[float, float]:
-    """Return the lag of y behind x and its sd, s: y = a (x - lag x') + the terms `more`.
+    """Return the lag of y behind x, and its sd, s; (0, inf) if too few rows move.
 
-    (0, inf): too few rows."""
+    Least-squares fit of y = a (x - lag x') + b more + c in the rows `keep`, where x' is
+    the derivative of x."""
     slope = differentiate(x)
     table = np.column_stack([x, slope, *more, np.ones(len(x))])
     rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)
@@ -163,7 +168,7 @@ def find_lag(
 
 
 def compute_ground_speed(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
-    """Return the speed over ground, m/s, from positions in degrees."""
+    """Compute the speed over ground, m/s, from positions in degrees."""
     north = np.gradient(np.radians(latitude)) * 6371e3 * COMPARISON_RATE
     east = (
         np.gradient(np.unwrap(np.radians(longitude)))

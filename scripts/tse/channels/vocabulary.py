@@ -1,8 +1,9 @@
 """Score how well the name of a signal describes a role.
 
-The words are those of manufacturers, ISO 8855, openpilot and ROS, in English, German,
-French, Spanish and Italian. Scores: 3 exact words, 2 likely, 1 possible; below 0: a
-similar name of another quantity.
+A role is a quantity that a signal may measure. The words are used by manufacturers, ISO
+8855, openpilot and ROS, in English, German, French, Spanish and Italian. Scores: 3 exact
+words, 2 likely, 1 possible, 0 none. A score below 0 is a similar name of a different
+quantity.
 """
 
 import functools
@@ -11,8 +12,8 @@ import re
 from tse.readers.recording import last_part
 from tse.readers.table import split_words
 
-# By role: patterns over the words of a name, joined by blanks, each with its score. The
-# best one counts.
+# For each role: patterns, each with its score. They are matched with the words of a name,
+# joined by blanks. The best score counts.
 ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
     "yaw_rate": (
         (
@@ -90,7 +91,8 @@ ROLE_WORDS: dict[str, tuple[tuple[str, float], ...]] = {
         (r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),
     ),
 }
-# By role: words of another quantity with a similar name. Such a name loses 4.
+# For each role: words in similar names of different quantities. They reduce the score by
+# 4.
 NOT_ROLE_WORDS = {
     "yaw_rate": (
         r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|"
@@ -125,8 +127,9 @@ NOT_ROLE_WORDS = {
     "longitude": r"acc\w*|g\b|longitudinal|rate|std|sd\b|dist\w*|vel\w*|force|error",
     "heading": r"rate|target|std|acc\w*|rms",
 }
-# Quantities other than the motion of the car. Such a signal has no role, even if it
-# correlates with the motion by chance. A speed is neither an acceleration nor an angle.
+# Words for quantities other than the motion of the car. A signal with such a name has no
+# role, even if it correlates with the motion by chance. Names with SPEED_WORDS have no
+# role except speed.
 OTHER_WORDS = re.compile(
     r"\b(gears?|gang|ganganzeige|rpm|drehzahl|nmot|throttle|pedal|accelerator|gas|aps|clutch|kupplung|"
     r"temp\w*|press\w*|druck|laps?|runde|fuel|tank|batt\w*|volt\w*|satellites?|sats|[hpv]dop|"
@@ -135,7 +138,7 @@ OTHER_WORDS = re.compile(
     r"wiper|door|fan|ignition|spark|camber|gradient|slope|azimuth)\b"
 )
 SPEED_WORDS = re.compile(r"\b(speed|spd|velocity|geschw\w*|kmh|kph|mph|knots)\b")
-# By place of a wheel or an axle: words, or the ends of words
+# For each wheel and axle: pattern of its name, as a word or at the end of a word
 PLACE_WORDS = {
     "front_left": (
         r"fl|lf|vl|fr ?l|frt ?l|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|"
@@ -172,13 +175,15 @@ NO_WHEEL_WORDS = re.compile(
 
 @functools.lru_cache(maxsize=4096)
 def join_words(name: str) -> str:
-    """Return the words of a whole name, with topic and message, joined by blanks."""
+    """Return the words of a name, including its topic and message, joined by blanks."""
     return " ".join(split_words(name))
 
 
 @functools.lru_cache(maxsize=65536)
 def score_name(role: str, name: str) -> float:
-    """Return the score of a name for a role; the last part of a path counts more."""
+    """Return the score of a name for a role.
+
+    A match in the whole path counts 0.2 less than a match in its last part."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     best = max((s for p, s in ROLE_WORDS[role] if re.search(p, end)), default=0.0)
@@ -191,7 +196,7 @@ def score_name(role: str, name: str) -> float:
 
 @functools.lru_cache(maxsize=65536)
 def is_another_thing(role: str, name: str) -> bool:
-    """Return whether a name describes another quantity than that of a role."""
+    """Return whether a name describes a quantity other than that of the role."""
     if score_name(role, name) >= 1.0:
         return False
     text = join_words(name)
@@ -200,7 +205,7 @@ def is_another_thing(role: str, name: str) -> bool:
 
 @functools.lru_cache(maxsize=65536)
 def find_place(name: str) -> tuple[str, float]:
-    """Return wheel or axle whose speed a name describes, and its score; "" if none."""
+    """Return the wheel or axle whose speed a name describes, and the score; "": none."""
     last = last_part(name)
     text, end = join_words(name), join_words(last)
     if NO_WHEEL_WORDS.search(end):
@@ -213,7 +218,8 @@ def find_place(name: str) -> tuple[str, float]:
     return "", 0.0
 
 
-# Place and quantity of a wheel in one word: FLwhlspd, LFspeed, whlflspd
+# parts of names that join place and quantity of a wheel in one word: FLwhlspd, LFspeed,
+# whlflspd
 OF_A_WHEEL = r"wheel|whl|wh|wss|wsp|ws|spd|speed|vel|rad|rpm|geschw|rot|omega"
 CORNERS = {
     "front_left": r"fl|lf|vl|frontleft|leftfront|frontl|lfront",
@@ -224,7 +230,9 @@ CORNERS = {
 
 
 def _match_corner(joined: str) -> str:
-    """Return the place of a wheel at the start or inside of a single word; "" if none."""
+    """Return the place of a wheel in a name like FLwhlspd or whlflspd; "" if none.
+
+    `joined`: the words of the name without blanks."""
     for place, pattern in CORNERS.items():
         if re.match(rf"({pattern})({OF_A_WHEEL})", joined) or re.search(
             rf"(wheel|whl|rad|ws|tire|tyre)({pattern})({OF_A_WHEEL})", joined
@@ -234,9 +242,9 @@ def _match_corner(joined: str) -> str:
 
 
 def _match_place(end: str, wheel: bool) -> tuple[str, float]:
-    """Return the place in the words of a name, and its score.
+    """Return the wheel or axle in the words of a name, and the score; "" if none.
 
-    `wheel`: the name has a word for a wheel."""
+    `wheel`: the name has a word of WHEEL_WORDS."""
     joined = end.replace(" ", "")
     corner = _match_corner(joined)
     for place, pattern in PLACE_WORDS.items():
